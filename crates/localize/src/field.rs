@@ -1,0 +1,509 @@
+//! What is painted on the floor, and what stands on it? A field read from TOML becomes marking centre lines.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::frame::{At, FieldFrame};
+
+/// A field as its TOML file states it; lengths in metres, 0 leaves a marking out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FieldConfig {
+    /// Along x, between the goal lines.
+    pub length: f32,
+    /// Along y, between the touch lines.
+    pub width: f32,
+    /// What all sizes are measured to.
+    #[serde(default)]
+    pub measured_to: MeasuredTo,
+    /// Width of the painted lines.
+    pub line_width: f32,
+    /// Carpet beyond the boundary line.
+    pub border: f32,
+    /// Radius of the centre circle.
+    #[serde(default)]
+    pub centre_circle_radius: f32,
+    /// Radius of the four corner arcs.
+    #[serde(default)]
+    pub corner_arc_radius: f32,
+    /// Radius of the filled centre and penalty spots.
+    #[serde(default)]
+    pub spot_radius: f32,
+    /// Distance of the penalty spots from the goal line.
+    #[serde(default)]
+    pub penalty_spot: f32,
+    /// The small area before each goal.
+    #[serde(default)]
+    pub goal_area: Area,
+    /// The large area before each goal.
+    #[serde(default)]
+    pub penalty_area: Area,
+    /// The goals, one at each end.
+    pub goal: GoalConfig,
+    /// Walls around the carpet (the league's fields until 2001).
+    #[serde(default)]
+    pub walls: bool,
+    /// The line through the centre, across the field.
+    #[serde(default = "yes")]
+    pub halfway_line: bool,
+    /// Further painted lines: [x0, y0, x1, y1] of their centre line.
+    #[serde(default)]
+    pub extra_lines: Vec<[f32; 4]>,
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// Are a field's sizes given between line centres, or to the outer edges as in the rule book?
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MeasuredTo {
+    /// Between the centres of the lines.
+    Centres,
+    /// To the outer edges of the lines (the rule book's way).
+    #[default]
+    OuterEdges,
+}
+
+/// A rectangle before a goal.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Area {
+    /// From the goal line into the field.
+    pub depth: f32,
+    /// Along the goal line.
+    pub width: f32,
+}
+
+/// Both goals.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GoalConfig {
+    /// Between the posts.
+    pub width: f32,
+    /// Under the crossbar.
+    pub height: f32,
+    /// Behind the goal line.
+    pub depth: f32,
+    /// Side of the square posts.
+    pub post: f32,
+    /// Colours of the goals at +x and at −x: white, blue or yellow.
+    pub colours: [GoalColour; 2],
+}
+
+/// What a goal looks like: a white frame with a net, or a coloured box.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GoalColour {
+    /// White posts and a net.
+    White,
+    /// Blue walls (until 2007).
+    Blue,
+    /// Yellow walls (until 2007).
+    Yellow,
+}
+
+/// A marking's centre line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Marking {
+    /// A straight line from one end to the other.
+    Line {
+        /// One end.
+        from: At<FieldFrame>,
+        /// The other end.
+        to: At<FieldFrame>,
+    },
+    /// A circle or a part of one.
+    Arc {
+        /// Its centre.
+        centre: At<FieldFrame>,
+        /// Radius of the line's centre, metres.
+        radius: f32,
+        /// Where it starts, radians.
+        start: f32,
+        /// How far it goes counter-clockwise, radians.
+        sweep: f32,
+    },
+    /// A filled disc.
+    Spot {
+        /// Its centre.
+        centre: At<FieldFrame>,
+        /// Radius of the painted disc, metres.
+        radius: f32,
+    },
+}
+
+/// A field ready for use: line centres, whatever its file measured to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Field {
+    /// The file's content.
+    pub config: FieldConfig,
+    /// Between the centres of the goal lines, metres.
+    pub length: f32,
+    /// Between the centres of the touch lines, metres.
+    pub width: f32,
+    /// All markings by their centre lines.
+    pub markings: Vec<Marking>,
+}
+
+/// Why there is no field.
+#[derive(Debug, thiserror::Error)]
+pub enum FieldError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        source: std::io::Error,
+    },
+    /// The file is not a field.
+    #[error("{}: {source}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Line and reason.
+        source: Box<toml::de::Error>,
+    },
+    /// A size that no field can have.
+    #[error("{key} = {value}: {reason}")]
+    Size {
+        /// The key in the file.
+        key: &'static str,
+        /// Its value, metres.
+        value: f32,
+        /// What it must be.
+        reason: &'static str,
+    },
+    /// As `Size`, with the file named.
+    #[error("{}: {source}", path.display())]
+    In {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong in it.
+        source: Box<FieldError>,
+    },
+}
+
+impl Field {
+    /// Reads and checks a field file.
+    pub fn load(path: &Path) -> Result<Self, FieldError> {
+        let text = std::fs::read_to_string(path).map_err(|source| FieldError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let config = toml::from_str(&text).map_err(|source| FieldError::Parse {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })?;
+        Field::new(config).map_err(|source| FieldError::In {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })
+    }
+
+    /// Lays out the markings; sizes that contradict each other are refused.
+    pub fn new(config: FieldConfig) -> Result<Self, FieldError> {
+        check(&config)?;
+        // By how much a line's centre lies inside what the file's sizes are measured to.
+        let inset = match config.measured_to {
+            MeasuredTo::Centres => 0.0,
+            MeasuredTo::OuterEdges => config.line_width / 2.0,
+        };
+        let half_length = config.length / 2.0 - inset;
+        let half_width = config.width / 2.0 - inset;
+        let mut markings = Vec::new();
+        markings.extend(rectangle(
+            -half_length,
+            -half_width,
+            half_length,
+            half_width,
+        ));
+        if config.halfway_line {
+            markings.push(line(0.0, -half_width, 0.0, half_width));
+        }
+        for side in [1.0, -1.0] {
+            for area in [config.goal_area, config.penalty_area] {
+                if area.depth > 0.0 && area.width > 0.0 {
+                    let front = side * (config.length / 2.0 - area.depth + inset);
+                    let half = area.width / 2.0 - inset;
+                    let back = side * half_length;
+                    markings.push(line(front, -half, front, half));
+                    markings.push(line(front, half, back, half));
+                    markings.push(line(front, -half, back, -half));
+                }
+            }
+            if config.penalty_spot > 0.0 && config.spot_radius > 0.0 {
+                let centre = At::new(side * (config.length / 2.0 - config.penalty_spot), 0.0);
+                markings.push(Marking::Spot {
+                    centre,
+                    radius: config.spot_radius,
+                });
+            }
+        }
+        if config.centre_circle_radius > inset {
+            let radius = config.centre_circle_radius - inset;
+            markings.push(Marking::Arc {
+                centre: At::new(0.0, 0.0),
+                radius,
+                start: 0.0,
+                sweep: std::f32::consts::TAU,
+            });
+        }
+        if config.spot_radius > 0.0 {
+            markings.push(Marking::Spot {
+                centre: At::new(0.0, 0.0),
+                radius: config.spot_radius,
+            });
+        }
+        if config.corner_arc_radius > inset {
+            markings.extend(corner_arcs(&config, config.corner_arc_radius - inset));
+        }
+        markings.extend(
+            config
+                .extra_lines
+                .iter()
+                .map(|&[x0, y0, x1, y1]| line(x0, y0, x1, y1)),
+        );
+        Ok(Field {
+            length: 2.0 * half_length,
+            width: 2.0 * half_width,
+            markings,
+            config,
+        })
+    }
+
+    /// Half the carpet's extent along x and y, metres.
+    pub fn carpet_half_extent(&self) -> (f32, f32) {
+        (
+            self.config.length / 2.0 + self.config.border,
+            self.config.width / 2.0 + self.config.border,
+        )
+    }
+}
+
+fn line(x0: f32, y0: f32, x1: f32, y1: f32) -> Marking {
+    Marking::Line {
+        from: At::new(x0, y0),
+        to: At::new(x1, y1),
+    }
+}
+
+fn rectangle(x0: f32, y0: f32, x1: f32, y1: f32) -> [Marking; 4] {
+    [
+        line(x0, y0, x1, y0),
+        line(x1, y0, x1, y1),
+        line(x1, y1, x0, y1),
+        line(x0, y1, x0, y0),
+    ]
+}
+
+/// Quarter circles about the corners that the file's sizes meet in.
+fn corner_arcs(config: &FieldConfig, radius: f32) -> [Marking; 4] {
+    use std::f32::consts::{FRAC_PI_2, PI};
+    let (x, y) = (config.length / 2.0, config.width / 2.0);
+    [
+        (x, y, PI),
+        (-x, y, -FRAC_PI_2),
+        (-x, -y, 0.0),
+        (x, -y, FRAC_PI_2),
+    ]
+    .map(|(x, y, start)| Marking::Arc {
+        centre: At::new(x, y),
+        radius,
+        start,
+        sweep: FRAC_PI_2,
+    })
+}
+
+fn check(config: &FieldConfig) -> Result<(), FieldError> {
+    let refuse = |key, value, reason| Err(FieldError::Size { key, value, reason });
+    for (key, value) in [
+        ("length", config.length),
+        ("width", config.width),
+        ("line_width", config.line_width),
+    ] {
+        if !(value.is_finite() && value > 0.0) {
+            return refuse(key, value, "must be a positive number of metres");
+        }
+    }
+    let goal = &config.goal;
+    for (key, value) in [
+        ("border", config.border),
+        ("centre_circle_radius", config.centre_circle_radius),
+        ("corner_arc_radius", config.corner_arc_radius),
+        ("spot_radius", config.spot_radius),
+        ("penalty_spot", config.penalty_spot),
+        ("goal_area.depth", config.goal_area.depth),
+        ("goal_area.width", config.goal_area.width),
+        ("penalty_area.depth", config.penalty_area.depth),
+        ("penalty_area.width", config.penalty_area.width),
+        ("goal.width", goal.width),
+        ("goal.height", goal.height),
+        ("goal.depth", goal.depth),
+        ("goal.post", goal.post),
+    ] {
+        if !(value.is_finite() && value >= 0.0) {
+            return refuse(
+                key,
+                value,
+                "must be zero (left out) or a positive number of metres",
+            );
+        }
+    }
+    for (key, value, limit, reason) in [
+        (
+            "line_width",
+            config.line_width,
+            config.width / 4.0,
+            "is wider than a quarter of the field",
+        ),
+        (
+            "goal.width",
+            goal.width,
+            config.width,
+            "does not fit on the goal line",
+        ),
+        (
+            "goal_area.width",
+            config.goal_area.width,
+            config.width,
+            "does not fit on the goal line",
+        ),
+        (
+            "penalty_area.width",
+            config.penalty_area.width,
+            config.width,
+            "does not fit on the goal line",
+        ),
+        (
+            "goal_area.depth",
+            config.goal_area.depth,
+            config.length / 2.0,
+            "reaches beyond the halfway line",
+        ),
+        (
+            "penalty_area.depth",
+            config.penalty_area.depth,
+            config.length / 2.0,
+            "reaches beyond the halfway line",
+        ),
+        (
+            "penalty_spot",
+            config.penalty_spot,
+            config.length / 2.0,
+            "lies beyond the halfway line",
+        ),
+        (
+            "centre_circle_radius",
+            config.centre_circle_radius,
+            config.width / 2.0,
+            "does not fit on the field",
+        ),
+        (
+            "corner_arc_radius",
+            config.corner_arc_radius,
+            config.width / 2.0,
+            "does not fit on the field",
+        ),
+    ] {
+        if value > limit {
+            return refuse(key, value, reason);
+        }
+    }
+    if config
+        .extra_lines
+        .iter()
+        .flatten()
+        .any(|value| !value.is_finite())
+    {
+        return refuse("extra_lines", f32::NAN, "every number must be finite");
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn league_18x12(measured_to: &str) -> Field {
+        let text = format!(
+            r#"length = 18.0
+            width = 12.0
+            measured_to = "{measured_to}"
+            line_width = 0.125
+            border = 1.0
+            centre_circle_radius = 2.0
+            corner_arc_radius = 0.75
+            spot_radius = 0.075
+            penalty_spot = 3.0
+            goal_area = {{ depth = 0.75, width = 3.5 }}
+            penalty_area = {{ depth = 2.25, width = 6.5 }}
+            goal = {{ width = 2.0, height = 1.0, depth = 0.6, post = 0.125, colours = ["white", "white"] }}"#
+        );
+        Field::new(toml::from_str(&text).expect("a field")).expect("a field")
+    }
+
+    fn has_line(field: &Field, x0: f32, y0: f32, x1: f32, y1: f32) -> bool {
+        let near = |p: At<FieldFrame>, x: f32, y: f32| p.distance_to(At::new(x, y)) < 1e-5;
+        field.markings.iter().any(|marking| match *marking {
+            Marking::Line { from, to } => {
+                near(from, x0, y0) && near(to, x1, y1) || near(to, x0, y0) && near(from, x1, y1)
+            }
+            _ => false,
+        })
+    }
+
+    #[test]
+    fn rule_book_sizes_put_line_centres_half_a_line_inside() {
+        let field = league_18x12("outer_edges");
+        assert_eq!((field.length, field.width), (17.875, 11.875));
+        assert!(has_line(&field, 8.9375, -5.9375, 8.9375, 5.9375));
+        assert!(has_line(
+            &field,
+            9.0 - 2.25 + 0.0625,
+            -3.1875,
+            9.0 - 2.25 + 0.0625,
+            3.1875
+        ));
+        assert!(has_line(&field, 0.0, -5.9375, 0.0, 5.9375));
+    }
+
+    #[test]
+    fn centre_sizes_are_taken_as_they_are() {
+        let field = league_18x12("centres");
+        assert_eq!((field.length, field.width), (18.0, 12.0));
+        assert!(has_line(&field, 6.75, -3.25, 6.75, 3.25));
+    }
+
+    #[test]
+    fn every_corner_arc_curves_inside_the_field() {
+        for marking in league_18x12("centres").markings {
+            let Marking::Arc {
+                centre,
+                radius,
+                start,
+                sweep,
+            } = marking
+            else {
+                continue;
+            };
+            let middle = start + sweep / 2.0;
+            let (x, y) = (
+                centre.x + radius * middle.cos(),
+                centre.y + radius * middle.sin(),
+            );
+            assert!(x.abs() < 9.0 && y.abs() < 6.0, "arc about {centre:?}");
+        }
+    }
+
+    #[test]
+    fn a_negative_size_is_refused_by_name() {
+        let mut config = league_18x12("centres").config;
+        config.penalty_area.width = -1.0;
+        let message = Field::new(config).expect_err("negative").to_string();
+        assert!(message.contains("penalty_area.width = -1"), "{message}");
+    }
+}

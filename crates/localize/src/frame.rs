@@ -1,0 +1,164 @@
+//! In whose coordinates? Points and rigid motions of the plane that carry their frames in their types.
+//!
+//! Field: origin at the field's centre, x along its length, y to the left of x. Robot: origin on the ground below
+//! the mirror's axis, x forward, y left. Angles counter-clockwise, radians (nubot2013 eq. 1).
+
+use std::marker::PhantomData;
+use std::ops::Mul;
+
+/// The field's frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FieldFrame {}
+
+/// The robot's frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotFrame {}
+
+/// A point on the ground in the coordinates of frame `F`.
+#[derive(Debug, PartialEq)]
+pub struct At<F> {
+    /// Metres.
+    pub x: f32,
+    /// Metres.
+    pub y: f32,
+    frame: PhantomData<F>,
+}
+
+impl<F> Clone for At<F> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<F> Copy for At<F> {}
+
+impl<F> At<F> {
+    /// A point at (x, y), metres.
+    pub const fn new(x: f32, y: f32) -> Self {
+        At {
+            x,
+            y,
+            frame: PhantomData,
+        }
+    }
+
+    /// Distance from the frame's origin.
+    pub fn distance(self) -> f32 {
+        self.x.hypot(self.y)
+    }
+
+    /// Distance between two points of one frame.
+    pub fn distance_to(self, other: At<F>) -> f32 {
+        (self.x - other.x).hypot(self.y - other.y)
+    }
+
+    /// Direction seen from the frame's origin, radians.
+    pub fn bearing(self) -> f32 {
+        self.y.atan2(self.x)
+    }
+}
+
+/// The rigid motion that takes coordinates of frame `B` to frame `A`: `a = a_from_b * b`.
+#[derive(Debug, PartialEq)]
+pub struct Tf<A, B> {
+    /// Where B's origin lies in A, metres.
+    pub x: f32,
+    /// Where B's origin lies in A, metres.
+    pub y: f32,
+    /// Direction of B's x axis in A, radians in (−π, π].
+    pub theta: f32,
+    frames: PhantomData<(A, B)>,
+}
+
+impl<A, B> Clone for Tf<A, B> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<A, B> Copy for Tf<A, B> {}
+
+impl<A, B> Tf<A, B> {
+    /// From the origin (metres) and heading (radians, wrapped here) of B in A.
+    pub fn new(x: f32, y: f32, theta: f32) -> Self {
+        Tf {
+            x,
+            y,
+            theta: wrap_angle(theta),
+            frames: PhantomData,
+        }
+    }
+
+    /// The motion that takes coordinates of A to B.
+    pub fn inverse(self) -> Tf<B, A> {
+        let (sin, cos) = self.theta.sin_cos();
+        Tf::new(
+            -cos * self.x - sin * self.y,
+            sin * self.x - cos * self.y,
+            -self.theta,
+        )
+    }
+
+    /// B's origin as a point of A.
+    pub fn origin(self) -> At<A> {
+        At::new(self.x, self.y)
+    }
+}
+
+impl<A, B> Mul<At<B>> for Tf<A, B> {
+    type Output = At<A>;
+
+    fn mul(self, point: At<B>) -> At<A> {
+        let (sin, cos) = self.theta.sin_cos();
+        At::new(
+            self.x + cos * point.x - sin * point.y,
+            self.y + sin * point.x + cos * point.y,
+        )
+    }
+}
+
+impl<A, B, C> Mul<Tf<B, C>> for Tf<A, B> {
+    type Output = Tf<A, C>;
+
+    fn mul(self, other: Tf<B, C>) -> Tf<A, C> {
+        let (sin, cos) = self.theta.sin_cos();
+        Tf::new(
+            self.x + cos * other.x - sin * other.y,
+            self.y + sin * other.x + cos * other.y,
+            self.theta + other.theta,
+        )
+    }
+}
+
+/// Where the robot is: field_from_robot.
+pub type Pose = Tf<FieldFrame, RobotFrame>;
+
+/// The angle in (−π, π] that differs from `angle` by whole turns.
+pub fn wrap_angle(angle: f32) -> f32 {
+    use std::f32::consts::{PI, TAU};
+    if angle > -PI && angle <= PI {
+        return angle;
+    }
+    let wrapped = angle.rem_euclid(TAU);
+    if wrapped > PI { wrapped - TAU } else { wrapped }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::PI;
+
+    #[test]
+    fn a_pose_and_its_inverse_cancel() {
+        let pose = Pose::new(3.0, -2.0, 2.5);
+        let back = pose.inverse() * (pose * At::<RobotFrame>::new(0.7, -1.1));
+        assert!((back.x - 0.7).abs() < 1e-5 && (back.y + 1.1).abs() < 1e-5);
+    }
+
+    #[test]
+    fn angles_wrap_to_the_half_open_turn() {
+        assert_eq!(wrap_angle(PI), PI);
+        assert!((wrap_angle(-PI) - PI).abs() < 1e-6);
+        assert!((wrap_angle(7.0 * PI + 0.1) - (-PI + 0.1)).abs() < 1e-5);
+    }
+}

@@ -1,0 +1,13 @@
+//! Where things are: from features and motion to a pose on the field.
+//!
+//! The vocabulary that every other crate speaks (stamps, frames, the field, samples) lives here, because where
+//! things are is its language. No I/O, clock, thread or randomness of its own: stamps and generators are arguments.
+
+pub mod field;
+pub mod frame;
+pub mod sample;
+pub mod stamp;
+
+pub use field::Field;
+pub use frame::{At, FieldFrame, Pose, RobotFrame, Tf};
+pub use stamp::Stamp;

@@ -1,0 +1,50 @@
+//! What arrives? Stamped samples of vision, wheels, IMU and compass, whatever their source.
+
+use serde::{Deserialize, Serialize};
+
+use crate::frame::{At, RobotFrame};
+use crate::stamp::Stamp;
+
+/// A point of the ground that vision takes for the centre of a line, robot frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinePoint {
+    /// Where it lies, metres.
+    pub at: At<RobotFrame>,
+    /// Standard deviation along the direction from the robot, metres (a pixel's size on the ground there).
+    pub std_radial: f32,
+    /// Standard deviation across that direction, metres.
+    pub std_tangential: f32,
+}
+
+/// Motion of the robot since the previous odometry sample, in the robot frame at that sample.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Odometry {
+    /// When the motion ended.
+    pub stamp: Stamp,
+    /// Forward, metres.
+    pub dx: f32,
+    /// To the left, metres.
+    pub dy: f32,
+    /// Counter-clockwise, radians.
+    pub dtheta: f32,
+}
+
+/// The compass's heading of the robot on the field.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Compass {
+    /// When it was read.
+    pub stamp: Stamp,
+    /// Direction of the robot's x axis on the field, radians.
+    pub heading: f32,
+}
+
+/// One reading of the inertial unit, robot frame (x forward, y left, z up).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Imu {
+    /// When it was read.
+    pub stamp: Stamp,
+    /// Specific force, m/s².
+    pub acceleration: [f32; 3],
+    /// Rate of turn, rad/s.
+    pub rate: [f32; 3],
+}

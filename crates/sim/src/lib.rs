@@ -1,0 +1,1 @@
+//! A field in motion, and every sensor of the robot.

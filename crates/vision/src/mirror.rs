@@ -1,0 +1,256 @@
+//! What shape is the mirror? A profile of revolution, smooth between its samples, kinks kept.
+
+use std::path::{Path, PathBuf};
+
+/// A mirror of revolution about the camera's axis: height above the ground over radius.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    radius: Vec<f64>,
+    height: Vec<f64>,
+    slope: Vec<f64>,
+}
+
+/// Why there is no profile.
+#[derive(Debug, thiserror::Error)]
+pub enum ProfileError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The reader's word.
+        source: csv::Error,
+    },
+    /// A line of the file is no sample of a profile.
+    #[error("{}: line {line}: {reason}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// Counted from 1.
+        line: u64,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The samples make no mirror.
+    #[error("sample {index} (radius {radius} m): {reason}")]
+    Sample {
+        /// Counted from 0.
+        index: usize,
+        /// Its radius, metres.
+        radius: f64,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// The fewest samples that a smooth profile can be laid through.
+const FEWEST_SAMPLES: usize = 5;
+
+impl Profile {
+    /// Lays a smooth curve through samples of (radius, height above the ground), metres.
+    ///
+    /// Slopes are Akima's: local, exact on straight parts, and they do not ring beside a kink between two parts.
+    pub fn new(radius: Vec<f64>, height: Vec<f64>) -> Result<Self, ProfileError> {
+        let refuse = |index: usize, reason: &str| {
+            let radius = radius.get(index).copied().unwrap_or(f64::NAN);
+            Err(ProfileError::Sample {
+                index,
+                radius,
+                reason: reason.to_owned(),
+            })
+        };
+        if radius.len() != height.len() || radius.len() < FEWEST_SAMPLES {
+            return refuse(
+                radius.len().min(height.len()),
+                "a profile needs at least five samples of radius and height",
+            );
+        }
+        for index in 0..radius.len() {
+            if !(radius[index].is_finite() && height[index].is_finite()) {
+                return refuse(index, "is not a number");
+            }
+            if radius[index] < 0.0 {
+                return refuse(index, "lies on the other side of the axis");
+            }
+            if index > 0 && radius[index] <= radius[index - 1] {
+                return refuse(
+                    index,
+                    "the profile folds back: each radius must exceed the one before",
+                );
+            }
+        }
+        let slope = akima_slopes(&radius, &height);
+        Ok(Profile {
+            radius,
+            height,
+            slope,
+        })
+    }
+
+    /// Reads `radius_m,height_m` (height above the ground) from a CSV file.
+    pub fn load(path: &Path) -> Result<Self, ProfileError> {
+        let read = |source| ProfileError::Read {
+            path: path.to_owned(),
+            source,
+        };
+        let at = |line, reason: String| ProfileError::Line {
+            path: path.to_owned(),
+            line,
+            reason,
+        };
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .from_path(path)
+            .map_err(read)?;
+        let header = reader.headers().map_err(read)?;
+        if header.iter().ne(["radius_m", "height_m"]) {
+            let found = header.iter().collect::<Vec<_>>().join(",");
+            return Err(at(
+                1,
+                format!("header is {found:?}, wanted radius_m,height_m"),
+            ));
+        }
+        let (mut radius, mut height, mut lines) = (Vec::new(), Vec::new(), Vec::new());
+        for record in reader.records() {
+            let record = record.map_err(read)?;
+            let line = record.position().map_or(0, csv::Position::line);
+            let number = |column: usize| {
+                record[column]
+                    .parse::<f64>()
+                    .map_err(|error| at(line, format!("{:?}: {error}", &record[column])))
+            };
+            radius.push(number(0)?);
+            height.push(number(1)?);
+            lines.push(line);
+        }
+        Profile::new(radius, height).map_err(|error| match error {
+            ProfileError::Sample { index, reason, .. } => at(
+                lines.get(index).or(lines.last()).copied().unwrap_or(1),
+                reason,
+            ),
+            other => other,
+        })
+    }
+
+    /// The radii between which the mirror exists, metres.
+    pub fn radii(&self) -> (f64, f64) {
+        (self.radius[0], self.radius[self.radius.len() - 1])
+    }
+
+    /// Its samples: (radius, height above the ground), metres.
+    pub fn samples(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.radius.iter().copied().zip(self.height.iter().copied())
+    }
+
+    /// Height above the ground (metres) and slope at a radius; continued straight beyond the ends.
+    pub fn height_and_slope(&self, radius: f64) -> (f64, f64) {
+        let last = self.radius.len() - 1;
+        if radius <= self.radius[0] {
+            return (
+                self.height[0] + self.slope[0] * (radius - self.radius[0]),
+                self.slope[0],
+            );
+        }
+        if radius >= self.radius[last] {
+            return (
+                self.height[last] + self.slope[last] * (radius - self.radius[last]),
+                self.slope[last],
+            );
+        }
+        let upper = self.radius.partition_point(|&r| r <= radius).min(last);
+        let lower = upper - 1;
+        let step = self.radius[upper] - self.radius[lower];
+        let s = (radius - self.radius[lower]) / step;
+        let (h0, h1) = (self.height[lower], self.height[upper]);
+        let (m0, m1) = (self.slope[lower] * step, self.slope[upper] * step);
+        // Cubic Hermite: h0 + s·(m0 + s·(b + s·a)).
+        let a = 2.0 * (h0 - h1) + m0 + m1;
+        let b = 3.0 * (h1 - h0) - 2.0 * m0 - m1;
+        (
+            h0 + s * (m0 + s * (b + s * a)),
+            (m0 + s * (2.0 * b + 3.0 * s * a)) / step,
+        )
+    }
+}
+
+/// Akima's slopes: neighbours' secants weighted by how much the secants on the other side disagree.
+fn akima_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
+    let count = x.len();
+    let secant: Vec<f64> = (0..count - 1)
+        .map(|i| (y[i + 1] - y[i]) / (x[i + 1] - x[i]))
+        .collect();
+    let secant_at = |i: isize| -> f64 {
+        let last = secant.len() as isize - 1;
+        match i {
+            ..0 => secant[0] + i as f64 * (secant[1] - secant[0]),
+            i if i > last => {
+                let last = last as usize;
+                secant[last] + (i as usize - last) as f64 * (secant[last] - secant[last - 1])
+            }
+            i => secant[i as usize],
+        }
+    };
+    (0..count as isize)
+        .map(|i| {
+            let [before2, before, after, after2] = [i - 2, i - 1, i, i + 1].map(secant_at);
+            let (left, right) = ((after2 - after).abs(), (before - before2).abs());
+            let total = left + right;
+            // Rounding noise of equal secants must not decide the weights.
+            if total <= 1e-9 * (1.0 + before.abs() + after.abs()) {
+                (before + after) / 2.0
+            } else {
+                (left * before + right * after) / total
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sphere_is_met_between_its_samples() {
+        let sphere = |r: f64| 1.0 - (0.25 - r * r).sqrt();
+        let radius: Vec<f64> = (0..800).map(|i| f64::from(i) * 0.0005).collect();
+        let height = radius.iter().map(|&r| sphere(r)).collect();
+        let profile = Profile::new(radius, height).expect("a profile");
+        for r in [0.0313, 0.1507, 0.2999] {
+            let (height, slope) = profile.height_and_slope(r);
+            assert!(
+                (height - sphere(r)).abs() < 1e-8,
+                "height off by {:e}",
+                height - sphere(r)
+            );
+            assert!((slope - r / (0.25 - r * r).sqrt()).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_kink_does_not_ring() {
+        let radius: Vec<f64> = (0..20).map(f64::from).collect();
+        let height: Vec<f64> = radius
+            .iter()
+            .map(|&r| if r < 10.0 { r } else { 10.0 + 0.2 * (r - 10.0) })
+            .collect();
+        let profile = Profile::new(radius, height).expect("a profile");
+        let (height, slope) = profile.height_and_slope(8.5);
+        assert!((height - 8.5).abs() < 1e-9 && (slope - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_profile_that_folds_back_is_refused_with_its_line() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("mirror.csv");
+        std::fs::write(
+            &path,
+            "radius_m,height_m\n0,0.8\n0.01,0.81\n0.02,0.82\n0.015,0.83\n0.03,0.84\n",
+        )
+        .expect("written");
+        let message = Profile::load(&path).expect_err("folds").to_string();
+        assert!(
+            message.contains("line 5") && message.contains("folds back"),
+            "{message}"
+        );
+    }
+}
