@@ -22,6 +22,10 @@ impl Stamp {
     }
 }
 
+#[expect(
+    clippy::suspicious_arithmetic_impl,
+    reason = "seconds are a multiple of the nanoseconds held"
+)]
 impl Sub for Stamp {
     type Output = f64;
 
@@ -31,6 +35,10 @@ impl Sub for Stamp {
     }
 }
 
+#[expect(
+    clippy::suspicious_arithmetic_impl,
+    reason = "nanoseconds are a multiple of the seconds given"
+)]
 impl Add<f64> for Stamp {
     type Output = Stamp;
 
