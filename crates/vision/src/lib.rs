@@ -4,8 +4,10 @@ pub mod camera;
 pub mod ground_map;
 pub mod mirror;
 pub mod optics;
+pub mod robot;
 
 pub use camera::CameraConfig;
 pub use ground_map::GroundMap;
 pub use mirror::Profile;
 pub use optics::{Mount, Ray, RayTable};
+pub use robot::RobotConfig;
