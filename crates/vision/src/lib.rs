@@ -1,13 +1,35 @@
 //! From an image to features: what a picture under the mirror tells about the ground around the robot.
 
 pub mod camera;
-pub mod ground_map;
+pub mod config;
+pub mod error;
 pub mod mirror;
+
+pub mod ground_map;
 pub mod optics;
 pub mod robot;
 
+pub mod image;
+
+pub mod scan;
+
+pub mod carpet;
+pub mod colours;
+
+mod carpet_end;
+pub mod line_points;
+mod runs;
+
+pub mod eyes;
+
+pub mod overlay;
+
 pub use camera::CameraConfig;
+pub use config::VisionConfig;
+pub use error::VisionError;
+pub use eyes::{Eyes, Seen};
 pub use ground_map::GroundMap;
+pub use image::{Frame, Image, PixelFormat};
 pub use mirror::Profile;
 pub use optics::{Mount, Ray, RayTable};
 pub use robot::RobotConfig;

@@ -1,0 +1,183 @@
+//! What may a user change about the eyes? Every value with its unit and its reason.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::VisionError;
+
+/// `[vision]` of a robot's configuration.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VisionConfig {
+    /// Where the image is read.
+    pub scan: ScanConfig,
+    /// What colours mean.
+    pub colours: ColourConfig,
+    /// Which white runs are lines.
+    pub lines: LineConfig,
+}
+
+/// The scan pattern (minho2016 section III: 72 radial lines every 5°, 36 spirals each way every 10°).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ScanConfig {
+    /// Straight lines outward from the mirror's axis, evenly around it.
+    pub radial_lines: usize,
+    /// Spirals each way, evenly around the axis; they cross markings that point at the robot.
+    pub spirals_each_way: usize,
+    /// How far a spiral winds from the axis to the rim, turns; more turns cross radial markings more squarely.
+    pub spiral_turns: f32,
+    /// Circles about the mirror's axis (lima2001 4.4), evenly spaced in the image; the spirals do their work.
+    pub circles: usize,
+    /// Nearer ground is the robot's own body, metres.
+    pub range_min: f32,
+    /// Farther ground is not scanned, metres.
+    pub range_max: f32,
+    /// Ground that a pixel covers along the viewing direction may be this many line widths and still tell a line.
+    pub pixel_per_line_max: f32,
+}
+
+impl Default for ScanConfig {
+    fn default() -> Self {
+        ScanConfig {
+            radial_lines: 72,
+            spirals_each_way: 36,
+            spiral_turns: 0.75,
+            circles: 0,
+            range_min: 0.25,
+            range_max: 9.0,
+            pixel_per_line_max: 2.0,
+        }
+    }
+}
+
+/// What colours mean when no labelled table is given: the carpet is found in the image, all else is relative to it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ColourConfig {
+    /// The carpet is sought among ground pixels nearer than this, metres: beyond lies more of the surroundings.
+    pub carpet_range: f32,
+    /// A pixel keeps this share of the carpet's chroma, at least, to be carpet; glare and lines bleach it.
+    pub carpet_chroma_min: f32,
+    /// A pixel's chroma may leave the carpet's hue by this share of the carpet's chroma, at most.
+    pub carpet_hue_slack: f32,
+    /// A pixel is at least this bright, as a share of the carpet's median, to be carpet; shadows are darker.
+    pub carpet_bright_min: f32,
+    /// The carpet is learned anew when fewer of the carpet pixels than this share of when it was learned are carpet.
+    pub relearn_below: f32,
+    /// A frame is black if 95 % of its scanned pixels stay below this level, of 255.
+    pub black_frame_level: u8,
+}
+
+impl Default for ColourConfig {
+    fn default() -> Self {
+        ColourConfig {
+            carpet_range: 4.0,
+            carpet_chroma_min: 0.35,
+            carpet_hue_slack: 0.45,
+            carpet_bright_min: 0.25,
+            relearn_below: 0.5,
+            black_frame_level: 12,
+        }
+    }
+}
+
+/// Which white runs are lines.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LineConfig {
+    /// Narrowest run, in line widths; a pixel's size is allowed on top.
+    pub width_min: f32,
+    /// Widest run, in line widths: a scan line that crosses a line at 20° sees three; pixel size on top.
+    pub width_max: f32,
+    /// A run stands out from the carpet beside it by this many standard deviations of the image's noise, at least.
+    pub contrast_noises: f32,
+    /// A run stands out by this many levels, of 255, at least: coarser than the camera's own steps and JPEG's ripple.
+    pub contrast_levels: f32,
+    /// A run is not looked at if it stands out by less than this share of the white–carpet contrast.
+    pub contrast_share: f32,
+    /// A line wider in the image than the blur has at least this share of the white–carpet contrast; glare takes the rest.
+    pub white_share_min: f32,
+    /// Width of the image's blur, pixels: thinner lines lose contrast in proportion.
+    pub blur_px: f32,
+    /// How far a run's added light may leave white's direction, as a share of the added brightness.
+    pub hue_slack: f32,
+    /// How well an edge is placed in the image, standard deviation, pixels.
+    pub position_std_px: f32,
+    /// Something that is neither carpet nor line ends the carpet when it covers more of the ground than this
+    /// along the viewing direction, metres plus a share of its distance (the ball's height hides 0.4 of it).
+    pub gap_max: f32,
+    /// The share that comes on top of `gap_max`.
+    pub gap_share: f32,
+}
+
+impl Default for LineConfig {
+    fn default() -> Self {
+        LineConfig {
+            width_min: 0.35,
+            width_max: 3.0,
+            contrast_noises: 5.0,
+            contrast_levels: 8.0,
+            contrast_share: 0.06,
+            white_share_min: 0.25,
+            blur_px: 3.0,
+            hue_slack: 0.45,
+            position_std_px: 0.5,
+            gap_max: 0.3,
+            gap_share: 0.45,
+        }
+    }
+}
+
+impl VisionConfig {
+    /// Refuses values that cannot work.
+    pub fn check(&self) -> Result<(), VisionError> {
+        let refuse = |key, value: f64, reason| Err(VisionError::Config { key, value, reason });
+        let scan = &self.scan;
+        if scan.radial_lines < 8 {
+            let reason = "at least 8 radial lines find the carpet's end";
+            return refuse("scan.radial_lines", scan.radial_lines as f64, reason);
+        }
+        for (key, count) in [
+            ("scan.radial_lines", scan.radial_lines),
+            ("scan.spirals_each_way", scan.spirals_each_way),
+            ("scan.circles", scan.circles),
+        ] {
+            if count > 2000 {
+                return refuse(key, count as f64, "more than 2000 lines of one kind");
+            }
+        }
+        for (key, value) in [
+            ("scan.range_max", scan.range_max),
+            ("scan.pixel_per_line_max", scan.pixel_per_line_max),
+            ("colours.carpet_range", self.colours.carpet_range),
+            ("lines.width_max", self.lines.width_max),
+            ("lines.contrast_levels", self.lines.contrast_levels),
+            ("lines.position_std_px", self.lines.position_std_px),
+            ("lines.hue_slack", self.lines.hue_slack),
+            ("lines.blur_px", self.lines.blur_px),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return refuse(key, f64::from(value), "must be positive");
+            }
+        }
+        for (key, value) in [
+            ("scan.range_min", scan.range_min),
+            ("scan.spiral_turns", scan.spiral_turns),
+            ("colours.carpet_chroma_min", self.colours.carpet_chroma_min),
+            ("colours.carpet_hue_slack", self.colours.carpet_hue_slack),
+            ("colours.carpet_bright_min", self.colours.carpet_bright_min),
+            ("colours.relearn_below", self.colours.relearn_below),
+            ("lines.width_min", self.lines.width_min),
+            ("lines.contrast_noises", self.lines.contrast_noises),
+            ("lines.contrast_share", self.lines.contrast_share),
+            ("lines.white_share_min", self.lines.white_share_min),
+            ("lines.gap_max", self.lines.gap_max),
+            ("lines.gap_share", self.lines.gap_share),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return refuse(key, f64::from(value), "must not be negative");
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,62 @@
+//! What can be wrong with what the eyes are given? Files, sizes and configuration, each named.
+
+use std::path::PathBuf;
+
+/// Why vision cannot work with what it was given.
+#[derive(Debug, thiserror::Error)]
+pub enum VisionError {
+    /// An image file cannot be read or is no image.
+    #[error("cannot read image {}: {reason}", path.display())]
+    Image {
+        /// The file.
+        path: PathBuf,
+        /// The decoder's word.
+        reason: String,
+    },
+    /// A frame has another size than the map was made for.
+    #[error(
+        "image is {found_width_px} × {found_height_px} pixels, the map and the camera are {wanted_width_px} × {wanted_height_px}"
+    )]
+    Size {
+        /// Columns of the frame.
+        found_width_px: usize,
+        /// Rows of the frame.
+        found_height_px: usize,
+        /// Columns of the map.
+        wanted_width_px: usize,
+        /// Rows of the map.
+        wanted_height_px: usize,
+    },
+    /// A frame holds fewer bytes than its size and format need.
+    #[error("torn frame: {found} bytes, a whole one has {wanted}")]
+    Torn {
+        /// Bytes found.
+        found: usize,
+        /// Bytes of a whole frame.
+        wanted: usize,
+    },
+    /// A frame without light: nothing can be told from it.
+    #[error("black frame: the brightest of its carpet is {brightest} of 255")]
+    Black {
+        /// The level that 95 % of the scanned pixels stay below, of 255.
+        brightest: u8,
+    },
+    /// A value of the configuration that cannot work.
+    #[error("[vision] {key} = {value}: {reason}")]
+    Config {
+        /// The key.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        reason: &'static str,
+    },
+    /// A file of labels, colours or a mask is not what it should be.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Line and reason.
+        reason: String,
+    },
+}

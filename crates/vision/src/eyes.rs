@@ -1,0 +1,301 @@
+//! What does this frame show? The tables of one camera and map, and the way from a frame to everything seen in it.
+
+use crate::camera::CameraConfig;
+use crate::carpet::{CarpetModel, median_colour};
+use crate::carpet_end::carpet_end;
+use crate::colours::{Class, NativeTable};
+use crate::config::VisionConfig;
+use crate::error::VisionError;
+use crate::ground_map::GroundMap;
+use crate::image::{Frame, PixelFormat};
+use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points};
+use crate::scan::ScanPattern;
+
+/// Everything that one frame shows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Seen {
+    /// Points of the field's markings.
+    pub line_points: Vec<SeenLinePoint>,
+    /// Runs that look like a line and are none.
+    pub refused: Vec<RefusedRun>,
+    /// Where the carpet ends along each radial line, metres (infinite: not seen).
+    pub carpet_end: Vec<f32>,
+    /// Share of the scanned pixels that are carpet.
+    pub carpet_share: f32,
+    /// True if the colours were learned anew from this frame.
+    pub learned: bool,
+}
+
+/// Noise of demosaiced and of compressed images is alike in neighbours; this many samples apart it no longer is.
+const NOISE_LAG: usize = 4;
+
+/// The eyes of one robot: tables of its camera and map, and the colours of the light it is in.
+#[derive(Debug, Clone)]
+pub struct Eyes {
+    map: GroundMap,
+    config: VisionConfig,
+    line_width: f32,
+    pattern: ScanPattern,
+    light: Option<Light>,
+    values: Vec<u8>,
+    classes: Vec<Class>,
+}
+
+/// Colours under one light, and the table made of them.
+#[derive(Debug, Clone)]
+struct Light {
+    model: CarpetModel,
+    table: NativeTable,
+    /// Weights of the channels for telling white from carpet, of 256.
+    weights: [u32; 3],
+    noise: f32,
+    /// Share of the scanned pixels that were carpet when it was learned.
+    carpet_share: f32,
+    format: PixelFormat,
+}
+
+/// Fewer runs than this do not tell white's colour.
+const FEWEST_WHITE_RUNS: usize = 8;
+
+impl Eyes {
+    /// Builds the tables; `line_width` of the field's markings in metres.
+    pub fn new(
+        map: &GroundMap,
+        camera: &CameraConfig,
+        line_width: f32,
+        config: VisionConfig,
+    ) -> Result<Self, VisionError> {
+        Eyes::with_mask(map, camera, None, line_width, config)
+    }
+
+    /// As [`Eyes::new`], with a mask: one entry a pixel, row by row, false where the robot's own body and rods are.
+    pub fn with_mask(
+        map: &GroundMap,
+        camera: &CameraConfig,
+        mask: Option<&[bool]>,
+        line_width: f32,
+        config: VisionConfig,
+    ) -> Result<Self, VisionError> {
+        config.check()?;
+        let size = |found_width_px, found_height_px| VisionError::Size {
+            found_width_px,
+            found_height_px,
+            wanted_width_px: map.width_px,
+            wanted_height_px: map.height_px,
+        };
+        if (camera.width_px, camera.height_px) != (map.width_px, map.height_px) {
+            return Err(size(camera.width_px, camera.height_px));
+        }
+        if let Some(mask) = mask.filter(|mask| mask.len() != map.x.len()) {
+            return Err(size(mask.len() / map.height_px.max(1), map.height_px));
+        }
+        if !(line_width.is_finite() && line_width > 0.0) {
+            return Err(VisionError::Config {
+                key: "line_width",
+                value: f64::from(line_width),
+                reason: "must be positive",
+            });
+        }
+        let pattern = ScanPattern::new(map, camera, mask, line_width, &config.scan);
+        if pattern.samples.is_empty() {
+            return Err(VisionError::Config {
+                key: "scan.range_max",
+                value: f64::from(config.scan.range_max),
+                reason: "no pixel of the map shows ground within range",
+            });
+        }
+        Ok(Eyes {
+            map: map.clone(),
+            values: vec![0; pattern.samples.len()],
+            classes: vec![Class::OTHER; pattern.samples.len()],
+            config,
+            line_width,
+            pattern,
+            light: None,
+        })
+    }
+
+    /// The pixels that are read.
+    pub fn pattern(&self) -> &ScanPattern {
+        &self.pattern
+    }
+
+    /// The classes of the pattern's samples in the last frame, one a sample.
+    pub fn classes(&self) -> &[Class] {
+        &self.classes
+    }
+
+    /// Carpet and white under the present light, once a frame was seen.
+    pub fn carpet_model(&self) -> Option<&CarpetModel> {
+        self.light.as_ref().map(|light| &light.model)
+    }
+
+    /// Forgets the light, so that the next frame is learned from: for single images that do not follow each other.
+    pub fn forget_light(&mut self) {
+        self.light = None;
+    }
+
+    /// Everything that a frame shows; the first frame, and one in quite another light, is learned from first.
+    pub fn see(&mut self, frame: &Frame<'_>) -> Result<Seen, VisionError> {
+        frame.check(self.map.width_px, self.map.height_px)?;
+        let mut seen = Seen::default();
+        let light = self
+            .light
+            .take()
+            .filter(|light| light.format == frame.format);
+        let known = match light {
+            Some(light) => {
+                let share = self.read(frame, &light);
+                (share >= self.config.colours.relearn_below * light.carpet_share)
+                    .then_some((light, share))
+            }
+            None => None,
+        };
+        let (light, share) = match known {
+            Some(known) => known,
+            None => {
+                seen.learned = true;
+                self.learn(frame)?
+            }
+        };
+        seen.carpet_share = share;
+        self.find_lines(frame, &light, &mut seen);
+        self.light = Some(light);
+        Ok(seen)
+    }
+
+    /// Fills `values` and `classes`; returns the share of samples that are carpet.
+    fn read(&mut self, frame: &Frame<'_>, light: &Light) -> f32 {
+        let mut carpet = 0u32;
+        let [wr, wg, wb] = light.weights;
+        let outputs = self.values.iter_mut().zip(&mut self.classes);
+        for (sample, (value, class)) in self.pattern.samples.iter().zip(outputs) {
+            let rgb = frame.rgb(usize::from(sample.u), usize::from(sample.v));
+            let [r, g, b] = rgb.map(u32::from);
+            *value = ((wr * r + wg * g + wb * b) >> 8) as u8;
+            *class = light.table.class(rgb);
+            carpet += u32::from(*class == Class::CARPET);
+        }
+        carpet as f32 / self.classes.len() as f32
+    }
+
+    /// Learns carpet and white from one frame; reads it with what was learned.
+    fn learn(&mut self, frame: &Frame<'_>) -> Result<(Light, f32), VisionError> {
+        let near: Vec<[u8; 3]> = self
+            .pattern
+            .samples
+            .iter()
+            .filter(|sample| sample.range <= self.config.colours.carpet_range)
+            .map(|sample| frame.rgb(usize::from(sample.u), usize::from(sample.v)))
+            .collect();
+        let brightest = brightest(&near);
+        let black = VisionError::Black { brightest };
+        if brightest <= self.config.colours.black_frame_level {
+            return Err(black);
+        }
+        let model = CarpetModel::learn(&near).ok_or(black)?;
+        let mut light = self.light_of(model, frame.format);
+        let mut share = self.read(frame, &light);
+        light.noise = self.noise();
+        let mut seen = Seen::default();
+        self.find_lines(frame, &light, &mut seen);
+        if let Some(white) = white_of(frame, &seen) {
+            light = self.light_of(light.model.with_white(white), frame.format);
+            share = self.read(frame, &light);
+            light.noise = self.noise();
+        }
+        light.carpet_share = share;
+        Ok((light, share))
+    }
+
+    fn light_of(&self, model: CarpetModel, format: PixelFormat) -> Light {
+        let colours = &self.config.colours;
+        let [r, g, _] = model
+            .weights()
+            .map(|weight| (256.0 * weight).round() as u32);
+        Light {
+            table: NativeTable::new(|rgb| model.class(rgb, colours)),
+            weights: [r, g, 256 - r - g],
+            noise: 0.0,
+            carpet_share: 0.0,
+            model,
+            format,
+        }
+    }
+
+    /// Standard deviation of the values on plain carpet, from differences along scan lines; edges are outliers.
+    fn noise(&self) -> f32 {
+        let mut counts = [0u32; 256];
+        for piece in &self.pattern.pieces {
+            let range = piece.start as usize..piece.end as usize;
+            let pairs = self.values[range.clone()].windows(1 + NOISE_LAG);
+            for (values, classes) in pairs.zip(self.classes[range].windows(1 + NOISE_LAG)) {
+                if classes[0] == Class::CARPET && classes[NOISE_LAG] == Class::CARPET {
+                    counts[usize::from(values[0].abs_diff(values[NOISE_LAG]))] += 1;
+                }
+            }
+        }
+        let half = counts.iter().sum::<u32>() as f32 / 2.0;
+        let mut below = 0.0;
+        for (difference, &count) in counts.iter().enumerate() {
+            let next = below + count as f32;
+            if next >= half && count > 0 {
+                let median = difference as f32 - 0.5 + (half - below) / count as f32;
+                // Half of |N(0, √2 σ)| lies below 0.954 σ.
+                return median.max(0.0) / 0.954;
+            }
+            below = next;
+        }
+        0.0
+    }
+
+    fn find_lines(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
+        let reading = Reading {
+            pattern: &self.pattern,
+            values: &self.values,
+            classes: &self.classes,
+        };
+        carpet_end(&reading, &self.config.lines, &mut seen.carpet_end);
+        let judge = Judge {
+            frame,
+            map: &self.map,
+            model: &light.model,
+            config: &self.config.lines,
+            line_width: self.line_width,
+            noise: light.noise,
+            carpet_end: &seen.carpet_end,
+        };
+        line_points(&reading, &judge, &mut seen.line_points, &mut seen.refused);
+    }
+}
+
+/// The level that 95 % of the pixels stay below.
+fn brightest(pixels: &[[u8; 3]]) -> u8 {
+    let mut levels: Vec<u8> = pixels
+        .iter()
+        .map(|rgb| rgb.iter().fold(0, |a, &b| a.max(b)))
+        .collect();
+    if levels.is_empty() {
+        return 0;
+    }
+    let at = levels.len() * 95 / 100;
+    *levels.select_nth_unstable(at).1
+}
+
+/// White's colour: the median over the better half of the line points.
+fn white_of(frame: &Frame<'_>, seen: &Seen) -> Option<[f32; 3]> {
+    let mut order: Vec<&SeenLinePoint> = seen.line_points.iter().collect();
+    if order.len() < FEWEST_WHITE_RUNS {
+        return None;
+    }
+    order.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
+    order.truncate(order.len() / 2);
+    let colours: Vec<[u8; 3]> = order
+        .iter()
+        .map(|point| {
+            let [u, v] = point.at_px.map(|at| at.round().max(0.0) as usize);
+            frame.rgb(u, v)
+        })
+        .collect();
+    median_colour(&colours)
+}

@@ -1,0 +1,300 @@
+//! Which floor points are white line? Peaks of scan lines in, robot-frame points out, refusals with their reason.
+//!
+//! minho2016 section III: green–white–green. White is not a threshold here: a run must stand out from the carpet
+//! beside it by added light of the lamp's colour, and be as wide on the ground as a line can be.
+
+use localize::frame::At;
+use localize::sample::LinePoint;
+
+use crate::carpet::CarpetModel;
+use crate::colours::Class;
+use crate::config::LineConfig;
+use crate::ground_map::GroundMap;
+use crate::image::Frame;
+use crate::runs::{Run, peaks};
+use crate::scan::{ScanPattern, ScanSample, ground_per_px};
+
+/// Why a run is no line point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// No carpet on one of its sides.
+    NoCarpetBeside,
+    /// Narrower on the ground than a line.
+    TooNarrow,
+    /// Wider on the ground than a line, even if crossed aslant.
+    TooWide,
+    /// Fainter than noise could be, or than a line of this width must be here.
+    TooFaint,
+    /// The added light is not white.
+    NotWhite,
+    /// Something that is not carpet lies between it and the robot.
+    BeyondCarpet,
+}
+
+/// A run that was looked at, and what became of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RefusedRun {
+    /// Its middle in the image: column, row, pixels.
+    pub at_px: [f32; 2],
+    /// Why it is no line point.
+    pub reason: Refusal,
+}
+
+/// A line point with its place in the image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenLinePoint {
+    /// On the ground, robot frame.
+    pub point: LinePoint,
+    /// In the image: column, row, pixels.
+    pub at_px: [f32; 2],
+    /// How much it stands out from the carpet beside it, levels of 255.
+    pub contrast: f32,
+}
+
+/// What was read along the scan lines.
+pub(crate) struct Reading<'a> {
+    pub(crate) pattern: &'a ScanPattern,
+    /// Brightness by the weights that tell white from carpet, one a sample.
+    pub(crate) values: &'a [u8],
+    /// One a sample.
+    pub(crate) classes: &'a [Class],
+}
+
+/// What a run is judged by.
+pub(crate) struct Judge<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    pub(crate) map: &'a GroundMap,
+    pub(crate) model: &'a CarpetModel,
+    pub(crate) config: &'a LineConfig,
+    pub(crate) line_width: f32,
+    /// Standard deviation of the brightness on plain carpet, levels.
+    pub(crate) noise: f32,
+    /// Where the carpet ends along each radial line, metres; see [`crate::carpet_end`].
+    pub(crate) carpet_end: &'a [f32],
+}
+
+/// Finds line points along all scan lines.
+pub(crate) fn line_points(
+    reading: &Reading<'_>,
+    judge: &Judge<'_>,
+    points: &mut Vec<SeenLinePoint>,
+    refused: &mut Vec<RefusedRun>,
+) {
+    let threshold = judge.threshold();
+    for piece in &reading.pattern.pieces {
+        let range = piece.start as usize..piece.end as usize;
+        let line = Line {
+            samples: &reading.pattern.samples[range.clone()],
+            values: &reading.values[range.clone()],
+            classes: &reading.classes[range],
+        };
+        peaks(line.values, threshold, |run| {
+            match judge.point(&line, &run) {
+                Ok(point) => points.push(point),
+                Err(reason) => refused.push(RefusedRun {
+                    at_px: line.at_px(run.peak as f32),
+                    reason,
+                }),
+            }
+        });
+    }
+}
+
+/// One piece of a scan line as it was read.
+struct Line<'a> {
+    samples: &'a [ScanSample],
+    values: &'a [u8],
+    classes: &'a [Class],
+}
+
+impl Line<'_> {
+    fn between(&self, index: f32) -> (&ScanSample, &ScanSample, f32) {
+        let last = self.samples.len() - 1;
+        let lower = (index.max(0.0) as usize).min(last);
+        let upper = (lower + 1).min(last);
+        (
+            &self.samples[lower],
+            &self.samples[upper],
+            (index - lower as f32).clamp(0.0, 1.0),
+        )
+    }
+
+    fn at_px(&self, index: f32) -> [f32; 2] {
+        let (a, b, part) = self.between(index);
+        let mix = |a: u16, b: u16| f32::from(a) + part * (f32::from(b) - f32::from(a));
+        [mix(a.u, b.u), mix(a.v, b.v)]
+    }
+
+    fn ground(&self, index: f32) -> [f32; 2] {
+        let (a, b, part) = self.between(index);
+        std::array::from_fn(|i| a.ground[i] + part * (b.ground[i] - a.ground[i]))
+    }
+}
+
+impl Judge<'_> {
+    /// How high a peak must be to be looked at, levels.
+    fn threshold(&self) -> u8 {
+        let white: f32 = self.white_contrast();
+        (self.config.contrast_noises * self.noise)
+            .max(self.config.contrast_levels)
+            .max(self.config.contrast_share * white)
+            .clamp(1.0, 120.0)
+            .round() as u8
+    }
+
+    /// White's brightness over the carpet's by the weights of the reading, levels.
+    fn white_contrast(&self) -> f32 {
+        let weights = self.model.weights();
+        (0..3)
+            .map(|i| weights[i] * (self.model.white[i] - self.model.carpet[i]))
+            .sum()
+    }
+
+    fn point(&self, line: &Line<'_>, run: &Run) -> Result<SeenLinePoint, Refusal> {
+        if !(carpet_beside(line, run.left_foot, -1) && carpet_beside(line, run.right_foot, 1)) {
+            return Err(Refusal::NoCarpetBeside);
+        }
+        let (left, right) = (line.ground(run.left_edge), line.ground(run.right_edge));
+        let width = (right[0] - left[0]).hypot(right[1] - left[1]);
+        let width_px = (run.right_edge - run.left_edge).max(1e-3);
+        // Blur and sampling widen or narrow a run by about a pixel.
+        let pixel = width / width_px.max(1.0);
+        if width < self.config.width_min * self.line_width - pixel {
+            return Err(Refusal::TooNarrow);
+        }
+        if width > self.config.width_max * self.line_width + 1.5 * pixel {
+            return Err(Refusal::TooWide);
+        }
+        let colours = Colours::of(self.frame, line, run);
+        if !self.stands_out(line, run, &colours, pixel) {
+            return Err(Refusal::TooFaint);
+        }
+        if !self.adds_white(&colours) {
+            return Err(Refusal::NotWhite);
+        }
+        let ground = [(left[0] + right[0]) / 2.0, (left[1] + right[1]) / 2.0];
+        let middle = (run.left_edge + run.right_edge) / 2.0;
+        let (sample, ..) = line.between(middle);
+        if beyond_carpet(self.carpet_end, sample) {
+            return Err(Refusal::BeyondCarpet);
+        }
+        let (radial, tangential) =
+            ground_per_px(self.map, usize::from(sample.u), usize::from(sample.v))
+                .ok_or(Refusal::BeyondCarpet)?;
+        Ok(SeenLinePoint {
+            point: LinePoint {
+                at: At::new(ground[0], ground[1]),
+                std_radial: self.config.position_std_px * radial,
+                std_tangential: self.config.position_std_px * tangential,
+            },
+            at_px: line.at_px(middle),
+            contrast: run.contrast,
+        })
+    }
+
+    /// Is the run higher than noise makes it, and as high as a line must be here?
+    ///
+    /// A line that covers several pixels has white's full contrast, less for glare; one thinner than the image's blur
+    /// (about `blur_px`) has the share of it that its width is of the blur.
+    fn stands_out(&self, line: &Line<'_>, run: &Run, colours: &Colours, pixel: f32) -> bool {
+        let mean = |from: usize, to: usize| {
+            let to = to.min(line.values.len() - 1);
+            let sum: u32 = line.values[from..=to].iter().map(|&v| u32::from(v)).sum();
+            sum as f32 / (to - from + 1) as f32
+        };
+        let left = mean(run.left_foot.saturating_sub(2), run.left_foot);
+        let right = mean(run.right_foot, run.right_foot + 2);
+        let beside = left.max(right);
+        let contrast = mean(colours.first, colours.last) - beside;
+        let count = (colours.last - colours.first + 1) as f32;
+        if contrast < self.config.contrast_noises * self.noise * (1.0 / count + 1.0 / 3.0).sqrt() {
+            return false;
+        }
+        let [carpet_light, ..] = self.model.coordinates(self.model.carpet);
+        let [beside_light, ..] = self.model.coordinates(colours.beside);
+        let lit = (beside_light / carpet_light.max(1e-6)).clamp(0.3, 1.5);
+        let full = (lit * self.white_contrast()).min(255.0 - beside);
+        let sharp = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
+        contrast >= self.config.white_share_min * sharp * full
+    }
+
+    /// Is what the run adds to the carpet beside it light of the lamp's colour?
+    fn adds_white(&self, colours: &Colours) -> bool {
+        if self.model.is_grey() {
+            return true;
+        }
+        let [carpet_light, carpet_along, carpet_across] = self.model.coordinates(colours.beside);
+        let [top_light, top_along, top_across] = self.model.coordinates(colours.top);
+        let light = top_light - carpet_light;
+        if light <= 0.0 {
+            return false;
+        }
+        // Noise of the chroma of two samples of carpet and the run's own, in units of the carpet's chroma.
+        let white = self.model.white.iter().sum::<f32>() / 3.0;
+        let count = (colours.last - colours.first + 1) as f32;
+        let noise = self.noise / white / self.model.carpet_chroma() * (0.5 + 1.0 / count).sqrt();
+        let slack =
+            self.config.hue_slack * light / self.model.carpet_chroma().min(1.0) + 2.0 * noise;
+        // Brighter carpet has more of the carpet's chroma, a line has less; a ball or marker has the opposite hue.
+        let brighter = carpet_along * (1.0 + 0.5 * light / carpet_light.max(1e-6));
+        (top_across - carpet_across).abs() <= slack
+            && top_along <= brighter + 2.0 * noise
+            && top_along >= -slack
+    }
+}
+
+/// Mean colours of a run and of the carpet beside it.
+struct Colours {
+    /// The samples between the edges.
+    first: usize,
+    last: usize,
+    top: [f32; 3],
+    beside: [f32; 3],
+}
+
+impl Colours {
+    fn of(frame: &Frame<'_>, line: &Line<'_>, run: &Run) -> Self {
+        let colour = |index: usize| {
+            let sample = &line.samples[index];
+            frame
+                .rgb(usize::from(sample.u), usize::from(sample.v))
+                .map(f32::from)
+        };
+        let (left, right) = (colour(run.left_foot), colour(run.right_foot));
+        let end = line.samples.len() - 1;
+        let first = (run.left_edge.ceil() as usize).min(run.peak);
+        let last = (run.right_edge.floor() as usize).clamp(run.peak, end);
+        let count = (last - first + 1) as f32;
+        let mut top = [0.0f32; 3];
+        for index in first..=last {
+            let rgb = colour(index);
+            for i in 0..3 {
+                top[i] += rgb[i] / count;
+            }
+        }
+        Colours {
+            first,
+            last,
+            top,
+            beside: std::array::from_fn(|i| (left[i] + right[i]) / 2.0),
+        }
+    }
+}
+
+/// Two of the three samples from a foot outward are carpet.
+fn carpet_beside(line: &Line<'_>, foot: usize, outward: isize) -> bool {
+    let carpet = |step: isize| {
+        foot.checked_add_signed(outward * step)
+            .and_then(|index| line.classes.get(index))
+            .is_some_and(|&class| class == Class::CARPET)
+    };
+    let seen = usize::from(carpet(0)) + usize::from(carpet(1)) + usize::from(carpet(2));
+    seen >= 2
+}
+
+/// Does the carpet end before this sample along both radial lines beside it?
+fn beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
+    let lower = sample.direction as usize % carpet_end.len();
+    let upper = (lower + 1) % carpet_end.len();
+    sample.range > carpet_end[lower].max(carpet_end[upper])
+}

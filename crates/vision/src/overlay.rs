@@ -1,0 +1,224 @@
+//! What was found, and where? Marks drawn into an image: line points, refused runs, the field's lines at a pose.
+
+use localize::field::Marking;
+use localize::frame::{At, FieldFrame, Pose};
+
+use crate::colours::Class;
+use crate::eyes::Seen;
+use crate::ground_map::GroundMap;
+use crate::image::Image;
+use crate::line_points::Refusal;
+use crate::scan::ScanPattern;
+
+/// Red, green, blue.
+pub type Colour = [u8; 3];
+
+/// Line points.
+pub const LINE_POINT: Colour = [255, 0, 0];
+/// The field's lines at a pose.
+pub const FIELD_LINE: Colour = [0, 90, 255];
+/// Where the carpet ends.
+pub const CARPET_END: Colour = [255, 160, 0];
+
+/// The colour that a refused run is drawn in.
+pub fn refusal_colour(reason: Refusal) -> Colour {
+    match reason {
+        Refusal::NoCarpetBeside => [90, 90, 90],
+        Refusal::TooNarrow => [255, 255, 0],
+        Refusal::TooWide => [0, 255, 255],
+        Refusal::TooFaint => [160, 160, 255],
+        Refusal::NotWhite => [255, 0, 255],
+        Refusal::BeyondCarpet => [255, 128, 0],
+    }
+}
+
+/// The image enlarged by a whole number, so that marks do not hide what they mark.
+pub fn enlarged(image: &Image, times: usize) -> Image {
+    let times = times.max(1);
+    let (width_px, height_px) = (image.width_px * times, image.height_px * times);
+    let mut rgb = Vec::with_capacity(3 * width_px * height_px);
+    for v in 0..height_px {
+        for u in 0..width_px {
+            let from = 3 * (v / times * image.width_px + u / times);
+            rgb.extend_from_slice(&image.rgb[from..from + 3]);
+        }
+    }
+    Image {
+        width_px,
+        height_px,
+        rgb,
+    }
+}
+
+/// Sets one pixel; outside the image nothing happens.
+pub fn dot(image: &mut Image, u: i64, v: i64, colour: Colour) {
+    if (0..image.width_px as i64).contains(&u) && (0..image.height_px as i64).contains(&v) {
+        let at = 3 * (v as usize * image.width_px + u as usize);
+        image.rgb[at..at + 3].copy_from_slice(&colour);
+    }
+}
+
+/// A plus sign.
+pub fn cross(image: &mut Image, [u, v]: [f32; 2], arm: i64, colour: Colour) {
+    let (u, v) = (u.round() as i64, v.round() as i64);
+    for step in -arm..=arm {
+        dot(image, u + step, v, colour);
+        dot(image, u, v + step, colour);
+    }
+}
+
+/// A circle's outline.
+pub fn circle(image: &mut Image, [u, v]: [f32; 2], radius: f32, colour: Colour) {
+    let steps = (std::f32::consts::TAU * radius).ceil().max(8.0) as usize;
+    for step in 0..steps {
+        let (sin, cos) = (std::f32::consts::TAU * step as f32 / steps as f32).sin_cos();
+        let at = [u + radius * cos, v + radius * sin].map(|at| at.round() as i64);
+        dot(image, at[0], at[1], colour);
+    }
+}
+
+/// Everything that was seen, on an image enlarged `times`.
+pub fn draw_seen(image: &mut Image, times: usize, seen: &Seen) {
+    let place = |[u, v]: [f32; 2]| [u, v].map(|at| (at + 0.5) * times as f32 - 0.5);
+    for refused in &seen.refused {
+        cross(
+            image,
+            place(refused.at_px),
+            1,
+            refusal_colour(refused.reason),
+        );
+    }
+    for point in &seen.line_points {
+        cross(image, place(point.at_px), 2, LINE_POINT);
+    }
+}
+
+/// Where the carpet ends along the radial lines, on an image enlarged `times`.
+pub fn draw_carpet_end(image: &mut Image, times: usize, pattern: &ScanPattern, seen: &Seen) {
+    for sample in &pattern.samples {
+        let line = sample.direction.round() as usize % seen.carpet_end.len().max(1);
+        let Some(&end) = seen.carpet_end.get(line) else {
+            continue;
+        };
+        if (sample.direction - sample.direction.round()).abs() < 0.1
+            && (sample.range - end).abs() < 0.03 * end
+        {
+            let at = [sample.u, sample.v].map(|at| (f32::from(at) + 0.5) * times as f32 - 0.5);
+            cross(image, at, 1, CARPET_END);
+        }
+    }
+}
+
+/// The field's marking centre lines as the map shows them at a pose, on an image enlarged `times`.
+pub fn draw_field(
+    image: &mut Image,
+    times: usize,
+    map: &GroundMap,
+    pose: Pose,
+    markings: &[Marking],
+) {
+    let field = |u: i64, v: i64| {
+        let scale = |at: i64| (at as f32 + 0.5) / times as f32 - 0.5;
+        map.between(scale(u), scale(v)).map(|ground| pose * ground)
+    };
+    for v in 0..image.height_px as i64 {
+        for u in 0..image.width_px as i64 {
+            let Some(here) = field(u, v) else { continue };
+            let step = [field(u + 1, v), field(u, v + 1)]
+                .iter()
+                .flatten()
+                .map(|next| next.distance_to(here))
+                .fold(0.0, f32::max);
+            let nearest = markings
+                .iter()
+                .map(|marking| marking_distance(marking, here))
+                .fold(f32::INFINITY, f32::min);
+            if nearest < 0.6 * step {
+                dot(image, u, v, FIELD_LINE);
+            }
+        }
+    }
+}
+
+/// How far a point lies from a marking's centre line (from a spot's disc), metres.
+pub fn marking_distance(marking: &Marking, point: At<FieldFrame>) -> f32 {
+    match *marking {
+        Marking::Line { from, to } => {
+            let (dx, dy) = (to.x - from.x, to.y - from.y);
+            let length2 = dx * dx + dy * dy;
+            let along = if length2 > 0.0 {
+                (((point.x - from.x) * dx + (point.y - from.y) * dy) / length2).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            point.distance_to(At::new(from.x + along * dx, from.y + along * dy))
+        }
+        Marking::Arc {
+            centre,
+            radius,
+            start,
+            sweep,
+        } => {
+            let angle = (point.y - centre.y).atan2(point.x - centre.x);
+            let turned = (angle - start).rem_euclid(std::f32::consts::TAU);
+            if turned <= sweep {
+                return (point.distance_to(centre) - radius).abs();
+            }
+            let end = |angle: f32| {
+                let (sin, cos) = angle.sin_cos();
+                point.distance_to(At::new(centre.x + radius * cos, centre.y + radius * sin))
+            };
+            end(start).min(end(start + sweep))
+        }
+        Marking::Spot { centre, radius } => (point.distance_to(centre) - radius).max(0.0),
+    }
+}
+
+/// Points along all markings' centre lines (a spot's centre), `step` metres apart.
+pub fn marking_points(markings: &[Marking], step: f32) -> Vec<At<FieldFrame>> {
+    let mut points = Vec::new();
+    for marking in markings {
+        match *marking {
+            Marking::Line { from, to } => {
+                let count = (from.distance_to(to) / step).ceil().max(1.0) as usize;
+                points.extend((0..=count).map(|index| {
+                    let part = index as f32 / count as f32;
+                    At::new(
+                        from.x + part * (to.x - from.x),
+                        from.y + part * (to.y - from.y),
+                    )
+                }));
+            }
+            Marking::Arc {
+                centre,
+                radius,
+                start,
+                sweep,
+            } => {
+                let count = (radius * sweep / step).ceil().max(1.0) as usize;
+                points.extend((0..=count).map(|index| {
+                    let (sin, cos) = (start + sweep * index as f32 / count as f32).sin_cos();
+                    At::new(centre.x + radius * cos, centre.y + radius * sin)
+                }));
+            }
+            Marking::Spot { centre, .. } => points.push(centre),
+        }
+    }
+    points
+}
+
+/// The colour that a class is drawn in.
+pub fn class_colour(class: Class) -> Colour {
+    match class {
+        Class::BLACK => [0, 0, 0],
+        Class::WHITE => [255, 255, 255],
+        Class::CARPET => [0, 160, 0],
+        Class::RED => [200, 0, 0],
+        Class::BLUE => [0, 0, 255],
+        Class::CYAN => [0, 255, 255],
+        Class::MAGENTA => [255, 0, 255],
+        Class::YELLOW => [255, 255, 0],
+        Class::BALL => [255, 128, 0],
+        _ => [128, 128, 128],
+    }
+}

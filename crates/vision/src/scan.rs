@@ -1,0 +1,280 @@
+//! Where is the image read? Radial lines, spirals and circles as pixel tables, built once per map and mask.
+//!
+//! minho2016 section III: 72 radial lines every 5° and 36 spirals each way every 10°; lima2001 4.4: circles.
+
+use std::f32::consts::TAU;
+
+use crate::camera::CameraConfig;
+use crate::config::ScanConfig;
+use crate::ground_map::GroundMap;
+
+/// Which kind of scan line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ScanKind {
+    /// Straight outward from the mirror's axis.
+    Radial,
+    /// Outward and around.
+    Spiral,
+    /// Around the axis.
+    Circle,
+}
+
+/// An unbroken piece of a scan line: `samples[start..end]`, outward.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Piece {
+    /// Of which kind.
+    pub kind: ScanKind,
+    /// Which of its kind.
+    pub line: u32,
+    /// First sample.
+    pub start: u32,
+    /// One past the last.
+    pub end: u32,
+}
+
+/// One pixel that is read.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScanSample {
+    /// Column.
+    pub u: u16,
+    /// Row.
+    pub v: u16,
+    /// The ground that the pixel's centre shows, robot frame, metres.
+    pub ground: [f32; 2],
+    /// Distance from the robot on the ground, metres.
+    pub range: f32,
+    /// Direction from the mirror's axis in the image, as a fraction of the radial lines' count.
+    pub direction: f32,
+}
+
+/// All pixels that are read, scan line by scan line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScanPattern {
+    /// Line by line, outward.
+    pub samples: Vec<ScanSample>,
+    /// The lines, cut where there is no ground to see.
+    pub pieces: Vec<Piece>,
+    /// Radial lines around the axis.
+    pub radial_lines: usize,
+    /// Different pixels visited.
+    pub pixels: usize,
+    /// Share of the whole image that they are (minho2016: 27.5 %).
+    pub coverage: f32,
+}
+
+/// Shorter pieces cannot hold carpet, line and carpet, samples.
+const SHORTEST_PIECE: usize = 5;
+
+impl ScanPattern {
+    /// Lays the lines over the image; a pixel is read if it shows ground within range and the mask is true there.
+    ///
+    /// `mask`: one entry a pixel, row by row; false where the robot's own body and rods are.
+    pub fn new(
+        map: &GroundMap,
+        camera: &CameraConfig,
+        mask: Option<&[bool]>,
+        line_width: f32,
+        config: &ScanConfig,
+    ) -> Self {
+        let mut builder = Builder {
+            map,
+            camera,
+            mask,
+            config,
+            radial_px_max: config.pixel_per_line_max * line_width,
+            visited: vec![false; map.width_px * map.height_px],
+            samples: Vec::new(),
+            pieces: Vec::new(),
+        };
+        let (width, height) = (map.width_px as f32, map.height_px as f32);
+        let [cu, cv] = camera.centre_px;
+        let corner = cu.max(width - cu).hypot(cv.max(height - cv));
+        let rim = camera.outer_radius_px.unwrap_or(corner).min(corner);
+        for line in 0..config.radial_lines {
+            let angle = TAU * line as f32 / config.radial_lines as f32;
+            builder.walk(ScanKind::Radial, line, rim, |way| (way, angle));
+        }
+        let turn = TAU * config.spiral_turns;
+        for line in 0..2 * config.spirals_each_way {
+            let way_round = if line % 2 == 0 { turn } else { -turn };
+            let start = TAU * (line / 2) as f32 / config.spirals_each_way as f32;
+            // Archimedes' spiral: equal steps along the arc need the radius as a function of its length.
+            let radius_at = SpiralLength::new(rim, turn);
+            let length = radius_at.length();
+            builder.walk(ScanKind::Spiral, line, length, |way| {
+                let radius = radius_at.radius(way);
+                (radius, start + way_round * radius / rim)
+            });
+        }
+        for line in 0..config.circles {
+            let radius = rim * (line as f32 + 0.5) / config.circles as f32;
+            builder.walk(ScanKind::Circle, line, TAU * radius, |way| {
+                (radius, way / radius)
+            });
+        }
+        let pixels = builder.visited.iter().filter(|&&visited| visited).count();
+        ScanPattern {
+            coverage: pixels as f32 / builder.visited.len().max(1) as f32,
+            samples: builder.samples,
+            pieces: builder.pieces,
+            radial_lines: config.radial_lines,
+            pixels,
+        }
+    }
+}
+
+struct Builder<'a> {
+    map: &'a GroundMap,
+    camera: &'a CameraConfig,
+    mask: Option<&'a [bool]>,
+    config: &'a ScanConfig,
+    radial_px_max: f32,
+    visited: Vec<bool>,
+    samples: Vec<ScanSample>,
+    pieces: Vec<Piece>,
+}
+
+impl Builder<'_> {
+    /// Walks a line in steps of one pixel; `place` gives radius (pixels) and angle for a length along the line.
+    fn walk(
+        &mut self,
+        kind: ScanKind,
+        line: usize,
+        length_px: f32,
+        place: impl Fn(f32) -> (f32, f32),
+    ) {
+        let mut start = self.samples.len();
+        let mut last = None;
+        for step in 0..=length_px as usize {
+            let (radius, angle) = place(step as f32);
+            let u = (self.camera.centre_px[0] + radius * angle.cos()).round();
+            let v = (self.camera.centre_px[1] - radius * angle.sin()).round();
+            if last == Some((u, v)) {
+                continue;
+            }
+            last = Some((u, v));
+            match self.sample(u, v) {
+                Some(sample) => self.samples.push(sample),
+                None => start = self.close(kind, line, start),
+            }
+        }
+        self.close(kind, line, start);
+    }
+
+    fn close(&mut self, kind: ScanKind, line: usize, start: usize) -> usize {
+        if self.samples.len() - start < SHORTEST_PIECE {
+            self.samples.truncate(start);
+            return start;
+        }
+        for sample in &self.samples[start..] {
+            self.visited[sample.v as usize * self.map.width_px + sample.u as usize] = true;
+        }
+        self.pieces.push(Piece {
+            kind,
+            line: line as u32,
+            start: start as u32,
+            end: self.samples.len() as u32,
+        });
+        self.samples.len()
+    }
+
+    fn sample(&self, u: f32, v: f32) -> Option<ScanSample> {
+        if !(u >= 0.0 && v >= 0.0 && self.camera.sees_mirror(u, v)) {
+            return None;
+        }
+        let (column, row) = (u as usize, v as usize);
+        let ground = self.map.at(column, row)?;
+        if self
+            .mask
+            .is_some_and(|mask| !mask[row * self.map.width_px + column])
+        {
+            return None;
+        }
+        let range = ground.distance();
+        if !(self.config.range_min..=self.config.range_max).contains(&range) {
+            return None;
+        }
+        let (radial, _) = ground_per_px(self.map, column, row)?;
+        if radial > self.radial_px_max {
+            return None;
+        }
+        let angle = (self.camera.centre_px[1] - v).atan2(u - self.camera.centre_px[0]);
+        Some(ScanSample {
+            u: column as u16,
+            v: row as u16,
+            ground: [ground.x, ground.y],
+            range,
+            direction: (angle / TAU).rem_euclid(1.0) * self.config.radial_lines as f32,
+        })
+    }
+}
+
+/// How much ground a pixel covers: metres along the direction from the robot, and across it.
+///
+/// From the map's differences to the neighbouring pixels; none beside pixels without ground.
+pub fn ground_per_px(map: &GroundMap, column: usize, row: usize) -> Option<(f32, f32)> {
+    let here = map.at(column, row)?;
+    let derivative = |before: Option<_>, after: Option<_>| -> Option<[f32; 2]> {
+        type Ground = localize::frame::At<localize::frame::RobotFrame>;
+        let (before, after): (Option<Ground>, Option<Ground>) = (before, after);
+        match (before, after) {
+            (Some(b), Some(a)) => Some([(a.x - b.x) / 2.0, (a.y - b.y) / 2.0]),
+            (Some(b), None) => Some([here.x - b.x, here.y - b.y]),
+            (None, Some(a)) => Some([a.x - here.x, a.y - here.y]),
+            (None, None) => None,
+        }
+    };
+    let along_u = derivative(
+        column.checked_sub(1).and_then(|u| map.at(u, row)),
+        map.at(column + 1, row),
+    )?;
+    let along_v = derivative(
+        row.checked_sub(1).and_then(|v| map.at(column, v)),
+        map.at(column, row + 1),
+    )?;
+    let range = here.distance();
+    if range < 1e-6 {
+        return None;
+    }
+    let [ex, ey] = [here.x / range, here.y / range];
+    let radial = (ex * along_u[0] + ey * along_u[1]).hypot(ex * along_v[0] + ey * along_v[1]);
+    let tangential = (ex * along_u[1] - ey * along_u[0]).hypot(ex * along_v[1] - ey * along_v[0]);
+    Some((radial, tangential))
+}
+
+/// Arc length along Archimedes' spiral r = rim·φ/turn, tabulated and inverted.
+struct SpiralLength {
+    rim: f32,
+    lengths: Vec<f32>,
+}
+
+impl SpiralLength {
+    fn new(rim: f32, turn: f32) -> Self {
+        let steps = rim.ceil().max(1.0) as usize;
+        let step = rim / steps as f32;
+        let mut lengths = Vec::with_capacity(steps + 1);
+        let mut length = 0.0;
+        lengths.push(0.0);
+        for index in 0..steps {
+            let middle = (index as f32 + 0.5) * step;
+            length += step * (1.0f32).hypot(turn * middle / rim);
+            lengths.push(length);
+        }
+        SpiralLength { rim, lengths }
+    }
+
+    fn length(&self) -> f32 {
+        self.lengths[self.lengths.len() - 1]
+    }
+
+    fn radius(&self, length: f32) -> f32 {
+        let steps = self.lengths.len() - 1;
+        let upper = self
+            .lengths
+            .partition_point(|&l| l <= length)
+            .clamp(1, steps);
+        let (l0, l1) = (self.lengths[upper - 1], self.lengths[upper]);
+        let part = ((length - l0) / (l1 - l0)).clamp(0.0, 1.0);
+        self.rim * (upper as f32 - 1.0 + part) / steps as f32
+    }
+}
