@@ -318,8 +318,8 @@ fn corner_arcs(config: &FieldConfig, radius: f32) -> [Marking; 4] {
     })
 }
 
+/// Refuses sizes that no field can have.
 fn check(config: &FieldConfig) -> Result<(), FieldError> {
-    let refuse = |key, value, reason| Err(FieldError::Size { key, value, reason });
     for (key, value) in [
         ("length", config.length),
         ("width", config.width),
@@ -329,22 +329,7 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
             return refuse(key, value, "must be a positive number of metres");
         }
     }
-    let goal = &config.goal;
-    for (key, value) in [
-        ("border", config.border),
-        ("centre_circle_radius", config.centre_circle_radius),
-        ("corner_arc_radius", config.corner_arc_radius),
-        ("spot_radius", config.spot_radius),
-        ("penalty_spot", config.penalty_spot),
-        ("goal_area.depth", config.goal_area.depth),
-        ("goal_area.width", config.goal_area.width),
-        ("penalty_area.depth", config.penalty_area.depth),
-        ("penalty_area.width", config.penalty_area.width),
-        ("goal.width", goal.width),
-        ("goal.height", goal.height),
-        ("goal.depth", goal.depth),
-        ("goal.post", goal.post),
-    ] {
+    for (key, value, limit, reason) in limited_sizes(config) {
         if !(value.is_finite() && value >= 0.0) {
             return refuse(
                 key,
@@ -352,83 +337,61 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
                 "must be zero (left out) or a positive number of metres",
             );
         }
-    }
-    for (key, value, limit, reason) in [
-        (
-            "line_width",
-            config.line_width,
-            config.width / 4.0,
-            "is wider than a quarter of the field",
-        ),
-        (
-            "goal.width",
-            goal.width,
-            config.width,
-            "does not fit on the goal line",
-        ),
-        (
-            "goal_area.width",
-            config.goal_area.width,
-            config.width,
-            "does not fit on the goal line",
-        ),
-        (
-            "penalty_area.width",
-            config.penalty_area.width,
-            config.width,
-            "does not fit on the goal line",
-        ),
-        (
-            "goal_area.depth",
-            config.goal_area.depth,
-            config.length / 2.0,
-            "reaches beyond the halfway line",
-        ),
-        (
-            "penalty_area.depth",
-            config.penalty_area.depth,
-            config.length / 2.0,
-            "reaches beyond the halfway line",
-        ),
-        (
-            "penalty_spot",
-            config.penalty_spot,
-            config.length / 2.0,
-            "lies beyond the halfway line",
-        ),
-        (
-            "centre_circle_radius",
-            config.centre_circle_radius,
-            config.width / 2.0,
-            "does not fit on the field",
-        ),
-        (
-            "corner_arc_radius",
-            config.corner_arc_radius,
-            config.width / 2.0,
-            "does not fit on the field",
-        ),
-    ] {
         if value > limit {
             return refuse(key, value, reason);
         }
     }
-    if config
-        .extra_lines
-        .iter()
-        .flatten()
-        .any(|value| !value.is_finite())
-    {
-        return refuse("extra_lines", f32::NAN, "every number must be finite");
+    if config.line_width > config.width / 4.0 {
+        let reason = "is wider than a quarter of the field";
+        return refuse("line_width", config.line_width, reason);
+    }
+    let extra = config.extra_lines.iter().flatten();
+    if let Some(&value) = extra.into_iter().find(|value| !value.is_finite()) {
+        return refuse("extra_lines", value, "every number must be finite");
     }
     Ok(())
 }
 
+fn refuse(key: &'static str, value: f32, reason: &'static str) -> Result<(), FieldError> {
+    Err(FieldError::Size { key, value, reason })
+}
+
+/// Sizes that may be zero: key, value, largest value, and why not more.
+fn limited_sizes(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str); 13] {
+    let FieldConfig {
+        goal,
+        goal_area,
+        penalty_area,
+        ..
+    } = config;
+    let (half_length, half_width) = (config.length / 2.0, config.width / 2.0);
+    let wide = "does not fit on the goal line";
+    let deep = "reaches beyond the halfway line";
+    let round = "does not fit on the field";
+    let far = "is more than any field has";
+    let (circle, arc) = (config.centre_circle_radius, config.corner_arc_radius);
+    [
+        ("border", config.border, 100.0, far),
+        ("centre_circle_radius", circle, half_width, round),
+        ("corner_arc_radius", arc, half_width, round),
+        ("spot_radius", config.spot_radius, half_width, round),
+        ("penalty_spot", config.penalty_spot, half_length, deep),
+        ("goal_area.depth", goal_area.depth, half_length, deep),
+        ("goal_area.width", goal_area.width, config.width, wide),
+        ("penalty_area.depth", penalty_area.depth, half_length, deep),
+        ("penalty_area.width", penalty_area.width, config.width, wide),
+        ("goal.width", goal.width, config.width, wide),
+        ("goal.height", goal.height, 100.0, far),
+        ("goal.depth", goal.depth, 100.0, far),
+        ("goal.post", goal.post, config.width, wide),
+    ]
+}
+
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    fn league_18x12(measured_to: &str) -> Field {
+    pub(crate) fn league_18x12(measured_to: &str) -> Field {
         let text = format!(
             r#"length = 18.0
             width = 12.0
@@ -505,5 +468,48 @@ mod tests {
         config.penalty_area.width = -1.0;
         let message = Field::new(config).expect_err("negative").to_string();
         assert!(message.contains("penalty_area.width = -1"), "{message}");
+    }
+
+    #[test]
+    fn every_field_that_comes_along_loads() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
+        let mut names: Vec<_> = std::fs::read_dir(&folder)
+            .expect("config/fields")
+            .map(|entry| entry.expect("an entry").path())
+            .collect();
+        names.sort();
+        assert_eq!(names.len(), 5);
+        for path in names {
+            let field = Field::load(&path).unwrap_or_else(|error| panic!("{error}"));
+            assert!(field.markings.len() > 8, "{}", path.display());
+        }
+    }
+
+    #[test]
+    fn the_2001_field_has_the_lines_of_its_model_and_coloured_goals() {
+        // lima2001 4.3: six lines along the field, five across (both goal areas' fronts, goal lines, halfway line).
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
+        let field = Field::load(&folder.join("msl_2001.toml")).expect("a field");
+        assert_eq!(
+            field.config.goal.colours,
+            [GoalColour::Blue, GoalColour::Yellow]
+        );
+        let mut across: Vec<i32> = Vec::new();
+        let mut along: Vec<i32> = Vec::new();
+        for marking in &field.markings {
+            if let Marking::Line { from, to } = marking {
+                let millimetres = |value: f32| (value * 1000.0).round() as i32;
+                if from.x == to.x {
+                    across.push(millimetres(from.x));
+                } else {
+                    along.push(millimetres(from.y));
+                }
+            }
+        }
+        across.sort_unstable();
+        across.dedup();
+        along.sort_unstable();
+        along.dedup();
+        assert_eq!((across.len(), along.len()), (5, 6));
     }
 }

@@ -3,11 +3,21 @@
 //! The vocabulary that every other crate speaks (stamps, frames, the field, samples) lives here, because where
 //! things are is its language. No I/O, clock, thread or randomness of its own: stamps and generators are arguments.
 
+pub mod config;
+pub mod distance;
+pub mod drive;
 pub mod field;
+pub mod filter;
 pub mod frame;
+pub mod localizer;
+pub mod matching;
 pub mod sample;
+pub mod search;
 pub mod stamp;
 
+pub use config::LocalizeConfig;
+pub use distance::DistanceField;
 pub use field::Field;
 pub use frame::{At, FieldFrame, Pose, RobotFrame, Tf};
+pub use localizer::{Estimate, Localizer, Mode, Reason};
 pub use stamp::Stamp;

@@ -1,0 +1,110 @@
+//! What may be set about finding a place? One section per stage, each with its defaults and reasons.
+
+use serde::{Deserialize, Serialize};
+
+use crate::distance::DistanceConfig;
+use crate::filter::FilterConfig;
+use crate::matching::MatchConfig;
+use crate::search::SearchConfig;
+
+/// Everything about localisation.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LocalizeConfig {
+    /// The look-up of distances to markings.
+    pub distance: DistanceConfig,
+    /// Tracking: line points onto markings near an expected pose.
+    pub matching: MatchConfig,
+    /// Relocalisation over the whole field.
+    pub search: SearchConfig,
+    /// Odometry and fusion.
+    pub filter: FilterConfig,
+    /// When a pose is trusted, suspected, given up.
+    pub mode: ModeConfig,
+    /// The compass.
+    pub compass: CompassConfig,
+}
+
+/// When is a pose trusted, suspected, given up?
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ModeConfig {
+    /// Longest time without odometry that leads from one frame to the next, seconds (the recording's contract).
+    pub gap_max: f64,
+    /// Fewer line points than this say nothing about a pose.
+    pub points_min: usize,
+    /// Fewer inliers than this found no pose on the whole field: six line segments of two points fit by chance.
+    pub inliers_min: f32,
+    /// Share of inliers below which a tracked pose is suspected at once.
+    pub inlier_share_min: f32,
+    /// Suspected too when the share falls below this part of the usual one.
+    pub usual_share_part: f32,
+    /// Share of inliers below which a pose of the global search is no find.
+    pub found_share_min: f32,
+    /// Squared deviation from the prediction, in standard deviations, beyond which something unreported moved the
+    /// robot: 99.9 % of 3 degrees of freedom.
+    pub disagreement_max: f32,
+    /// Suspect frames in a row after which the pose is given up (nubot2013 4: five).
+    pub strikes_max: u32,
+    /// A rival of the global search must explain this share of the points more than the tracked pose.
+    pub rival_share: f32,
+    /// Seconds between checks of an unsuspected pose against the global search; 0 never checks.
+    pub check_period: f64,
+    /// Probability among the hypotheses from which on one is taken.
+    pub decided: f32,
+    /// Position uncertainty at which a pose that nothing was seen of is given up, metres.
+    pub lost_std: f32,
+    /// The same for the heading, degrees.
+    pub lost_std_deg: f32,
+    /// Samples in a row from the past after which the source's clock is taken to have been set back.
+    pub past_max: u32,
+}
+
+impl Default for ModeConfig {
+    fn default() -> Self {
+        ModeConfig {
+            gap_max: 1.0,
+            points_min: 6,
+            inliers_min: 12.0,
+            inlier_share_min: 0.45,
+            usual_share_part: 0.75,
+            found_share_min: 0.4,
+            disagreement_max: 16.3,
+            strikes_max: 5,
+            rival_share: 0.1,
+            check_period: 1.0,
+            decided: 0.9,
+            lost_std: 0.7,
+            lost_std_deg: 20.0,
+            past_max: 5,
+        }
+    }
+}
+
+/// What is a compass good for among motors and steel? For deciding the half turn, not for a heading.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CompassConfig {
+    /// Noise and slow bias together, degrees.
+    pub std_deg: f32,
+    /// A reading older than this says nothing about a frame, seconds.
+    pub age_max: f64,
+    /// Evidence (log odds) from which on the half is known.
+    pub known: f32,
+    /// Most evidence one reading gives: a magnet beside the robot lies for a while.
+    pub reading_max: f32,
+    /// Most evidence kept, so that a lasting contradiction is heard.
+    pub evidence_max: f32,
+}
+
+impl Default for CompassConfig {
+    fn default() -> Self {
+        CompassConfig {
+            std_deg: 10.0,
+            age_max: 0.5,
+            known: 2.0,
+            reading_max: 2.5,
+            evidence_max: 10.0,
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! What would a robot see and feel on a known drive? Line points, odometry and compass with truth, from one seed.
+//!
+//! Made for judging localisation alone, without images: rays from the robot meet the markings, with errors, outliers
+//! and covered sectors as stated; odometry has a wrong scale. Used by the benches, `eval` and the tests.
+
+use rand::{Rng, RngExt};
+use serde::{Deserialize, Serialize};
+
+use crate::field::{Field, Marking};
+use crate::frame::{At, Pose, wrap_angle};
+use crate::sample::{Compass, LinePoint, Odometry};
+use crate::stamp::Stamp;
+
+/// How a drive looks and how badly it is sensed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DriveConfig {
+    /// Frames per second.
+    pub rate: f32,
+    /// Usual speed, m/s.
+    pub speed: f32,
+    /// Usual rate of turn, rad/s.
+    pub turn_rate: f32,
+    /// Rays, evenly around the robot.
+    pub rays: usize,
+    /// Most markings met per ray.
+    pub hits_per_ray: usize,
+    /// Nearest distance at which markings are seen (the robot's own body covers what is nearer), metres.
+    pub range_min: f32,
+    /// Farthest, metres.
+    pub range: f32,
+    /// Standard deviation of a point at the robot and at 5 m, metres; linear in between and beyond.
+    pub point_std: [f32; 2],
+    /// Share of points that are something else, anywhere along their ray.
+    pub outliers: f32,
+    /// Share of the circle that is covered, in `covered_sectors` equal parts evenly around.
+    pub covered: f32,
+    /// Number of covered sectors.
+    pub covered_sectors: usize,
+    /// By how much odometry reports too much way and turn.
+    pub odometry_bias: f32,
+    /// Random part of each report, share of the motion.
+    pub odometry_noise: f32,
+    /// Noise of the compass, degrees.
+    pub compass_std_deg: f32,
+}
+
+impl Default for DriveConfig {
+    fn default() -> Self {
+        DriveConfig {
+            rate: 30.0,
+            speed: 1.5,
+            turn_rate: 0.6,
+            rays: 120,
+            hits_per_ray: 2,
+            range_min: 0.35,
+            range: 5.0,
+            point_std: [0.03, 0.05],
+            outliers: 0.1,
+            covered: 0.0,
+            covered_sectors: 2,
+            odometry_bias: 0.03,
+            odometry_noise: 0.05,
+            compass_std_deg: 10.0,
+        }
+    }
+}
+
+/// One frame of a drive, with the truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DriveFrame {
+    /// When.
+    pub stamp: Stamp,
+    /// Where the robot really is.
+    pub truth: Pose,
+    /// Motion since the frame before, as the wheels report it.
+    pub odometry: Odometry,
+    /// As the compass reports it.
+    pub compass: Compass,
+    /// As vision reports them.
+    pub points: Vec<LinePoint>,
+}
+
+/// A robot driving about, frame by frame, without end.
+#[derive(Debug, Clone)]
+pub struct Drive<R> {
+    field: Field,
+    config: DriveConfig,
+    rng: R,
+    pose: Pose,
+    /// Velocity in the field frame and rate of turn.
+    velocity: [f32; 3],
+    frame: i64,
+}
+
+impl<R: Rng> Drive<R> {
+    /// Starts at a random pose of the field.
+    pub fn new(field: &Field, config: DriveConfig, mut rng: R) -> Self {
+        let pose = anywhere(field, &mut rng);
+        Drive {
+            field: field.clone(),
+            config,
+            rng,
+            pose,
+            velocity: [0.0; 3],
+            frame: 0,
+        }
+    }
+
+    /// Carries the robot to a random pose without its wheels noticing.
+    pub fn kidnap(&mut self) {
+        self.pose = anywhere(&self.field, &mut self.rng);
+        self.velocity = [0.0; 3];
+    }
+
+    /// What is sensed at `pose`.
+    pub fn points(&mut self, pose: Pose) -> Vec<LinePoint> {
+        see(&self.field, &self.config, pose, &mut self.rng)
+    }
+
+    /// The configuration; may be changed while driving.
+    pub fn config_mut(&mut self) -> &mut DriveConfig {
+        &mut self.config
+    }
+
+    fn drive(&mut self) -> [f32; 3] {
+        let dt = 1.0 / self.config.rate;
+        // A first-order random walk of the velocity with a second's memory, drawn to the middle near the edge.
+        let keep = (-dt).exp();
+        let kick = (1.0 - keep * keep).sqrt();
+        let (half_x, half_y) = (self.field.length / 2.0, self.field.width / 2.0);
+        let spread = [self.config.speed, self.config.speed, self.config.turn_rate];
+        for (value, spread) in self.velocity.iter_mut().zip(spread) {
+            *value = keep * *value + kick * spread * normal(&mut self.rng);
+        }
+        for (k, at, half) in [(0, self.pose.x, half_x), (1, self.pose.y, half_y)] {
+            if at.abs() > half - 0.5 && self.velocity[k] * at > 0.0 {
+                self.velocity[k] = -self.velocity[k];
+            }
+        }
+        let [vx, vy, turn] = self.velocity;
+        let next = Pose::new(
+            self.pose.x + vx * dt,
+            self.pose.y + vy * dt,
+            self.pose.theta + turn * dt,
+        );
+        // In the robot frame, about the middle of the turn, as wheels integrate it.
+        let (sin, cos) = (self.pose.theta + 0.5 * turn * dt).sin_cos();
+        let motion = [
+            (cos * vx + sin * vy) * dt,
+            (cos * vy - sin * vx) * dt,
+            turn * dt,
+        ];
+        self.pose = next;
+        motion
+    }
+}
+
+impl<R: Rng> Iterator for Drive<R> {
+    type Item = DriveFrame;
+
+    fn next(&mut self) -> Option<DriveFrame> {
+        let motion = self.drive();
+        let config = &self.config;
+        let stamp = Stamp::from_seconds(self.frame as f64 / f64::from(config.rate));
+        self.frame += 1;
+        let [dx, dy, dtheta] = motion.map(|value| {
+            value * (1.0 + config.odometry_bias + config.odometry_noise * normal(&mut self.rng))
+        });
+        let heading = self.pose.theta + config.compass_std_deg.to_radians() * normal(&mut self.rng);
+        let points = see(&self.field, config, self.pose, &mut self.rng);
+        Some(DriveFrame {
+            stamp,
+            truth: self.pose,
+            odometry: Odometry {
+                stamp,
+                dx,
+                dy,
+                dtheta,
+            },
+            compass: Compass {
+                stamp,
+                heading: wrap_angle(heading),
+            },
+            points,
+        })
+    }
+}
+
+/// A pose on the field, uniformly, any heading.
+pub fn anywhere(field: &Field, rng: &mut impl Rng) -> Pose {
+    let mut within = |half: f32| (rng.random::<f32>() * 2.0 - 1.0) * half;
+    let (x, y) = (within(field.length / 2.0), within(field.width / 2.0));
+    Pose::new(x, y, within(std::f32::consts::PI))
+}
+
+/// Line points that a robot at `pose` reports.
+pub fn see(field: &Field, config: &DriveConfig, pose: Pose, rng: &mut impl Rng) -> Vec<LinePoint> {
+    let mut points = Vec::with_capacity(config.rays * config.hits_per_ray);
+    let mut hits = Vec::new();
+    for ray in 0..config.rays {
+        let around = ray as f32 / config.rays as f32;
+        let sector = (around * config.covered_sectors.max(1) as f32).fract();
+        if sector < config.covered {
+            continue;
+        }
+        let bearing = around * std::f32::consts::TAU;
+        let (sin, cos) = (pose.theta + bearing).sin_cos();
+        hits.clear();
+        for marking in &field.markings {
+            meet(marking, [pose.x, pose.y], [cos, sin], &mut hits);
+        }
+        hits.retain(|&range| range > config.range_min && range < config.range);
+        hits.sort_by(f32::total_cmp);
+        for &range in hits.iter().take(config.hits_per_ray) {
+            let std =
+                config.point_std[0] + (config.point_std[1] - config.point_std[0]) * range / 5.0;
+            let (along, across) = if rng.random::<f32>() < config.outliers {
+                let free = config.range - config.range_min;
+                (config.range_min + free * rng.random::<f32>(), 0.0)
+            } else {
+                (range + std * normal(rng), std * normal(rng))
+            };
+            let (sin, cos) = bearing.sin_cos();
+            points.push(LinePoint {
+                at: At::new(along * cos - across * sin, along * sin + across * cos),
+                std_radial: std,
+                std_tangential: std,
+            });
+        }
+    }
+    points
+}
+
+/// Distances along the ray at which it crosses a marking's centre line.
+fn meet(marking: &Marking, [x, y]: [f32; 2], [ux, uy]: [f32; 2], hits: &mut Vec<f32>) {
+    match *marking {
+        Marking::Line { from, to } => {
+            let (ex, ey) = (to.x - from.x, to.y - from.y);
+            let cross = ux * ey - uy * ex;
+            if cross.abs() < 1e-6 {
+                return;
+            }
+            let (fx, fy) = (from.x - x, from.y - y);
+            let along = (fx * ey - fy * ex) / cross;
+            let part = (fx * uy - fy * ux) / cross;
+            if along > 0.0 && (0.0..=1.0).contains(&part) {
+                hits.push(along);
+            }
+        }
+        Marking::Arc {
+            centre,
+            radius,
+            start,
+            sweep,
+        } => {
+            let (cx, cy) = (x - centre.x, y - centre.y);
+            let half = cx * ux + cy * uy;
+            let square = half * half - (cx * cx + cy * cy - radius * radius);
+            if square <= 0.0 {
+                return;
+            }
+            for along in [-half - square.sqrt(), -half + square.sqrt()] {
+                let angle = (cy + along * uy).atan2(cx + along * ux) - start;
+                if along > 0.0 && angle.rem_euclid(std::f32::consts::TAU) <= sweep {
+                    hits.push(along);
+                }
+            }
+        }
+        Marking::Spot { centre, radius } => {
+            let along = (centre.x - x) * ux + (centre.y - y) * uy;
+            let across = (centre.x - x) * uy - (centre.y - y) * ux;
+            if along > 0.0 && across.abs() < radius {
+                hits.push(along);
+            }
+        }
+    }
+}
+
+/// A standard normal number (Box and Muller).
+pub fn normal(rng: &mut impl Rng) -> f32 {
+    let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
+    radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
+}

@@ -1,0 +1,228 @@
+//! Where is the robot between sights, and how sure? An EKF over odometry and matched poses.
+//!
+//! The state holds, besides the pose, the two scales of the odometry (metres and radians that the robot really moves
+//! per metre and radian reported): wheels wear and slip, and a bias of some per cent is the rule. With them the
+//! prediction loses its bias after a few metres (nubot2013 4 and minho2016 IV.C fuse without).
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::frame::{Pose, wrap_angle};
+
+/// How far odometry is believed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FilterConfig {
+    /// Random part of the way driven, metres per square root of a metre (slip on carpet).
+    pub way_noise: f32,
+    /// Random part of the heading per way driven, degrees per square root of a metre.
+    pub heading_per_way_noise_deg: f32,
+    /// Random part of the turn, radians per square root of a radian.
+    pub turn_noise: f32,
+    /// Unreported motion (pushes), metres per square root of a second.
+    pub drift: f32,
+    /// Unreported turning, degrees per square root of a second.
+    pub drift_deg: f32,
+    /// Standard deviation of odometry's scale before it was ever compared with sight; 0 trusts its scale.
+    pub scale_std: f32,
+    /// How fast the scales wander, per square root of a second (carpet direction, wear, load).
+    pub scale_drift: f32,
+    /// Part of a matched pose's error that the next frames repeat (map, field, uneven light), metres: taken as an
+    /// own error of every sight, so that a thousand frames do not promise a tenth of a millimetre.
+    pub sight_std: f32,
+    /// The same of its heading, degrees.
+    pub sight_std_deg: f32,
+}
+
+impl Default for FilterConfig {
+    fn default() -> Self {
+        FilterConfig {
+            way_noise: 0.02,
+            heading_per_way_noise_deg: 0.7,
+            turn_noise: 0.03,
+            drift: 0.01,
+            drift_deg: 0.6,
+            scale_std: 0.05,
+            scale_drift: 0.002,
+            sight_std: 0.002,
+            sight_std_deg: 0.05,
+        }
+    }
+}
+
+const STATES: usize = 5;
+type State = SVector<f32, STATES>;
+type Covariance = SMatrix<f32, STATES, STATES>;
+
+/// Scales outside these are broken encoders, not wear.
+const SCALE_RANGE: (f32, f32) = (0.7, 1.4);
+
+/// A pose with its uncertainty, and the scales of the odometry that moves it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Belief {
+    /// x, y, θ, scale of the way, scale of the turn.
+    state: State,
+    covariance: Covariance,
+}
+
+impl Belief {
+    /// A pose just found; `scales` of an earlier belief are kept, since the wheels are the same.
+    pub fn new(
+        pose: Pose,
+        covariance: &Matrix3<f32>,
+        scales: Option<&Belief>,
+        config: &FilterConfig,
+    ) -> Self {
+        let mut state = State::from([pose.x, pose.y, pose.theta, 1.0, 1.0]);
+        let mut full = Covariance::zeros();
+        let variance = config.scale_std * config.scale_std;
+        for i in 3..STATES {
+            full[(i, i)] = variance;
+        }
+        if let Some(known) = scales {
+            state
+                .fixed_rows_mut::<2>(3)
+                .copy_from(&known.state.fixed_rows::<2>(3));
+            full.fixed_view_mut::<2, 2>(3, 3)
+                .copy_from(&known.covariance.fixed_view::<2, 2>(3, 3));
+        }
+        full.fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(covariance + sight_noise(config)));
+        Belief {
+            state,
+            covariance: full,
+        }
+    }
+
+    /// The expected pose.
+    pub fn pose(&self) -> Pose {
+        Pose::new(self.state[0], self.state[1], self.state[2])
+    }
+
+    /// Of (x, y, θ), metres and radians.
+    pub fn covariance(&self) -> Matrix3<f32> {
+        self.covariance.fixed_view::<3, 3>(0, 0).into_owned()
+    }
+
+    /// Estimated scales of the odometry: metres per metre, radians per radian.
+    pub fn scales(&self) -> [f32; 2] {
+        [self.state[3], self.state[4]]
+    }
+
+    /// Largest standard deviation of the position in any direction, metres.
+    pub fn position_std(&self) -> f32 {
+        let p = &self.covariance;
+        let mean = 0.5 * (p[(0, 0)] + p[(1, 1)]);
+        let half = 0.5 * (p[(0, 0)] - p[(1, 1)]);
+        (mean + half.hypot(p[(0, 1)])).max(0.0).sqrt()
+    }
+
+    /// Standard deviation of the heading, radians.
+    pub fn heading_std(&self) -> f32 {
+        self.covariance[(2, 2)].max(0.0).sqrt()
+    }
+
+    /// Moves by what odometry reports (metres, metres, radians in the robot frame at the start) over `seconds`.
+    pub fn predict(&mut self, motion: [f32; 3], seconds: f32, config: &FilterConfig) {
+        let [dx, dy, turn] = motion;
+        let (way_scale, turn_scale) = (self.state[3], self.state[4]);
+        let (sin, cos) = (self.state[2] + 0.5 * turn * turn_scale).sin_cos();
+        // The way as reported, in the field frame.
+        let (wx, wy) = (cos * dx - sin * dy, sin * dx + cos * dy);
+        let (mx, my) = (wx * way_scale, wy * way_scale);
+        self.state[0] += mx;
+        self.state[1] += my;
+        self.state[2] = wrap_angle(self.state[2] + turn * turn_scale);
+        let mut transition = Covariance::identity();
+        transition[(0, 2)] = -my;
+        transition[(1, 2)] = mx;
+        transition[(0, 3)] = wx;
+        transition[(1, 3)] = wy;
+        transition[(0, 4)] = -0.5 * my * turn;
+        transition[(1, 4)] = 0.5 * mx * turn;
+        transition[(2, 4)] = turn;
+        let way = dx.hypot(dy);
+        let position =
+            config.way_noise * config.way_noise * way + config.drift * config.drift * seconds;
+        let heading = config.heading_per_way_noise_deg.to_radians().powi(2) * way
+            + config.turn_noise * config.turn_noise * turn.abs()
+            + config.drift_deg.to_radians().powi(2) * seconds;
+        let scale = if config.scale_std > 0.0 {
+            config.scale_drift * config.scale_drift * seconds
+        } else {
+            0.0
+        };
+        self.covariance = transition * self.covariance * transition.transpose()
+            + Covariance::from_diagonal(&State::from([position, position, heading, scale, scale]));
+    }
+
+    /// Squared distance of a sighted pose from the expected one in standard deviations (3 degrees of freedom).
+    pub fn disagreement(&self, pose: Pose, sight: &Matrix3<f32>, config: &FilterConfig) -> f32 {
+        let innovation = self.innovation(pose);
+        let expected = self.covariance() + sight + sight_noise(config);
+        expected.cholesky().map_or(f32::MAX, |factor| {
+            innovation.dot(&factor.solve(&innovation))
+        })
+    }
+
+    /// Fuses a sighted pose with covariance `sight`; free directions of the sight change nothing.
+    pub fn correct(&mut self, pose: Pose, sight: &Matrix3<f32>, config: &FilterConfig) {
+        let noise = sight + sight_noise(config);
+        let innovation = self.innovation(pose);
+        let Some(inverse) = (self.covariance() + noise).try_inverse() else {
+            return;
+        };
+        let gain = self.covariance.fixed_columns::<3>(0) * inverse;
+        self.state += gain * innovation;
+        self.state[2] = wrap_angle(self.state[2]);
+        for i in 3..STATES {
+            self.state[i] = self.state[i].clamp(SCALE_RANGE.0, SCALE_RANGE.1);
+        }
+        // Joseph's form stays positive whatever the rounding.
+        let mut kept = Covariance::identity();
+        let mut left = kept.fixed_columns_mut::<3>(0);
+        left -= gain;
+        self.covariance =
+            kept * self.covariance * kept.transpose() + gain * noise * gain.transpose();
+    }
+
+    /// Widens the pose's uncertainty by `factor` (variance): something moved the robot that odometry did not report.
+    pub fn widen(&mut self, factor: f32) {
+        let root = factor.max(1.0).sqrt();
+        for i in 0..3 {
+            let mut row = self.covariance.row_mut(i);
+            row *= root;
+            let mut column = self.covariance.column_mut(i);
+            column *= root;
+        }
+    }
+
+    /// The same belief seen from the other half of the field.
+    pub fn half_turned(&self) -> Self {
+        let mut other = self.clone();
+        other.state[0] = -self.state[0];
+        other.state[1] = -self.state[1];
+        other.state[2] = wrap_angle(self.state[2] + std::f32::consts::PI);
+        for i in 0..2 {
+            for j in 2..STATES {
+                other.covariance[(i, j)] = -self.covariance[(i, j)];
+                other.covariance[(j, i)] = -self.covariance[(j, i)];
+            }
+        }
+        other
+    }
+
+    fn innovation(&self, pose: Pose) -> Vector3<f32> {
+        Vector3::new(
+            pose.x - self.state[0],
+            pose.y - self.state[1],
+            wrap_angle(pose.theta - self.state[2]),
+        )
+    }
+}
+
+fn sight_noise(config: &FilterConfig) -> Matrix3<f32> {
+    let position = config.sight_std * config.sight_std;
+    let heading = config.sight_std_deg.to_radians().powi(2);
+    Matrix3::from_diagonal(&Vector3::new(position, position, heading))
+}

@@ -1,0 +1,331 @@
+//! Which pose, near a given one, lays the line points onto the markings best, and how sure is that?
+//!
+//! Minimises Σ e(d(o_i)), e(t) = 1 − c²/(c² + t²) (nubot2013 eq. 4, minho2016 eq. 5), by Gauss-Newton on
+//! reweighted squares in place of RPROP. Every point's c is a multiple of its own expected deviation across the
+//! marking it meets, so that near points count for more than far ones. The frame's lean (a, b) is estimated along
+//! with (x, y, θ) under a prior, since a robot stands a little differently everywhere.
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
+
+use crate::distance::DistanceField;
+use crate::frame::Pose;
+use crate::sample::LinePoint;
+
+/// How line points are matched.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MatchConfig {
+    /// c of e(t) in standard deviations of a point: beyond about this a point is an outlier.
+    pub reach_sigmas: f32,
+    /// Deviation that every point has besides its own, metres: paint is not where the rule book says, and the map is
+    /// not perfect.
+    pub point_std_min: f32,
+    /// Most Newton steps per frame.
+    pub steps_max: usize,
+    /// A step smaller than this ends the search, metres (and radians at one metre's lever).
+    pub step_end: f32,
+    /// Standard deviation of the robot's lean in each direction, degrees; 0 takes every frame for upright.
+    /// Photographs of real robots show 0.45 from frame to frame.
+    pub lean_std_deg: f32,
+    /// Height of the viewpoint (the mirror) above the ground, metres: a lean moves far points by their distance
+    /// squared over it.
+    pub viewpoint_height: f32,
+}
+
+impl Default for MatchConfig {
+    fn default() -> Self {
+        MatchConfig {
+            reach_sigmas: 3.0,
+            point_std_min: 0.015,
+            steps_max: 20,
+            step_end: 2e-4,
+            lean_std_deg: 0.45,
+            viewpoint_height: 0.75,
+        }
+    }
+}
+
+/// A pose and how well it explains the points.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Match {
+    /// The best pose.
+    pub pose: Pose,
+    /// Of (x, y, θ), metres and radians; large along directions that the points leave free.
+    pub covariance: Matrix3<f32>,
+    /// Lean (a, b), radians: the ground point (X, Y) was mapped about (aH, bH) + (aX + bY)(X, Y)/H short.
+    pub lean: [f32; 2],
+    /// Root mean square distance of the inliers from the markings, metres.
+    pub residual: f32,
+    /// Share of the points within `reach_sigmas` of a marking.
+    pub inlier_share: f32,
+    /// Σ (1 − e) over the number of points: 1 were all on the markings.
+    pub score: f32,
+    /// Negative logarithm of the points' likelihood, Σ c²/2σ² e(d), up to a constant.
+    pub cost: f32,
+    /// Newton steps taken.
+    pub steps: usize,
+}
+
+/// A point made ready: what does not change between Newton steps.
+#[derive(Debug, Clone, Copy)]
+struct Ready {
+    x: f32,
+    y: f32,
+    /// Variance across the bearing plus the floor, m².
+    variance_across: f32,
+    /// Radial minus tangential variance over the squared distance.
+    variance_along: f32,
+}
+
+/// Matches the points of one frame; holds the buffers between frames.
+#[derive(Debug, Clone)]
+pub struct Matcher {
+    config: MatchConfig,
+    points: Vec<Ready>,
+}
+
+const PARAMETERS: usize = 5;
+type Normal = SMatrix<f32, PARAMETERS, PARAMETERS>;
+type Vector = SVector<f32, PARAMETERS>;
+
+/// Information of the pose before any point is seen (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading
+/// further than half a turn; keeps free directions invertible.
+const NOTHING_KNOWN: [f32; 3] = [1e-3, 1e-3, 0.1];
+
+/// Sums over the points at one pose.
+struct Sums {
+    normal: Normal,
+    gradient: Vector,
+    /// Σ w, Σ ψ², Σ ψ′, Σ w d², Σ (1 − e), inliers.
+    weight: f32,
+    psi_squared: f32,
+    psi_slope: f32,
+    squares: f32,
+    score: f32,
+    inliers: f32,
+}
+
+impl Matcher {
+    /// A matcher with empty buffers.
+    pub fn new(config: MatchConfig) -> Self {
+        Matcher {
+            config,
+            points: Vec::new(),
+        }
+    }
+
+    /// The configuration in use.
+    pub fn config(&self) -> &MatchConfig {
+        &self.config
+    }
+
+    /// Matches `points` (finite; robot frame) from `start`, whose error may be about `spread` metres.
+    ///
+    /// The reach starts at `spread` and shrinks to the points' own, so that a start a few decimetres off is drawn in.
+    pub fn refine(
+        &mut self,
+        distances: &DistanceField,
+        points: &[LinePoint],
+        start: Pose,
+        spread: f32,
+    ) -> Match {
+        self.make_ready(points);
+        let lean_std = self.config.lean_std_deg.to_radians();
+        let mut state = Vector::from([start.x, start.y, start.theta, 0.0, 0.0]);
+        let mut widening = self.widening(spread);
+        let mut steps = 0;
+        loop {
+            let sums = self.sums(distances, &state, widening);
+            let step = self.step(&sums, &state, lean_std);
+            state += step;
+            steps += 1;
+            let size = step.fixed_rows::<3>(0).amax();
+            if widening > 1.0 {
+                widening = (widening * 0.5).max(1.0);
+            } else if size < self.config.step_end || steps >= self.config.steps_max {
+                break;
+            }
+        }
+        let sums = self.sums(distances, &state, 1.0);
+        self.conclude(&sums, &state, lean_std, steps)
+    }
+
+    /// How well `points` lie on the markings at exactly `pose`, nothing moved.
+    pub fn assess(&mut self, distances: &DistanceField, points: &[LinePoint], pose: Pose) -> Match {
+        self.make_ready(points);
+        let lean_std = self.config.lean_std_deg.to_radians();
+        let state = Vector::from([pose.x, pose.y, pose.theta, 0.0, 0.0]);
+        let sums = self.sums(distances, &state, 1.0);
+        self.conclude(&sums, &state, lean_std, 0)
+    }
+
+    fn make_ready(&mut self, points: &[LinePoint]) {
+        let floor = self.config.point_std_min * self.config.point_std_min;
+        self.points.clear();
+        self.points.extend(points.iter().map(|point| {
+            let across = point.std_tangential * point.std_tangential;
+            let radial = point.std_radial * point.std_radial;
+            let (x, y) = (point.at.x, point.at.y);
+            Ready {
+                x,
+                y,
+                variance_across: across + floor,
+                variance_along: (radial - across) / (x * x + y * y).max(1e-6),
+            }
+        }));
+    }
+
+    /// By how much the reach is widened at the start so that it covers `spread`.
+    fn widening(&self, spread: f32) -> f32 {
+        let variance = self
+            .points
+            .iter()
+            .map(|point| point.variance_across)
+            .sum::<f32>()
+            / self.points.len().max(1) as f32;
+        (spread / (self.config.reach_sigmas * variance.sqrt())).clamp(1.0, 16.0)
+    }
+
+    /// One pass over the points: normal equations of the reweighted squares and the sums that judge them.
+    fn sums(&self, distances: &DistanceField, state: &Vector, widening: f32) -> Sums {
+        let (sin, cos) = state[2].sin_cos();
+        let (a, b) = (state[3], state[4]);
+        let height = self.config.viewpoint_height;
+        let per_height = 1.0 / height;
+        let reach_squared = (self.config.reach_sigmas * widening).powi(2);
+        let mut normal = [0.0_f32; 15];
+        let mut gradient = [0.0_f32; PARAMETERS];
+        let (mut weight, mut psi_squared, mut psi_slope) = (0.0, 0.0, 0.0);
+        let (mut squares, mut score, mut inliers) = (0.0, 0.0, 0.0);
+        for point in &self.points {
+            // MATH.md 2, "Tilt": where the point lies if the robot leant by (a, b).
+            let stretch = height / (height - a * point.x - b * point.y).max(0.5 * height);
+            let (x, y) = (
+                (point.x + a * height) * stretch,
+                (point.y + b * height) * stretch,
+            );
+            let (rx, ry) = (cos * x - sin * y, sin * x + cos * y);
+            let near = distances.nearest(state[0] + rx, state[1] + ry);
+            let [nx, ny] = near.normal;
+            let radial = nx * rx + ny * ry;
+            let variance = point.variance_across + point.variance_along * radial * radial;
+            // The normal in the robot frame, for the lean's derivatives.
+            let (mx, my) = (cos * nx + sin * ny, cos * ny - sin * nx);
+            let along = radial * per_height;
+            let row = [
+                nx,
+                ny,
+                ny * rx - nx * ry,
+                mx * height + x * along,
+                my * height + y * along,
+            ];
+            let information = 1.0 / variance;
+            let squared = near.distance * near.distance * information;
+            // e(t) with t in standard deviations: 1 − e = k²/(k² + t²).
+            let kept = reach_squared / (reach_squared + squared);
+            let root_weight = kept * kept;
+            let factor = root_weight * information;
+            weight += root_weight;
+            psi_squared += root_weight * root_weight * squared;
+            psi_slope += root_weight * (4.0 * kept - 3.0);
+            squares += root_weight * near.distance * near.distance;
+            score += kept;
+            inliers += f32::from(u8::from(squared < reach_squared));
+            let mut k = 0;
+            for i in 0..PARAMETERS {
+                let scaled = factor * row[i];
+                gradient[i] += scaled * near.distance;
+                for value in &row[i..] {
+                    normal[k] += scaled * value;
+                    k += 1;
+                }
+            }
+        }
+        Sums {
+            normal: symmetric(&normal),
+            gradient: Vector::from(gradient),
+            weight,
+            psi_squared,
+            psi_slope,
+            squares,
+            score,
+            inliers,
+        }
+    }
+
+    /// The Gauss-Newton step under the lean's prior; no step where the equations have no solution.
+    fn step(&self, sums: &Sums, state: &Vector, lean_std: f32) -> Vector {
+        let mut normal = sums.normal;
+        let mut gradient = sums.gradient;
+        for (i, known) in NOTHING_KNOWN.into_iter().enumerate() {
+            normal[(i, i)] += known;
+        }
+        let lean_information = information(lean_std);
+        for i in 3..PARAMETERS {
+            normal[(i, i)] += lean_information;
+            gradient[i] += lean_information * state[i];
+        }
+        let Some(cholesky) = normal.cholesky() else {
+            return Vector::zeros();
+        };
+        let mut step = -cholesky.solve(&gradient);
+        // A step further than the reach of any point would be blind.
+        let size = step.fixed_rows::<3>(0).amax();
+        if size > 0.5 {
+            step *= 0.5 / size;
+        }
+        step
+    }
+
+    fn conclude(&self, sums: &Sums, state: &Vector, lean_std: f32, steps: usize) -> Match {
+        let count = self.points.len().max(1) as f32;
+        // Covariance of an M-estimator: (Σψ²/Σw) / (Σψ′/Σw)² · (Σ w J Jᵀ)⁻¹, with the degrees of freedom that the
+        // pose itself took. It scales with the residual, whatever the points claimed.
+        let weight = sums.weight.max(1e-6);
+        let freedom = (weight / (weight - 3.0).max(1.0)).max(1.0);
+        let slope = (sums.psi_slope / weight).clamp(0.2, 1.0);
+        let scale = (sums.psi_squared / weight / (slope * slope) * freedom).clamp(0.1, 25.0);
+        let mut normal = sums.normal / scale;
+        for (i, known) in NOTHING_KNOWN.into_iter().enumerate() {
+            normal[(i, i)] += known;
+        }
+        for i in 3..PARAMETERS {
+            normal[(i, i)] += information(lean_std);
+        }
+        let covariance = normal.try_inverse().map_or_else(
+            || Matrix3::from_diagonal(&NOTHING_KNOWN.map(|known| 1.0 / known).into()),
+            |inverse| inverse.fixed_view::<3, 3>(0, 0).into_owned(),
+        );
+        let reach_squared = self.config.reach_sigmas * self.config.reach_sigmas;
+        Match {
+            pose: Pose::new(state[0], state[1], state[2]),
+            covariance: (covariance + covariance.transpose()) * 0.5,
+            lean: [state[3], state[4]],
+            residual: (sums.squares / weight).sqrt(),
+            inlier_share: sums.inliers / count,
+            score: sums.score / count,
+            cost: 0.5 * reach_squared * (self.points.len() as f32 - sums.score),
+            steps,
+        }
+    }
+}
+
+/// 1/σ², bounded so that σ = 0 holds a parameter at zero.
+fn information(std: f32) -> f32 {
+    1.0 / (std * std).max(1e-10)
+}
+
+/// The full matrix from its upper triangle, row by row.
+fn symmetric(upper: &[f32; 15]) -> Normal {
+    let mut full = Normal::zeros();
+    let mut k = 0;
+    for i in 0..PARAMETERS {
+        for j in i..PARAMETERS {
+            full[(i, j)] = upper[k];
+            full[(j, i)] = upper[k];
+            k += 1;
+        }
+    }
+    full
+}
