@@ -1,1 +1,19 @@
-//! A field in motion, and every sensor of the robot.
+//! A field in motion, and every sensor of the robot: what a real robot would sense, with the truth beside it.
+//!
+//! The mirror is traced as the scenario mounts it; vision measures with the map that it believes in.
+
+mod ball;
+pub mod base;
+mod drive;
+pub mod film;
+pub mod light;
+mod play;
+pub mod render;
+pub mod scenario;
+mod sensors;
+pub mod simulation;
+pub mod world;
+
+pub use base::Twist;
+pub use scenario::Scenario;
+pub use simulation::{Image, Sample, Sim, SimError, Truth};

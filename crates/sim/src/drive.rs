@@ -1,0 +1,103 @@
+//! Where should our robot go now? Along the scenario's path, from where it truly is, around who is in the way.
+
+use localize::frame::{Pose, wrap_angle};
+use nalgebra::Vector2;
+
+use crate::base::Twist;
+use crate::scenario::PathConfig;
+
+/// A waypoint counts as passed at this distance, metres.
+const PASSED: f32 = 0.25;
+/// Braking is planned with this deceleration, m/s².
+const BRAKING: f32 = 1.5;
+/// Distance from another robot's centre below which ours turns aside, metres.
+const CLEAR: f32 = 0.9;
+/// A waypoint that cannot be reached (somebody stands on it) is left out after so long, seconds.
+const PATIENCE: f32 = 12.0;
+
+/// Follows a path.
+#[derive(Debug, Clone)]
+pub(crate) struct Follower {
+    path: PathConfig,
+    next: usize,
+    tried: f32,
+}
+
+impl Follower {
+    pub(crate) fn new(path: PathConfig) -> Self {
+        Follower {
+            path,
+            next: 0,
+            tried: 0.0,
+        }
+    }
+
+    /// The wanted twist (robot frame) at a time and pose; `elapsed` seconds after the last call.
+    pub(crate) fn wanted(
+        &mut self,
+        time: f64,
+        elapsed: f32,
+        pose: Pose,
+        others: impl Iterator<Item = Pose>,
+    ) -> Twist {
+        if self.path.waypoints.is_empty() {
+            return self.commanded(time);
+        }
+        let Some(mut target) = self.path.waypoints.get(self.next).map(|place| place.pose()) else {
+            return Twist::default();
+        };
+        self.tried += elapsed;
+        let last = self.next + 1 == self.path.waypoints.len() && !self.path.repeat;
+        let reached = pose.origin().distance_to(target.origin()) < PASSED;
+        if (reached || self.tried > PATIENCE) && !last {
+            self.next = (self.next + 1) % self.path.waypoints.len();
+            self.tried = 0.0;
+            target = self.path.waypoints[self.next].pose();
+        }
+        let here = Vector2::new(pose.x, pose.y);
+        let way = Vector2::new(target.x, target.y) - here;
+        let distance = way.norm();
+        // Slow down before corners no more than lets the robot turn in; before the end, to a stop.
+        let slowest = if last { 0.0 } else { self.path.speed * 0.4 };
+        let speed = (2.0 * BRAKING * distance)
+            .sqrt()
+            .min(self.path.speed)
+            .max(slowest.min(distance * 2.0));
+        let mut wanted = if distance > 1e-3 {
+            way / distance * speed
+        } else {
+            way
+        };
+        for other in others {
+            let away = here - Vector2::new(other.x, other.y);
+            let near = away.norm();
+            if near < CLEAR && near > 1e-3 {
+                let side = Vector2::new(-away.y, away.x);
+                wanted +=
+                    (away + side * 0.7) / near * (CLEAR - near) / CLEAR * self.path.speed * 2.0;
+            }
+        }
+        let wanted = wanted.cap_magnitude(self.path.speed);
+        let (sin, cos) = pose.theta.sin_cos();
+        let turn_rate = self.path.turn_rate_deg.to_radians();
+        Twist {
+            vx: cos * wanted.x + sin * wanted.y,
+            vy: -sin * wanted.x + cos * wanted.y,
+            omega: (wrap_angle(target.theta - pose.theta) * 2.0).clamp(-turn_rate, turn_rate),
+        }
+    }
+
+    fn commanded(&self, time: f64) -> Twist {
+        let past = self
+            .path
+            .commands
+            .iter()
+            .rev()
+            .find(|command| command.time <= time);
+        past.map_or(Twist::default(), |command| Twist {
+            vx: command.vx,
+            vy: command.vy,
+            omega: command.turn_deg.to_radians(),
+        })
+    }
+}

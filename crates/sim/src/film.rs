@@ -1,0 +1,226 @@
+//! What does the sensor make of the light? Exposure, gain, white balance, vignetting, shot and read noise, bytes.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::sensors::normal;
+
+/// `[film]` of a scenario: the camera's settings and its sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FilmConfig {
+    /// Exposure time over the one that suits light of level 1.
+    pub exposure: f32,
+    /// Gain: brightens what was exposed, noise included.
+    pub gain: f32,
+    /// Gains of red, green and blue.
+    pub white_balance: [f32; 3],
+    /// Light lost at the image's corners over its centre.
+    pub vignetting: f32,
+    /// Electrons of a white pixel at exposure 1 and gain 1: fewer are noisier.
+    pub full_well: f32,
+    /// Noise of reading a pixel, electrons (one sigma).
+    pub read_noise: f32,
+    /// Width of the optics' blur, pixels.
+    pub blur_px: f32,
+}
+
+impl Default for FilmConfig {
+    fn default() -> Self {
+        FilmConfig {
+            exposure: 1.0,
+            gain: 1.0,
+            white_balance: [1.0; 3],
+            vignetting: 0.25,
+            full_well: 6000.0,
+            read_noise: 15.0,
+            blur_px: 1.3,
+        }
+    }
+}
+
+impl FilmConfig {
+    pub(crate) fn check(&self) -> Result<(), (String, String)> {
+        for (key, value) in [
+            ("exposure", self.exposure),
+            ("gain", self.gain),
+            ("full_well", self.full_well),
+            ("blur_px", self.blur_px),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err((key.to_owned(), format!("{value} must be a positive number")));
+            }
+        }
+        if !(self.read_noise >= 0.0 && (0.0..1.0).contains(&self.vignetting)) {
+            let reason = "read_noise must be at least 0, vignetting between 0 and 1";
+            return Err(("vignetting".to_owned(), reason.to_owned()));
+        }
+        if !self
+            .white_balance
+            .iter()
+            .all(|&gain| gain.is_finite() && gain > 0.0)
+        {
+            return Err((
+                "white_balance".to_owned(),
+                "wants three positive gains".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// Normal numbers drawn once; each run of pixels reads them from another place.
+const NOISES: usize = 1 << 14;
+/// The longest run that is developed at once, pixels.
+pub(crate) const RUN: usize = 256;
+/// Steps of the linear scale: fine enough that sRGB's steepest part moves by less than one byte.
+const TONES: usize = 4096;
+/// Linear value of full white.
+const WHITE: f32 = 1.0;
+
+/// Turns linear light into sRGB bytes.
+pub(crate) struct Film {
+    noise: Vec<f32>,
+    /// sRGB byte of each linear step.
+    tone: Vec<u8>,
+}
+
+impl Film {
+    pub(crate) fn new(rng: &mut ChaCha8Rng) -> Self {
+        let tone = (0..=TONES)
+            .map(|step| encode(step as f32 / TONES as f32))
+            .collect();
+        Film {
+            noise: (0..NOISES + 3 * RUN).map(|_| normal(rng)).collect(),
+            tone,
+        }
+    }
+
+    /// Develops a run of at most `RUN` pixels: `light` is linear, per colour, under
+    /// white light of level 1; `lamp` is the light there is; `scale` is the vignetting.
+    pub(crate) fn develop(
+        &self,
+        config: &FilmConfig,
+        light: [&[f32]; 3],
+        lamp: [f32; 3],
+        scale: &[f32],
+        rng: &mut Pcg,
+        bytes: &mut [[u8; RUN]; 3],
+    ) {
+        let count = scale.len().min(RUN);
+        let start = rng.draw() as usize % NOISES;
+        for colour in 0..3 {
+            let gain = config.gain * config.white_balance[colour];
+            let exposed = config.exposure * gain * lamp[colour];
+            // Electrons are counted before the gain: variance of v is v·gain/well + (gain·read/well)².
+            let shot = gain / config.full_well;
+            let read = gain * config.read_noise / config.full_well;
+            let read2 = read * read;
+            let noise = &self.noise[start + colour * RUN..][..count];
+            let light = &light[colour][..count];
+            let mut steps = [0u16; RUN];
+            for i in 0..count {
+                let value = light[i] * scale[i] * exposed;
+                let noisy = value + noise[i] * (value * shot + read2).sqrt();
+                let step = (noisy * (TONES as f32 / WHITE)).clamp(0.0, TONES as f32);
+                // Adding 2²³ leaves the rounded number in the lowest bits; a cast would check for NaN.
+                steps[i] = ((step + 8_388_608.0).to_bits() & 0x1fff) as u16;
+            }
+            let tone: &[u8; TONES + 1] = match self.tone[..].try_into() {
+                Ok(tone) => tone,
+                Err(_) => return,
+            };
+            for i in 0..count {
+                bytes[colour][i] = tone[usize::from(steps[i]).min(TONES)];
+            }
+        }
+    }
+}
+
+/// sRGB's transfer curve, linear 0 to 1.
+pub(crate) fn encode(linear: f32) -> u8 {
+    let coded = if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    };
+    (coded * 255.0).round().clamp(0.0, 255.0) as u8
+}
+
+/// The linear value of an sRGB byte.
+pub(crate) fn decode(byte: u8) -> f32 {
+    let coded = f32::from(byte) / 255.0;
+    if coded <= 0.040_45 {
+        coded / 12.92
+    } else {
+        ((coded + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// O'Neill's PCG-XSH-RR: where each run of pixels starts to read its noise.
+pub(crate) struct Pcg(u64);
+
+impl Pcg {
+    pub(crate) fn new(rng: &mut ChaCha8Rng) -> Self {
+        Pcg(rng.random())
+    }
+
+    pub(crate) fn draw(&mut self) -> u32 {
+        let state = self.0;
+        self.0 = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        let mixed = (((state >> 18) ^ state) >> 27) as u32;
+        mixed.rotate_right((state >> 59) as u32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    #[test]
+    fn every_byte_survives_decoding_and_encoding() {
+        assert!((0..=255).all(|byte| encode(decode(byte)) == byte));
+    }
+
+    #[test]
+    fn shot_noise_grows_with_the_root_of_the_light() {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let film = Film::new(&mut rng);
+        let mut pcg = Pcg::new(&mut rng);
+        let config = FilmConfig {
+            read_noise: 0.0,
+            full_well: 500.0,
+            ..FilmConfig::default()
+        };
+        let mut spread = |level: f32| {
+            let light = [level; RUN];
+            let (mut sum, mut square, mut bytes) = (0.0, 0.0, [[0; RUN]; 3]);
+            for _ in 0..200 {
+                film.develop(
+                    &config,
+                    [&light; 3],
+                    [1.0; 3],
+                    &[1.0; RUN],
+                    &mut pcg,
+                    &mut bytes,
+                );
+                for &byte in &bytes[1] {
+                    let value = f64::from(decode(byte));
+                    sum += value;
+                    square += value * value;
+                }
+            }
+            let count = 200.0 * RUN as f64;
+            (square / count - (sum / count).powi(2)).sqrt()
+        };
+        for level in [0.1, 0.4] {
+            let wanted = f64::from((level / 500.0f32).sqrt());
+            let found = spread(level);
+            assert!((found / wanted - 1.0).abs() < 0.1, "{found} {wanted}");
+        }
+    }
+}

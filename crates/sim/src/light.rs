@@ -1,0 +1,130 @@
+//! How much light falls where, and when? An even hall with lamps' spots, and a level that changes with time.
+
+use serde::{Deserialize, Serialize};
+
+/// `[light]` of a scenario; levels are relative to what the default exposure is made for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LightConfig {
+    /// Level at all times where there are no keyframes.
+    pub level: f32,
+    /// Colour of the light: red, green and blue relative to white.
+    pub colour: [f32; 3],
+    /// Levels at given times, straight between them.
+    pub keyframes: Vec<LightKey>,
+    /// Lamps and windows: brighter (or darker) parts of the field.
+    pub spots: Vec<LightSpot>,
+}
+
+impl Default for LightConfig {
+    fn default() -> Self {
+        LightConfig {
+            level: 1.0,
+            colour: [1.0; 3],
+            keyframes: Vec::new(),
+            spots: Vec::new(),
+        }
+    }
+}
+
+/// The level at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightKey {
+    /// Seconds.
+    pub time: f64,
+    /// Relative level.
+    pub level: f32,
+}
+
+/// A round part of the field with more light.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightSpot {
+    /// Its middle on the field, metres.
+    pub x: f32,
+    /// Its middle on the field, metres.
+    pub y: f32,
+    /// Where it has faded to 1/e, metres.
+    pub radius: f32,
+    /// Light added in its middle, relative to the hall's; negative for a shadow.
+    pub strength: f32,
+    /// White gloss added in its middle: what the floor mirrors of a window, whatever its colour.
+    #[serde(default)]
+    pub gloss: f32,
+}
+
+impl LightConfig {
+    /// The level at a time.
+    pub fn level_at(&self, time: f64) -> f32 {
+        let keys = &self.keyframes;
+        let after = keys.partition_point(|key| key.time <= time);
+        match (after.checked_sub(1).map(|i| keys[i]), keys.get(after)) {
+            (Some(before), Some(next)) => {
+                let part = ((time - before.time) / (next.time - before.time)) as f32;
+                before.level + part * (next.level - before.level)
+            }
+            (Some(only), None) => only.level,
+            (None, Some(only)) => only.level,
+            (None, None) => self.level,
+        }
+    }
+
+    /// Light on a point of the field relative to the hall's, and the gloss there.
+    pub(crate) fn at(&self, x: f32, y: f32) -> (f32, f32) {
+        let mut sum = (1.0, 0.0);
+        for spot in &self.spots {
+            let distance2 = (x - spot.x).powi(2) + (y - spot.y).powi(2);
+            let part = (-distance2 / (spot.radius * spot.radius)).exp();
+            sum.0 += spot.strength * part;
+            sum.1 += spot.gloss * part;
+        }
+        (sum.0.max(0.0), sum.1.max(0.0))
+    }
+
+    pub(crate) fn check(&self) -> Result<(), (String, String)> {
+        let level_ok = |level: f32| level.is_finite() && level >= 0.0;
+        let keys_ok = self.keyframes.iter().all(|key| level_ok(key.level));
+        if !level_ok(self.level) || !keys_ok || !self.colour.iter().all(|&part| level_ok(part)) {
+            return Err((
+                "level".to_owned(),
+                "levels must be zero or positive".to_owned(),
+            ));
+        }
+        if self
+            .keyframes
+            .windows(2)
+            .any(|pair| !(pair[0].time < pair[1].time))
+        {
+            return Err(("keyframes".to_owned(), "times must rise".to_owned()));
+        }
+        if self
+            .spots
+            .iter()
+            .any(|spot| !(spot.radius > 0.0 && spot.gloss >= 0.0))
+        {
+            return Err((
+                "spots".to_owned(),
+                "radius must be positive, gloss at least 0".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_level_goes_straight_from_key_to_key() {
+        let key = |time, level| LightKey { time, level };
+        let light = LightConfig {
+            keyframes: vec![key(1.0, 1.0), key(3.0, 0.5)],
+            ..LightConfig::default()
+        };
+        assert_eq!(light.level_at(0.0), 1.0);
+        assert_eq!(light.level_at(2.0), 0.75);
+        assert_eq!(light.level_at(9.0), 0.5);
+    }
+}

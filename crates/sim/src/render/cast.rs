@@ -1,0 +1,346 @@
+//! Who stands on the stage? Robots, ball, goals and the robot's own rods, as pieces in the robot frame.
+
+use localize::field::{FieldConfig, GoalColour};
+use localize::frame::{At, Pose, RobotFrame, Tf};
+use vision::robot::BodyConfig;
+
+use super::ground::Ground;
+use super::hall::Hall;
+use super::rays::Rays;
+use super::solids::{Lamp, Outline, Piece, Screen, Solid, Sphere, draw, draw_shadow, draw_solid};
+use super::{Scene, linear};
+use crate::light::LightConfig;
+use crate::scenario::Team;
+use crate::world::{OTHER_HALF_SIDE, RobotState};
+
+/// Where the hall's lamps' light comes from on the field: a unit vector.
+const LAMP_ON_FIELD: [f32; 2] = [0.8, 0.6];
+/// A net's mesh and cord, metres.
+const NET: [f32; 2] = [0.12, 0.008];
+
+/// Everything upright, from far to near, and the shadows on the floor.
+pub(super) struct Stage {
+    pieces: Vec<(f32, Piece)>,
+    shadows: Vec<(f32, f32, f32)>,
+    lamp: Lamp,
+}
+
+struct Builder<'a> {
+    robot_from_field: Tf<RobotFrame, localize::frame::FieldFrame>,
+    light: &'a LightConfig,
+    stage: Stage,
+}
+
+impl Stage {
+    pub(super) fn new(
+        scene: &Scene,
+        field: &FieldConfig,
+        hall: &Hall,
+        light: &LightConfig,
+    ) -> Self {
+        let robot_from_field = scene.pose.inverse();
+        let (sin, cos) = robot_from_field.theta.sin_cos();
+        let [lx, ly] = LAMP_ON_FIELD;
+        let stage = Stage {
+            pieces: Vec::new(),
+            shadows: Vec::new(),
+            lamp: [cos * lx - sin * ly, sin * lx + cos * ly],
+        };
+        let mut builder = Builder {
+            robot_from_field,
+            light,
+            stage,
+        };
+        for thing in &hall.things {
+            builder.solid(*thing);
+        }
+        builder.goals(field);
+        for robot in scene.robots {
+            builder.robot(robot);
+        }
+        if let Some((at, diameter, colour)) = scene.ball {
+            builder.ball(at.x, at.y, diameter / 2.0, linear(colour));
+        }
+        let mut stage = builder.stage;
+        // Stable: parts of one robot keep their order, from the ground up.
+        stage.pieces.sort_by(|a, b| b.0.total_cmp(&a.0));
+        stage
+    }
+
+    pub(super) fn draw(&self, rays: &Rays, ground: &Ground, light: &mut [Vec<f32>; 3]) {
+        for &(x, y, radius) in &self.shadows {
+            draw_shadow(x, y, radius, rays, ground, light);
+        }
+        for (_, piece) in &self.pieces {
+            draw(piece, rays, self.lamp, light);
+        }
+    }
+}
+
+impl Builder<'_> {
+    fn lit(&self, x: f32, y: f32, colour: [f32; 3]) -> [f32; 3] {
+        let (level, _) = self.light.at(x, y);
+        colour.map(|part| part * level)
+    }
+
+    /// Takes a solid in field coordinates to the stage.
+    fn solid(&mut self, mut solid: Solid) {
+        solid.side = self.lit(solid.x, solid.y, solid.side);
+        solid.cap = self.lit(solid.x, solid.y, solid.cap);
+        let at: At<RobotFrame> = self.robot_from_field * At::new(solid.x, solid.y);
+        (solid.x, solid.y) = (at.x, at.y);
+        if let Outline::Box { cos, sin, .. } = &mut solid.outline {
+            let (turn_sin, turn_cos) = self.robot_from_field.theta.sin_cos();
+            (*cos, *sin) = (
+                *cos * turn_cos - *sin * turn_sin,
+                *sin * turn_cos + *cos * turn_sin,
+            );
+        }
+        self.stage.pieces.push((at.distance(), Piece::Solid(solid)));
+    }
+
+    /// A league robot: dark body, darker neck, team marker, mast and head (0.8 m in all).
+    fn robot(&mut self, robot: &RobotState) {
+        let Pose { x, y, theta, .. } = robot.pose;
+        let (sin, cos) = theta.sin_cos();
+        let marker = linear(match robot.team {
+            Team::Cyan => [30, 180, 215],
+            Team::Magenta => [205, 35, 150],
+        });
+        let body = linear([38, 38, 42]);
+        let side = OTHER_HALF_SIDE;
+        let square = |half: [f32; 2]| Outline::Box { half, cos, sin };
+        let round = |radius: f32| Outline::Circle { radius };
+        let mut part = |ahead: f32, bottom: f32, top: f32, outline: Outline, colour: [f32; 3]| {
+            self.solid(Solid {
+                x: x + cos * ahead,
+                y: y + sin * ahead,
+                bottom,
+                top,
+                outline,
+                side: colour,
+                cap: colour.map(|part| part * 1.3),
+            });
+        };
+        part(0.0, 0.03, 0.22, square([side, side]), body);
+        part(
+            -0.04,
+            0.22,
+            0.42,
+            square([side * 0.72, side * 0.8]),
+            linear([52, 52, 56]),
+        );
+        part(-0.04, 0.42, 0.60, round(0.12), marker);
+        part(-0.04, 0.60, 0.72, round(0.04), linear([30, 30, 32]));
+        part(-0.04, 0.72, 0.80, round(0.11), linear([46, 46, 50]));
+        let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
+        // All parts take the body's place in the order, or a part leaning our way would hide what stands on it.
+        let count = self.stage.pieces.len();
+        for piece in &mut self.stage.pieces[count - 5..] {
+            piece.0 = at.distance();
+        }
+        self.stage.shadows.push((at.x, at.y, side * 1.2));
+    }
+
+    fn ball(&mut self, x: f32, y: f32, radius: f32, colour: [f32; 3]) {
+        let colour = self.lit(x, y, colour);
+        let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
+        let sphere = Sphere {
+            x: at.x,
+            y: at.y,
+            radius,
+            colour,
+        };
+        self.stage
+            .pieces
+            .push((at.distance(), Piece::Sphere(sphere)));
+        self.stage.shadows.push((at.x, at.y, radius * 0.9));
+    }
+
+    /// Posts and crossbar with a net, or a box of coloured walls.
+    fn goals(&mut self, field: &FieldConfig) {
+        let goal = &field.goal;
+        if goal.width <= 0.0 || goal.height <= 0.0 {
+            return;
+        }
+        for (side, colour) in [(1.0, goal.colours[0]), (-1.0, goal.colours[1])] {
+            let line = side * field.length / 2.0;
+            let (paint, mesh) = match colour {
+                GoalColour::White => (linear([225, 225, 222]), Some(NET)),
+                GoalColour::Blue => (linear([35, 70, 185]), None),
+                GoalColour::Yellow => (linear([225, 195, 40]), None),
+            };
+            let posts = match colour {
+                GoalColour::White => paint,
+                _ => linear([225, 225, 222]),
+            };
+            let half_post = goal.post / 2.0;
+            let beam = |half: [f32; 2]| Outline::Box {
+                half,
+                cos: 1.0,
+                sin: 0.0,
+            };
+            let mut stand = |y: f32, bottom: f32, top: f32, outline: Outline| {
+                self.solid(Solid {
+                    x: line,
+                    y,
+                    bottom,
+                    top,
+                    outline,
+                    side: posts,
+                    cap: posts,
+                });
+            };
+            if goal.post > 0.0 {
+                for across in [1.0, -1.0] {
+                    let y = across * (goal.width / 2.0 + half_post);
+                    stand(y, 0.0, goal.height, beam([half_post, half_post]));
+                }
+                let bar = beam([half_post, goal.width / 2.0 + goal.post]);
+                stand(0.0, goal.height, goal.height + goal.post, bar);
+            }
+            if goal.depth > 0.0 {
+                let back = line + side * goal.depth;
+                let half = goal.width / 2.0;
+                for (from, to) in [
+                    ([back, -half], [back, half]),
+                    ([line, -half], [back, -half]),
+                    ([line, half], [back, half]),
+                ] {
+                    self.screen(from, to, goal.height, paint, mesh);
+                }
+            }
+        }
+    }
+
+    fn screen(
+        &mut self,
+        from: [f32; 2],
+        to: [f32; 2],
+        top: f32,
+        colour: [f32; 3],
+        mesh: Option<[f32; 2]>,
+    ) {
+        let (x, y) = ((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
+        let colour = self.lit(x, y, colour);
+        let seen = |end: [f32; 2]| {
+            let at: At<RobotFrame> = self.robot_from_field * At::new(end[0], end[1]);
+            [at.x, at.y]
+        };
+        let (from, to) = (seen(from), seen(to));
+        let middle = At::<RobotFrame>::new((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
+        let screen = Screen {
+            from,
+            to,
+            top,
+            colour,
+            mesh,
+        };
+        self.stage
+            .pieces
+            .push((middle.distance(), Piece::Screen(screen)));
+    }
+}
+
+/// What the robot sees of itself: the same in every image, so it is drawn once.
+pub(super) struct OwnBody {
+    /// Rays that meet it, what of the scene is left of each, and what it adds.
+    veil: Vec<(u32, f32, [f32; 3])>,
+}
+
+/// Height of the rods, metres: up to the mirror, whatever its height.
+const ROD_HEIGHT: f32 = 3.0;
+
+impl OwnBody {
+    pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &Rays) -> Self {
+        let solids = own_solids(body, camera_height);
+        // Drawn over black and over white, the two tell how much of the scene is left.
+        let mut over = [0.0, 1.0].map(|level| [0; 3].map(|_| vec![level; rays.count()]));
+        for light in &mut over {
+            for solid in &solids {
+                draw_solid(solid, rays, [0.0, 1.0], light);
+            }
+        }
+        let [black, white] = over;
+        let veil = (0..rays.count())
+            .filter_map(|ray| {
+                let left = white[0][ray] - black[0][ray];
+                let adds = [0, 1, 2].map(|colour| black[colour][ray]);
+                (left < 0.999).then_some((ray as u32, left, adds))
+            })
+            .collect();
+        OwnBody { veil }
+    }
+
+    pub(super) fn draw(&self, light: &mut [Vec<f32>; 3]) {
+        for (ray, left, adds) in &self.veil {
+            let ray = *ray as usize;
+            for (plane, adds) in light.iter_mut().zip(adds) {
+                plane[ray] = plane[ray] * left + adds;
+            }
+        }
+    }
+}
+
+fn own_solids(body: &BodyConfig, camera_height: f32) -> Vec<Solid> {
+    let solid = |x: f32, y: f32, top: f32, outline: Outline, colour: [u8; 3], cap: [u8; 3]| Solid {
+        x,
+        y,
+        bottom: 0.0,
+        top,
+        outline,
+        side: linear(colour),
+        cap: linear(cap),
+    };
+    let square = |half: f32| Outline::Box {
+        half: [half; 2],
+        cos: 1.0,
+        sin: 0.0,
+    };
+    let round = |radius: f32| Outline::Circle { radius };
+    let mut solids = Vec::new();
+    if body.radius > 0.0 && body.height > 0.0 {
+        solids.push(solid(
+            0.0,
+            0.0,
+            body.height,
+            round(body.radius),
+            [30, 30, 33],
+            [52, 53, 58],
+        ));
+    }
+    if body.camera_side > 0.0 {
+        let half = body.camera_side / 2.0;
+        solids.push(solid(
+            0.0,
+            0.0,
+            camera_height,
+            square(half),
+            [70, 70, 74],
+            [120, 118, 122],
+        ));
+        solids.push(solid(
+            0.0,
+            0.0,
+            camera_height + 0.002,
+            round(half * 0.45),
+            [40, 40, 44],
+            [28, 26, 30],
+        ));
+    }
+    if body.rod_radius > 0.0 {
+        for angle_deg in &body.rod_angles_deg {
+            let (sin, cos) = angle_deg.to_radians().sin_cos();
+            let (x, y) = (body.rod_distance * cos, body.rod_distance * sin);
+            solids.push(solid(
+                x,
+                y,
+                ROD_HEIGHT,
+                round(body.rod_radius),
+                [22, 22, 24],
+                [22, 22, 24],
+            ));
+        }
+    }
+    solids
+}

@@ -1,0 +1,222 @@
+//! How white is the floor here? Markings as textures of exact coverage, one for each size of a pixel's footprint.
+
+use localize::field::{Field, Marking};
+
+/// From a level to the next footprints grow by this.
+pub(super) const LEVEL_STEP: f32 = std::f32::consts::SQRT_2;
+/// The narrowest footprint worth a texture of its own, metres: lines are ten times as wide.
+const FINEST: f32 = 0.012;
+/// Beyond this footprint a line is a faint veil, metres.
+const COARSEST: f32 = 1.0;
+
+/// Coverage by white paint, averaged over square footprints.
+pub(super) struct Paint {
+    pub(super) levels: Vec<Texture>,
+    finest: f32,
+}
+
+/// A grid of bytes over the field; each entry holds the four bytes of its cell's corners, so that one load suffices.
+pub(super) struct Texture {
+    /// Field coordinates of the first grid point, metres.
+    pub(super) left: f32,
+    pub(super) bottom: f32,
+    /// Cells per metre.
+    pub(super) per_metre: f32,
+    pub(super) columns: usize,
+    pub(super) rows: usize,
+    /// Row by row: corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1).
+    pub(super) cells: Vec<u32>,
+}
+
+impl Texture {
+    /// Samples `value` (0 to 255) on a grid of `cell` metres over ±half_x, ±half_y.
+    pub(super) fn new(
+        half_x: f32,
+        half_y: f32,
+        cell: f32,
+        values: impl Fn(usize, usize, &Self) -> u8,
+    ) -> Self {
+        let columns = ((2.0 * half_x / cell).ceil() as usize).max(1) + 1;
+        let rows = ((2.0 * half_y / cell).ceil() as usize).max(1) + 1;
+        let mut texture = Texture {
+            left: -half_x,
+            bottom: -half_y,
+            per_metre: 1.0 / cell,
+            columns,
+            rows,
+            cells: Vec::new(),
+        };
+        let grid: Vec<u8> = (0..rows)
+            .flat_map(|row| (0..columns).map(move |column| (column, row)))
+            .map(|(column, row)| values(column, row, &texture))
+            .collect();
+        texture.pack(&grid);
+        texture
+    }
+
+    fn pack(&mut self, grid: &[u8]) {
+        let (columns, rows) = (self.columns, self.rows);
+        self.cells = (0..rows * columns)
+            .map(|index| {
+                let (column, row) = (index % columns, index / columns);
+                let right = usize::from(column + 1 < columns);
+                let up = usize::from(row + 1 < rows) * columns;
+                u32::from_le_bytes([
+                    grid[index],
+                    grid[index + right],
+                    grid[index + up],
+                    grid[index + up + right],
+                ])
+            })
+            .collect();
+    }
+
+    /// Field coordinates of a grid point, metres.
+    pub(super) fn point(&self, column: usize, row: usize) -> (f32, f32) {
+        (
+            self.left + column as f32 / self.per_metre,
+            self.bottom + row as f32 / self.per_metre,
+        )
+    }
+}
+
+impl Paint {
+    /// Lays the markings out for footprints from `finest` (metres) up.
+    pub(super) fn new(field: &Field, finest: f32) -> Self {
+        let finest = finest.clamp(FINEST, COARSEST / 2.0);
+        let mut levels = Vec::new();
+        let mut width = finest;
+        while width < COARSEST {
+            levels.push(level(field, width));
+            width *= LEVEL_STEP;
+        }
+        Paint { levels, finest }
+    }
+
+    /// The level for a footprint, metres.
+    pub(super) fn level(&self, footprint: f32) -> usize {
+        let steps = (footprint / self.finest).max(1.0).log(LEVEL_STEP);
+        (steps.round() as usize).min(self.levels.len() - 1)
+    }
+}
+
+fn level(field: &Field, width: f32) -> Texture {
+    // Markings end within the carpet; a frame of zeros around them is what lies beyond.
+    let (half_x, half_y) = field.carpet_half_extent();
+    let (half_x, half_y) = (half_x + 2.0 * width, half_y + 2.0 * width);
+    let cell = width / 2.0;
+    let mut texture = Texture::new(half_x, half_y, cell, |_, _, _| 0);
+    let mut grid = vec![0u8; texture.columns * texture.rows];
+    for marking in &field.markings {
+        stamp(&mut grid, &texture, field, marking, width);
+    }
+    for column in 0..texture.columns {
+        grid[column] = 0;
+        grid[(texture.rows - 1) * texture.columns + column] = 0;
+    }
+    for row in 0..texture.rows {
+        grid[row * texture.columns] = 0;
+        grid[(row + 1) * texture.columns - 1] = 0;
+    }
+    texture.pack(&grid);
+    texture
+}
+
+/// Adds a marking to the grid; where markings meet, the whiter one counts.
+fn stamp(grid: &mut [u8], texture: &Texture, field: &Field, marking: &Marking, width: f32) {
+    let half_line = field.config.line_width / 2.0;
+    let (x0, y0, x1, y1) = bounds(marking);
+    let margin = half_line + width;
+    let cell = |metres: f32, origin: f32, most: usize| {
+        (((metres - origin) * texture.per_metre).max(0.0) as usize).min(most - 1)
+    };
+    let columns = cell(x0 - margin, texture.left, texture.columns)
+        ..=cell(x1 + margin, texture.left, texture.columns);
+    let rows = cell(y0 - margin, texture.bottom, texture.rows)
+        ..=cell(y1 + margin, texture.bottom, texture.rows);
+    for row in rows {
+        for column in columns.clone() {
+            let (x, y) = texture.point(column, row);
+            let white = (coverage(marking, half_line, x, y, width) * 255.0).round() as u8;
+            let index = row * texture.columns + column;
+            grid[index] = grid[index].max(white);
+        }
+    }
+}
+
+fn bounds(marking: &Marking) -> (f32, f32, f32, f32) {
+    match *marking {
+        Marking::Line { from, to } => (
+            from.x.min(to.x),
+            from.y.min(to.y),
+            from.x.max(to.x),
+            from.y.max(to.y),
+        ),
+        Marking::Arc { centre, radius, .. } | Marking::Spot { centre, radius } => (
+            centre.x - radius,
+            centre.y - radius,
+            centre.x + radius,
+            centre.y + radius,
+        ),
+    }
+}
+
+/// The part of a footprint of `width` about (x, y) that a marking covers: exact for a straight line across it.
+pub(super) fn coverage(marking: &Marking, half_line: f32, x: f32, y: f32, width: f32) -> f32 {
+    match *marking {
+        Marking::Line { from, to } => {
+            let (along_x, along_y) = (to.x - from.x, to.y - from.y);
+            let length = along_x.hypot(along_y).max(1e-6);
+            let (ux, uy) = (along_x / length, along_y / length);
+            let (dx, dy) = (x - from.x, y - from.y);
+            let along = dx * ux + dy * uy - length / 2.0;
+            let across = dy * ux - dx * uy;
+            // Lines meet in full corners: each end reaches half a line beyond its centre's end.
+            band(across, half_line, width) * band(along, length / 2.0 + half_line, width)
+        }
+        Marking::Arc {
+            centre,
+            radius,
+            start,
+            sweep,
+        } => {
+            let (dx, dy) = (x - centre.x, y - centre.y);
+            let turned = (dy.atan2(dx) - start).rem_euclid(std::f32::consts::TAU);
+            let beyond = (turned - sweep).min(std::f32::consts::TAU - turned) * radius;
+            let inside = if turned <= sweep {
+                1.0
+            } else {
+                (0.5 - beyond / width).max(0.0)
+            };
+            band(dx.hypot(dy) - radius, half_line, width) * inside
+        }
+        Marking::Spot { centre, radius } => {
+            let (dx, dy) = (x - centre.x, y - centre.y);
+            band(dx.hypot(dy), radius, width)
+        }
+    }
+}
+
+/// The part of [offset − width/2, offset + width/2] that lies within ± half.
+fn band(offset: f32, half: f32, width: f32) -> f32 {
+    let from = (offset - width / 2.0).max(-half);
+    let to = (offset + width / 2.0).min(half);
+    ((to - from) / width).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use localize::frame::At;
+
+    #[test]
+    fn a_line_narrower_than_the_footprint_covers_its_share() {
+        let line = Marking::Line {
+            from: At::new(-5.0, 0.0),
+            to: At::new(5.0, 0.0),
+        };
+        assert!((coverage(&line, 0.05, 0.0, 0.1, 0.5) - 0.2).abs() < 1e-6);
+        assert!((coverage(&line, 0.05, 0.0, 0.05, 0.02) - 0.5).abs() < 1e-6);
+        assert_eq!(coverage(&line, 0.05, 0.0, 0.2, 0.02), 0.0);
+    }
+}

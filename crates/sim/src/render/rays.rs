@@ -1,0 +1,172 @@
+//! Which rays can meet an object? All pixels' rays, sorted by azimuth and steepness, with their spacing.
+//!
+//! An object spans a few azimuth bins and, in each, one run of slopes: two binary searches find its pixels whatever
+//! the mirror's shape, and everything that rendering reads lies there one after the other.
+
+use std::f32::consts::{PI, TAU};
+use std::ops::Range;
+
+use vision::{Ray, RayTable};
+
+/// Azimuth bins in a turn: about as wide as a pixel at the rim of a 480 × 480 image is at half its radius.
+const BINS: usize = 720;
+/// Rays steeper than this (height over way) go straight down for all that matters here.
+const STEEPEST: f32 = 1e4;
+
+/// Rays in bin order, one array each, robot frame. A ray is at `origin + s·(towards, slope)` after s horizontal metres.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Rays {
+    /// Where each bin starts; the last entry is the number of rays.
+    starts: Vec<usize>,
+    /// Which pixel of the image (row by row).
+    pub(crate) pixel: Vec<u32>,
+    pub(crate) origin_x: Vec<f32>,
+    pub(crate) origin_y: Vec<f32>,
+    pub(crate) origin_z: Vec<f32>,
+    /// Horizontal direction, unit length.
+    pub(crate) towards_x: Vec<f32>,
+    pub(crate) towards_y: Vec<f32>,
+    /// Height gained per horizontal metre; rises within a bin.
+    pub(crate) slope: Vec<f32>,
+    /// Azimuth between this ray and the next pixel's, radians.
+    pub(crate) spacing: Vec<f32>,
+    /// Slope between this ray and the next pixel's.
+    pub(crate) slope_spacing: Vec<f32>,
+    /// Pixels without a ray.
+    pub(crate) blank: Vec<u32>,
+    /// Largest horizontal distance of an origin from the axis, metres.
+    reach: f32,
+    lowest: f32,
+    highest: f32,
+}
+
+impl Rays {
+    /// Sorts a table of rays.
+    pub(crate) fn new(table: &RayTable) -> Self {
+        let mut keyed: Vec<(usize, f32, u32)> = Vec::new();
+        let mut rays = Rays::default();
+        for (pixel, ray) in table.rays.iter().enumerate() {
+            match ray {
+                Some(ray) => keyed.push((bin_of(azimuth(ray)), slope(ray), pixel as u32)),
+                None => rays.blank.push(pixel as u32),
+            }
+        }
+        keyed.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
+        rays.lowest = f32::MAX;
+        rays.starts = (0..=BINS)
+            .map(|bin| keyed.partition_point(|key| key.0 < bin))
+            .collect();
+        for (_, slope, pixel) in keyed {
+            let Some(ray) = table.rays[pixel as usize] else {
+                continue;
+            };
+            let (sin, cos) = azimuth(&ray).sin_cos();
+            let (spacing, slope_spacing) = spacing(table, pixel as usize, &ray);
+            rays.pixel.push(pixel);
+            rays.origin_x.push(ray.origin[0]);
+            rays.origin_y.push(ray.origin[1]);
+            rays.origin_z.push(ray.origin[2]);
+            rays.towards_x.push(cos);
+            rays.towards_y.push(sin);
+            rays.slope.push(slope);
+            rays.spacing.push(spacing);
+            rays.slope_spacing.push(slope_spacing);
+            rays.reach = rays.reach.max(ray.origin[0].hypot(ray.origin[1]));
+            rays.lowest = rays.lowest.min(ray.origin[2]);
+            rays.highest = rays.highest.max(ray.origin[2]);
+        }
+        rays
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.pixel.len()
+    }
+
+    /// The rays of each bin.
+    pub(crate) fn bins(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        self.starts.windows(2).map(|ends| ends[0]..ends[1])
+    }
+
+    /// Runs of rays that may meet what lies within `radius` of (x, y) and between two heights; some beside it too.
+    pub(crate) fn around(
+        &self,
+        x: f32,
+        y: f32,
+        radius: f32,
+        bottom: f32,
+        top: f32,
+    ) -> impl Iterator<Item = Range<usize>> + '_ {
+        let distance = x.hypot(y);
+        // A ray starts up to `reach` beside the axis, so it passes that much beside what its azimuth says.
+        let wide = radius + self.reach;
+        let half = if distance > wide * 1.01 {
+            (wide / distance).asin()
+        } else {
+            PI
+        };
+        let middle = y.atan2(x);
+        let near = (distance - radius - self.reach).max(1e-3);
+        let far = distance + radius + self.reach;
+        // From the highest origin to the bottom near us, from the lowest to the top; a pixel's width to spare.
+        let down = bottom - self.highest;
+        let up = top - self.lowest;
+        let low = if down < 0.0 { down / near } else { down / far };
+        let high = if up < 0.0 { up / far } else { up / near };
+        self.sector(middle - half, middle + half).map(move |bin| {
+            let slopes = &self.slope[bin.clone()];
+            let first = slopes.partition_point(|&slope| slope < low - 0.02 - 0.02 * low.abs());
+            let last = slopes.partition_point(|&slope| slope <= high + 0.02 + 0.02 * high.abs());
+            bin.start + first..bin.start + last.max(first)
+        })
+    }
+
+    /// The bins between two azimuths (counter-clockwise), with one more on either side.
+    pub(crate) fn sector(&self, from: f32, to: f32) -> impl Iterator<Item = Range<usize>> + '_ {
+        let width = TAU / BINS as f32;
+        let first = (from / width).floor() as i64 - 1;
+        let count = (((to - from) / width).ceil() as i64 + 3).min(BINS as i64);
+        (first..first + count).map(|bin| {
+            let bin = bin.rem_euclid(BINS as i64) as usize;
+            self.starts[bin]..self.starts[bin + 1]
+        })
+    }
+}
+
+fn azimuth(ray: &Ray) -> f32 {
+    ray.direction[1].atan2(ray.direction[0])
+}
+
+fn slope(ray: &Ray) -> f32 {
+    let across = ray.direction[0].hypot(ray.direction[1]);
+    (ray.direction[2] / across.max(1e-9)).clamp(-STEEPEST, STEEPEST)
+}
+
+fn bin_of(azimuth: f32) -> usize {
+    ((azimuth.rem_euclid(TAU) / TAU * BINS as f32) as usize).min(BINS - 1)
+}
+
+/// By how much azimuth and slope change from a pixel to the next, whichever way they change most.
+fn spacing(table: &RayTable, pixel: usize, ray: &Ray) -> (f32, f32) {
+    let (column, row) = (pixel % table.width_px, pixel / table.width_px);
+    let (mut turn2, mut rise2) = (0.0, 0.0);
+    for (from, to) in [
+        (
+            (column > 0).then(|| pixel - 1),
+            (column + 1 < table.width_px).then_some(pixel + 1),
+        ),
+        (
+            (row > 0).then(|| pixel - table.width_px),
+            (row + 1 < table.height_px).then_some(pixel + table.width_px),
+        ),
+    ] {
+        let neighbour = |at: Option<usize>| at.and_then(|at| table.rays[at]);
+        let (before, after) = (neighbour(from), neighbour(to));
+        let steps = f32::from(u8::from(before.is_some()) + u8::from(after.is_some())).max(1.0);
+        let (before, after) = (before.unwrap_or(*ray), after.unwrap_or(*ray));
+        let turn = localize::frame::wrap_angle(azimuth(&after) - azimuth(&before)) / steps;
+        let rise = (slope(&after) - slope(&before)) / steps;
+        turn2 += turn * turn;
+        rise2 += rise * rise;
+    }
+    (turn2.sqrt().clamp(1e-4, 1.0), rise2.sqrt().max(1e-5))
+}

@@ -1,0 +1,467 @@
+//! What happens on the field, and how does it look? A scenario read from TOML; all paths relative to its file.
+
+use std::path::{Path, PathBuf};
+
+use localize::frame::Pose;
+use serde::{Deserialize, Serialize};
+use vision::{Mount, RobotConfig};
+
+use crate::film::FilmConfig;
+use crate::light::LightConfig;
+
+/// A scenario file. Lengths in metres, times in seconds after the start, angles as their names say.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// The robot file.
+    pub robot: PathBuf,
+    /// The field file; the robot's own if absent.
+    pub field: Option<PathBuf>,
+    /// Where chance starts from.
+    #[serde(default)]
+    pub seed: u64,
+    /// How long it lasts, seconds.
+    pub duration: f64,
+    /// Images per second.
+    #[serde(default = "thirty")]
+    pub frame_rate_hz: f64,
+    /// Where our robot stands at first.
+    pub start: Placement,
+    /// Where our robot drives.
+    #[serde(default)]
+    pub path: PathConfig,
+    /// The ball.
+    #[serde(default)]
+    pub ball: BallConfig,
+    /// The other robots.
+    #[serde(default)]
+    pub others: OthersConfig,
+    /// What the wheels do that the robot file does not say.
+    #[serde(default)]
+    pub wheels: WheelConfig,
+    /// How camera and mirror really sit, as opposed to what vision believes.
+    #[serde(default)]
+    pub mount: Mount,
+    /// The real focal length over the one of the robot file.
+    #[serde(default = "one")]
+    pub focal_scale: f64,
+    /// Exposure, gain, white balance, vignetting and noise.
+    #[serde(default)]
+    pub film: FilmConfig,
+    /// Light on the field.
+    #[serde(default)]
+    pub light: LightConfig,
+    /// Our robot is taken away.
+    #[serde(default)]
+    pub kidnaps: Vec<Kidnap>,
+    /// Our robot is pushed.
+    #[serde(default)]
+    pub pushes: Vec<Push>,
+    /// Something black hangs in the view.
+    #[serde(default)]
+    pub occlusions: Vec<Occlusion>,
+    /// Sensors that fail.
+    #[serde(default)]
+    pub faults: Vec<Fault>,
+}
+
+fn thirty() -> f64 {
+    30.0
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// A place and a heading on the field.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Placement {
+    /// Metres.
+    pub x: f32,
+    /// Metres.
+    pub y: f32,
+    /// Degrees counter-clockwise from the field's x axis.
+    #[serde(default)]
+    pub theta_deg: f32,
+}
+
+impl Placement {
+    /// As a pose on the field.
+    pub fn pose(self) -> Pose {
+        Pose::new(self.x, self.y, self.theta_deg.to_radians())
+    }
+}
+
+/// How our robot drives: along waypoints, by a list of velocities, or not at all.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PathConfig {
+    /// Points to pass, in turn; a heading is reached on the way there.
+    pub waypoints: Vec<Placement>,
+    /// After the last waypoint, start over.
+    pub repeat: bool,
+    /// Top speed on the path, m/s.
+    pub speed: f32,
+    /// Top rate of turn on the path, degrees/s.
+    pub turn_rate_deg: f32,
+    /// Velocities in the robot frame, each valid until the next; used where there are no waypoints.
+    pub commands: Vec<TimedTwist>,
+}
+
+impl Default for PathConfig {
+    fn default() -> Self {
+        PathConfig {
+            waypoints: Vec::new(),
+            repeat: true,
+            speed: 1.5,
+            turn_rate_deg: 60.0,
+            commands: Vec::new(),
+        }
+    }
+}
+
+/// A velocity in the robot frame from a time on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TimedTwist {
+    /// From when, seconds.
+    pub time: f64,
+    /// Forward, m/s.
+    #[serde(default)]
+    pub vx: f32,
+    /// To the left, m/s.
+    #[serde(default)]
+    pub vy: f32,
+    /// Counter-clockwise, degrees/s.
+    #[serde(default)]
+    pub turn_deg: f32,
+}
+
+/// The ball: slides, then rolls (a hollow shell), and bounces.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BallConfig {
+    /// False for a field without a ball.
+    pub present: bool,
+    /// Where it lies at first, metres.
+    pub position: [f32; 2],
+    /// How it moves at first (sliding), m/s.
+    pub velocity: [f32; 2],
+    /// Metres.
+    pub diameter: f32,
+    /// Kilograms.
+    pub mass: f32,
+    /// Its colour, sRGB 0 to 255.
+    pub colour: [u8; 3],
+    /// Speed after a bounce off a wall or post over the speed before.
+    pub restitution: f32,
+    /// Friction on the carpet while it slides.
+    pub sliding_friction: f32,
+    /// Deceleration while it rolls, m/s².
+    pub rolling_deceleration: f32,
+}
+
+impl Default for BallConfig {
+    fn default() -> Self {
+        BallConfig {
+            present: true,
+            position: [1.0, 0.5],
+            velocity: [0.0, 0.0],
+            diameter: 0.22,
+            mass: 0.43,
+            colour: [245, 125, 20],
+            restitution: 0.7,
+            sliding_friction: 0.35,
+            rolling_deceleration: 0.35,
+        }
+    }
+}
+
+/// The other robots: so many at random places, or each as listed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OthersConfig {
+    /// Opponents (magenta) at seeded places.
+    pub opponents: usize,
+    /// Team-mates (cyan) at seeded places.
+    pub mates: usize,
+    /// Robots at given places.
+    pub placed: Vec<PlacedRobot>,
+    /// Their top speed, m/s.
+    pub speed: f32,
+    /// Speed of a kicked ball, m/s.
+    pub kick_speed: f32,
+}
+
+impl Default for OthersConfig {
+    fn default() -> Self {
+        OthersConfig {
+            opponents: 0,
+            mates: 0,
+            placed: Vec::new(),
+            speed: 2.0,
+            kick_speed: 6.0,
+        }
+    }
+}
+
+/// A robot at a given place.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlacedRobot {
+    /// Metres.
+    pub x: f32,
+    /// Metres.
+    pub y: f32,
+    /// Degrees counter-clockwise from the field's x axis.
+    #[serde(default)]
+    pub theta_deg: f32,
+    /// Whose it is.
+    pub team: Team,
+    /// True if it only stands there.
+    #[serde(default)]
+    pub stands: bool,
+}
+
+/// The colour of a robot's marker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Team {
+    /// Ours.
+    Cyan,
+    /// Theirs.
+    Magenta,
+}
+
+/// Where wheels and odometry differ from the robot file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WheelConfig {
+    /// Friction of wheels on the carpet: what they can push at most, over the weight on them.
+    pub traction: f32,
+    /// Force of a wheel per slip speed, N per m/s: how much it creeps before it loses its grip.
+    pub grip: f32,
+    /// Each wheel's real radius over the one of the robot file; the last one repeats.
+    pub radius_scale: Vec<f32>,
+}
+
+impl Default for WheelConfig {
+    fn default() -> Self {
+        WheelConfig {
+            traction: 0.7,
+            grip: 2500.0,
+            radius_scale: vec![1.0],
+        }
+    }
+}
+
+/// Our robot is put elsewhere, at once.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Kidnap {
+    /// When, seconds.
+    pub time: f64,
+    /// Metres.
+    pub x: f32,
+    /// Metres.
+    pub y: f32,
+    /// Degrees counter-clockwise from the field's x axis.
+    #[serde(default)]
+    pub theta_deg: f32,
+}
+
+/// Our robot is hit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Push {
+    /// When, seconds.
+    pub time: f64,
+    /// Impulse on the field, N s along x and y.
+    pub impulse: [f32; 2],
+}
+
+/// A black sector of the view.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Occlusion {
+    /// From when, seconds.
+    pub start: f64,
+    /// Until when, seconds.
+    pub stop: f64,
+    /// Its middle, degrees counter-clockwise from the robot's x axis.
+    pub direction_deg: f32,
+    /// Its whole width, degrees.
+    pub width_deg: f32,
+}
+
+/// A sensor fails for a while.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fault {
+    /// What fails.
+    pub kind: FaultKind,
+    /// From when, seconds.
+    pub start: f64,
+    /// Until when, seconds.
+    pub stop: f64,
+    /// Which wheel, counted from 0 (wheel_stuck alone).
+    #[serde(default)]
+    pub wheel: usize,
+}
+
+/// How a sensor fails.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultKind {
+    /// No images.
+    FramesDropped,
+    /// Every image is the last one before the fault.
+    FramesFrozen,
+    /// No compass samples.
+    CompassSilent,
+    /// The compass repeats its last heading.
+    CompassFrozen,
+    /// No odometry.
+    OdometrySilent,
+    /// One wheel's encoder does not count.
+    WheelStuck,
+    /// No IMU samples.
+    ImuSilent,
+}
+
+/// Why there is no scenario.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        source: std::io::Error,
+    },
+    /// The file is not a scenario.
+    #[error("{}: {source}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Line and reason.
+        source: Box<toml::de::Error>,
+    },
+    /// A value that no scenario can have.
+    #[error("{}: {key}: {reason}", path.display())]
+    Value {
+        /// The file.
+        path: PathBuf,
+        /// The key in the file.
+        key: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The robot file it names.
+    #[error(transparent)]
+    Robot(#[from] vision::robot::RobotError),
+}
+
+/// More than five against five and a referee is no game.
+const MOST_OTHERS: usize = 10;
+
+impl Scenario {
+    /// Reads and checks a scenario file and its robot file; paths come back relative to the working folder.
+    pub fn load(path: &Path) -> Result<(Self, RobotConfig), ScenarioError> {
+        let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let mut scenario: Scenario =
+            toml::from_str(&text).map_err(|source| ScenarioError::Parse {
+                path: path.to_owned(),
+                source: Box::new(source),
+            })?;
+        scenario
+            .check()
+            .map_err(|(key, reason)| ScenarioError::Value {
+                path: path.to_owned(),
+                key,
+                reason,
+            })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        scenario.robot = folder.join(&scenario.robot);
+        let robot = RobotConfig::load(&scenario.robot)?;
+        scenario.field = Some(match scenario.field.take() {
+            Some(field) => folder.join(field),
+            None => robot.field.clone(),
+        });
+        Ok((scenario, robot))
+    }
+
+    /// The first key whose value makes no scenario, and why.
+    fn check(&self) -> Result<(), (String, String)> {
+        let refuse = |key: &str, reason: String| Err((key.to_owned(), reason));
+        if !(self.duration.is_finite() && self.duration > 0.0) {
+            return refuse(
+                "duration",
+                format!("{} must be a positive number of seconds", self.duration),
+            );
+        }
+        for (key, value) in [
+            ("frame_rate_hz", self.frame_rate_hz),
+            ("focal_scale", self.focal_scale),
+            ("path.speed", self.path.speed.into()),
+            ("path.turn_rate_deg", self.path.turn_rate_deg.into()),
+            ("ball.diameter", self.ball.diameter.into()),
+            ("ball.mass", self.ball.mass.into()),
+            ("others.speed", self.others.speed.into()),
+            ("wheels.traction", self.wheels.traction.into()),
+            ("wheels.grip", self.wheels.grip.into()),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return refuse(key, format!("{value} must be a positive number"));
+            }
+        }
+        if !(0.0..=1.0).contains(&self.ball.restitution) {
+            return refuse(
+                "ball.restitution",
+                format!("{} must lie between 0 and 1", self.ball.restitution),
+            );
+        }
+        let others = self.others.opponents + self.others.mates + self.others.placed.len();
+        if others > MOST_OTHERS {
+            return refuse(
+                "others",
+                format!("{others} robots: at most {MOST_OTHERS} are simulated"),
+            );
+        }
+        let radius_ok = |scale: &f32| scale.is_finite() && *scale > 0.0;
+        if self.wheels.radius_scale.is_empty() || !self.wheels.radius_scale.iter().all(radius_ok) {
+            return refuse(
+                "wheels.radius_scale",
+                "wants one positive number a wheel".to_owned(),
+            );
+        }
+        for (index, occlusion) in self.occlusions.iter().enumerate() {
+            if !(occlusion.start <= occlusion.stop && occlusion.width_deg >= 0.0) {
+                let key = format!("occlusions[{index}]");
+                return Err((
+                    key,
+                    "must stop after its start and have a width of at least 0".to_owned(),
+                ));
+            }
+        }
+        for (index, fault) in self.faults.iter().enumerate() {
+            if !(fault.start <= fault.stop) {
+                return Err((
+                    format!("faults[{index}]"),
+                    "must stop after its start".to_owned(),
+                ));
+            }
+        }
+        self.film
+            .check()
+            .map_err(|(key, reason)| (format!("film.{key}"), reason))?;
+        self.light
+            .check()
+            .map_err(|(key, reason)| (format!("light.{key}"), reason))
+    }
+}

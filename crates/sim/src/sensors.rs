@@ -1,0 +1,111 @@
+//! What do IMU and compass read? Truth with bias, noise and shocks.
+
+use localize::frame::wrap_angle;
+use localize::sample::{Compass, Imu};
+use localize::stamp::Stamp;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use vision::robot::{CompassConfig, ImuConfig};
+
+/// What a robot at rest feels, m/s².
+const GRAVITY: f32 = 9.81;
+
+/// One draw of the standard normal distribution (Box and Muller).
+pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
+    let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
+    radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
+}
+
+/// The inertial unit of one robot: its biases were drawn when it was made.
+#[derive(Debug, Clone)]
+pub(crate) struct ImuModel {
+    acceleration_noise: f32,
+    rate_noise: f32,
+    acceleration_bias: [f32; 3],
+    rate_bias: [f32; 3],
+}
+
+impl ImuModel {
+    pub(crate) fn new(config: &ImuConfig, rng: &mut ChaCha8Rng) -> Self {
+        let (acceleration, rate) = (config.acceleration_bias, config.rate_bias_deg.to_radians());
+        ImuModel {
+            acceleration_noise: config.acceleration_noise,
+            rate_noise: config.rate_noise_deg.to_radians(),
+            acceleration_bias: [0; 3].map(|_| acceleration * normal(rng)),
+            rate_bias: [0; 3].map(|_| rate * normal(rng)),
+        }
+    }
+
+    /// A reading, from the mean true acceleration (robot frame, m/s²) since the last one and the rate (rad/s).
+    pub(crate) fn read(
+        &self,
+        stamp: Stamp,
+        acceleration: [f32; 2],
+        rate: f32,
+        rng: &mut ChaCha8Rng,
+    ) -> Imu {
+        let force = [acceleration[0], acceleration[1], GRAVITY];
+        let rates = [0.0, 0.0, rate];
+        Imu {
+            stamp,
+            acceleration: std::array::from_fn(|axis| {
+                force[axis] + self.acceleration_bias[axis] + self.acceleration_noise * normal(rng)
+            }),
+            rate: std::array::from_fn(|axis| {
+                rates[axis] + self.rate_bias[axis] + self.rate_noise * normal(rng)
+            }),
+        }
+    }
+}
+
+/// A compass with a bias that wanders (Ornstein and Uhlenbeck).
+#[derive(Debug, Clone)]
+pub(crate) struct CompassModel {
+    noise: f32,
+    spread: f32,
+    keeps: f32,
+    bias: f32,
+}
+
+impl CompassModel {
+    pub(crate) fn new(config: &CompassConfig, rng: &mut ChaCha8Rng) -> Self {
+        let spread = config.bias_deg.to_radians();
+        CompassModel {
+            noise: config.noise_deg.to_radians(),
+            spread,
+            keeps: (-1.0 / (config.rate_hz * config.bias_time)).exp(),
+            bias: spread * normal(rng),
+        }
+    }
+
+    /// A reading of the true heading, radians.
+    pub(crate) fn read(&mut self, stamp: Stamp, heading: f32, rng: &mut ChaCha8Rng) -> Compass {
+        let fresh = self.spread * (1.0 - self.keeps * self.keeps).sqrt();
+        self.bias = self.keeps * self.bias + fresh * normal(rng);
+        Compass {
+            stamp,
+            heading: wrap_angle(heading + self.bias + self.noise * normal(rng)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+
+    #[test]
+    fn a_compass_errs_by_noise_and_bias_together() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let config = CompassConfig {
+            bias_time: 0.5,
+            ..CompassConfig::default()
+        };
+        let mut compass = CompassModel::new(&config, &mut rng);
+        let count = 20_000;
+        let errors = (0..count).map(|_| compass.read(Stamp(0), 3.0, &mut rng).heading - 3.0);
+        let square: f32 = errors.map(|error| wrap_angle(error).powi(2)).sum();
+        let spread_deg = (square / count as f32).sqrt().to_degrees();
+        assert!((spread_deg - 5f32.hypot(4.0)).abs() < 0.3, "{spread_deg}");
+    }
+}

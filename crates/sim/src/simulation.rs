@@ -1,0 +1,514 @@
+//! What does the robot sense, and when? The world and all sensors on one clock, as stamped samples in time order.
+
+use std::collections::VecDeque;
+use std::path::PathBuf;
+
+use localize::field::{Field, FieldError};
+use localize::frame::{At, FieldFrame, Pose};
+use localize::sample::{Compass, Imu, Odometry};
+use localize::stamp::Stamp;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use vision::mirror::ProfileError;
+use vision::optics::OpticsError;
+use vision::{CameraConfig, Profile, RobotConfig};
+
+use crate::base::Twist;
+use crate::drive::Follower;
+use crate::film::FilmConfig;
+use crate::play::{Play, THINKING};
+use crate::render::{Renderer, Scene, Setting};
+use crate::scenario::{FaultKind, Scenario, ScenarioError};
+use crate::sensors::{CompassModel, ImuModel};
+use crate::world::{BallState, RobotState, STEP, World};
+
+/// What a sensor says, or what is true.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Sample {
+    /// Wheel encoders.
+    Odometry(Odometry),
+    /// Inertial unit.
+    Imu(Imu),
+    /// Compass.
+    Compass(Compass),
+    /// What is true at the time of an image; it comes just before the image.
+    Truth(Truth),
+    /// The camera.
+    Image(Image),
+}
+
+impl Sample {
+    /// When it was taken.
+    pub fn stamp(&self) -> Stamp {
+        match self {
+            Sample::Odometry(odometry) => odometry.stamp,
+            Sample::Imu(imu) => imu.stamp,
+            Sample::Compass(compass) => compass.stamp,
+            Sample::Truth(truth) => truth.stamp,
+            Sample::Image(image) => image.stamp,
+        }
+    }
+}
+
+/// A camera image.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Image {
+    /// Middle of the exposure.
+    pub stamp: Stamp,
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Red, green, blue bytes, row by row.
+    pub rgb: Vec<u8>,
+}
+
+/// Where everything really is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// When.
+    pub stamp: Stamp,
+    /// Our robot.
+    pub robot: RobotState,
+    /// The ball, where there is one.
+    pub ball: Option<BallState>,
+    /// The other robots.
+    pub others: Vec<RobotState>,
+}
+
+/// Why there is no simulation.
+#[derive(Debug, thiserror::Error)]
+pub enum SimError {
+    /// The scenario or robot file.
+    #[error(transparent)]
+    Scenario(#[from] ScenarioError),
+    /// The field file.
+    #[error(transparent)]
+    Field(#[from] FieldError),
+    /// The mirror's profile.
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+    /// Camera and mirror do not go together.
+    #[error("{}: {source}", path.display())]
+    Optics {
+        /// The robot file.
+        path: PathBuf,
+        /// What is wrong.
+        source: OpticsError,
+    },
+    /// Something that a simulation needs is not in the robot file.
+    #[error("{}: a simulated robot needs {what}", path.display())]
+    Missing {
+        /// The robot file.
+        path: PathBuf,
+        /// What is missing.
+        what: &'static str,
+    },
+}
+
+/// A running simulation. `Iterator` yields its samples until the scenario's end.
+pub struct Sim {
+    scenario: Scenario,
+    robot: RobotConfig,
+    field: Field,
+    world: World,
+    play: Play,
+    follower: Follower,
+    commanded: Option<Twist>,
+    renderer: Renderer,
+    film: FilmConfig,
+    /// Light set by hand, in place of the scenario's.
+    light_level: Option<f32>,
+    imu: Option<(ImuModel, Clock)>,
+    compass: Option<(CompassModel, Clock)>,
+    odometry: Clock,
+    camera: Clock,
+    thinking: Clock,
+    steps: u64,
+    next_kidnap: usize,
+    next_push: usize,
+    /// Sum of accelerations since the last IMU sample, and of how many steps.
+    shaken: ([f64; 2], u32),
+    frozen_heading: Option<f32>,
+    frozen_image: Option<Vec<u8>>,
+    chance_play: ChaCha8Rng,
+    chance_sensors: ChaCha8Rng,
+    ready: VecDeque<Sample>,
+}
+
+/// Ticks at a fixed rate, counted so that rounding never adds up.
+#[derive(Debug, Clone, Copy)]
+struct Clock {
+    rate_hz: f64,
+    ticks: u64,
+}
+
+impl Clock {
+    fn new(rate_hz: f64) -> Self {
+        Clock { rate_hz, ticks: 0 }
+    }
+
+    /// True once a tick: when the time for it has come.
+    fn due(&mut self, time: f64) -> bool {
+        // Half a step early or late is as near as steps allow.
+        let due = time + f64::from(STEP) / 2.0 >= self.ticks as f64 / self.rate_hz;
+        self.ticks += u64::from(due);
+        due
+    }
+}
+
+impl Sim {
+    /// Reads a scenario and all that it names; `seed` overrides the scenario's.
+    pub fn load(path: &std::path::Path, seed: Option<u64>) -> Result<Self, SimError> {
+        let (mut scenario, robot) = Scenario::load(path)?;
+        scenario.seed = seed.unwrap_or(scenario.seed);
+        let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
+        Sim::new(scenario, robot, field)
+    }
+
+    /// Sets everything up. The robot needs a camera and a mirror profile; its file is named in errors.
+    pub fn new(scenario: Scenario, robot: RobotConfig, field: Field) -> Result<Self, SimError> {
+        let missing = |what| SimError::Missing {
+            path: scenario.robot.clone(),
+            what,
+        };
+        let camera = robot.camera.as_ref().ok_or_else(|| missing("[camera]"))?;
+        let mirror = robot.mirror.as_ref().ok_or_else(|| missing("[mirror]"))?;
+        let profile = Profile::load(&mirror.profile)?;
+        let (base, body) = (
+            robot.base.clone().unwrap_or_default(),
+            robot.body.clone().unwrap_or_default(),
+        );
+        let real_camera = CameraConfig {
+            focal_px: camera
+                .focal_px
+                .map(|focal| focal * scenario.focal_scale as f32),
+            // What a longer focal length enlarges, the rim's image included.
+            outer_radius_px: camera
+                .outer_radius_px
+                .map(|rim| rim * scenario.focal_scale as f32),
+            ..camera.clone()
+        };
+        let renderer = Renderer::new(&Setting {
+            camera: &real_camera,
+            profile: &profile,
+            mount: scenario.mount,
+            body: &body,
+            field: &field,
+            light: &scenario.light,
+            blur_px: scenario.film.blur_px,
+            seed: scenario.seed,
+        })
+        .map_err(|source| SimError::Optics {
+            path: scenario.robot.clone(),
+            source,
+        })?;
+        let stream = |number| {
+            let mut rng = ChaCha8Rng::seed_from_u64(scenario.seed);
+            rng.set_stream(number);
+            rng
+        };
+        let (mut chance_play, mut chance_sensors) = (stream(2), stream(3));
+        let start = scenario.start.pose();
+        let (play, places) = Play::new(&field, &scenario.others, start, &mut chance_play);
+        let world = World::new(&field, &base, &body, &scenario, &places);
+        let imu = robot.imu.as_ref().map(|config| {
+            (
+                ImuModel::new(config, &mut chance_sensors),
+                Clock::new(config.rate_hz.into()),
+            )
+        });
+        let compass = robot.compass.as_ref().map(|config| {
+            (
+                CompassModel::new(config, &mut chance_sensors),
+                Clock::new(config.rate_hz.into()),
+            )
+        });
+        Ok(Sim {
+            world,
+            play,
+            follower: Follower::new(scenario.path.clone()),
+            commanded: None,
+            renderer,
+            film: scenario.film,
+            light_level: None,
+            imu,
+            compass,
+            odometry: Clock::new(base.rate_hz.into()),
+            camera: Clock::new(scenario.frame_rate_hz),
+            thinking: Clock::new(1.0 / f64::from(THINKING)),
+            steps: 0,
+            next_kidnap: 0,
+            next_push: 0,
+            shaken: ([0.0; 2], 0),
+            frozen_heading: None,
+            frozen_image: None,
+            chance_play,
+            chance_sensors,
+            ready: VecDeque::new(),
+            scenario: sorted(scenario),
+            robot,
+            field,
+        })
+    }
+
+    /// The scenario, its paths resolved.
+    pub fn scenario(&self) -> &Scenario {
+        &self.scenario
+    }
+
+    /// The robot's file: what vision believes.
+    pub fn robot(&self) -> &RobotConfig {
+        &self.robot
+    }
+
+    /// The field.
+    pub fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// Seconds since the start.
+    pub fn time(&self) -> f64 {
+        // 2 ms in f64: the same product on every machine.
+        self.steps as f64 * f64::from(STEP)
+    }
+
+    /// Takes over from the scenario's path; `None` gives it back.
+    pub fn command(&mut self, twist: Option<Twist>) {
+        self.commanded = twist;
+    }
+
+    /// Puts our robot elsewhere, standing.
+    pub fn kidnap(&mut self, pose: Pose) {
+        self.world.kidnap(pose);
+    }
+
+    /// Hits our robot with an impulse (N s, field frame).
+    pub fn push(&mut self, impulse: [f32; 2]) {
+        self.world.push(impulse);
+    }
+
+    /// Puts the ball somewhere with a velocity (m/s, field frame).
+    pub fn place_ball(&mut self, at: At<FieldFrame>, velocity: [f32; 2]) {
+        self.world.place_ball(at, velocity);
+    }
+
+    /// Sets the light's level by hand; `None` gives it back to the scenario.
+    pub fn set_light(&mut self, level: Option<f32>) {
+        self.light_level = level;
+    }
+
+    /// The camera's settings.
+    pub fn film(&self) -> &FilmConfig {
+        &self.film
+    }
+
+    /// Changes the camera's settings from the next image on.
+    pub fn set_film(&mut self, film: FilmConfig) {
+        self.film = film;
+    }
+
+    /// What is true now.
+    pub fn truth(&self) -> Truth {
+        Truth {
+            stamp: Stamp::from_seconds(self.time()),
+            robot: self.world.robot(),
+            ball: self.world.ball(),
+            others: self.world.others().collect(),
+        }
+    }
+
+    /// The next sample, whatever the time; the world stands still in between.
+    pub fn next_sample(&mut self) -> Sample {
+        loop {
+            if let Some(sample) = self.ready.pop_front() {
+                return sample;
+            }
+            if self.steps > 0 || self.odometry.ticks > 0 {
+                self.step();
+            }
+            self.sense();
+        }
+    }
+
+    fn failing(&self, kind: FaultKind) -> Option<&crate::scenario::Fault> {
+        let time = self.time();
+        let fails = |fault: &&crate::scenario::Fault| {
+            fault.kind == kind && fault.start <= time && time < fault.stop
+        };
+        self.scenario.faults.iter().find(fails)
+    }
+
+    fn step(&mut self) {
+        let time = self.time();
+        while let Some(kidnap) = self.scenario.kidnaps.get(self.next_kidnap) {
+            if kidnap.time > time {
+                break;
+            }
+            self.next_kidnap += 1;
+            self.world
+                .kidnap(Pose::new(kidnap.x, kidnap.y, kidnap.theta_deg.to_radians()));
+        }
+        while let Some(push) = self.scenario.pushes.get(self.next_push) {
+            if push.time > time {
+                break;
+            }
+            self.next_push += 1;
+            self.world.push(push.impulse);
+        }
+        if self.thinking.due(time) {
+            self.play.think(&mut self.world, &mut self.chance_play);
+        }
+        let wanted = match self.commanded {
+            Some(twist) => twist,
+            None => {
+                let pose = self.world.robot().pose;
+                let others = self.world.others().map(|state| state.pose);
+                self.follower.wanted(time, STEP, pose, others)
+            }
+        };
+        self.world.step(wanted);
+        let [ax, ay] = self.world.acceleration();
+        self.shaken.0[0] += f64::from(ax);
+        self.shaken.0[1] += f64::from(ay);
+        self.shaken.1 += 1;
+        self.steps += 1;
+    }
+
+    /// Reads every sensor whose time has come: motion first, then truth and image.
+    fn sense(&mut self) {
+        let time = self.time();
+        let stamp = Stamp::from_seconds(time);
+        if self.odometry.due(time) {
+            self.sense_wheels(stamp);
+        }
+        if self.imu.as_mut().is_some_and(|(_, clock)| clock.due(time)) {
+            self.sense_imu(stamp);
+        }
+        if self
+            .compass
+            .as_mut()
+            .is_some_and(|(_, clock)| clock.due(time))
+        {
+            self.sense_compass(stamp);
+        }
+        if self.camera.due(time) {
+            let truth = self.truth();
+            let image = self.sense_image(&truth);
+            self.ready.push_back(Sample::Truth(truth));
+            self.ready.extend(image.map(Sample::Image));
+        }
+    }
+
+    fn sense_wheels(&mut self, stamp: Stamp) {
+        let stuck = self.failing(FaultKind::WheelStuck).map(|fault| fault.wheel);
+        let [dx, dy, dtheta] = self.world.count_wheels(stuck);
+        if self.failing(FaultKind::OdometrySilent).is_none() {
+            self.ready.push_back(Sample::Odometry(Odometry {
+                stamp,
+                dx,
+                dy,
+                dtheta,
+            }));
+        }
+    }
+
+    fn sense_imu(&mut self, stamp: Stamp) {
+        let ([x, y], count) = std::mem::take(&mut self.shaken);
+        let robot = self.world.robot();
+        let (sin, cos) = robot.pose.theta.sin_cos();
+        let per = 1.0 / f64::from(count.max(1));
+        let (x, y) = ((x * per) as f32, (y * per) as f32);
+        let felt = [cos * x + sin * y, -sin * x + cos * y];
+        let silent = self.failing(FaultKind::ImuSilent).is_some();
+        if let Some((imu, _)) = &self.imu {
+            let reading = imu.read(stamp, felt, robot.omega, &mut self.chance_sensors);
+            if !silent {
+                self.ready.push_back(Sample::Imu(reading));
+            }
+        }
+    }
+
+    fn sense_compass(&mut self, stamp: Stamp) {
+        let heading = self.world.robot().pose.theta;
+        let silent = self.failing(FaultKind::CompassSilent).is_some();
+        let frozen = self.failing(FaultKind::CompassFrozen).is_some();
+        let Some((compass, _)) = &mut self.compass else {
+            return;
+        };
+        let mut reading = compass.read(stamp, heading, &mut self.chance_sensors);
+        match (frozen, self.frozen_heading) {
+            (true, Some(heading)) => reading.heading = heading,
+            _ => self.frozen_heading = Some(reading.heading),
+        }
+        if !silent {
+            self.ready.push_back(Sample::Compass(reading));
+        }
+    }
+
+    fn sense_image(&mut self, truth: &Truth) -> Option<Image> {
+        if self.failing(FaultKind::FramesDropped).is_some() {
+            return None;
+        }
+        let (width_px, height_px) = self.renderer.size_px();
+        let image = |rgb| Image {
+            stamp: truth.stamp,
+            width_px,
+            height_px,
+            rgb,
+        };
+        let frozen = self.failing(FaultKind::FramesFrozen).is_some();
+        if let (true, Some(rgb)) = (frozen, &self.frozen_image) {
+            return Some(image(rgb.clone()));
+        }
+        let time = truth.stamp.seconds();
+        let level = self
+            .light_level
+            .unwrap_or_else(|| self.scenario.light.level_at(time));
+        let occlusions: Vec<(f32, f32)> = self
+            .scenario
+            .occlusions
+            .iter()
+            .filter(|occlusion| occlusion.start <= time && time < occlusion.stop)
+            .map(|occlusion| {
+                (
+                    occlusion.direction_deg.to_radians(),
+                    occlusion.width_deg.to_radians(),
+                )
+            })
+            .collect();
+        let look = &self.scenario.ball;
+        let scene = Scene {
+            pose: truth.robot.pose,
+            robots: &truth.others,
+            ball: truth.ball.map(|ball| (ball.at, look.diameter, look.colour)),
+            lamp: self.scenario.light.colour.map(|part| part * level),
+            occlusions: &occlusions,
+        };
+        let mut rgb = Vec::new();
+        self.renderer.render(&scene, &self.film, &mut rgb);
+        self.frozen_image = frozen.then(|| rgb.clone());
+        Some(image(rgb))
+    }
+}
+
+/// Kidnaps and pushes in the order in which they happen.
+fn sorted(mut scenario: Scenario) -> Scenario {
+    scenario.kidnaps.sort_by(|a, b| a.time.total_cmp(&b.time));
+    scenario.pushes.sort_by(|a, b| a.time.total_cmp(&b.time));
+    scenario
+}
+
+impl Iterator for Sim {
+    type Item = Sample;
+
+    /// The next sample; none once the scenario's duration is over.
+    fn next(&mut self) -> Option<Sample> {
+        let end = Stamp::from_seconds(self.scenario.duration);
+        if self.ready.is_empty() && self.time() > self.scenario.duration {
+            return None;
+        }
+        let sample = self.next_sample();
+        (sample.stamp() <= end).then_some(sample)
+    }
+}

@@ -1,0 +1,328 @@
+//! Where does everything move? Our robot, the others and the ball in lockstep, top-down, on a rapier field.
+
+use localize::field::Field;
+use localize::frame::{At, FieldFrame, Pose};
+use nalgebra::Vector2;
+use rapier2d::prelude::*;
+use vision::robot::{BaseConfig, BodyConfig};
+
+use crate::ball::RollingLaw;
+use crate::base::{Base, Twist};
+use crate::scenario::{BallConfig, Scenario, Team};
+
+/// Length of a step, seconds: at 12 m/s a ball moves a tenth of its diameter.
+pub const STEP: f32 = 0.002;
+
+/// Mass of each of the other robots, kilograms (the league allows 40).
+const OTHER_MASS: f32 = 35.0;
+/// Half the side of the other robots, metres (the league allows 0.26).
+pub(crate) const OTHER_HALF_SIDE: f32 = 0.24;
+/// What the other robots can accelerate by, m/s² and rad/s².
+const OTHER_ACCELERATION: f32 = 3.5;
+const OTHER_TURN_ACCELERATION: f32 = 20.0;
+/// Speed kept after a bounce off a robot's body.
+const BODY_RESTITUTION: f32 = 0.3;
+/// A net takes nearly all of a ball's speed.
+const NET_RESTITUTION: f32 = 0.1;
+/// Thickness of nets and walls, metres: what a ball at 12 m/s crosses in four steps.
+const WALL_THICKNESS: f32 = 0.1;
+/// Room between the carpet and the hall's barrier, metres.
+const BARRIER_GAP: f32 = 0.5;
+
+/// Bodies in motion; stamps and chance come from outside.
+pub struct World {
+    physics: PhysicsWorld,
+    robot: RigidBodyHandle,
+    others: Vec<Other>,
+    ball: Option<Ball>,
+    base: Base,
+    last_acceleration: Vector2<f32>,
+}
+
+/// One of the other robots.
+struct Other {
+    body: RigidBodyHandle,
+    team: Team,
+    wanted: [f32; 3],
+}
+
+struct Ball {
+    body: RigidBodyHandle,
+    law: RollingLaw,
+    spin: Vector2<f32>,
+}
+
+/// Where a robot is and how it moves, field frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotState {
+    /// Its pose.
+    pub pose: Pose,
+    /// m/s along the field's x and y.
+    pub velocity: [f32; 2],
+    /// rad/s counter-clockwise.
+    pub omega: f32,
+    /// The colour of its marker.
+    pub team: Team,
+}
+
+/// Where the ball is and how it moves, field frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BallState {
+    /// Where it touches the ground.
+    pub at: At<FieldFrame>,
+    /// m/s along the field's x and y.
+    pub velocity: [f32; 2],
+}
+
+impl World {
+    /// Puts everything where the scenario says; `others` are poses and teams of the other robots.
+    pub fn new(
+        field: &Field,
+        base: &BaseConfig,
+        body: &BodyConfig,
+        scenario: &Scenario,
+        others: &[(Pose, Team)],
+    ) -> Self {
+        let mut physics = PhysicsWorld::new();
+        physics.gravity = Vector::ZERO;
+        physics.integration_parameters.dt = STEP;
+        insert_field(&mut physics, field, scenario.ball.restitution);
+        let (robot, _) = physics.insert(
+            dynamic(scenario.start.pose()),
+            ColliderBuilder::ball(body.radius.max(0.05))
+                .mass(base.mass)
+                .restitution(BODY_RESTITUTION)
+                .restitution_combine_rule(CoefficientCombineRule::Min)
+                .friction(0.2),
+        );
+        let others = others
+            .iter()
+            .map(|&(pose, team)| {
+                let collider = ColliderBuilder::cuboid(OTHER_HALF_SIDE, OTHER_HALF_SIDE)
+                    .mass(OTHER_MASS)
+                    .restitution(BODY_RESTITUTION)
+                    .restitution_combine_rule(CoefficientCombineRule::Min)
+                    .friction(0.2);
+                let (body, _) = physics.insert(dynamic(pose), collider);
+                Other {
+                    body,
+                    team,
+                    wanted: [0.0; 3],
+                }
+            })
+            .collect();
+        let ball = scenario
+            .ball
+            .present
+            .then(|| insert_ball(&mut physics, &scenario.ball));
+        World {
+            physics,
+            robot,
+            others,
+            ball,
+            base: Base::new(base, &scenario.wheels),
+            last_acceleration: Vector2::zeros(),
+        }
+    }
+
+    /// Moves everything by one `STEP`; our robot's motors follow `wanted` (robot frame).
+    pub fn step(&mut self, wanted: Twist) {
+        self.drive_robot(wanted);
+        for index in 0..self.others.len() {
+            self.drive_other(index);
+        }
+        if let Some(ball) = &mut self.ball {
+            let body = &mut self.physics.bodies[ball.body];
+            let velocity = body.linvel();
+            let (slower, spin) =
+                ball.law
+                    .slow(Vector2::new(velocity.x, velocity.y), ball.spin, STEP);
+            ball.spin = spin;
+            body.set_linvel(Vector::new(slower.x, slower.y), true);
+        }
+        let before = self.physics.bodies[self.robot].linvel();
+        self.physics.step();
+        let change = (self.physics.bodies[self.robot].linvel() - before) / STEP;
+        self.last_acceleration = Vector2::new(change.x, change.y);
+    }
+
+    fn drive_robot(&mut self, wanted: Twist) {
+        let state = self.robot();
+        let (sin, cos) = state.pose.theta.sin_cos();
+        let [vx, vy] = state.velocity;
+        let real = Twist {
+            vx: cos * vx + sin * vy,
+            vy: -sin * vx + cos * vy,
+            omega: state.omega,
+        };
+        let drive = self.base.drive(wanted, real, STEP);
+        let [fx, fy] = drive.force;
+        let body = &mut self.physics.bodies[self.robot];
+        body.reset_forces(true);
+        body.reset_torques(true);
+        body.add_force(Vector::new(cos * fx - sin * fy, sin * fx + cos * fy), true);
+        body.add_torque(drive.torque, true);
+    }
+
+    fn drive_other(&mut self, index: usize) {
+        let other = &self.others[index];
+        let body = &mut self.physics.bodies[other.body];
+        let velocity = body.linvel();
+        let missing = Vector2::new(other.wanted[0] - velocity.x, other.wanted[1] - velocity.y);
+        // A tenth of a second to reach what is wanted, within what the motors can do.
+        let acceleration = (missing * 10.0).cap_magnitude(OTHER_ACCELERATION);
+        let turn = ((other.wanted[2] - body.angvel()) * 10.0)
+            .clamp(-OTHER_TURN_ACCELERATION, OTHER_TURN_ACCELERATION);
+        let (ax, ay) = (acceleration.x * STEP, acceleration.y * STEP);
+        body.set_linvel(velocity + Vector::new(ax, ay), true);
+        body.set_angvel(body.angvel() + turn * STEP, true);
+    }
+
+    /// Our robot.
+    pub fn robot(&self) -> RobotState {
+        self.state(self.robot, Team::Cyan)
+    }
+
+    /// The other robots, in the order they were put there.
+    pub fn others(&self) -> impl Iterator<Item = RobotState> + '_ {
+        self.others
+            .iter()
+            .map(|other| self.state(other.body, other.team))
+    }
+
+    /// The ball, where there is one.
+    pub fn ball(&self) -> Option<BallState> {
+        let body = &self.physics.bodies[self.ball.as_ref()?.body];
+        let (at, velocity) = (body.translation(), body.linvel());
+        Some(BallState {
+            at: At::new(at.x, at.y),
+            velocity: [velocity.x, velocity.y],
+        })
+    }
+
+    /// Our robot's acceleration over the last step, field frame, m/s².
+    pub fn acceleration(&self) -> [f32; 2] {
+        [self.last_acceleration.x, self.last_acceleration.y]
+    }
+
+    /// What the encoders counted since the last call (robot frame: metres, metres, radians).
+    pub fn count_wheels(&mut self, stuck: Option<usize>) -> [f32; 3] {
+        self.base.count(stuck)
+    }
+
+    /// Wanted velocity of another robot, field frame (m/s, m/s, rad/s).
+    pub fn steer_other(&mut self, index: usize, wanted: [f32; 3]) {
+        if let Some(other) = self.others.get_mut(index) {
+            other.wanted = wanted;
+        }
+    }
+
+    /// Puts our robot elsewhere, standing; nothing else changes.
+    pub fn kidnap(&mut self, pose: Pose) {
+        let body = &mut self.physics.bodies[self.robot];
+        body.set_translation(Vector::new(pose.x, pose.y), true);
+        body.set_rotation(Rotation::from_angle(pose.theta), true);
+        body.set_linvel(Vector::ZERO, true);
+        body.set_angvel(0.0, true);
+        self.base.halt();
+    }
+
+    /// Hits our robot with an impulse (N s, field frame).
+    pub fn push(&mut self, impulse: [f32; 2]) {
+        self.physics.bodies[self.robot].apply_impulse(Vector::new(impulse[0], impulse[1]), true);
+    }
+
+    /// Puts the ball somewhere with a velocity (m/s, field frame), sliding.
+    pub fn place_ball(&mut self, at: At<FieldFrame>, velocity: [f32; 2]) {
+        if let Some(ball) = &mut self.ball {
+            let body = &mut self.physics.bodies[ball.body];
+            body.set_translation(Vector::new(at.x, at.y), true);
+            body.set_linvel(Vector::new(velocity[0], velocity[1]), true);
+            ball.spin = Vector2::zeros();
+        }
+    }
+
+    fn state(&self, handle: RigidBodyHandle, team: Team) -> RobotState {
+        let body = &self.physics.bodies[handle];
+        let (at, velocity) = (body.translation(), body.linvel());
+        RobotState {
+            pose: Pose::new(at.x, at.y, body.rotation().angle()),
+            velocity: [velocity.x, velocity.y],
+            omega: body.angvel(),
+            team,
+        }
+    }
+}
+
+fn dynamic(pose: Pose) -> RigidBodyBuilder {
+    RigidBodyBuilder::dynamic()
+        .translation(Vector::new(pose.x, pose.y))
+        .rotation(pose.theta)
+        .can_sleep(false)
+}
+
+fn insert_ball(physics: &mut PhysicsWorld, config: &BallConfig) -> Ball {
+    let [x, y] = config.position;
+    let [vx, vy] = config.velocity;
+    // The law of rolling takes its speed; no damping of rapier's besides.
+    let body = RigidBodyBuilder::dynamic()
+        .translation(Vector::new(x, y))
+        .linvel(Vector::new(vx, vy))
+        .can_sleep(false)
+        .ccd_enabled(true);
+    let collider = ColliderBuilder::ball(config.diameter / 2.0)
+        .mass(config.mass)
+        .restitution(config.restitution)
+        .friction(0.0);
+    let (body, _) = physics.insert(body, collider);
+    Ball {
+        body,
+        law: RollingLaw {
+            sliding_friction: config.sliding_friction,
+            rolling_deceleration: config.rolling_deceleration,
+        },
+        spin: Vector2::zeros(),
+    }
+}
+
+/// Goal posts, nets (or goal walls), and the barrier around the carpet.
+fn insert_field(physics: &mut PhysicsWorld, field: &Field, restitution: f32) {
+    let mut wall = |x: f32, y: f32, half_x: f32, half_y: f32, restitution: f32| {
+        let collider = ColliderBuilder::cuboid(half_x, half_y)
+            .translation(Vector::new(x, y))
+            .restitution(restitution)
+            .restitution_combine_rule(CoefficientCombineRule::Min)
+            .friction(0.3);
+        physics.insert_collider(collider, None);
+    };
+    let goal = &field.config.goal;
+    let half_post = (goal.post / 2.0).max(0.01);
+    let half_wall = WALL_THICKNESS / 2.0;
+    if goal.width > 0.0 {
+        for side in [1.0, -1.0] {
+            let line = side * field.config.length / 2.0;
+            let middle = line + side * goal.depth / 2.0;
+            for across in [1.0, -1.0] {
+                let post = across * (goal.width / 2.0 + half_post);
+                wall(line, post, half_post, half_post, restitution);
+                if goal.depth > 0.0 {
+                    let net = across * (goal.width / 2.0 + half_wall);
+                    wall(middle, net, goal.depth / 2.0, half_wall, NET_RESTITUTION);
+                }
+            }
+            if goal.depth > 0.0 {
+                let back = line + side * (goal.depth + half_wall);
+                wall(back, 0.0, half_wall, goal.width / 2.0, NET_RESTITUTION);
+            }
+        }
+    }
+    // A field with walls has them at the carpet's edge; others have the hall's barrier a little further out.
+    let gap = if field.config.walls { 0.0 } else { BARRIER_GAP };
+    let (half_x, half_y) = field.carpet_half_extent();
+    // Thick, so that nothing is ever squeezed through.
+    let (x, y, thick) = (half_x + gap + 0.5, half_y + gap + 0.5, 0.5);
+    for side in [1.0, -1.0] {
+        wall(side * x, 0.0, thick, y + thick, restitution);
+        wall(0.0, side * y, x + thick, thick, restitution);
+    }
+}
