@@ -41,13 +41,17 @@ pub struct ModeConfig {
     pub usual_share_part: f32,
     /// Share of inliers below which a pose of the global search is no find.
     pub found_share_min: f32,
-    /// Squared deviation from the prediction, in standard deviations, beyond which something unreported moved the
+    /// Squared deviation of the match from the prediction, in standard deviations, beyond which something unreported moved the
     /// robot: 99.9 % of 3 degrees of freedom.
-    pub disagreement_max: f32,
+    pub surprise_max: f32,
+    /// How far a push that odometry missed carries the robot within a frame and is still followed, metres.
+    pub push_max: f32,
     /// Suspect frames in a row after which the pose is given up (nubot2013 4: five).
     pub strikes_max: u32,
     /// A rival of the global search must explain this share of the points more than the tracked pose.
     pub rival_share: f32,
+    /// It must also explain this many points more: a few points lie on some lines by chance.
+    pub rival_points: f32,
     /// Seconds between checks of an unsuspected pose against the global search; 0 never checks.
     pub check_period: f64,
     /// Probability among the hypotheses from which on one is taken.
@@ -69,11 +73,13 @@ impl Default for ModeConfig {
             inlier_share_min: 0.45,
             usual_share_part: 0.75,
             found_share_min: 0.4,
-            disagreement_max: 16.3,
+            surprise_max: 16.3,
+            push_max: 0.4,
             strikes_max: 5,
             rival_share: 0.1,
+            rival_points: 6.0,
             check_period: 1.0,
-            decided: 0.9,
+            decided: 0.95,
             lost_std: 0.7,
             lost_std_deg: 20.0,
             past_max: 5,

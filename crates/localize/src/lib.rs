@@ -3,9 +3,11 @@
 //! The vocabulary that every other crate speaks (stamps, frames, the field, samples) lives here, because where
 //! things are is its language. No I/O, clock, thread or randomness of its own: stamps and generators are arguments.
 
+mod candidates;
 pub mod config;
 pub mod distance;
 pub mod drive;
+pub mod estimate;
 pub mod field;
 pub mod filter;
 pub mod frame;
@@ -17,7 +19,8 @@ pub mod stamp;
 
 pub use config::LocalizeConfig;
 pub use distance::DistanceField;
+pub use estimate::{Estimate, Mode, Reason};
 pub use field::Field;
 pub use frame::{At, FieldFrame, Pose, RobotFrame, Tf};
-pub use localizer::{Estimate, Localizer, Mode, Reason};
+pub use localizer::Localizer;
 pub use stamp::Stamp;

@@ -6,8 +6,10 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::config::LocalizeConfig;
+use crate::candidates::{Candidates, Evidence, apart};
+use crate::config::{CompassConfig, LocalizeConfig};
 use crate::distance::DistanceField;
+use crate::estimate::{Estimate, Mode, Reason};
 use crate::field::Field;
 use crate::filter::Belief;
 use crate::frame::{Pose, wrap_angle};
@@ -15,67 +17,6 @@ use crate::matching::{Match, Matcher};
 use crate::sample::{Compass, LinePoint, Odometry};
 use crate::search::{HeadingPrior, Hypothesis, Search};
 use crate::stamp::Stamp;
-
-/// How a frame's pose came about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Mode {
-    /// Carried on from the frame before, by odometry and matching.
-    Tracking,
-    /// Found on the whole field in this frame, or followed while the half of the field is not yet known.
-    Global,
-    /// Not known.
-    Lost,
-}
-
-/// Why a frame's pose is not a plainly tracked one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reason {
-    /// Too few line points: odometry alone carries the pose.
-    FewPoints,
-    /// The points do not lie on the markings as they use to, but no other pose explains them better.
-    PoorMatch,
-    /// Another pose explains the points better: suspected.
-    Rival,
-    /// The compass contradicts the pose: suspected, or turned to the other half.
-    CompassContradicts,
-    /// Odometry alone for too long.
-    Blind,
-    /// No pose on the whole field explains the points.
-    NothingFits,
-    /// Several poses explain the points: the runners-up.
-    Ambiguous,
-    /// The frame is older than what is known already; it was not used.
-    FromThePast,
-}
-
-/// What one frame says about the place.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Estimate {
-    /// The frame's.
-    pub stamp: Stamp,
-    /// The pose, none when lost.
-    pub pose: Option<Pose>,
-    /// Of (x, y, θ), metres and radians, hypotheses that are not ruled out included; the field's own size when lost.
-    pub covariance: Matrix3<f32>,
-    /// How the pose came about.
-    pub mode: Mode,
-    /// Why it is not a plainly tracked one.
-    pub reason: Option<Reason>,
-    /// Root mean square distance of the inliers from the markings, metres.
-    pub residual: f32,
-    /// Share of the points on markings.
-    pub inlier_share: f32,
-    /// Line points used.
-    pub line_points: usize,
-    /// Lean (a, b) of the robot in this frame, radians.
-    pub lean: [f32; 2],
-    /// Is it known in which half the robot is (compass, prior pose, or a field that tells)?
-    pub half_known: bool,
-    /// Estimated metres per metre and radians per radian of the odometry.
-    pub odometry_scales: [f32; 2],
-    /// Poses that explain the points too, with their probabilities; without the pose itself.
-    pub runners_up: Vec<Hypothesis>,
-}
 
 /// Follows one robot over one field.
 #[derive(Debug, Clone)]
@@ -87,7 +28,7 @@ pub struct Localizer {
     /// Variances of "somewhere on the field".
     anywhere: Matrix3<f32>,
     belief: Option<Belief>,
-    /// Up to when `belief` has been moved.
+    /// Up to when belief, rival and candidates have been moved.
     reached: Stamp,
     /// The last odometry sample and the rate of motion it showed (per second).
     odometry: Option<(Stamp, [f32; 3])>,
@@ -96,7 +37,10 @@ pub struct Localizer {
     compass: Option<Compass>,
     /// Log odds that the belief's half is right rather than the other one.
     half_evidence: f32,
-    strikes: u32,
+    /// A pose that explains the points better than the belief, and in how many frames it did.
+    rival: Option<(Belief, u32)>,
+    /// Hypotheses that nothing has decided between yet; none while there is a belief.
+    candidates: Candidates,
     usual_share: f32,
     checked: Stamp,
     past: u32,
@@ -124,7 +68,8 @@ impl Localizer {
             led: false,
             compass: None,
             half_evidence: 0.0,
-            strikes: 0,
+            rival: None,
+            candidates: Candidates::default(),
             usual_share: 0.0,
             checked: Stamp(i64::MIN),
             past: 0,
@@ -149,71 +94,74 @@ impl Localizer {
 
     /// Starts from a pose that is known (placed by hand, a team-mate's word), half included.
     pub fn set_pose(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
-        self.adopt(stamp, pose, covariance);
+        self.forget();
+        self.belief = Some(Belief::new(pose, covariance, None, &self.config.filter));
         self.half_evidence = self.config.compass.evidence_max;
+        self.reached = stamp;
+        self.checked = stamp;
         self.led = true;
     }
 
-    /// Moves the expected pose. Samples must come in the order of their stamps, before the frame of the same stamp.
+    /// Moves the expected pose. Samples come in the order of their stamps, before the frame of the same stamp.
     pub fn odometry(&mut self, sample: &Odometry) {
         let motion = [sample.dx, sample.dy, sample.dtheta];
         if motion.iter().any(|value| !value.is_finite()) {
             self.led = false;
             return;
         }
+        let gap = self.config.mode.gap_max;
         let Some((previous, _)) = self.odometry else {
             self.odometry = Some((sample.stamp, [0.0; 3]));
-            // The first sample's interval is unknown: it leads only from a pose that is younger than the gap.
-            let seconds = seconds_between(self.reached, sample.stamp);
-            self.led = self.belief.is_some() && (0.0..=self.config.mode.gap_max).contains(&seconds);
+            // Its interval began at the last frame, if at all.
+            let seconds = self.reached.seconds_until(sample.stamp);
+            self.led = self.follows() && (0.0..=gap).contains(&seconds);
             if self.led {
-                self.move_belief(sample.stamp, motion, seconds as f32);
+                self.move_on(sample.stamp, motion, seconds as f32);
             }
             return;
         };
-        let interval = seconds_between(previous, sample.stamp);
+        let interval = previous.seconds_until(sample.stamp);
         if interval <= 0.0 {
             self.note_past();
             return;
         }
         self.past = 0;
         self.odometry = Some((sample.stamp, motion.map(|value| value / interval as f32)));
-        if interval > self.config.mode.gap_max {
+        if interval > gap {
             self.led = false;
             return;
         }
-        // Part of the interval may have been bridged already, for a frame between two samples.
-        let left = seconds_between(self.reached, sample.stamp).min(interval);
+        // A part of the interval may have been bridged already, for a frame between two samples.
+        let left = self.reached.seconds_until(sample.stamp).min(interval);
         if left > 0.0 {
             let part = (left / interval) as f32;
-            self.move_belief(sample.stamp, motion.map(|value| value * part), left as f32);
+            self.move_on(sample.stamp, motion.map(|value| value * part), left as f32);
         }
     }
 
-    /// Notes a compass reading.
+    /// Notes a compass reading; it decides the half of the field, and where a search begins.
     pub fn compass(&mut self, sample: &Compass) {
         if !sample.heading.is_finite() {
             return;
         }
         self.compass = Some(*sample);
-        if let Some(belief) = &self.belief {
-            let seconds = seconds_between(self.reached, sample.stamp).abs();
-            if seconds <= self.config.compass.age_max {
-                let deviation = wrap_angle(belief.pose().theta - sample.heading);
-                let config = &self.config.compass;
-                self.half_evidence = (self.half_evidence + half_evidence(deviation, config))
-                    .clamp(-config.evidence_max, config.evidence_max);
-            }
+        let config = &self.config.compass;
+        if let Some(belief) = &self.belief
+            && self.reached.seconds_until(sample.stamp).abs() <= config.age_max
+        {
+            let deviation = wrap_angle(belief.pose().theta - sample.heading);
+            self.half_evidence = (self.half_evidence + half_evidence(deviation, config))
+                .clamp(-config.evidence_max, config.evidence_max);
         }
     }
 
     /// Takes a frame's line points to a pose. Points that are not finite are left out.
     pub fn see(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
         let points: Vec<LinePoint> = points.iter().filter(|point| sane(point)).copied().collect();
-        if self.belief.is_some() && seconds_between(self.reached, stamp) < 0.0 {
+        if self.follows() && self.reached.seconds_until(stamp) < 0.0 {
             self.note_past();
             if self.past > 0 {
-                return self.estimate(stamp, Some(Reason::FromThePast), None, &[]);
+                return self.estimate(stamp, Some(Reason::FromThePast), None, Vec::new());
             }
         }
         if self.leads_to(stamp) {
@@ -222,6 +170,7 @@ impl Localizer {
             self.forget();
         }
         self.led = true;
+        self.reached = stamp;
         let estimate = if self.belief.is_some() {
             self.track(stamp, &points)
         } else {
@@ -233,31 +182,38 @@ impl Localizer {
         }
     }
 
-    /// Has odometry been reported without a gap from the belief to this frame?
+    /// Is there anything that odometry moves?
+    fn follows(&self) -> bool {
+        self.belief.is_some() || !self.candidates.is_empty()
+    }
+
+    /// Has odometry been reported without a gap from the last frame to this one?
     fn leads_to(&self, stamp: Stamp) -> bool {
         let gap = self.config.mode.gap_max;
         self.led
-            && self.belief.is_some()
-            && self.odometry.is_some_and(|(last, _)| {
-                let since = seconds_between(last, stamp);
-                since <= gap && seconds_between(self.reached, stamp) <= gap
-            })
+            && self.follows()
+            && self.reached.seconds_until(stamp) <= gap
+            && self
+                .odometry
+                .is_some_and(|(last, _)| last.seconds_until(stamp) <= gap)
     }
 
-    /// Carries the belief on from the last odometry sample to the frame, at the rate last reported.
+    /// Carries on from the last odometry sample to the frame, at the rate last reported.
     fn bridge(&mut self, stamp: Stamp) {
-        let seconds = seconds_between(self.reached, stamp);
+        let seconds = self.reached.seconds_until(stamp) as f32;
         if seconds > 0.0 {
             let rate = self.odometry.map_or([0.0; 3], |(_, rate)| rate);
-            let part = seconds as f32;
-            self.move_belief(stamp, rate.map(|value| value * part), part);
+            self.move_on(stamp, rate.map(|value| value * seconds), seconds);
         }
     }
 
-    fn move_belief(&mut self, stamp: Stamp, motion: [f32; 3], seconds: f32) {
+    fn move_on(&mut self, stamp: Stamp, motion: [f32; 3], seconds: f32) {
         self.reached = stamp;
-        if let Some(belief) = &mut self.belief {
-            belief.predict(motion, seconds, &self.config.filter);
+        let config = &self.config.filter;
+        let belief = self.belief.iter_mut();
+        let rival = self.rival.iter_mut().map(|(belief, _)| belief);
+        for one in belief.chain(rival).chain(self.candidates.beliefs()) {
+            one.predict(motion, seconds, config);
         }
     }
 
@@ -275,8 +231,9 @@ impl Localizer {
 
     fn forget(&mut self) {
         self.belief = None;
+        self.candidates.clear();
         self.half_evidence = 0.0;
-        self.strikes = 0;
+        self.rival = None;
     }
 
     fn track(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
@@ -286,46 +243,75 @@ impl Localizer {
         if points.len() < self.config.mode.points_min {
             return self.coast(stamp, belief);
         }
-        let contradiction = self.half_evidence <= -self.config.compass.known;
-        if contradiction && self.search.symmetric() {
+        let contradicted =
+            self.search.symmetric() && self.half_evidence <= -self.config.compass.known;
+        if contradicted {
             belief = belief.half_turned();
             self.half_evidence = -self.half_evidence;
         }
-        let spread = belief.position_std() + 2.0 * belief.heading_std();
-        let matched = self
-            .matcher
-            .refine(&self.distances, points, belief.pose(), spread);
-        let mode = self.config.mode.clone();
+        let (matched, strained) = self.fuse(&mut belief, points);
+        let mode = &self.config.mode;
         let share = matched.inlier_share;
-        let disagreement =
-            belief.disagreement(matched.pose, &matched.covariance, &self.config.filter);
-        let poor = share < mode.inlier_share_min
-            || share < mode.usual_share_part * self.usual_share
-            || disagreement > mode.disagreement_max;
-        let due =
-            mode.check_period > 0.0 && seconds_between(self.checked, stamp) >= mode.check_period;
+        let poor = strained || self.poor(share);
+        let due = mode.check_period > 0.0 && self.checked.seconds_until(stamp) >= mode.check_period;
         let mut rivals = Vec::new();
-        if poor || due || self.strikes > 0 {
+        if poor || due || self.rival.is_some() {
             self.checked = stamp;
-            rivals = self.rivals(stamp, points, &matched, belief.pose());
+            rivals = self.rivals(stamp, points, &matched);
             if let Some(rival) = self.better(&rivals, &matched, points.len()) {
                 return self.suspect(stamp, belief, &rival, rivals);
             }
         }
-        self.strikes = 0;
-        if disagreement > mode.disagreement_max {
-            belief.widen(disagreement / mode.disagreement_max);
-        }
-        belief.correct(matched.pose, &matched.covariance, &self.config.filter);
+        self.rival = None;
+        belief.absorb(matched.pose, &matched.covariance, &self.config.filter);
         // Forgets over about a second of frames.
         self.usual_share += 0.05 * (share - self.usual_share);
         self.belief = Some(belief);
-        let reason = if contradiction {
+        let reason = if contradicted {
             Some(Reason::CompassContradicts)
         } else {
             poor.then_some(Reason::PoorMatch)
         };
-        self.estimate(stamp, reason, Some(&matched), &rivals)
+        self.estimate(stamp, reason, Some(&matched), rivals)
+    }
+
+    /// Matches under the belief's expectation. Where the points pull too hard against it, or lie on the markings only
+    /// when it is let go, something unreported moved the robot: the expectation is widened. Says whether that was so.
+    fn fuse(&mut self, belief: &mut Belief, points: &[LinePoint]) -> (Match, bool) {
+        let spread = belief.position_std() + 3.0 * belief.heading_std();
+        let expected = belief.expected();
+        let matched = self.matcher.fuse(&self.distances, points, expected, spread);
+        let mode = &self.config.mode;
+        let surprise = belief.surprise(&matched);
+        if surprise <= mode.surprise_max && !self.poor(matched.inlier_share) {
+            return (matched, false);
+        }
+        let free = self
+            .matcher
+            .refine(&self.distances, points, belief.pose(), mode.push_max);
+        let count = points.len() as f32;
+        let margin = (mode.rival_share * count).max(mode.rival_points);
+        let apart = apart(free.pose, belief.pose());
+        if (free.score - matched.score) * count > margin
+            && apart[0].hypot(apart[1]) < 2.0 * mode.push_max
+        {
+            belief.widen(apart.dot(&(expected.information * apart)));
+            return (free, true);
+        }
+        if surprise <= mode.surprise_max {
+            return (matched, false);
+        }
+        belief.widen(surprise);
+        let expected = belief.expected();
+        let again = self.matcher.fuse(&self.distances, points, expected, spread);
+        (again, true)
+    }
+
+    /// Do fewer points lie on the markings than should, or than usually do?
+    fn poor(&self, inlier_share: f32) -> bool {
+        let mode = &self.config.mode;
+        inlier_share < mode.inlier_share_min
+            || inlier_share < mode.usual_share_part * self.usual_share
     }
 
     /// No sight: odometry alone, until it is too uncertain.
@@ -338,54 +324,43 @@ impl Localizer {
             return self.lost(stamp, Reason::Blind, Vec::new());
         }
         self.belief = Some(belief);
-        self.estimate(stamp, Some(Reason::FewPoints), None, &[])
+        self.estimate(stamp, Some(Reason::FewPoints), None, Vec::new())
     }
 
     /// The best poses of the whole field that are not the tracked one.
-    fn rivals(
-        &mut self,
-        stamp: Stamp,
-        points: &[LinePoint],
-        matched: &Match,
-        expected: Pose,
-    ) -> Vec<Hypothesis> {
+    fn rivals(&mut self, stamp: Stamp, points: &[LinePoint], matched: &Match) -> Vec<Hypothesis> {
         let prior = self.heading_prior(stamp);
         let mut found = self
             .search
             .find(&self.distances, &mut self.matcher, points, prior);
-        let config = &self.config.search;
+        // Without a compass the half turn of a pose explains as much: it is no rival, nor a reason to turn.
+        let folded = prior.is_none() && self.search.symmetric();
         found.retain(|one| {
-            // Where no compass tells the halves apart, the half turn of the tracked pose is no rival.
-            let twin = crate::search::half_turn(one.pose);
-            let own = |pose: Pose| {
-                pose.origin().distance_to(matched.pose.origin()) < config.distinct
-                    && wrap_angle(pose.theta - matched.pose.theta).abs()
-                        < config.distinct_deg.to_radians()
-            };
-            let other_half = prior.is_none()
-                && wrap_angle(one.pose.theta - expected.theta).abs() > std::f32::consts::FRAC_PI_2;
-            !(own(one.pose)
-                || self.search.symmetric() && prior.is_none() && own(twin)
-                || other_half)
+            let turned = wrap_angle(one.pose.theta - matched.pose.theta).abs();
+            !(self.search.same(one.pose, matched.pose)
+                || folded && turned > std::f32::consts::FRAC_PI_2)
         });
         found
     }
 
-    /// The rival that explains clearly more than the tracked pose does.
+    /// The rival that explains clearly more points than the tracked pose does.
     fn better(&self, rivals: &[Hypothesis], matched: &Match, count: usize) -> Option<Hypothesis> {
         let mode = &self.config.mode;
+        let count = count as f32;
+        let margin = (mode.rival_share * count).max(mode.rival_points);
         rivals
             .iter()
             .max_by(|a, b| a.score.total_cmp(&b.score))
             .filter(|rival| {
-                rival.score > matched.score + mode.rival_share
-                    && rival.inlier_share * count as f32 >= mode.inliers_min
+                (rival.score - matched.score) * count > margin
+                    && rival.inlier_share * count >= mode.inliers_min
                     && rival.inlier_share >= mode.found_share_min
             })
             .cloned()
     }
 
-    /// The tracked pose is worse than another: five such frames and it is given up.
+    /// Another pose is better: when it was the same one in five frames, odometry between them included, the tracked
+    /// one is given up.
     fn suspect(
         &mut self,
         stamp: Stamp,
@@ -393,31 +368,40 @@ impl Localizer {
         rival: &Hypothesis,
         rivals: Vec<Hypothesis>,
     ) -> Estimate {
-        self.strikes += 1;
-        if self.strikes < self.config.mode.strikes_max {
-            self.belief = Some(belief);
-            let estimate = self.estimate(stamp, Some(Reason::Rival), None, &rivals);
-            let apart = apart(rival.pose, estimate.pose.unwrap_or(rival.pose));
-            return Estimate {
-                // As likely there as here, until one of them has won.
-                covariance: estimate.covariance + apart * apart.transpose() * 0.5,
-                ..estimate
-            };
+        let config = &self.config.filter;
+        let fresh = Belief::new(rival.pose, &rival.covariance, Some(&belief), config);
+        let strikes = match self.rival.take() {
+            Some((known, strikes)) if self.search.same(known.pose(), rival.pose) => strikes + 1,
+            _ => 1,
+        };
+        if strikes >= self.config.mode.strikes_max {
+            self.forget();
+            return self.lost(stamp, Reason::Rival, rivals);
         }
-        self.forget();
-        self.lost(stamp, Reason::Rival, rivals)
+        self.rival = Some((fresh, strikes));
+        self.belief = Some(belief);
+        let estimate = self.estimate(stamp, Some(Reason::Rival), None, rivals);
+        let apart = estimate
+            .pose
+            .map_or_else(Vector3::zeros, |pose| apart(rival.pose, pose));
+        Estimate {
+            // As likely there as here, until one of them has won.
+            covariance: estimate.covariance + apart * apart.transpose() * 0.5,
+            ..estimate
+        }
     }
 
+    /// The heading by a compass reading that is young enough for this frame.
     fn heading_prior(&self, stamp: Stamp) -> Option<HeadingPrior> {
         let compass = self.compass?;
-        let age = seconds_between(compass.stamp, stamp).abs();
+        let age = compass.stamp.seconds_until(stamp).abs();
         (age <= self.config.compass.age_max).then(|| HeadingPrior {
             heading: compass.heading,
             std: self.config.compass.std_deg.to_radians(),
         })
     }
 
-    /// Looks for the pose on the whole field.
+    /// Looks for the pose on the whole field, together with the hypotheses that earlier frames left.
     fn relocate(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
         let mode = &self.config.mode;
         if points.len() < mode.points_min {
@@ -427,66 +411,78 @@ impl Localizer {
         let found = self
             .search
             .find(&self.distances, &mut self.matcher, points, prior);
+        let folded = prior.is_none() && self.search.symmetric();
         let count = points.len() as f32;
-        let Some(best) = found.first().filter(|best| {
+        let fits = found.first().is_some_and(|best| {
             best.inlier_share >= mode.found_share_min
                 && best.inlier_share * count >= mode.inliers_min
-        }) else {
+        });
+        if !fits {
+            self.candidates.clear();
+            return self.lost(stamp, Reason::NothingFits, found);
+        }
+        let used = self.config.search.points_max as f32;
+        let evidence = Evidence {
+            distances: &self.distances,
+            points,
+            prior,
+            folded,
+            share: self.config.search.evidence_share * (used / count).min(1.0),
+        };
+        self.candidates.weigh(
+            &mut self.matcher,
+            &self.search,
+            &evidence,
+            &found,
+            &self.config.filter,
+        );
+        let Some((belief, best)) = self.candidates.best() else {
             return self.lost(stamp, Reason::NothingFits, found);
         };
-        let best = best.clone();
-        // On a symmetric field without a compass every pose shares its probability with its half turn.
-        let folded = prior.is_none() && self.search.symmetric();
-        let probability = best.probability * if folded { 2.0 } else { 1.0 };
-        let covariance = mixture(&found);
-        let mut estimate = Estimate {
+        let decided = best.probability >= mode.decided;
+        let estimate = Estimate {
             stamp,
-            pose: Some(best.pose),
-            covariance,
+            pose: Some(belief.pose()),
+            covariance: self.candidates.covariance(),
             mode: Mode::Global,
-            reason: (folded || probability < mode.decided).then_some(Reason::Ambiguous),
+            reason: (folded || !decided).then_some(Reason::Ambiguous),
             residual: best.residual,
             inlier_share: best.inlier_share,
             line_points: points.len(),
             lean: best.lean,
-            half_known: !folded,
-            odometry_scales: [1.0, 1.0],
-            runners_up: found.into_iter().skip(1).collect(),
+            half_known: decided && !folded,
+            odometry_scales: belief.scales(),
+            runners_up: self.candidates.runners_up(folded),
         };
-        if probability >= mode.decided {
-            self.adopt(stamp, best.pose, &best.covariance);
+        if decided {
+            self.belief = Some(belief.clone());
+            self.candidates.clear();
             self.half_evidence = if folded {
                 0.0
             } else {
                 self.config.compass.known
             };
-            self.usual_share = best.inlier_share;
-        } else {
-            estimate.half_known = false;
+            self.usual_share = estimate.inlier_share;
+            self.checked = stamp;
+            self.rival = None;
         }
         estimate
-    }
-
-    fn adopt(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
-        self.belief = Some(Belief::new(pose, covariance, None, &self.config.filter));
-        self.reached = stamp;
-        self.checked = stamp;
-        self.strikes = 0;
     }
 
     fn half_known(&self) -> bool {
         !self.search.symmetric() || self.half_evidence >= self.config.compass.known
     }
 
+    /// What the belief says, with what the frame's points made of it.
     fn estimate(
         &self,
         stamp: Stamp,
         reason: Option<Reason>,
         matched: Option<&Match>,
-        rivals: &[Hypothesis],
+        rivals: Vec<Hypothesis>,
     ) -> Estimate {
         let Some(belief) = &self.belief else {
-            return self.lost(stamp, reason.unwrap_or(Reason::Blind), Vec::new());
+            return self.lost(stamp, reason.unwrap_or(Reason::Blind), rivals);
         };
         let half_known = self.half_known();
         Estimate {
@@ -505,7 +501,7 @@ impl Localizer {
             lean: matched.map_or([0.0; 2], |matched| matched.lean),
             half_known,
             odometry_scales: belief.scales(),
-            runners_up: rivals.to_vec(),
+            runners_up: rivals,
         }
     }
 
@@ -528,30 +524,11 @@ impl Localizer {
 }
 
 /// Log odds of one compass reading for the half in which the heading deviates by `deviation` from it.
-fn half_evidence(deviation: f32, config: &crate::config::CompassConfig) -> f32 {
+fn half_evidence(deviation: f32, config: &CompassConfig) -> f32 {
     let std = config.std_deg.to_radians();
     let other = std::f32::consts::PI - deviation.abs();
     (0.5 * (other * other - deviation * deviation) / (std * std))
         .clamp(-config.reading_max, config.reading_max)
-}
-
-/// Covariance about the best hypothesis with all others at their probabilities.
-fn mixture(found: &[Hypothesis]) -> Matrix3<f32> {
-    let Some(best) = found.first() else {
-        return Matrix3::zeros();
-    };
-    found.iter().fold(Matrix3::zeros(), |sum, one| {
-        let apart = apart(one.pose, best.pose);
-        sum + (one.covariance + apart * apart.transpose()) * one.probability
-    })
-}
-
-fn apart(a: Pose, b: Pose) -> Vector3<f32> {
-    Vector3::new(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
-}
-
-fn seconds_between(earlier: Stamp, later: Stamp) -> f64 {
-    later - earlier
 }
 
 /// Only points that a camera can have seen take part.

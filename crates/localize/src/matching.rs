@@ -5,11 +5,11 @@
 //! marking it meets, so that near points count for more than far ones. The frame's lean (a, b) is estimated along
 //! with (x, y, θ) under a prior, since a robot stands a little differently everywhere.
 
-use nalgebra::{Matrix3, SMatrix, SVector};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
-use crate::frame::Pose;
+use crate::frame::{Pose, wrap_angle};
 use crate::sample::LinePoint;
 
 /// How line points are matched.
@@ -46,13 +46,24 @@ impl Default for MatchConfig {
     }
 }
 
+/// Where the robot is expected before its points are seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Expected {
+    /// The expected pose.
+    pub pose: Pose,
+    /// Inverse covariance of (x, y, θ): m⁻², rad⁻².
+    pub information: Matrix3<f32>,
+}
+
 /// A pose and how well it explains the points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Match {
-    /// The best pose.
+    /// The best pose (by points and expectation together, where there was one).
     pub pose: Pose,
-    /// Of (x, y, θ), metres and radians; large along directions that the points leave free.
+    /// Of (x, y, θ), metres and radians; large along directions that nothing determines.
     pub covariance: Matrix3<f32>,
+    /// Squared deviation from the expected pose in its standard deviations; 0 without expectation.
+    pub strain: f32,
     /// Lean (a, b), radians: the ground point (X, Y) was mapped about (aH, bH) + (aX + bY)(X, Y)/H short.
     pub lean: [f32; 2],
     /// Root mean square distance of the inliers from the markings, metres.
@@ -83,15 +94,19 @@ struct Ready {
 pub struct Matcher {
     config: MatchConfig,
     points: Vec<Ready>,
+    expected: Expected,
 }
 
 const PARAMETERS: usize = 5;
 type Normal = SMatrix<f32, PARAMETERS, PARAMETERS>;
 type Vector = SVector<f32, PARAMETERS>;
 
-/// Information of the pose before any point is seen (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading
-/// further than half a turn; keeps free directions invertible.
-const NOTHING_KNOWN: [f32; 3] = [1e-3, 1e-3, 0.1];
+/// Information of a pose of which nothing is known (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading further
+/// than half a turn away. Keeps free directions invertible.
+const NOTHING_KNOWN: Matrix3<f32> = Matrix3::new(1e-3, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.1);
+
+/// As many points as claimed by themselves how far off they are, before this frame's residual is believed.
+const CLAIMED: f32 = 10.0;
 
 /// Sums over the points at one pose.
 struct Sums {
@@ -112,6 +127,10 @@ impl Matcher {
         Matcher {
             config,
             points: Vec::new(),
+            expected: Expected {
+                pose: Pose::new(0.0, 0.0, 0.0),
+                information: NOTHING_KNOWN,
+            },
         }
     }
 
@@ -130,14 +149,33 @@ impl Matcher {
         start: Pose,
         spread: f32,
     ) -> Match {
-        self.make_ready(points);
-        let lean_std = self.config.lean_std_deg.to_radians();
-        let mut state = Vector::from([start.x, start.y, start.theta, 0.0, 0.0]);
+        let nothing = Expected {
+            pose: start,
+            information: NOTHING_KNOWN,
+        };
+        Match {
+            strain: 0.0,
+            ..self.fuse(distances, points, nothing, spread)
+        }
+    }
+
+    /// Matches `points` (finite; robot frame) under an expectation: the iterated update of an EKF, so that directions
+    /// which the points leave free stay where they are expected, and a few points cannot turn the robot.
+    pub fn fuse(
+        &mut self,
+        distances: &DistanceField,
+        points: &[LinePoint],
+        expected: Expected,
+        spread: f32,
+    ) -> Match {
+        self.make_ready(points, expected);
+        let Pose { x, y, theta, .. } = expected.pose;
+        let mut state = Vector::from([x, y, theta, 0.0, 0.0]);
         let mut widening = self.widening(spread);
         let mut steps = 0;
         loop {
             let sums = self.sums(distances, &state, widening);
-            let step = self.step(&sums, &state, lean_std);
+            let step = self.step(&sums, &state);
             state += step;
             steps += 1;
             let size = step.fixed_rows::<3>(0).amax();
@@ -148,19 +186,20 @@ impl Matcher {
             }
         }
         let sums = self.sums(distances, &state, 1.0);
-        self.conclude(&sums, &state, lean_std, steps)
+        self.conclude(&sums, &state, steps)
     }
 
     /// How well `points` lie on the markings at exactly `pose`, nothing moved.
     pub fn assess(&mut self, distances: &DistanceField, points: &[LinePoint], pose: Pose) -> Match {
-        self.make_ready(points);
-        let lean_std = self.config.lean_std_deg.to_radians();
+        let information = NOTHING_KNOWN;
+        self.make_ready(points, Expected { pose, information });
         let state = Vector::from([pose.x, pose.y, pose.theta, 0.0, 0.0]);
         let sums = self.sums(distances, &state, 1.0);
-        self.conclude(&sums, &state, lean_std, 0)
+        self.conclude(&sums, &state, 0)
     }
 
-    fn make_ready(&mut self, points: &[LinePoint]) {
+    fn make_ready(&mut self, points: &[LinePoint], expected: Expected) {
+        self.expected = expected;
         let floor = self.config.point_std_min * self.config.point_std_min;
         self.points.clear();
         self.points.extend(points.iter().map(|point| {
@@ -254,17 +293,17 @@ impl Matcher {
         }
     }
 
-    /// The Gauss-Newton step under the lean's prior; no step where the equations have no solution.
-    fn step(&self, sums: &Sums, state: &Vector, lean_std: f32) -> Vector {
+    /// The Gauss-Newton step under expectation and lean's prior; no step where the equations have no solution.
+    fn step(&self, sums: &Sums, state: &Vector) -> Vector {
         let mut normal = sums.normal;
         let mut gradient = sums.gradient;
-        for (i, known) in NOTHING_KNOWN.into_iter().enumerate() {
-            normal[(i, i)] += known;
-        }
-        let lean_information = information(lean_std);
+        self.add_priors(&mut normal);
+        let pull = self.expected.information * self.deviation(state);
+        let mut pose_part = gradient.fixed_rows_mut::<3>(0);
+        pose_part += pull;
+        let lean = self.lean_information();
         for i in 3..PARAMETERS {
-            normal[(i, i)] += lean_information;
-            gradient[i] += lean_information * state[i];
+            gradient[i] += lean * state[i];
         }
         let Some(cholesky) = normal.cholesky() else {
             return Vector::zeros();
@@ -278,29 +317,50 @@ impl Matcher {
         step
     }
 
-    fn conclude(&self, sums: &Sums, state: &Vector, lean_std: f32, steps: usize) -> Match {
+    fn add_priors(&self, normal: &mut Normal) {
+        let mut pose_part = normal.fixed_view_mut::<3, 3>(0, 0);
+        pose_part += self.expected.information;
+        for i in 3..PARAMETERS {
+            normal[(i, i)] += self.lean_information();
+        }
+    }
+
+    /// 1/σ² of the lean, bounded so that σ = 0 holds the robot upright.
+    fn lean_information(&self) -> f32 {
+        let std = self.config.lean_std_deg.to_radians();
+        1.0 / (std * std).max(1e-10)
+    }
+
+    fn deviation(&self, state: &Vector) -> Vector3<f32> {
+        let expected = self.expected.pose;
+        Vector3::new(
+            state[0] - expected.x,
+            state[1] - expected.y,
+            wrap_angle(state[2] - expected.theta),
+        )
+    }
+
+    fn conclude(&self, sums: &Sums, state: &Vector, steps: usize) -> Match {
         let count = self.points.len().max(1) as f32;
         // Covariance of an M-estimator: (Σψ²/Σw) / (Σψ′/Σw)² · (Σ w J Jᵀ)⁻¹, with the degrees of freedom that the
         // pose itself took. It scales with the residual, whatever the points claimed.
         let weight = sums.weight.max(1e-6);
         let freedom = (weight / (weight - 3.0).max(1.0)).max(1.0);
         let slope = (sums.psi_slope / weight).clamp(0.2, 1.0);
-        let scale = (sums.psi_squared / weight / (slope * slope) * freedom).clamp(0.1, 25.0);
+        let seen = sums.psi_squared / weight / (slope * slope) * freedom;
+        let scale = ((seen * weight + CLAIMED) / (weight + CLAIMED)).clamp(0.1, 25.0);
         let mut normal = sums.normal / scale;
-        for (i, known) in NOTHING_KNOWN.into_iter().enumerate() {
-            normal[(i, i)] += known;
-        }
-        for i in 3..PARAMETERS {
-            normal[(i, i)] += information(lean_std);
-        }
+        self.add_priors(&mut normal);
         let covariance = normal.try_inverse().map_or_else(
-            || Matrix3::from_diagonal(&NOTHING_KNOWN.map(|known| 1.0 / known).into()),
+            || Matrix3::from_diagonal(&NOTHING_KNOWN.diagonal().map(|known| 1.0 / known)),
             |inverse| inverse.fixed_view::<3, 3>(0, 0).into_owned(),
         );
+        let deviation = self.deviation(state);
         let reach_squared = self.config.reach_sigmas * self.config.reach_sigmas;
         Match {
             pose: Pose::new(state[0], state[1], state[2]),
             covariance: (covariance + covariance.transpose()) * 0.5,
+            strain: deviation.dot(&(self.expected.information * deviation)),
             lean: [state[3], state[4]],
             residual: (sums.squares / weight).sqrt(),
             inlier_share: sums.inliers / count,
@@ -309,11 +369,6 @@ impl Matcher {
             steps,
         }
     }
-}
-
-/// 1/σ², bounded so that σ = 0 holds a parameter at zero.
-fn information(std: f32) -> f32 {
-    1.0 / (std * std).max(1e-10)
 }
 
 /// The full matrix from its upper triangle, row by row.

@@ -247,7 +247,7 @@ impl Search {
             });
             if found
                 .iter()
-                .any(|(_, other)| self.same(other.pose, matched.pose))
+                .any(|(_, other)| self.same_folded(other.pose, matched.pose))
             {
                 continue;
             }
@@ -417,7 +417,7 @@ impl Search {
             }
             if !distinct
                 .iter()
-                .any(|other| self.same(other.pose, cell.pose))
+                .any(|other| self.same_folded(other.pose, cell.pose))
             {
                 distinct.push(cell);
             }
@@ -466,13 +466,15 @@ impl Search {
         }
     }
 
-    /// Are two poses one hypothesis (up to the half turn, where headings were searched up to it)?
-    fn same(&self, a: Pose, b: Pose) -> bool {
-        let close = |a: Pose, b: Pose| {
-            a.origin().distance_to(b.origin()) < self.config.distinct
-                && wrap_angle(a.theta - b.theta).abs() < self.config.distinct_deg.to_radians()
-        };
-        close(a, b) || self.folded && close(a, half_turn(b))
+    /// Are two poses too close to be two hypotheses?
+    pub fn same(&self, a: Pose, b: Pose) -> bool {
+        a.origin().distance_to(b.origin()) < self.config.distinct
+            && wrap_angle(a.theta - b.theta).abs() < self.config.distinct_deg.to_radians()
+    }
+
+    /// The same, up to the half turn where headings are searched up to it.
+    fn same_folded(&self, a: Pose, b: Pose) -> bool {
+        self.same(a, b) || self.folded && self.same(a, half_turn(b))
     }
 }
 

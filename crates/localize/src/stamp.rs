@@ -20,6 +20,11 @@ impl Stamp {
     pub fn seconds(self) -> f64 {
         self.0 as f64 * 1e-9
     }
+
+    /// Seconds from `self` to `later`.
+    pub fn seconds_until(self, later: Stamp) -> f64 {
+        later - self
+    }
 }
 
 #[expect(
