@@ -119,6 +119,22 @@ fn save(
     overlay::draw_carpet_end(&mut drawn, 2, eyes.pattern(), seen);
     overlay::draw_seen(&mut drawn, 2, seen);
     drawn.save(&out.join(name).with_extension("png"))?;
+    let mut points = csv::Writer::from_path(out.join(name).with_extension("csv"))?;
+    points.write_record([
+        "u_px",
+        "v_px",
+        "x_m",
+        "y_m",
+        "std_radial_m",
+        "width_m",
+        "contrast",
+    ])?;
+    for seen in &seen.line_points {
+        let [u, v] = seen.at_px;
+        let (at, std) = (seen.point.at, seen.point.std_radial);
+        points.serialize([u, v, at.x, at.y, std, seen.width, seen.contrast])?;
+    }
+    points.flush()?;
     let mut classes = overlay::enlarged(image, 2);
     for (sample, class) in eyes.pattern().samples.iter().zip(eyes.classes()) {
         let colour = overlay::class_colour(*class);

@@ -93,8 +93,6 @@ pub struct LineConfig {
     pub contrast_noises: f32,
     /// A run stands out by this many levels, of 255, at least: coarser than the camera's own steps and JPEG's ripple.
     pub contrast_levels: f32,
-    /// A run is not looked at if it stands out by less than this share of the white–carpet contrast.
-    pub contrast_share: f32,
     /// A line wider in the image than the blur has at least this share of the white–carpet contrast; glare takes the rest.
     pub white_share_min: f32,
     /// Width of the image's blur, pixels: thinner lines lose contrast in proportion.
@@ -117,7 +115,6 @@ impl Default for LineConfig {
             width_max: 3.0,
             contrast_noises: 5.0,
             contrast_levels: 8.0,
-            contrast_share: 0.06,
             white_share_min: 0.25,
             blur_px: 3.0,
             hue_slack: 0.45,
@@ -169,7 +166,6 @@ impl VisionConfig {
             ("colours.relearn_below", self.colours.relearn_below),
             ("lines.width_min", self.lines.width_min),
             ("lines.contrast_noises", self.lines.contrast_noises),
-            ("lines.contrast_share", self.lines.contrast_share),
             ("lines.white_share_min", self.lines.white_share_min),
             ("lines.gap_max", self.lines.gap_max),
             ("lines.gap_share", self.lines.gap_share),

@@ -8,7 +8,8 @@ use crate::config::VisionConfig;
 use crate::error::VisionError;
 use crate::ground_map::GroundMap;
 use crate::image::{Frame, PixelFormat};
-use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points};
+use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points, thresholds};
+use crate::read::Reader;
 use crate::scan::ScanPattern;
 
 /// Everything that one frame shows.
@@ -36,9 +37,11 @@ pub struct Eyes {
     config: VisionConfig,
     line_width: f32,
     pattern: ScanPattern,
+    reader: Reader,
     light: Option<Light>,
     values: Vec<u8>,
     classes: Vec<Class>,
+    thresholds: Vec<u8>,
 }
 
 /// Colours under one light, and the table made of them.
@@ -106,8 +109,10 @@ impl Eyes {
         }
         Ok(Eyes {
             map: map.clone(),
+            reader: Reader::new(&pattern),
             values: vec![0; pattern.samples.len()],
             classes: vec![Class::OTHER; pattern.samples.len()],
+            thresholds: Vec::new(),
             config,
             line_width,
             pattern,
@@ -166,16 +171,18 @@ impl Eyes {
 
     /// Fills `values` and `classes`; returns the share of samples that are carpet.
     fn read(&mut self, frame: &Frame<'_>, light: &Light) -> f32 {
-        let mut carpet = 0u32;
-        let [wr, wg, wb] = light.weights;
-        let outputs = self.values.iter_mut().zip(&mut self.classes);
-        for (sample, (value, class)) in self.pattern.samples.iter().zip(outputs) {
-            let rgb = frame.rgb(usize::from(sample.u), usize::from(sample.v));
-            let [r, g, b] = rgb.map(u32::from);
-            *value = ((wr * r + wg * g + wb * b) >> 8) as u8;
-            *class = light.table.class(rgb);
-            carpet += u32::from(*class == Class::CARPET);
-        }
+        self.reader.read(
+            frame,
+            &light.table,
+            light.weights,
+            &mut self.values,
+            &mut self.classes,
+        );
+        let carpet: u32 = self
+            .classes
+            .iter()
+            .map(|&class| u32::from(class == Class::CARPET))
+            .sum();
         carpet as f32 / self.classes.len() as f32
     }
 
@@ -196,13 +203,13 @@ impl Eyes {
         let model = CarpetModel::learn(&near).ok_or(black)?;
         let mut light = self.light_of(model, frame.format);
         let mut share = self.read(frame, &light);
-        light.noise = self.noise();
+        self.measure_noise(&mut light);
         let mut seen = Seen::default();
         self.find_lines(frame, &light, &mut seen);
         if let Some(white) = white_of(frame, &seen) {
             light = self.light_of(light.model.with_white(white), frame.format);
             share = self.read(frame, &light);
-            light.noise = self.noise();
+            self.measure_noise(&mut light);
         }
         light.carpet_share = share;
         Ok((light, share))
@@ -221,6 +228,18 @@ impl Eyes {
             model,
             format,
         }
+    }
+
+    fn measure_noise(&mut self, light: &mut Light) {
+        light.noise = self.noise();
+        thresholds(
+            &self.pattern,
+            &light.model,
+            light.noise,
+            &self.config.lines,
+            self.line_width,
+            &mut self.thresholds,
+        );
     }
 
     /// Standard deviation of the values on plain carpet, from differences along scan lines; edges are outliers.
@@ -254,6 +273,7 @@ impl Eyes {
             pattern: &self.pattern,
             values: &self.values,
             classes: &self.classes,
+            thresholds: &self.thresholds,
         };
         carpet_end(&reading, &self.config.lines, &mut seen.carpet_end);
         let judge = Judge {

@@ -16,6 +16,8 @@ pub mod scan;
 pub mod carpet;
 pub mod colours;
 
+mod read;
+
 mod carpet_end;
 pub mod line_points;
 mod runs;

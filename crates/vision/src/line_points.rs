@@ -49,6 +49,8 @@ pub struct SeenLinePoint {
     pub at_px: [f32; 2],
     /// How much it stands out from the carpet beside it, levels of 255.
     pub contrast: f32,
+    /// Width of the run on the ground along its scan line, metres.
+    pub width: f32,
 }
 
 /// What was read along the scan lines.
@@ -58,6 +60,8 @@ pub(crate) struct Reading<'a> {
     pub(crate) values: &'a [u8],
     /// One a sample.
     pub(crate) classes: &'a [Class],
+    /// How high a peak must be to be looked at, one a sample; see [`thresholds`].
+    pub(crate) thresholds: &'a [u8],
 }
 
 /// What a run is judged by.
@@ -80,15 +84,15 @@ pub(crate) fn line_points(
     points: &mut Vec<SeenLinePoint>,
     refused: &mut Vec<RefusedRun>,
 ) {
-    let threshold = judge.threshold();
     for piece in &reading.pattern.pieces {
         let range = piece.start as usize..piece.end as usize;
+        let thresholds = &reading.thresholds[range.clone()];
         let line = Line {
             samples: &reading.pattern.samples[range.clone()],
             values: &reading.values[range.clone()],
             classes: &reading.classes[range],
         };
-        peaks(line.values, threshold, |run| {
+        peaks(line.values, thresholds, |run| {
             match judge.point(&line, &run) {
                 Ok(point) => points.push(point),
                 Err(reason) => refused.push(RefusedRun {
@@ -98,6 +102,41 @@ pub(crate) fn line_points(
             }
         });
     }
+}
+
+/// How high a peak must be to be looked at, levels, one a sample: out of the noise, and not much fainter than lines are.
+///
+/// Half of the least contrast that a line may have in the carpet's median light, since shadows halve it.
+pub(crate) fn thresholds(
+    pattern: &ScanPattern,
+    model: &CarpetModel,
+    noise: f32,
+    config: &LineConfig,
+    line_width: f32,
+    thresholds: &mut Vec<u8>,
+) {
+    let least = (config.contrast_noises * noise).max(config.contrast_levels);
+    let faintest = 0.5 * config.white_share_min * white_contrast(model);
+    thresholds.clear();
+    thresholds.extend(pattern.samples.iter().map(|sample| {
+        let sharp = (line_width / (sample.radial_px * config.blur_px)).min(1.0);
+        (faintest * sharp).max(least).clamp(1.0, 120.0).round() as u8
+    }));
+    for piece in &pattern.pieces {
+        let mut lowest = u8::MAX;
+        for threshold in &mut thresholds[piece.start as usize..piece.end as usize] {
+            lowest = lowest.min(*threshold);
+            *threshold = lowest;
+        }
+    }
+}
+
+/// White's brightness over the carpet's by the weights of the reading, levels.
+fn white_contrast(model: &CarpetModel) -> f32 {
+    let weights = model.weights();
+    (0..3)
+        .map(|i| weights[i] * (model.white[i] - model.carpet[i]))
+        .sum()
 }
 
 /// One piece of a scan line as it was read.
@@ -132,30 +171,20 @@ impl Line<'_> {
 }
 
 impl Judge<'_> {
-    /// How high a peak must be to be looked at, levels.
-    fn threshold(&self) -> u8 {
-        let white: f32 = self.white_contrast();
-        (self.config.contrast_noises * self.noise)
-            .max(self.config.contrast_levels)
-            .max(self.config.contrast_share * white)
-            .clamp(1.0, 120.0)
-            .round() as u8
-    }
-
-    /// White's brightness over the carpet's by the weights of the reading, levels.
-    fn white_contrast(&self) -> f32 {
-        let weights = self.model.weights();
-        (0..3)
-            .map(|i| weights[i] * (self.model.white[i] - self.model.carpet[i]))
-            .sum()
-    }
-
     fn point(&self, line: &Line<'_>, run: &Run) -> Result<SeenLinePoint, Refusal> {
-        if !(carpet_beside(line, run.left_foot, -1) && carpet_beside(line, run.right_foot, 1)) {
+        let left_foot = carpet_beside(line, run, run.left_foot, -1);
+        let right_foot = carpet_beside(line, run, run.right_foot, 1);
+        let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
             return Err(Refusal::NoCarpetBeside);
-        }
+        };
+        let run = &Run {
+            left_foot,
+            right_foot,
+            ..*run
+        };
         let (left, right) = (line.ground(run.left_edge), line.ground(run.right_edge));
-        let width = (right[0] - left[0]).hypot(right[1] - left[1]);
+        let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
+        let width = (dx * dx + dy * dy).sqrt();
         let width_px = (run.right_edge - run.left_edge).max(1e-3);
         // Blur and sampling widen or narrow a run by about a pixel.
         let pixel = width / width_px.max(1.0);
@@ -189,6 +218,7 @@ impl Judge<'_> {
             },
             at_px: line.at_px(middle),
             contrast: run.contrast,
+            width,
         })
     }
 
@@ -203,7 +233,10 @@ impl Judge<'_> {
             sum as f32 / (to - from + 1) as f32
         };
         let left = mean(run.left_foot.saturating_sub(2), run.left_foot);
-        let right = mean(run.right_foot, run.right_foot + 2);
+        let right = mean(
+            run.right_foot.min(line.values.len() - 1),
+            run.right_foot + 2,
+        );
         let beside = left.max(right);
         let contrast = mean(colours.first, colours.last) - beside;
         let count = (colours.last - colours.first + 1) as f32;
@@ -213,7 +246,7 @@ impl Judge<'_> {
         let [carpet_light, ..] = self.model.coordinates(self.model.carpet);
         let [beside_light, ..] = self.model.coordinates(colours.beside);
         let lit = (beside_light / carpet_light.max(1e-6)).clamp(0.3, 1.5);
-        let full = (lit * self.white_contrast()).min(255.0 - beside);
+        let full = (lit * white_contrast(self.model)).min(255.0 - beside);
         let sharp = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
         contrast >= self.config.white_share_min * sharp * full
     }
@@ -281,15 +314,14 @@ impl Colours {
     }
 }
 
-/// Two of the three samples from a foot outward are carpet.
-fn carpet_beside(line: &Line<'_>, foot: usize, outward: isize) -> bool {
-    let carpet = |step: isize| {
-        foot.checked_add_signed(outward * step)
-            .and_then(|index| line.classes.get(index))
-            .is_some_and(|&class| class == Class::CARPET)
+/// Where the carpet begins beyond a foot: the first of two carpet samples, within reach of the run's blurred edge.
+fn carpet_beside(line: &Line<'_>, run: &Run, foot: usize, outward: isize) -> Option<usize> {
+    let carpet = |step: usize| {
+        foot.checked_add_signed(outward * step as isize)
+            .filter(|&index| line.classes.get(index) == Some(&Class::CARPET))
     };
-    let seen = usize::from(carpet(0)) + usize::from(carpet(1)) + usize::from(carpet(2));
-    seen >= 2
+    let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
+    (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
 }
 
 /// Does the carpet end before this sample along both radial lines beside it?

@@ -17,32 +17,90 @@ pub(crate) struct Run {
     pub(crate) contrast: f32,
 }
 
-/// Calls `found` with every peak that stands out by `threshold` from the valleys on both its sides.
+/// Plain carpet is passed over in blocks of this many samples: one vector register of bytes.
+const BLOCK: usize = 16;
+
+/// Calls `found` with every peak that stands out by its place's threshold from the valleys on both its sides.
+///
+/// Thresholds must not rise along the line: outward lines grow thinner and fainter.
 ///
 /// The valley may lie far from the peak and much deeper than what borders it, so the feet are sought from the peak
 /// downward: the fall ends where the next samples fall no further.
-pub(crate) fn peaks(values: &[u8], threshold: u8, mut found: impl FnMut(Run)) {
-    let (mut low, mut low_at) = (u8::MAX, 0);
-    let (mut high, mut high_at) = (0u8, 0);
-    let mut rising = false;
-    let mut left_valley = 0;
-    for (index, &value) in values.iter().enumerate() {
-        if rising {
-            if value > high {
-                (high, high_at) = (value, index);
-            } else if high - value >= threshold {
-                if let Some(run) = run(values, left_valley, high_at, threshold) {
-                    found(run);
+pub(crate) fn peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut(Run)) {
+    let mut walk = Walk {
+        low: u8::MAX,
+        low_at: 0,
+        high: 0,
+        high_at: 0,
+        rising: false,
+        left_valley: 0,
+    };
+    let (blocks, rest) = values.as_chunks::<BLOCK>();
+    for (number, block) in blocks.iter().enumerate() {
+        let start = number * BLOCK;
+        if !walk.passes(block, start, thresholds[start + BLOCK - 1]) {
+            walk.steps(values, thresholds, start..start + BLOCK, &mut found);
+        }
+    }
+    let rest = values.len() - rest.len()..values.len();
+    walk.steps(values, thresholds, rest, &mut found);
+}
+
+/// Where a walk along the values stands: climbing to a peak, or descending to a valley.
+struct Walk {
+    low: u8,
+    low_at: usize,
+    high: u8,
+    high_at: usize,
+    rising: bool,
+    left_valley: usize,
+}
+
+impl Walk {
+    /// Takes a whole block at once if no peak can begin or end in it.
+    fn passes(&mut self, block: &[u8; BLOCK], start: usize, threshold: u8) -> bool {
+        let least = block.iter().fold(u8::MAX, |a, &b| a.min(b));
+        let most = block.iter().fold(0, |a, &b| a.max(b));
+        if self.rising {
+            return most <= self.high && self.high - least < threshold;
+        }
+        let low = self.low.min(least);
+        if most.saturating_sub(low) >= threshold {
+            return false;
+        }
+        if least < self.low {
+            // The valley only bounds the search for a foot; the block's start is near enough.
+            (self.low, self.low_at) = (least, start);
+        }
+        true
+    }
+
+    fn steps(
+        &mut self,
+        values: &[u8],
+        thresholds: &[u8],
+        range: std::ops::Range<usize>,
+        found: &mut impl FnMut(Run),
+    ) {
+        for index in range {
+            let (value, threshold) = (values[index], thresholds[index]);
+            if self.rising {
+                if value > self.high {
+                    (self.high, self.high_at) = (value, index);
+                } else if self.high - value >= threshold {
+                    if let Some(run) = run(values, self.left_valley, self.high_at, threshold) {
+                        found(run);
+                    }
+                    self.rising = false;
+                    (self.low, self.low_at) = (value, index);
                 }
-                rising = false;
-                (low, low_at) = (value, index);
+            } else if value < self.low {
+                (self.low, self.low_at) = (value, index);
+            } else if value - self.low >= threshold {
+                self.rising = true;
+                self.left_valley = self.low_at;
+                (self.high, self.high_at) = (value, index);
             }
-        } else if value < low {
-            (low, low_at) = (value, index);
-        } else if value - low >= threshold {
-            rising = true;
-            left_valley = low_at;
-            (high, high_at) = (value, index);
         }
     }
 }
@@ -97,7 +155,7 @@ mod tests {
 
     fn all(values: &[u8], threshold: u8) -> Vec<Run> {
         let mut runs = Vec::new();
-        peaks(values, threshold, |run| runs.push(run));
+        peaks(values, &vec![threshold; values.len()], |run| runs.push(run));
         runs
     }
 

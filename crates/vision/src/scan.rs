@@ -43,6 +43,8 @@ pub struct ScanSample {
     pub ground: [f32; 2],
     /// Distance from the robot on the ground, metres.
     pub range: f32,
+    /// Ground that the pixel covers along the direction from the robot, metres.
+    pub radial_px: f32,
     /// Direction from the mirror's axis in the image, as a fraction of the radial lines' count.
     pub direction: f32,
 }
@@ -204,6 +206,7 @@ impl Builder<'_> {
             v: row as u16,
             ground: [ground.x, ground.y],
             range,
+            radial_px: radial,
             direction: (angle / TAU).rem_euclid(1.0) * self.config.radial_lines as f32,
         })
     }
@@ -237,8 +240,11 @@ pub fn ground_per_px(map: &GroundMap, column: usize, row: usize) -> Option<(f32,
         return None;
     }
     let [ex, ey] = [here.x / range, here.y / range];
-    let radial = (ex * along_u[0] + ey * along_u[1]).hypot(ex * along_v[0] + ey * along_v[1]);
-    let tangential = (ex * along_u[1] - ey * along_u[0]).hypot(ex * along_v[1] - ey * along_v[0]);
+    let along = |[x, y]: [f32; 2]| ex * x + ey * y;
+    let across = |[x, y]: [f32; 2]| ex * y - ey * x;
+    let length = |a: f32, b: f32| (a * a + b * b).sqrt();
+    let radial = length(along(along_u), along(along_v));
+    let tangential = length(across(along_u), across(along_v));
     Some((radial, tangential))
 }
 
