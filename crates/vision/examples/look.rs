@@ -76,6 +76,29 @@ fn main() -> Result<(), Box<dyn Error>> {
             if seen.learned { " learned" } else { "" },
             score.as_ref().map_or(String::new(), Score::text),
         );
+        if let Some(ball) = &seen.ball {
+            println!(
+                "   ball {:.2} {:.2} score {:.2} {} px {} ground",
+                ball.at.x, ball.at.y, ball.score, ball.pixels, ball.on_ground
+            );
+        }
+        for robot in &seen.robots {
+            println!(
+                "   robot {:.2} {:.2} edge {:.2} width {:.2} {:?} score {:.2}",
+                robot.at.x,
+                robot.at.y,
+                robot.edge.distance(),
+                robot.width,
+                robot.marker,
+                robot.score
+            );
+        }
+        for goal in &seen.goals {
+            println!(
+                "   goal {:?} {:.2} {:.2} width {:.2} score {:.2}",
+                goal.kind, goal.at.x, goal.at.y, goal.width, goal.score
+            );
+        }
         if seen.learned {
             println!("   {:?}", eyes.carpet_model());
         }

@@ -14,6 +14,8 @@ pub struct CarpetModel {
     pub carpet: [f32; 3],
     /// A white line's red, green, blue.
     pub white: [f32; 3],
+    /// Standard deviation of a channel on plain carpet, levels.
+    pub noise: f32,
     /// True once lines were seen; until then white is assumed neutral.
     pub white_seen: bool,
     /// Direction of the carpet's chroma: orthonormal to grey, in coordinates divided by white.
@@ -30,6 +32,9 @@ const COLOURLESS: f32 = 0.03;
 /// Darker pixels (sum of the channels, of 765) have no chromaticity worth voting with.
 const TOO_DARK_TO_VOTE: u16 = 60;
 
+/// Noise before it is measured, levels: that of a camera in fair light.
+const ASSUMED_NOISE: f32 = 2.0;
+
 /// Bins of red's and green's share of the sum: 1/48 ≈ 2 % holds a carpet's noise in few bins.
 const BINS: usize = 48;
 
@@ -40,10 +45,10 @@ impl CarpetModel {
         let brightest = carpet.iter().fold(1.0f32, |a, &b| a.max(b));
         // Before any line is seen, white is taken as neutral and brighter than the carpet.
         let white = [(2.0 * brightest).min(255.0); 3];
-        Some(CarpetModel::new(carpet, white, false))
+        Some(CarpetModel::new(carpet, white, ASSUMED_NOISE, false))
     }
 
-    fn new(carpet: [f32; 3], white: [f32; 3], white_seen: bool) -> Self {
+    fn new(carpet: [f32; 3], white: [f32; 3], noise: f32, white_seen: bool) -> Self {
         let balanced = balance(carpet, white);
         let brightness = mean(balanced);
         let off_grey = balanced.map(|channel| channel - brightness);
@@ -63,6 +68,7 @@ impl CarpetModel {
         CarpetModel {
             carpet,
             white,
+            noise,
             white_seen,
             axis,
             across,
@@ -70,9 +76,14 @@ impl CarpetModel {
         }
     }
 
-    /// The same carpet with white as seen on its lines.
-    pub fn with_white(&self, white: [f32; 3]) -> Self {
-        CarpetModel::new(self.carpet, white.map(|channel| channel.max(1.0)), true)
+    /// The same carpet with white as seen on its lines and noise as measured, levels.
+    pub fn with_white(&self, white: [f32; 3], noise: f32) -> Self {
+        CarpetModel::new(
+            self.carpet,
+            white.map(|channel| channel.max(1.0)),
+            noise,
+            true,
+        )
     }
 
     /// True if colour tells nothing here.
@@ -106,8 +117,8 @@ impl CarpetModel {
         rise.map(|channel| channel / sum)
     }
 
-    /// What a colour belongs to.
-    pub fn class(&self, rgb: [u8; 3], config: &ColourConfig) -> Class {
+    /// What a colour belongs to; `ball_hue_deg`: the ball's hue from..to, see [`crate::config::ObjectConfig`].
+    pub fn class(&self, rgb: [u8; 3], config: &ColourConfig, ball_hue_deg: [f32; 2]) -> Class {
         let rgb = rgb.map(f32::from);
         let [brightness, along, across] = self.coordinates(rgb);
         let [carpet_brightness, ..] = self.coordinates(self.carpet);
@@ -127,7 +138,11 @@ impl CarpetModel {
             return Class::BLACK;
         }
         let slack = config.carpet_hue_slack * share.clamp(0.75, 1.25);
-        if share >= config.carpet_chroma_min && off.abs() <= slack {
+        // A dark grey pixel's noise must not look like the carpet's chroma: it is worth less the darker the pixel.
+        let white = mean(self.white);
+        let noise = self.noise / (white * brightness * self.chroma).max(1e-3);
+        let least = (config.carpet_chroma_min + 1.5 * noise).min(0.9);
+        if share >= least && off.abs() <= slack {
             return Class::CARPET;
         }
         let saturation = share.hypot(off) * self.chroma;
@@ -138,22 +153,32 @@ impl CarpetModel {
                 _ => Class::OTHER,
             };
         }
-        hue_class(balance(rgb, self.white))
+        let hue = hue_deg(balance(rgb, self.white));
+        let [from, to] = ball_hue_deg;
+        let ball = if from <= to {
+            (from..to).contains(&hue)
+        } else {
+            hue >= from || hue < to
+        };
+        if ball { Class::BALL } else { hue_class(hue) }
     }
 }
 
-/// The class of a colourful pixel by its hue, degrees from red over green to blue.
-fn hue_class([r, g, b]: [f32; 3]) -> Class {
+/// A colour's hue, degrees from red over green to blue.
+fn hue_deg([r, g, b]: [f32; 3]) -> f32 {
     let (x, y) = (r - 0.5 * (g + b), 0.866_025_4 * (g - b));
-    let hue = y.atan2(x).to_degrees().rem_euclid(360.0);
-    match hue {
-        h if h < 10.0 => Class::RED,
-        h if h < 45.0 => Class::BALL,
-        h if h < 75.0 => Class::YELLOW,
-        h if h < 165.0 => Class::OTHER,
+    y.atan2(x).to_degrees().rem_euclid(360.0)
+}
+
+/// The class of a colourful pixel by its hue; the six corners of the colour cube, each with a sixth of the circle.
+fn hue_class(hue_deg: f32) -> Class {
+    match hue_deg {
+        h if h < 30.0 => Class::RED,
+        h if h < 90.0 => Class::YELLOW,
+        h if h < 160.0 => Class::OTHER,
         h if h < 215.0 => Class::CYAN,
         h if h < 270.0 => Class::BLUE,
-        h if h < 345.0 => Class::MAGENTA,
+        h if h < 335.0 => Class::MAGENTA,
         _ => Class::RED,
     }
 }

@@ -14,6 +14,8 @@ pub struct VisionConfig {
     pub colours: ColourConfig,
     /// Which white runs are lines.
     pub lines: LineConfig,
+    /// Ball, robots and goals.
+    pub objects: ObjectConfig,
 }
 
 /// The scan pattern (minho2016 section III: 72 radial lines every 5°, 36 spirals each way every 10°).
@@ -85,7 +87,7 @@ impl Default for ColourConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LineConfig {
-    /// Narrowest run, in line widths; a pixel's size is allowed on top.
+    /// Narrowest run, in line widths; blur widens a run and never narrows it, a third of a pixel is allowed for noise.
     pub width_min: f32,
     /// Widest run, in line widths: a scan line that crosses a line at 20° sees three; pixel size on top.
     pub width_max: f32,
@@ -101,17 +103,12 @@ pub struct LineConfig {
     pub hue_slack: f32,
     /// How well an edge is placed in the image, standard deviation, pixels.
     pub position_std_px: f32,
-    /// Something that is neither carpet nor line ends the carpet when it covers more of the ground than this
-    /// along the viewing direction, metres plus a share of its distance (the ball's height hides 0.4 of it).
-    pub gap_max: f32,
-    /// The share that comes on top of `gap_max`.
-    pub gap_share: f32,
 }
 
 impl Default for LineConfig {
     fn default() -> Self {
         LineConfig {
-            width_min: 0.35,
+            width_min: 0.7,
             width_max: 3.0,
             contrast_noises: 5.0,
             contrast_levels: 8.0,
@@ -119,8 +116,62 @@ impl Default for LineConfig {
             blur_px: 3.0,
             hue_slack: 0.45,
             position_std_px: 0.5,
+        }
+    }
+}
+
+/// Ball, robots and goals, and where the carpet ends.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ObjectConfig {
+    /// Directions in which the first obstacle is sought, evenly around the mirror's axis; 2° is 14 cm at 4 m.
+    pub rays: usize,
+    /// Pixels from one sample of a ray to the next; an obstacle's edge is then sought pixel by pixel.
+    pub ray_step_px: usize,
+    /// Something that is neither carpet nor line ends the carpet when it covers more of the ground than this
+    /// along the viewing direction, metres.
+    pub gap_max: f32,
+    /// As much on top of `gap_max`, as a share of the distance: a ball's height hides 0.4 of it.
+    pub gap_share: f32,
+    /// Height of the point that the mirror sees from, metres; robots of the league are at most 0.8 m high.
+    pub viewpoint_height: f32,
+    /// The ball's radius, metres (size 5).
+    pub ball_radius: f32,
+    /// The ball's hue from..to, degrees (red 0, yellow 60, green 120, blue 240); from > to passes over red.
+    pub ball_hue_deg: [f32; 2],
+    /// A ball covers at least this share of the pixels that a whole one would cover at its place.
+    pub ball_part_min: f32,
+    /// Fewer pixels are no ball.
+    pub ball_pixels_min: usize,
+    /// Balls are sought up to this distance, metres.
+    pub ball_range_max: f32,
+    /// A robot's radius, metres: its middle lies that far behind its nearest edge.
+    pub robot_radius: f32,
+    /// Narrower obstacles are rods and cables, metres.
+    pub robot_width_min: f32,
+    /// Wider obstacles are the carpet's edge or a wall, metres.
+    pub robot_width_max: f32,
+    /// Robots are sought up to this distance, metres.
+    pub robot_range_max: f32,
+}
+
+impl Default for ObjectConfig {
+    fn default() -> Self {
+        ObjectConfig {
+            rays: 180,
+            ray_step_px: 2,
             gap_max: 0.3,
             gap_share: 0.45,
+            viewpoint_height: 0.78,
+            ball_radius: 0.11,
+            ball_hue_deg: [8.0, 48.0],
+            ball_part_min: 0.2,
+            ball_pixels_min: 6,
+            ball_range_max: 9.0,
+            robot_radius: 0.25,
+            robot_width_min: 0.15,
+            robot_width_max: 1.1,
+            robot_range_max: 7.0,
         }
     }
 }
@@ -130,14 +181,23 @@ impl VisionConfig {
     pub fn check(&self) -> Result<(), VisionError> {
         let refuse = |key, value: f64, reason| Err(VisionError::Config { key, value, reason });
         let scan = &self.scan;
-        if scan.radial_lines < 8 {
-            let reason = "at least 8 radial lines find the carpet's end";
-            return refuse("scan.radial_lines", scan.radial_lines as f64, reason);
+        if self.objects.rays < 16 {
+            let reason = "at least 16 rays find the carpet's end";
+            return refuse("objects.rays", self.objects.rays as f64, reason);
+        }
+        if self.objects.ray_step_px == 0 {
+            return refuse("objects.ray_step_px", 0.0, "must be at least 1 pixel");
+        }
+        if 2.0 * self.objects.ball_radius >= self.objects.viewpoint_height {
+            let reason = "the mirror must look down on the ball";
+            let height = self.objects.viewpoint_height;
+            return refuse("objects.viewpoint_height", f64::from(height), reason);
         }
         for (key, count) in [
             ("scan.radial_lines", scan.radial_lines),
             ("scan.spirals_each_way", scan.spirals_each_way),
             ("scan.circles", scan.circles),
+            ("objects.rays", self.objects.rays),
         ] {
             if count > 2000 {
                 return refuse(key, count as f64, "more than 2000 lines of one kind");
@@ -152,6 +212,11 @@ impl VisionConfig {
             ("lines.position_std_px", self.lines.position_std_px),
             ("lines.hue_slack", self.lines.hue_slack),
             ("lines.blur_px", self.lines.blur_px),
+            ("objects.viewpoint_height", self.objects.viewpoint_height),
+            ("objects.ball_radius", self.objects.ball_radius),
+            ("objects.ball_range_max", self.objects.ball_range_max),
+            ("objects.robot_range_max", self.objects.robot_range_max),
+            ("objects.robot_width_max", self.objects.robot_width_max),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(key, f64::from(value), "must be positive");
@@ -167,8 +232,8 @@ impl VisionConfig {
             ("lines.width_min", self.lines.width_min),
             ("lines.contrast_noises", self.lines.contrast_noises),
             ("lines.white_share_min", self.lines.white_share_min),
-            ("lines.gap_max", self.lines.gap_max),
-            ("lines.gap_share", self.lines.gap_share),
+            ("objects.gap_max", self.objects.gap_max),
+            ("objects.gap_share", self.objects.gap_share),
         ] {
             if !(value.is_finite() && value >= 0.0) {
                 return refuse(key, f64::from(value), "must not be negative");

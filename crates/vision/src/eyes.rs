@@ -1,15 +1,18 @@
 //! What does this frame show? The tables of one camera and map, and the way from a frame to everything seen in it.
 
+use crate::ball::{Ball, BallSearch, Visited};
 use crate::camera::CameraConfig;
 use crate::carpet::{CarpetModel, median_colour};
-use crate::carpet_end::carpet_end;
 use crate::colours::{Class, NativeTable};
 use crate::config::VisionConfig;
 use crate::error::VisionError;
+use crate::goals::{Goal, goals};
 use crate::ground_map::GroundMap;
 use crate::image::{Frame, PixelFormat};
 use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points, thresholds};
+use crate::rays::{RaySight, Rays};
 use crate::read::Reader;
+use crate::robots::{Robot, robots};
 use crate::scan::ScanPattern;
 
 /// Everything that one frame shows.
@@ -19,7 +22,14 @@ pub struct Seen {
     pub line_points: Vec<SeenLinePoint>,
     /// Runs that look like a line and are none.
     pub refused: Vec<RefusedRun>,
-    /// Where the carpet ends along each radial line, metres (infinite: not seen).
+    /// The ball.
+    pub ball: Option<Ball>,
+    /// Robots, and legs of people.
+    pub robots: Vec<Robot>,
+    /// Goals and posts.
+    pub goals: Vec<Goal>,
+    /// Where the carpet ends in each direction around the mirror's axis, metres (infinite: not seen); the first is
+    /// image right, then towards image up.
     pub carpet_end: Vec<f32>,
     /// Share of the scanned pixels that are carpet.
     pub carpet_share: f32,
@@ -38,6 +48,9 @@ pub struct Eyes {
     line_width: f32,
     pattern: ScanPattern,
     reader: Reader,
+    rays: Rays,
+    visited: Visited,
+    centre_px: [f32; 2],
     light: Option<Light>,
     values: Vec<u8>,
     classes: Vec<Class>,
@@ -109,7 +122,10 @@ impl Eyes {
         }
         Ok(Eyes {
             map: map.clone(),
-            reader: Reader::new(&pattern),
+            reader: Reader::new(pattern.samples.iter().map(|s| [s.u, s.v]).collect()),
+            rays: Rays::new(map, camera, mask, config.scan.range_min, &config.objects),
+            visited: Visited::default(),
+            centre_px: camera.centre_px,
             values: vec![0; pattern.samples.len()],
             classes: vec![Class::OTHER; pattern.samples.len()],
             thresholds: Vec::new(),
@@ -164,7 +180,9 @@ impl Eyes {
             }
         };
         seen.carpet_share = share;
+        let sights = self.sights(frame, &light, &mut seen);
         self.find_lines(frame, &light, &mut seen);
+        self.find_objects(frame, &light, &sights, &mut seen);
         self.light = Some(light);
         Ok(seen)
     }
@@ -205,9 +223,10 @@ impl Eyes {
         let mut share = self.read(frame, &light);
         self.measure_noise(&mut light);
         let mut seen = Seen::default();
+        self.sights(frame, &light, &mut seen);
         self.find_lines(frame, &light, &mut seen);
         if let Some(white) = white_of(frame, &seen) {
-            light = self.light_of(light.model.with_white(white), frame.format);
+            light = self.light_of(light.model.with_white(white, light.noise), frame.format);
             share = self.read(frame, &light);
             self.measure_noise(&mut light);
         }
@@ -216,12 +235,12 @@ impl Eyes {
     }
 
     fn light_of(&self, model: CarpetModel, format: PixelFormat) -> Light {
-        let colours = &self.config.colours;
+        let (colours, ball) = (&self.config.colours, self.config.objects.ball_hue_deg);
         let [r, g, _] = model
             .weights()
             .map(|weight| (256.0 * weight).round() as u32);
         Light {
-            table: NativeTable::new(|rgb| model.class(rgb, colours)),
+            table: NativeTable::new(|rgb| model.class(rgb, colours, ball)),
             weights: [r, g, 256 - r - g],
             noise: 0.0,
             carpet_share: 0.0,
@@ -268,6 +287,38 @@ impl Eyes {
         0.0
     }
 
+    /// Follows the rays to the carpet's end.
+    fn sights(&mut self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) -> Vec<RaySight> {
+        self.rays.read(frame, &light.table);
+        let sights = self.rays.sights(&self.config.objects);
+        seen.carpet_end = sights.iter().map(|sight| sight.end).collect();
+        sights
+    }
+
+    fn find_objects(
+        &mut self,
+        frame: &Frame<'_>,
+        light: &Light,
+        sights: &[RaySight],
+        seen: &mut Seen,
+    ) {
+        seen.robots = robots(&self.rays, sights, &self.config.objects);
+        seen.goals = goals(&self.rays, sights, &self.config.objects);
+        let search = BallSearch {
+            frame,
+            map: &self.map,
+            table: &light.table,
+            config: &self.config.objects,
+            carpet_end: &seen.carpet_end,
+            centre_px: self.centre_px,
+        };
+        let seeds = self.pattern.samples.iter().zip(&self.classes);
+        let seeds = seeds
+            .filter(|&(_, &class)| class == Class::BALL)
+            .map(|(sample, _)| [sample.u, sample.v]);
+        seen.ball = search.best(seeds, &mut self.visited);
+    }
+
     fn find_lines(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
         let reading = Reading {
             pattern: &self.pattern,
@@ -275,7 +326,6 @@ impl Eyes {
             classes: &self.classes,
             thresholds: &self.thresholds,
         };
-        carpet_end(&reading, &self.config.lines, &mut seen.carpet_end);
         let judge = Judge {
             frame,
             map: &self.map,

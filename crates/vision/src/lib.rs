@@ -18,9 +18,14 @@ pub mod colours;
 
 mod read;
 
-mod carpet_end;
+mod rays;
+
 pub mod line_points;
 mod runs;
+
+pub mod ball;
+pub mod goals;
+pub mod robots;
 
 pub mod eyes;
 

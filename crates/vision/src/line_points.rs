@@ -73,7 +73,7 @@ pub(crate) struct Judge<'a> {
     pub(crate) line_width: f32,
     /// Standard deviation of the brightness on plain carpet, levels.
     pub(crate) noise: f32,
-    /// Where the carpet ends along each radial line, metres; see [`crate::carpet_end`].
+    /// Where the carpet ends along each ray, metres; see [`crate::rays`].
     pub(crate) carpet_end: &'a [f32],
 }
 
@@ -186,9 +186,9 @@ impl Judge<'_> {
         let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
         let width = (dx * dx + dy * dy).sqrt();
         let width_px = (run.right_edge - run.left_edge).max(1e-3);
-        // Blur and sampling widen or narrow a run by about a pixel.
+        // Sampling narrows a run by a part of a pixel, blur widens it by more.
         let pixel = width / width_px.max(1.0);
-        if width < self.config.width_min * self.line_width - pixel {
+        if width < self.config.width_min * self.line_width - pixel / 3.0 {
             return Err(Refusal::TooNarrow);
         }
         if width > self.config.width_max * self.line_width + 1.5 * pixel {
@@ -324,9 +324,10 @@ fn carpet_beside(line: &Line<'_>, run: &Run, foot: usize, outward: isize) -> Opt
     (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
 }
 
-/// Does the carpet end before this sample along both radial lines beside it?
+/// Does the carpet end before this sample along both rays beside it?
 fn beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
-    let lower = sample.direction as usize % carpet_end.len();
+    let place = sample.turns * carpet_end.len() as f32;
+    let lower = place as usize % carpet_end.len();
     let upper = (lower + 1) % carpet_end.len();
     sample.range > carpet_end[lower].max(carpet_end[upper])
 }

@@ -5,9 +5,11 @@ use localize::frame::{At, FieldFrame, Pose};
 
 use crate::colours::Class;
 use crate::eyes::Seen;
+use crate::goals::GoalKind;
 use crate::ground_map::GroundMap;
 use crate::image::Image;
 use crate::line_points::Refusal;
+use crate::robots::Marker;
 use crate::scan::ScanPattern;
 
 /// Red, green, blue.
@@ -17,6 +19,8 @@ pub type Colour = [u8; 3];
 pub const LINE_POINT: Colour = [255, 0, 0];
 /// The field's lines at a pose.
 pub const FIELD_LINE: Colour = [0, 90, 255];
+/// The ball.
+pub const BALL: Colour = [255, 0, 255];
 /// Where the carpet ends.
 pub const CARPET_END: Colour = [255, 160, 0];
 
@@ -91,18 +95,45 @@ pub fn draw_seen(image: &mut Image, times: usize, seen: &Seen) {
     for point in &seen.line_points {
         cross(image, place(point.at_px), 2, LINE_POINT);
     }
+    if let Some(ball) = &seen.ball {
+        for radius in [9.0, 10.0, 11.0] {
+            circle(image, place(ball.at_px), radius, BALL);
+        }
+    }
+    for robot in &seen.robots {
+        let colour = match robot.marker {
+            Some(Marker::Cyan) => [0, 255, 255],
+            Some(Marker::Magenta) => [255, 0, 255],
+            None => [255, 255, 0],
+        };
+        for radius in [6.0, 7.0] {
+            circle(image, place(robot.at_px), radius, colour);
+        }
+    }
+    for goal in &seen.goals {
+        let colour = match goal.kind {
+            GoalKind::Blue => [0, 0, 255],
+            GoalKind::Yellow => [255, 255, 0],
+            GoalKind::Post => [255, 255, 255],
+        };
+        for arm in [6, 7] {
+            cross(image, place(goal.at_px), arm, colour);
+        }
+    }
 }
 
-/// Where the carpet ends along the radial lines, on an image enlarged `times`.
+/// Where the carpet ends in each direction, on an image enlarged `times`.
 pub fn draw_carpet_end(image: &mut Image, times: usize, pattern: &ScanPattern, seen: &Seen) {
     for sample in &pattern.samples {
-        let line = sample.direction.round() as usize % seen.carpet_end.len().max(1);
-        let Some(&end) = seen.carpet_end.get(line) else {
+        let place = sample.turns * seen.carpet_end.len() as f32;
+        let nearest = place.round();
+        let Some(&end) = seen
+            .carpet_end
+            .get(nearest as usize % seen.carpet_end.len().max(1))
+        else {
             continue;
         };
-        if (sample.direction - sample.direction.round()).abs() < 0.1
-            && (sample.range - end).abs() < 0.03 * end
-        {
+        if (place - nearest).abs() < 0.2 && (sample.range - end).abs() < sample.radial_px {
             let at = [sample.u, sample.v].map(|at| (f32::from(at) + 0.5) * times as f32 - 0.5);
             cross(image, at, 1, CARPET_END);
         }

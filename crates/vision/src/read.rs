@@ -2,7 +2,6 @@
 
 use crate::colours::{Class, NativeTable};
 use crate::image::{Frame, PixelFormat};
-use crate::scan::ScanPattern;
 
 /// The samples' places, packed for the one loop that touches every scanned pixel.
 #[derive(Debug, Clone)]
@@ -14,9 +13,10 @@ pub(crate) struct Reader {
 }
 
 impl Reader {
-    pub(crate) fn new(pattern: &ScanPattern) -> Self {
+    /// `places`: column and row of each sample.
+    pub(crate) fn new(places: Vec<[u16; 2]>) -> Self {
         Reader {
-            places: pattern.samples.iter().map(|s| [s.u, s.v]).collect(),
+            places,
             offsets: Vec::new(),
             layout: None,
         }

@@ -45,8 +45,8 @@ pub struct ScanSample {
     pub range: f32,
     /// Ground that the pixel covers along the direction from the robot, metres.
     pub radial_px: f32,
-    /// Direction from the mirror's axis in the image, as a fraction of the radial lines' count.
-    pub direction: f32,
+    /// Direction from the mirror's axis in the image, turns from image right towards image up, in [0, 1).
+    pub turns: f32,
 }
 
 /// All pixels that are read, scan line by scan line.
@@ -56,8 +56,6 @@ pub struct ScanPattern {
     pub samples: Vec<ScanSample>,
     /// The lines, cut where there is no ground to see.
     pub pieces: Vec<Piece>,
-    /// Radial lines around the axis.
-    pub radial_lines: usize,
     /// Different pixels visited.
     pub pixels: usize,
     /// Share of the whole image that they are (minho2016: 27.5 %).
@@ -119,7 +117,6 @@ impl ScanPattern {
             coverage: pixels as f32 / builder.visited.len().max(1) as f32,
             samples: builder.samples,
             pieces: builder.pieces,
-            radial_lines: config.radial_lines,
             pixels,
         }
     }
@@ -207,7 +204,7 @@ impl Builder<'_> {
             ground: [ground.x, ground.y],
             range,
             radial_px: radial,
-            direction: (angle / TAU).rem_euclid(1.0) * self.config.radial_lines as f32,
+            turns: (angle / TAU).rem_euclid(1.0),
         })
     }
 }

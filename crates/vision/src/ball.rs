@@ -1,0 +1,225 @@
+//! Where is the ball? A region of its colour on the carpet, as large as a ball must be there.
+//!
+//! Seen from height H, a ball of radius r at distance d fills the angles φ ± δ from the vertical, with
+//! tan φ = d/(H − r) and sin δ = r/√(d² + (H − r)²). The map gives the ground behind each pixel, and so its angle.
+
+use localize::frame::{At, RobotFrame};
+
+use crate::colours::{Class, NativeTable};
+use crate::config::ObjectConfig;
+use crate::ground_map::GroundMap;
+use crate::image::Frame;
+
+/// The ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ball {
+    /// Where it touches the ground, metres; where it seems to, if it flies.
+    pub at: At<RobotFrame>,
+    /// Covariance: xx, xy, yy, m².
+    pub covariance: [f32; 3],
+    /// False if it is larger than a ball on the ground can be there: it flies.
+    pub on_ground: bool,
+    /// How much of a whole ball is seen, 0 to 1.
+    pub score: f32,
+    /// Middle of its region in the image: column, row, pixels.
+    pub at_px: [f32; 2],
+    /// Its pixels.
+    pub pixels: usize,
+}
+
+/// What the search for the ball works on.
+pub(crate) struct BallSearch<'a> {
+    pub(crate) frame: &'a Frame<'a>,
+    pub(crate) map: &'a GroundMap,
+    pub(crate) table: &'a NativeTable,
+    pub(crate) config: &'a ObjectConfig,
+    /// Where the carpet ends along each ray, metres.
+    pub(crate) carpet_end: &'a [f32],
+    /// The mirror's axis in the image, pixels.
+    pub(crate) centre_px: [f32; 2],
+}
+
+/// Pixels that were visited, kept between frames so that no frame allocates a whole image.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Visited {
+    stamps: Vec<u32>,
+    stamp: u32,
+}
+
+impl Visited {
+    /// Forgets all pixels of an image.
+    fn begin(&mut self, pixels: usize) {
+        if self.stamps.len() != pixels || self.stamp == u32::MAX {
+            self.stamps = vec![0; pixels];
+            self.stamp = 0;
+        }
+        self.stamp += 1;
+    }
+
+    /// True the first time.
+    fn visit(&mut self, pixel: usize) -> bool {
+        let first = self.stamps[pixel] != self.stamp;
+        self.stamps[pixel] = self.stamp;
+        first
+    }
+}
+
+/// A region larger than this is no ball, pixels: flooding stops.
+const LARGEST_REGION: usize = 20_000;
+
+impl BallSearch<'_> {
+    /// The best ball among the regions around the seeds (column, row of pixels of the ball's colour).
+    pub(crate) fn best(
+        &self,
+        seeds: impl Iterator<Item = [u16; 2]>,
+        visited: &mut Visited,
+    ) -> Option<Ball> {
+        visited.begin(self.map.width_px * self.map.height_px);
+        let mut best: Option<Ball> = None;
+        let mut region = Vec::new();
+        for seed in seeds {
+            self.flood(seed, visited, &mut region);
+            if let Some(ball) = self.judge(&region)
+                && best.is_none_or(|best| ball.score > best.score)
+            {
+                best = Some(ball);
+            }
+        }
+        best
+    }
+
+    fn flood(&self, [u, v]: [u16; 2], visited: &mut Visited, region: &mut Vec<[u16; 2]>) {
+        region.clear();
+        let width = self.map.width_px;
+        if !visited.visit(usize::from(v) * width + usize::from(u)) {
+            return;
+        }
+        region.push([u, v]);
+        let mut next = 0;
+        while next < region.len() && region.len() < LARGEST_REGION {
+            let [u, v] = region[next];
+            next += 1;
+            // Two pixels far, so that noise and a thin cable do not cut a ball.
+            for (du, dv) in [
+                (-1i32, 0i32),
+                (1, 0),
+                (0, -1),
+                (0, 1),
+                (-2, 0),
+                (2, 0),
+                (0, -2),
+                (0, 2),
+                (-1, -1),
+                (1, -1),
+                (-1, 1),
+                (1, 1),
+            ] {
+                let (u, v) = (i32::from(u) + du, i32::from(v) + dv);
+                if u < 0 || v < 0 || u as usize >= width || v as usize >= self.map.height_px {
+                    continue;
+                }
+                let (column, row) = (u as usize, v as usize);
+                let rgb = self.frame.rgb(column, row);
+                if self.table.class(rgb) == Class::BALL && visited.visit(row * width + column) {
+                    region.push([u as u16, v as u16]);
+                }
+            }
+        }
+    }
+
+    fn judge(&self, region: &[[u16; 2]]) -> Option<Ball> {
+        let config = self.config;
+        if region.len() < config.ball_pixels_min || region.len() >= LARGEST_REGION {
+            return None;
+        }
+        let height = config.viewpoint_height;
+        let mut angles = Vec::with_capacity(region.len());
+        let [mut x, mut y, mut u_sum, mut v_sum] = [0.0f32; 4];
+        for &[u, v] in region {
+            u_sum += f32::from(u);
+            v_sum += f32::from(v);
+            let Some(ground) = self.map.at(usize::from(u), usize::from(v)) else {
+                continue;
+            };
+            let range = ground.distance();
+            x += ground.x / range;
+            y += ground.y / range;
+            angles.push((range / height).atan());
+        }
+        let length = x.hypot(y);
+        if angles.len() * 3 < region.len() || length <= 0.0 {
+            return None;
+        }
+        let [ex, ey] = [x / length, y / length];
+        angles.sort_by(f32::total_cmp);
+        let near = angles[angles.len() / 50];
+        let far = angles[angles.len() - 1 - angles.len() / 50];
+        // A ball cut by the horizon or by something before it shows its near edge truly, else its middle.
+        let whole = angles.len() == region.len();
+        let centre_height = height - config.ball_radius;
+        let half = |range: f32| (config.ball_radius / range.hypot(centre_height)).asin();
+        let mut middle = (near + far) / 2.0;
+        if !whole {
+            for _ in 0..4 {
+                middle = near + half(centre_height * middle.tan());
+            }
+        }
+        let range = centre_height * middle.tan();
+        if !(range.is_finite() && range > 0.0 && range <= config.ball_range_max) {
+            return None;
+        }
+        let half_expected = half(range);
+        let [u, v] = [u_sum, v_sum].map(|sum| sum / region.len() as f32);
+        if self.beyond_carpet([u, v], height * near.tan()) {
+            return None;
+        }
+        let part = (far - near) / (2.0 * half_expected);
+        let pixels = self.pixels_expected(range, half_expected, [u, v])?;
+        let share = region.len() as f32 / pixels;
+        // Larger than a ball on the ground could be here: it is nearer, and so higher.
+        let on_ground = part < 1.6 && share < 2.5;
+        if share.min(part) < config.ball_part_min || share > 8.0 {
+            return None;
+        }
+        let far_step = height / middle.cos().powi(2) * half_expected;
+        let along = 0.02 + 0.25 * far_step * (1.0 - part.min(1.0)) + 0.05 * far_step;
+        let across = 0.01 + 0.01 * range;
+        let (a2, c2) = (along * along, across * across);
+        Some(Ball {
+            at: At::new(range * ex, range * ey),
+            covariance: [
+                a2 * ex * ex + c2 * ey * ey,
+                (a2 - c2) * ex * ey,
+                a2 * ey * ey + c2 * ex * ex,
+            ],
+            on_ground,
+            score: share.min(1.0 / share).min(1.0) * part.min(1.0 / part).min(1.0).sqrt(),
+            at_px: [u, v],
+            pixels: region.len(),
+        })
+    }
+
+    /// Pixels of a whole ball here: its solid angle over a pixel's.
+    fn pixels_expected(&self, range: f32, half: f32, [u, v]: [f32; 2]) -> Option<f32> {
+        let (column, row) = (u.round() as usize, v.round() as usize);
+        let (radial, tangential) = crate::scan::ground_per_px(self.map, column, row)?;
+        let ground = self.map.at(column, row)?.distance();
+        let height = self.config.viewpoint_height;
+        let angle = (ground / height).atan();
+        let _ = range;
+        let radial_angle = radial * angle.cos().powi(2) / height;
+        let tangential_angle = tangential / ground * angle.sin();
+        Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
+    }
+
+    fn beyond_carpet(&self, [u, v]: [f32; 2], near: f32) -> bool {
+        let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
+        let count = self.carpet_end.len();
+        let place = (angle / std::f32::consts::TAU).rem_euclid(1.0) * count as f32;
+        let around = 0..=2usize;
+        let end = around
+            .map(|step| self.carpet_end[(place as usize + count + step - 1) % count])
+            .fold(0.0, f32::max);
+        near > 1.05 * end + 0.1
+    }
+}

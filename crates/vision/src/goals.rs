@@ -1,0 +1,134 @@
+//! Where are the goals? Coloured walls behind the carpet's end, and white posts that stand on it.
+
+use localize::frame::{At, RobotFrame};
+
+use crate::colours::Class;
+use crate::config::ObjectConfig;
+use crate::rays::{RaySight, Rays};
+
+/// What was seen of a goal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum GoalKind {
+    /// A blue goal of 2001.
+    Blue,
+    /// A yellow goal of 2001.
+    Yellow,
+    /// One white post.
+    Post,
+}
+
+/// A goal or a post of one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Goal {
+    /// What was seen.
+    pub kind: GoalKind,
+    /// Its middle on the ground, metres.
+    pub at: At<RobotFrame>,
+    /// Covariance: xx, xy, yy, m².
+    pub covariance: [f32; 3],
+    /// How wide it is seen, metres.
+    pub width: f32,
+    /// How sure it is, 0 to 1: the share of what its rays show beyond the carpet that has its colour.
+    pub score: f32,
+    /// Where its middle meets the carpet, in the image: column, row, pixels.
+    pub at_px: [f32; 2],
+}
+
+/// Widest white thing still taken for a post, metres: its side of 0.125 aslant, blurred.
+const POST_WIDTH_MAX: f32 = 0.35;
+
+/// Narrowest coloured thing taken for a goal, metres: half of the goal of 2001 may be hidden.
+const GOAL_WIDTH_MIN: f32 = 0.5;
+
+/// Groups rays that end in a goal's colour.
+pub(crate) fn goals(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> Vec<Goal> {
+    let mut found = Vec::new();
+    for (kind, class) in [
+        (GoalKind::Blue, Class::BLUE),
+        (GoalKind::Yellow, Class::YELLOW),
+        (GoalKind::Post, Class::WHITE),
+    ] {
+        let share: Vec<f32> = (0..rays.count())
+            .map(|ray| share(rays, &sights[ray], rays.starts[ray + 1], class))
+            .collect();
+        let joined = |a: usize, b: usize| {
+            let (a_end, b_end) = (sights[a].end, sights[b].end);
+            share[a] > 0.0
+                && share[b] > 0.0
+                && (a_end - b_end).abs() < 0.2 + 0.15 * a_end.min(b_end)
+        };
+        let count = rays.count();
+        let Some(first) = (0..count).find(|&ray| !joined((ray + count - 1) % count, ray)) else {
+            continue;
+        };
+        let mut group: Vec<usize> = Vec::new();
+        for step in 0..=count {
+            let ray = (first + step) % count;
+            let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
+            if !follows {
+                found.extend(goal(rays, sights, &share, &group, kind, config));
+                group.clear();
+            }
+            if share[ray] > 0.0 {
+                group.push(ray);
+            }
+        }
+    }
+    found
+}
+
+/// Share of the samples just beyond the carpet that have a colour; zero below half.
+fn share(rays: &Rays, sight: &RaySight, end: usize, class: Class) -> f32 {
+    if !(sight.carpet && sight.end.is_finite()) {
+        return 0.0;
+    }
+    let beyond = &rays.classes[sight.beyond..end.min(sight.beyond + 16)];
+    let share =
+        beyond.iter().filter(|&&found| found == class).count() as f32 / beyond.len().max(1) as f32;
+    if share >= 0.6 { share } else { 0.0 }
+}
+
+fn goal(
+    rays: &Rays,
+    sights: &[RaySight],
+    share: &[f32],
+    group: &[usize],
+    kind: GoalKind,
+    _config: &ObjectConfig,
+) -> Option<Goal> {
+    let ends: Vec<[f32; 2]> = group
+        .iter()
+        .map(|&ray| rays.samples[sights[ray].beyond.saturating_sub(1)].ground)
+        .collect();
+    let count = ends.len() as f32;
+    let [x, y] = ends.iter().fold([0.0, 0.0], |[x, y], end| {
+        [x + end[0] / count, y + end[1] / count]
+    });
+    let range = x.hypot(y);
+    let ray_angle = std::f32::consts::TAU / share.len() as f32;
+    let width = match (ends.first(), ends.last()) {
+        (Some(a), Some(b)) => (a[0] - b[0]).hypot(a[1] - b[1]) + ray_angle * range,
+        _ => return None,
+    };
+    match kind {
+        GoalKind::Post if width > POST_WIDTH_MAX || range > 6.0 => return None,
+        GoalKind::Blue | GoalKind::Yellow if width < GOAL_WIDTH_MIN => return None,
+        _ => {}
+    }
+    let [ex, ey] = [x / range, y / range];
+    let (along, across) = (0.05 + 0.05 * range, ray_angle * range);
+    let (a2, c2) = (along * along, across * across);
+    let sample = rays.samples[sights[group[group.len() / 2]].beyond.saturating_sub(1)];
+    Some(Goal {
+        kind,
+        at: At::new(x, y),
+        covariance: [
+            a2 * ex * ex + c2 * ey * ey,
+            (a2 - c2) * ex * ey,
+            a2 * ey * ey + c2 * ex * ex,
+        ],
+        width,
+        score: group.iter().map(|&ray| share[ray]).sum::<f32>() / count,
+        at_px: [f32::from(sample.u), f32::from(sample.v)],
+    })
+}

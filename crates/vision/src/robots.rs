@@ -1,0 +1,150 @@
+//! Where do robots stand? What ends the carpet in neighbouring directions at like distance, with its team marker.
+//!
+//! lima2001 section 3: the first obstacle in each direction; a robot's foot is where its column leaves the carpet.
+
+use localize::frame::{At, RobotFrame};
+
+use crate::colours::Class;
+use crate::config::ObjectConfig;
+use crate::rays::{RaySight, Rays};
+
+/// The colour that a robot wears.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Marker {
+    /// Cyan.
+    Cyan,
+    /// Magenta.
+    Magenta,
+}
+
+/// A robot, or somebody's legs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Robot {
+    /// Its middle: `robot_radius` behind its nearest edge; metres.
+    pub at: At<RobotFrame>,
+    /// The nearest point of the ground that it covers, metres.
+    pub edge: At<RobotFrame>,
+    /// Covariance of its middle: xx, xy, yy, m².
+    pub covariance: [f32; 3],
+    /// How wide it is seen, metres.
+    pub width: f32,
+    /// Its team's colour, where one is seen.
+    pub marker: Option<Marker>,
+    /// How sure it is one, 0 to 1: the share of its rays that turn dark or coloured where the carpet ends.
+    pub score: f32,
+    /// Its nearest edge in the image: column, row, pixels.
+    pub at_px: [f32; 2],
+}
+
+/// What ends the carpet of one ray.
+#[derive(Debug, Clone, Copy)]
+struct Column {
+    range: f32,
+    solid: bool,
+    cyan: u32,
+    magenta: u32,
+    sample: usize,
+}
+
+/// Groups the rays' ends into robots.
+pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> Vec<Robot> {
+    let columns: Vec<Option<Column>> = (0..rays.count())
+        .map(|ray| column(rays, &sights[ray], rays.starts[ray + 1], config))
+        .collect();
+    let count = columns.len();
+    let joined = |a: usize, b: usize| match (columns[a], columns[b]) {
+        (Some(a), Some(b)) => (a.range - b.range).abs() < 0.15 + 0.1 * a.range.min(b.range),
+        _ => false,
+    };
+    // Start at a gap, so that no group is cut where the circle is.
+    let Some(first) = (0..count).find(|&ray| !joined((ray + count - 1) % count, ray)) else {
+        return Vec::new();
+    };
+    let mut found = Vec::new();
+    let mut group: Vec<usize> = Vec::new();
+    for step in 0..=count {
+        let ray = (first + step) % count;
+        let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
+        if !follows {
+            found.extend(robot(rays, &columns, &group, config));
+            group.clear();
+        }
+        if columns[ray].is_some() {
+            group.push(ray);
+        }
+    }
+    found
+}
+
+fn column(rays: &Rays, sight: &RaySight, end: usize, config: &ObjectConfig) -> Option<Column> {
+    if !(sight.carpet && sight.end <= config.robot_range_max) {
+        return None;
+    }
+    let beyond = &rays.classes[sight.beyond..end];
+    let dark = |class: &Class| matches!(*class, Class::BLACK | Class::CYAN | Class::MAGENTA);
+    // A foot is dark from the floor up; a carpet's edge is followed by the floor's colour.
+    let foot = &beyond[..beyond.len().min(4)];
+    let solid = 2 * foot.iter().filter(|class| dark(class)).count() >= foot.len();
+    let of = |wanted: Class| beyond.iter().filter(|&&class| class == wanted).count() as u32;
+    let (cyan, magenta) = (of(Class::CYAN), of(Class::MAGENTA));
+    solid.then_some(Column {
+        range: sight.end,
+        solid,
+        cyan,
+        magenta,
+        sample: sight.beyond.saturating_sub(1),
+    })
+}
+
+fn robot(
+    rays: &Rays,
+    columns: &[Option<Column>],
+    group: &[usize],
+    config: &ObjectConfig,
+) -> Option<Robot> {
+    let members: Vec<Column> = group.iter().filter_map(|&ray| columns[ray]).collect();
+    let nearest = *members.iter().min_by(|a, b| a.range.total_cmp(&b.range))?;
+    let ray_angle = std::f32::consts::TAU / columns.len() as f32;
+    let width = members.len() as f32 * ray_angle * nearest.range;
+    if width < config.robot_width_min || width > config.robot_width_max {
+        return None;
+    }
+    let [mut x, mut y] = [0.0, 0.0];
+    for member in &members {
+        let [gx, gy] = rays.samples[member.sample].ground;
+        x += gx / gx.hypot(gy);
+        y += gy / gx.hypot(gy);
+    }
+    let length = x.hypot(y);
+    let [x, y] = [x / length, y / length];
+    let (cyan, magenta) = members.iter().fold((0, 0), |(c, m), column| {
+        (c + column.cyan, m + column.magenta)
+    });
+    let marker = match (cyan, magenta) {
+        (c, m) if c.max(m) < 3 => None,
+        (c, m) if c > 2 * m => Some(Marker::Cyan),
+        (c, m) if m > 2 * c => Some(Marker::Magenta),
+        _ => None,
+    };
+    let middle = nearest.range + config.robot_radius;
+    let sample = rays.samples[nearest.sample];
+    // Along the ray: a sample's step and an unknown radius; across: half a ray's spacing and half the unknown width.
+    let next = rays.samples[(nearest.sample + 1).min(rays.samples.len() - 1)].range;
+    let step = (next - nearest.range).abs().min(1.0);
+    let (along, across) = (step + 0.05, ray_angle * middle + 0.05);
+    let (a2, c2) = (along * along, across * across);
+    let solid = members.iter().filter(|column| column.solid).count() as f32 / members.len() as f32;
+    Some(Robot {
+        at: At::new(middle * x, middle * y),
+        edge: At::new(nearest.range * x, nearest.range * y),
+        covariance: [
+            a2 * x * x + c2 * y * y,
+            (a2 - c2) * x * y,
+            a2 * y * y + c2 * x * x,
+        ],
+        width,
+        marker,
+        score: if marker.is_some() { solid } else { 0.7 * solid },
+        at_px: [f32::from(sample.u), f32::from(sample.v)],
+    })
+}
