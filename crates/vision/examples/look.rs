@@ -64,9 +64,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             eyes.forget_light();
         }
         let seen = eyes.see(&image.frame())?;
-        let score = truth
-            .get(index)
-            .map(|&pose| Score::of(&eyes, &map, &seen, pose, &field));
+        let score = truth.get(index).map(|&pose| Score::of(&seen, pose, &field));
         println!(
             "{} points {} refused {} carpet {:.2}{} {}",
             &record[1],
@@ -204,7 +202,7 @@ const PIECE: f32 = 0.05;
 const REACH: f32 = 0.25;
 
 impl Score {
-    fn of(eyes: &Eyes, map: &GroundMap, seen: &vision::Seen, pose: Pose, field: &Field) -> Self {
+    fn of(seen: &vision::Seen, pose: Pose, field: &Field) -> Self {
         let mut score = Score::default();
         let mut good = Vec::new();
         for point in &seen.line_points {
@@ -228,7 +226,6 @@ impl Score {
                 score.near_right += usize::from(off <= 0.1);
             }
         }
-        let _ = (eyes, map);
         for at in overlay::marking_points(&field.markings, PIECE) {
             let seen_from = pose.inverse() * at;
             let range = seen_from.distance();

@@ -170,11 +170,11 @@ impl BallSearch<'_> {
         }
         let half_expected = half(range);
         let [u, v] = [u_sum, v_sum].map(|sum| sum / region.len() as f32);
-        if self.beyond_carpet([u, v], height * near.tan()) {
+        if self.beyond_carpet([u, v], range) {
             return None;
         }
         let part = (far - near) / (2.0 * half_expected);
-        let pixels = self.pixels_expected(range, half_expected, [u, v])?;
+        let pixels = self.pixels_expected(half_expected, [u, v])?;
         let share = region.len() as f32 / pixels;
         // Larger than a ball on the ground could be here: it is nearer, and so higher.
         let on_ground = part < 1.6 && share < 2.5;
@@ -200,26 +200,29 @@ impl BallSearch<'_> {
     }
 
     /// Pixels of a whole ball here: its solid angle over a pixel's.
-    fn pixels_expected(&self, range: f32, half: f32, [u, v]: [f32; 2]) -> Option<f32> {
+    fn pixels_expected(&self, half: f32, [u, v]: [f32; 2]) -> Option<f32> {
         let (column, row) = (u.round() as usize, v.round() as usize);
         let (radial, tangential) = crate::scan::ground_per_px(self.map, column, row)?;
         let ground = self.map.at(column, row)?.distance();
         let height = self.config.viewpoint_height;
         let angle = (ground / height).atan();
-        let _ = range;
         let radial_angle = radial * angle.cos().powi(2) / height;
         let tangential_angle = tangential / ground * angle.sin();
         Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
     }
 
-    fn beyond_carpet(&self, [u, v]: [f32; 2], near: f32) -> bool {
+    /// Does the carpet end before the ball's middle on both its sides? Then it is something behind the carpet.
+    fn beyond_carpet(&self, [u, v]: [f32; 2], range: f32) -> bool {
+        let turns = |angle: f32| (angle / std::f32::consts::TAU).rem_euclid(1.0);
         let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
+        let half = (self.config.ball_radius / range).min(1.0).asin();
         let count = self.carpet_end.len();
-        let place = (angle / std::f32::consts::TAU).rem_euclid(1.0) * count as f32;
-        let around = 0..=2usize;
-        let end = around
-            .map(|step| self.carpet_end[(place as usize + count + step - 1) % count])
-            .fold(0.0, f32::max);
-        near > 1.05 * end + 0.1
+        let end = |angle: f32, outward: usize| {
+            let place = turns(angle) * count as f32;
+            self.carpet_end[(place as usize + outward) % count]
+        };
+        // One ray past each side of the ball.
+        let end = end(angle - half, count - 1).max(end(angle + half, 2));
+        range > 1.02 * end
     }
 }

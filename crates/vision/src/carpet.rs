@@ -138,15 +138,17 @@ impl CarpetModel {
             return Class::BLACK;
         }
         let slack = config.carpet_hue_slack * share.clamp(0.75, 1.25);
-        // A dark grey pixel's noise must not look like the carpet's chroma: it is worth less the darker the pixel.
+        // A dark grey pixel's noise must not look like the carpet's chroma: the darker the pixel, the nearer
+        // the limit comes to half way between grey and carpet, where both are mistaken least.
         let white = mean(self.white);
         let noise = self.noise / (white * brightness * self.chroma).max(1e-3);
-        let least = (config.carpet_chroma_min + 1.5 * noise).min(0.9);
+        let least = (config.carpet_chroma_min + 1.5 * noise).min(0.55);
         if share >= least && off.abs() <= slack {
             return Class::CARPET;
         }
         let saturation = share.hypot(off) * self.chroma;
-        if saturation < 0.35 || self.chroma * share.hypot(off) < 0.6 * self.chroma {
+        // A dark grey pixel's noise must not look like a colour either.
+        if saturation < 0.35 || share.hypot(off) < 0.6 || share.hypot(off) < 4.0 * noise {
             return match relative {
                 _ if bright => Class::WHITE,
                 r if r < 0.5 => Class::BLACK,

@@ -138,6 +138,7 @@ pub struct ObjectConfig {
     /// The ball's radius, metres (size 5).
     pub ball_radius: f32,
     /// The ball's hue from..to, degrees (red 0, yellow 60, green 120, blue 240); from > to passes over red.
+    /// The league's balls are orange to yellow; beside a yellow goal take 8 to 45.
     pub ball_hue_deg: [f32; 2],
     /// A ball covers at least this share of the pixels that a whole one would cover at its place.
     pub ball_part_min: f32,
@@ -151,6 +152,8 @@ pub struct ObjectConfig {
     pub robot_width_min: f32,
     /// Wider obstacles are the carpet's edge or a wall, metres.
     pub robot_width_max: f32,
+    /// What has a marker but no dark foot is a robot if it stands this much before what ends the carpet beside it, metres.
+    pub robot_before_min: f32,
     /// Robots are sought up to this distance, metres.
     pub robot_range_max: f32,
 }
@@ -164,13 +167,14 @@ impl Default for ObjectConfig {
             gap_share: 0.45,
             viewpoint_height: 0.78,
             ball_radius: 0.11,
-            ball_hue_deg: [8.0, 48.0],
+            ball_hue_deg: [8.0, 62.0],
             ball_part_min: 0.2,
             ball_pixels_min: 6,
             ball_range_max: 9.0,
             robot_radius: 0.25,
             robot_width_min: 0.15,
             robot_width_max: 1.1,
+            robot_before_min: 0.4,
             robot_range_max: 7.0,
         }
     }
@@ -217,6 +221,7 @@ impl VisionConfig {
             ("objects.ball_range_max", self.objects.ball_range_max),
             ("objects.robot_range_max", self.objects.robot_range_max),
             ("objects.robot_width_max", self.objects.robot_width_max),
+            ("objects.robot_before_min", self.objects.robot_before_min),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(key, f64::from(value), "must be positive");

@@ -303,7 +303,7 @@ impl Eyes {
         seen: &mut Seen,
     ) {
         seen.robots = robots(&self.rays, sights, &self.config.objects);
-        seen.goals = goals(&self.rays, sights, &self.config.objects);
+        seen.goals = goals(&self.rays, sights);
         let search = BallSearch {
             frame,
             map: &self.map,

@@ -3,7 +3,6 @@
 use localize::frame::{At, RobotFrame};
 
 use crate::colours::Class;
-use crate::config::ObjectConfig;
 use crate::rays::{RaySight, Rays};
 
 /// What was seen of a goal.
@@ -41,7 +40,7 @@ const POST_WIDTH_MAX: f32 = 0.35;
 const GOAL_WIDTH_MIN: f32 = 0.5;
 
 /// Groups rays that end in a goal's colour.
-pub(crate) fn goals(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> Vec<Goal> {
+pub(crate) fn goals(rays: &Rays, sights: &[RaySight]) -> Vec<Goal> {
     let mut found = Vec::new();
     for (kind, class) in [
         (GoalKind::Blue, Class::BLUE),
@@ -66,7 +65,7 @@ pub(crate) fn goals(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> 
             let ray = (first + step) % count;
             let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
             if !follows {
-                found.extend(goal(rays, sights, &share, &group, kind, config));
+                found.extend(goal(rays, sights, &share, &group, kind));
                 group.clear();
             }
             if share[ray] > 0.0 {
@@ -94,7 +93,6 @@ fn goal(
     share: &[f32],
     group: &[usize],
     kind: GoalKind,
-    _config: &ObjectConfig,
 ) -> Option<Goal> {
     let ends: Vec<[f32; 2]> = group
         .iter()

@@ -42,8 +42,9 @@ pub(crate) struct RaySight {
     pub(crate) carpet: bool,
 }
 
-/// So many samples of carpet in a row are carpet again; single ones are noise on something dark.
-const CARPET_ROW: usize = 3;
+/// Carpet begins again where so many of the last five samples are carpet; fewer are noise on something dark.
+const RECENT: u32 = 0b1_1111;
+const MOST: u32 = 4;
 
 impl Rays {
     pub(crate) fn new(
@@ -125,20 +126,19 @@ impl Rays {
         let mut last_carpet: Option<usize> = None;
         let mut gap = 0.0;
         let mut before = 0.0;
-        let mut row = 0;
+        let mut recent = 0u32;
         for index in ray.clone() {
             let range = self.samples[index].range;
             let step = range - before;
             before = range;
-            if self.classes[index] == Class::CARPET {
-                row += 1;
-                if row >= CARPET_ROW || (row > 0 && gap == 0.0 && last_carpet.is_some()) {
-                    last_carpet = Some(index);
-                    gap = 0.0;
-                    continue;
-                }
-            } else {
-                row = 0;
+            recent = recent << 1 | u32::from(self.classes[index] == Class::CARPET);
+            let carpet = (recent & RECENT).count_ones();
+            if self.classes[index] == Class::CARPET
+                && (carpet >= MOST || gap == 0.0 && last_carpet.is_some())
+            {
+                last_carpet = Some(index);
+                gap = 0.0;
+                continue;
             }
             let Some(last) = last_carpet else { continue };
             gap += if self.classes[index] == Class::WHITE {

@@ -30,7 +30,7 @@ pub struct Robot {
     pub width: f32,
     /// Its team's colour, where one is seen.
     pub marker: Option<Marker>,
-    /// How sure it is one, 0 to 1: the share of its rays that turn dark or coloured where the carpet ends.
+    /// How sure it is one: thirds for standing before what is beside it, for its marker and for its dark foot.
     pub score: f32,
     /// Its nearest edge in the image: column, row, pixels.
     pub at_px: [f32; 2],
@@ -40,6 +40,7 @@ pub struct Robot {
 #[derive(Debug, Clone, Copy)]
 struct Column {
     range: f32,
+    /// Dark or coloured from the floor up.
     solid: bool,
     cyan: u32,
     magenta: u32,
@@ -66,7 +67,7 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
         let ray = (first + step) % count;
         let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
         if !follows {
-            found.extend(robot(rays, &columns, &group, config));
+            split(rays, sights, &columns, &group, config, &mut found);
             group.clear();
         }
         if columns[ray].is_some() {
@@ -76,28 +77,66 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
     found
 }
 
+/// A group wider than a robot is cut where it recedes between two nearer parts: robots side by side.
+fn split(
+    rays: &Rays,
+    sights: &[RaySight],
+    columns: &[Option<Column>],
+    group: &[usize],
+    config: &ObjectConfig,
+    found: &mut Vec<Robot>,
+) {
+    let range = |place: usize| columns[group[place]].map_or(f32::INFINITY, |c| c.range);
+    let nearest = (0..group.len()).map(range).fold(f32::INFINITY, f32::min);
+    let ray_angle = std::f32::consts::TAU / columns.len() as f32;
+    // Seen corner on, the league's square robot is √2 wider than its side.
+    let robot_width = 2.0 * config.robot_radius * std::f32::consts::SQRT_2;
+    if group.len() as f32 * ray_angle * nearest > robot_width {
+        let least =
+            |places: std::ops::Range<usize>| places.map(range).fold(f32::INFINITY, f32::min);
+        let dip = |place: usize| range(place) - least(0..place).max(least(place + 1..group.len()));
+        let cut = (1..group.len().saturating_sub(1)).max_by(|&a, &b| dip(a).total_cmp(&dip(b)));
+        if let Some(cut) = cut.filter(|&cut| dip(cut) > 0.1) {
+            split(rays, sights, columns, &group[..cut], config, found);
+            split(rays, sights, columns, &group[cut + 1..], config, found);
+            return;
+        }
+    }
+    found.extend(robot(rays, sights, columns, group, config));
+}
+
 fn column(rays: &Rays, sight: &RaySight, end: usize, config: &ObjectConfig) -> Option<Column> {
     if !(sight.carpet && sight.end <= config.robot_range_max) {
         return None;
     }
-    let beyond = &rays.classes[sight.beyond..end];
-    let dark = |class: &Class| matches!(*class, Class::BLACK | Class::CYAN | Class::MAGENTA);
-    // A foot is dark from the floor up; a carpet's edge is followed by the floor's colour.
-    let foot = &beyond[..beyond.len().min(4)];
-    let solid = 2 * foot.iter().filter(|class| dark(class)).count() >= foot.len();
+    // A line may lie before the foot.
+    let mut first = sight.beyond;
+    while first < end
+        && rays.classes[first] == Class::WHITE
+        && rays.samples[first].range - sight.end < config.gap_max
+    {
+        first += 1;
+    }
+    let beyond = &rays.classes[first..end];
+    let dark = |class: &&Class| matches!(**class, Class::BLACK | Class::CYAN | Class::MAGENTA);
+    // The edge itself is mixed with the carpet; a foot is dark from the floor up.
+    let foot = &beyond[..beyond.len().min(5)];
     let of = |wanted: Class| beyond.iter().filter(|&&class| class == wanted).count() as u32;
-    let (cyan, magenta) = (of(Class::CYAN), of(Class::MAGENTA));
-    solid.then_some(Column {
-        range: sight.end,
-        solid,
-        cyan,
-        magenta,
-        sample: sight.beyond.saturating_sub(1),
+    if beyond.is_empty() || 2 * foot.iter().filter(|&&c| c == Class::WHITE).count() > foot.len() {
+        return None;
+    }
+    Some(Column {
+        range: (rays.samples[first - 1].range + rays.samples[first].range) / 2.0,
+        solid: 2 * foot.iter().filter(dark).count() >= foot.len(),
+        cyan: of(Class::CYAN),
+        magenta: of(Class::MAGENTA),
+        sample: first,
     })
 }
 
 fn robot(
     rays: &Rays,
+    sights: &[RaySight],
     columns: &[Option<Column>],
     group: &[usize],
     config: &ObjectConfig,
@@ -109,6 +148,15 @@ fn robot(
     if width < config.robot_width_min || width > config.robot_width_max {
         return None;
     }
+    let count = columns.len();
+    // Past one ray at the silhouette's edge, which may graze it.
+    let beside = [
+        (group[0] + count - 2) % count,
+        (group[group.len() - 1] + 2) % count,
+    ];
+    let before = |ray: usize| sights[ray].end - nearest.range >= config.robot_before_min;
+    let stands_out = beside.iter().all(|&ray| before(ray));
+    let solid = members.iter().filter(|column| column.solid).count() as f32 / members.len() as f32;
     let [mut x, mut y] = [0.0, 0.0];
     for member in &members {
         let [gx, gy] = rays.samples[member.sample].ground;
@@ -126,6 +174,12 @@ fn robot(
         (c, m) if m > 2 * c => Some(Marker::Magenta),
         _ => None,
     };
+    // A dark floor behind the carpet, a coloured thing on it, clutter: each shows one sign of a robot, not two.
+    let signs = [stands_out, marker.is_some(), solid >= 0.5];
+    let signs = signs.iter().filter(|&&sign| sign).count();
+    if signs < 2 {
+        return None;
+    }
     let middle = nearest.range + config.robot_radius;
     let sample = rays.samples[nearest.sample];
     // Along the ray: a sample's step and an unknown radius; across: half a ray's spacing and half the unknown width.
@@ -133,7 +187,6 @@ fn robot(
     let step = (next - nearest.range).abs().min(1.0);
     let (along, across) = (step + 0.05, ray_angle * middle + 0.05);
     let (a2, c2) = (along * along, across * across);
-    let solid = members.iter().filter(|column| column.solid).count() as f32 / members.len() as f32;
     Some(Robot {
         at: At::new(middle * x, middle * y),
         edge: At::new(nearest.range * x, nearest.range * y),
@@ -144,7 +197,7 @@ fn robot(
         ],
         width,
         marker,
-        score: if marker.is_some() { solid } else { 0.7 * solid },
+        score: signs as f32 / 3.0,
         at_px: [f32::from(sample.u), f32::from(sample.v)],
     })
 }
