@@ -13,6 +13,7 @@ pub mod filter;
 pub mod frame;
 pub mod localizer;
 pub mod matching;
+pub mod omni;
 pub mod sample;
 pub mod search;
 pub mod stamp;

@@ -1,0 +1,288 @@
+//! How do wheels move the robot? Three or more omnidirectional wheels, from their speeds to the robot's and back.
+//!
+//! MATH.md 5, minho2016 IV.C: wheel i at angle a_i, distance L and radius r turns at
+//! ω_i = (−sin a_i·v_x + cos a_i·v_y + L·θ̇)/r. The pseudo-inverse gives the motion back, and what of the wheels' speeds no
+//! motion explains is slip.
+
+use nalgebra::{DMatrix, Matrix3};
+
+use crate::sample::Odometry;
+use crate::stamp::Stamp;
+
+/// Velocity of the robot, or its motion in a given time, robot frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+pub struct Twist {
+    /// Forward, m/s (metres).
+    pub x: f32,
+    /// To the left, m/s (metres).
+    pub y: f32,
+    /// Counter-clockwise, rad/s (radians).
+    pub theta: f32,
+}
+
+impl Twist {
+    /// The motion that this constant velocity makes in one unit of time, as it ends in the frame where it began.
+    ///
+    /// The robot turns on an arc: the translation is the integral of R(θ̇t)·(x, y).
+    pub fn odometry(self, stamp: Stamp) -> Odometry {
+        // sin θ/θ and (1 − cos θ)/θ; their series below 1e-3 err by less than an f32 resolves.
+        let (along, across) = if self.theta.abs() < 1e-3 {
+            (1.0 - self.theta * self.theta / 6.0, self.theta / 2.0)
+        } else {
+            let half = (self.theta / 2.0).sin();
+            (
+                self.theta.sin() / self.theta,
+                2.0 * half * half / self.theta,
+            )
+        };
+        Odometry {
+            stamp,
+            dx: along * self.x - across * self.y,
+            dy: across * self.x + along * self.y,
+            dtheta: self.theta,
+        }
+    }
+}
+
+/// Why wheels make no omnidirectional base.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum OmniError {
+    /// Fewer than three wheels cannot move in three ways.
+    #[error("{0} wheels: an omnidirectional base has three or more")]
+    TooFew(usize),
+    /// Radius or distance is no length, or an angle is no number.
+    #[error("wheel radius, distance and angles must be numbers, the lengths above zero")]
+    Size,
+    /// The wheels leave a direction in which the robot cannot be driven, or hardly.
+    #[error("the wheels' angles leave a direction in which they cannot drive")]
+    Degenerate,
+}
+
+/// The wheels of a base.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Omni {
+    /// Of each wheel: radians of turn per metre forward, metre to the left, radian of the robot's turn.
+    wheel_from_robot: Vec<[f32; 3]>,
+    /// The pseudo-inverse, a column for each wheel.
+    robot_from_wheel: Vec<[f32; 3]>,
+    radius: f32,
+}
+
+impl Omni {
+    /// From the wheels' angles (radians from the robot's x axis), radius and distance from the centre (metres).
+    pub fn new(angles: &[f32], radius: f32, distance: f32) -> Result<Self, OmniError> {
+        if angles.len() < 3 {
+            return Err(OmniError::TooFew(angles.len()));
+        }
+        let lengths = [radius, distance];
+        if !lengths
+            .iter()
+            .all(|length| *length > 0.0 && length.is_finite())
+            || !angles.iter().all(|angle| angle.is_finite())
+        {
+            return Err(OmniError::Size);
+        }
+        // Columns in units of one wheel's rim: the conditioning then does not depend on the robot's size.
+        let rim = DMatrix::from_fn(angles.len(), 3, |wheel, way| {
+            let (sin, cos) = f64::from(angles[wheel]).sin_cos();
+            [-sin, cos, 1.0][way]
+        });
+        let normal: Matrix3<f64> = (rim.transpose() * &rim).fixed_view::<3, 3>(0, 0).into();
+        // The smallest eigenvalue is the share of the wheels that drives the weakest direction: below a hundredth of a wheel
+        // (two wheels 6° off parallel and the third beside them) encoder noise is amplified tenfold and more.
+        if normal.symmetric_eigenvalues().min() < 0.01 {
+            return Err(OmniError::Degenerate);
+        }
+        let inverse = normal.try_inverse().ok_or(OmniError::Degenerate)?;
+        let (radius_m, distance_m) = (f64::from(radius), f64::from(distance));
+        let scale = [1.0, 1.0, distance_m];
+        let rows = |wheel: usize| [0, 1, 2].map(|way| rim[(wheel, way)]);
+        let wheel_from_robot = (0..angles.len())
+            .map(|wheel| [0, 1, 2].map(|way| (rows(wheel)[way] * scale[way] / radius_m) as f32))
+            .collect();
+        let robot_from_wheel = (0..angles.len())
+            .map(|wheel| {
+                let row = rows(wheel);
+                [0, 1, 2].map(|way| {
+                    let sum: f64 = (0..3).map(|k| inverse[(way, k)] * row[k]).sum();
+                    (sum * radius_m / scale[way]) as f32
+                })
+            })
+            .collect();
+        Ok(Omni {
+            wheel_from_robot,
+            robot_from_wheel,
+            radius,
+        })
+    }
+
+    /// How many wheels there are.
+    pub fn wheels(&self) -> usize {
+        self.wheel_from_robot.len()
+    }
+
+    /// Speed of each wheel (rad/s, in the order of the angles) that moves the robot like `twist`.
+    pub fn wheel_speeds(&self, twist: Twist) -> impl Iterator<Item = f32> + '_ {
+        self.wheel_from_robot
+            .iter()
+            .map(move |row| row[0] * twist.x + row[1] * twist.y + row[2] * twist.theta)
+    }
+
+    /// The motion that fits the wheels best (least squares), and the slip.
+    ///
+    /// `wheels`: rad/s, or radians turned; one for each wheel. Slip is the root mean square of what the motion leaves of the
+    /// rims' speeds, m/s (metres); three wheels always agree, so that their slip is zero.
+    pub fn twist(&self, wheels: &[f32]) -> (Twist, f32) {
+        let mut sum = [0.0_f32; 3];
+        for (column, speed) in self.robot_from_wheel.iter().zip(wheels) {
+            for (sum, part) in sum.iter_mut().zip(column) {
+                *sum += part * speed;
+            }
+        }
+        let [x, y, theta] = sum;
+        let twist = Twist { x, y, theta };
+        if self.wheels() == 3 {
+            return (twist, 0.0);
+        }
+        let square: f32 = self
+            .wheel_speeds(twist)
+            .zip(wheels)
+            .map(|(explained, speed)| (speed - explained) * (speed - explained))
+            .sum();
+        (twist, self.radius * (square / self.wheels() as f32).sqrt())
+    }
+
+    /// The twist, slowed down in all its parts alike until no wheel's rim is faster than `rim_speed_max` (m/s).
+    pub fn limited(&self, twist: Twist, rim_speed_max: f32) -> Twist {
+        let fastest = self
+            .wheel_speeds(twist)
+            .fold(0.0, |fastest: f32, speed| fastest.max(speed.abs()));
+        let share = (rim_speed_max / (fastest * self.radius)).min(1.0);
+        if !(share < 1.0) {
+            return twist;
+        }
+        Twist {
+            x: share * twist.x,
+            y: share * twist.y,
+            theta: share * twist.theta,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn omni(angles_deg: &[f32]) -> Result<Omni, OmniError> {
+        let angles: Vec<_> = angles_deg.iter().map(|angle| angle.to_radians()).collect();
+        Omni::new(&angles, 0.05, 0.2)
+    }
+
+    fn apart(a: Twist, b: Twist) -> f32 {
+        (a.x - b.x).abs() + (a.y - b.y).abs() + (a.theta - b.theta).abs()
+    }
+
+    #[test]
+    fn a_wheel_in_front_rolls_sideways_and_turns_counter_clockwise_with_the_robot() {
+        let base = omni(&[0.0, 90.0, 180.0, 270.0]).expect("a base");
+        let turn = Twist {
+            theta: 1.0,
+            ..Twist::default()
+        };
+        assert!(
+            base.wheel_speeds(turn)
+                .all(|speed| (speed - 4.0).abs() < 1e-5)
+        );
+        let left = Twist {
+            y: 1.0,
+            ..Twist::default()
+        };
+        let speeds: Vec<_> = base.wheel_speeds(left).collect();
+        for (speed, wanted) in speeds.iter().zip([20.0, 0.0, -20.0, 0.0]) {
+            assert!((speed - wanted).abs() < 1e-4, "{speeds:?}");
+        }
+    }
+
+    #[test]
+    fn a_wheel_that_spins_alone_shows_as_slip() {
+        let base = omni(&[45.0, 135.0, 225.0, 315.0]).expect("a base");
+        let twist = Twist {
+            x: 1.0,
+            y: 0.5,
+            theta: -2.0,
+        };
+        let mut speeds: Vec<_> = base.wheel_speeds(twist).collect();
+        assert!(base.twist(&speeds).1 < 1e-5);
+        // Of one wheel's 10 rad/s the motion explains three quarters; of the rest each of four wheels has a quarter.
+        speeds[2] += 10.0;
+        assert!((base.twist(&speeds).1 - 0.05 * 10.0 / 4.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn wheels_that_cannot_drive_everywhere_are_refused() {
+        assert_eq!(omni(&[0.0, 120.0]), Err(OmniError::TooFew(2)));
+        assert_eq!(omni(&[0.0, 0.0, 0.0]), Err(OmniError::Degenerate));
+        assert_eq!(omni(&[0.0, 180.0, 0.0]), Err(OmniError::Degenerate));
+        assert_eq!(omni(&[0.0, f32::NAN, 90.0]), Err(OmniError::Size));
+        assert_eq!(Omni::new(&[0.0, 2.0, 4.0], 0.0, 0.2), Err(OmniError::Size));
+    }
+
+    #[test]
+    fn a_limited_twist_keeps_its_direction() {
+        let base = omni(&[60.0, 180.0, 300.0]).expect("a base");
+        let twist = Twist {
+            x: 6.0,
+            y: -3.0,
+            theta: 8.0,
+        };
+        let limited = base.limited(twist, 2.0);
+        let fastest = base
+            .wheel_speeds(limited)
+            .fold(0.0_f32, |a, b| a.max(b.abs()));
+        assert!((fastest * 0.05 - 2.0).abs() < 1e-4);
+        assert!((limited.x / limited.theta - twist.x / twist.theta).abs() < 1e-5);
+        assert_eq!(base.limited(Twist::default(), 2.0), Twist::default());
+    }
+
+    #[test]
+    fn half_a_circle_ends_across_its_diameter() {
+        // 1 m of arc in half a turn: radius 1/π, so 2/π to the left.
+        let end = Twist {
+            x: 1.0,
+            y: 0.0,
+            theta: std::f32::consts::PI,
+        }
+        .odometry(Stamp(0));
+        assert!(end.dx.abs() < 1e-6 && (end.dy - 2.0 / std::f32::consts::PI).abs() < 1e-6);
+        let nearly_straight = Twist {
+            x: 1.0,
+            y: 0.0,
+            theta: 0.999e-3,
+        };
+        let beyond = Twist {
+            theta: 1.001e-3,
+            ..nearly_straight
+        };
+        let (below, above) = (
+            nearly_straight.odometry(Stamp(0)),
+            beyond.odometry(Stamp(0)),
+        );
+        assert!((below.dx - above.dx).abs() < 1e-6 && (below.dy - above.dy).abs() < 2e-6);
+    }
+
+    proptest! {
+        #[test]
+        fn any_wheels_give_back_the_motion_they_were_asked_for(
+            angles in prop::collection::vec(0.0f32..360.0, 3..=4),
+            x in -5.0f32..5.0, y in -5.0f32..5.0, theta in -10.0f32..10.0,
+        ) {
+            let Ok(base) = omni(&angles) else { return Ok(()) };
+            let twist = Twist { x, y, theta };
+            let speeds: Vec<_> = base.wheel_speeds(twist).collect();
+            let (back, slip) = base.twist(&speeds);
+            prop_assert!(apart(back, twist) < 0.01, "{:?} {:?}", back, twist);
+            prop_assert!(slip < 1e-3);
+        }
+    }
+}
