@@ -1,0 +1,252 @@
+//! How far did the robot move? Wrapping counters of the wheels in, odometry and slip out.
+
+use localize::Stamp;
+use localize::omni::Omni;
+use localize::sample::Odometry;
+
+/// How much faster than its top speed a wheel may seem to turn before its counter is taken to have jumped.
+const SPEED_MARGIN: f32 = 2.0;
+/// Shortest time that is believed between two readings, seconds: a burst of late messages arrives all at once.
+const BURST: f64 = 0.05;
+
+/// What came of a reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Moved {
+    /// Not every wheel has been heard since the last odometry.
+    Waiting,
+    /// Motion since the last reading, and slip in metres.
+    By(Odometry, f32),
+    /// The first reading, or the first after a gap or a jump of a counter: counting begins here.
+    Began,
+}
+
+/// Turns readings of the wheels' counters into odometry.
+#[derive(Debug, Clone)]
+pub(crate) struct Odometer {
+    omni: Omni,
+    /// Radians per tick, negative for a motor that turns the other way.
+    wheel_per_tick: Vec<f32>,
+    /// Fastest believable turn of a wheel, rad/s.
+    turn_max: f32,
+    /// Longest time between readings that are still connected, seconds.
+    gap_max: f64,
+    latest: Vec<Option<(u32, Stamp)>>,
+    /// Which wheels were heard since the last odometry.
+    heard: Vec<bool>,
+    counted: Option<(Vec<u32>, Stamp)>,
+    /// Jumps of a counter so far.
+    pub(crate) jumps: u64,
+}
+
+impl Odometer {
+    /// For wheels whose top speed is `turn_max` (rad/s); readings more than `gap_max` seconds apart are not connected.
+    pub(crate) fn new(omni: Omni, wheel_per_tick: Vec<f32>, turn_max: f32, gap_max: f32) -> Self {
+        let wheels = omni.wheels();
+        Odometer {
+            omni,
+            wheel_per_tick,
+            turn_max,
+            gap_max: f64::from(gap_max),
+            latest: vec![None; wheels],
+            heard: vec![false; wheels],
+            counted: None,
+            jumps: 0,
+        }
+    }
+
+    /// Counters of all wheels, read at one time.
+    pub(crate) fn read_all(&mut self, counts: &[u32], stamp: Stamp) -> Moved {
+        for (latest, count) in self.latest.iter_mut().zip(counts) {
+            *latest = Some((*count, stamp));
+        }
+        self.heard.fill(true);
+        self.count(stamp)
+    }
+
+    /// The counter of one wheel; controllers on a bus report one by one, so that the wheels' readings lie up to one period
+    /// of theirs apart. Counters forget nothing: what comes late in one odometry is in the next.
+    pub(crate) fn read_one(&mut self, wheel: usize, count: u32, stamp: Stamp) -> Moved {
+        if wheel < self.latest.len() {
+            self.latest[wheel] = Some((count, stamp));
+            self.heard[wheel] = true;
+        }
+        self.count(stamp)
+    }
+
+    /// The first wheel that was not heard for so many seconds (one that never was, counts from `began`).
+    pub(crate) fn silent(&self, now: Stamp, began: Stamp, limit: f32) -> Option<usize> {
+        self.latest.iter().position(|latest| {
+            let last = latest.map_or(began, |(_, stamp)| stamp.max(began));
+            now - last > f64::from(limit)
+        })
+    }
+
+    /// True if every wheel was heard since then.
+    pub(crate) fn heard_all_since(&self, began: Stamp) -> bool {
+        self.latest
+            .iter()
+            .all(|latest| latest.is_some_and(|(_, stamp)| stamp >= began))
+    }
+
+    fn count(&mut self, stamp: Stamp) -> Moved {
+        if !self.heard.iter().all(|heard| *heard) {
+            return Moved::Waiting;
+        }
+        self.heard.fill(false);
+        let counts: Vec<u32> = self
+            .latest
+            .iter()
+            .flatten()
+            .map(|(count, _)| *count)
+            .collect();
+        let Some((before, when)) = self.counted.replace((counts.clone(), stamp)) else {
+            return Moved::Began;
+        };
+        let elapsed = stamp - when;
+        if elapsed > self.gap_max {
+            return Moved::Began;
+        }
+        let turned: Vec<f32> = counts
+            .iter()
+            .zip(&before)
+            .zip(&self.wheel_per_tick)
+            .map(|((now, before), radians)| now.wrapping_sub(*before) as i32 as f32 * radians)
+            .collect();
+        let believable = SPEED_MARGIN * self.turn_max * elapsed.max(BURST) as f32;
+        if turned.iter().any(|turn| turn.abs() > believable) {
+            self.jumps += 1;
+            return Moved::Began;
+        }
+        let (motion, slip) = self.omni.twist(&turned);
+        Moved::By(motion.odometry(stamp), slip)
+    }
+}
+
+/// How fast the board's clock may run away from ours: 100 ppm is a poor crystal's.
+const DRIFT: f64 = 1e-4;
+/// A step of the board's clock against ours that means it was restarted, seconds.
+const RESTART: f64 = 1.0;
+
+/// When was a message of the board made? Its own clock, set by the message that was least delayed on the way.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct BoardClock {
+    last: Option<LastSeen>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct LastSeen {
+    time_us: u32,
+    arrival: Stamp,
+    /// The board's time since the first message, and our time at the board's zero; nanoseconds.
+    board_ns: i64,
+    zero_ns: i64,
+}
+
+impl BoardClock {
+    /// Our time at the board's `time_us`; never later than the arrival.
+    pub(crate) fn stamp(&mut self, time_us: u32, arrival: Stamp) -> Stamp {
+        let fresh = LastSeen {
+            time_us,
+            arrival,
+            board_ns: 0,
+            zero_ns: arrival.0,
+        };
+        let Some(last) = self.last else {
+            self.last = Some(fresh);
+            return arrival;
+        };
+        let step_ns = i64::from(time_us.wrapping_sub(last.time_us) as i32) * 1000;
+        let elapsed = arrival - last.arrival;
+        if (step_ns as f64 * 1e-9 - elapsed).abs() > RESTART {
+            self.last = Some(fresh);
+            return arrival;
+        }
+        let board_ns = last.board_ns + step_ns;
+        let drifted = last.zero_ns + (elapsed * DRIFT * 1e9) as i64;
+        let zero_ns = drifted.min(arrival.0 - board_ns);
+        self.last = Some(LastSeen {
+            time_us,
+            arrival,
+            board_ns,
+            zero_ns,
+        });
+        Stamp(board_ns + zero_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::TAU;
+
+    fn odometer(angles_deg: &[f32]) -> Odometer {
+        let angles: Vec<_> = angles_deg.iter().map(|angle| angle.to_radians()).collect();
+        let omni = Omni::new(&angles, 0.05, 0.2).expect("a base");
+        Odometer::new(omni, vec![TAU / 4096.0; angles.len()], 90.0, 0.5)
+    }
+
+    #[test]
+    fn counters_wrap_without_a_trace() {
+        let mut odometer = odometer(&[0.0, 90.0, 180.0, 270.0]);
+        // Each wheel turns half round: 0.05·π metres of rim on a circle of 0.2 m.
+        let start = [u32::MAX - 100, 5, u32::MAX, i32::MAX as u32];
+        let end = start.map(|count| count.wrapping_add(2048));
+        assert_eq!(odometer.read_all(&start, Stamp(0)), Moved::Began);
+        let Moved::By(odometry, slip) = odometer.read_all(&end, Stamp(100_000_000)) else {
+            panic!("no motion");
+        };
+        assert!((odometry.dtheta - 0.05 * TAU / 2.0 / 0.2).abs() < 1e-5);
+        assert!(odometry.dx.abs() + odometry.dy.abs() + slip < 1e-5);
+    }
+
+    #[test]
+    fn a_restarted_board_does_not_throw_the_robot_across_the_field() {
+        let mut odometer = odometer(&[60.0, 180.0, 300.0]);
+        odometer.read_all(&[1_000_000; 3], Stamp(0));
+        assert_eq!(odometer.read_all(&[3; 3], Stamp(10_000_000)), Moved::Began);
+        assert_eq!(odometer.jumps, 1);
+        let Moved::By(odometry, _) = odometer.read_all(&[13; 3], Stamp(20_000_000)) else {
+            panic!("no motion");
+        };
+        assert!(odometry.dtheta > 0.0 && odometry.dtheta < 0.01);
+    }
+
+    #[test]
+    fn controllers_that_report_one_by_one_make_odometry_when_all_have_and_a_silent_one_is_named() {
+        let mut odometer = odometer(&[60.0, 180.0, 300.0]);
+        for wheel in 0..3 {
+            odometer.read_one(wheel, 7, Stamp(0));
+        }
+        assert_eq!(odometer.read_one(2, 17, Stamp(5_000_000)), Moved::Waiting);
+        assert_eq!(odometer.read_one(0, 17, Stamp(9_000_000)), Moved::Waiting);
+        assert_eq!(odometer.read_one(9, 17, Stamp(9_000_000)), Moved::Waiting);
+        assert!(matches!(
+            odometer.read_one(1, 17, Stamp(10_000_000)),
+            Moved::By(..)
+        ));
+        odometer.read_one(0, 18, Stamp(900_000_000));
+        odometer.read_one(2, 18, Stamp(900_000_000));
+        let now = Stamp(900_000_000);
+        assert_eq!(odometer.silent(now, Stamp(0), 0.5), Some(1));
+        assert_eq!(odometer.silent(now, Stamp(600_000_000), 0.5), None);
+    }
+
+    #[test]
+    fn late_messages_are_stamped_when_they_were_made() {
+        let mut clock = BoardClock::default();
+        // Made each 10 ms, 1 ms on the way, every third held up by 6 ms; the board's clock wraps meanwhile.
+        for index in 0..300u32 {
+            let made = i64::from(index) * 10_000_000;
+            let delay = if index % 3 == 2 { 6_000_000 } else { 1_000_000 };
+            let time_us = (u32::MAX - 1_000_000).wrapping_add(index * 10_000);
+            let stamp = clock.stamp(time_us, Stamp(made + delay));
+            assert!((stamp.0 - made - 1_000_000).abs() < 20_000, "{index}");
+        }
+        let later = Stamp(4_000_000_000);
+        assert_eq!(
+            clock.stamp(12, later),
+            later,
+            "a restarted board begins anew"
+        );
+    }
+}

@@ -1,0 +1,125 @@
+//! How do images come from another program? Over a local stream socket: the simulator's camera, or a driver of its own.
+
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+use localize::Stamp;
+
+use super::Settings;
+use super::frame::{CameraFrame, Encoding, Pool};
+use crate::clock;
+use crate::error::HwError;
+use crate::wire::frames::{FrameHeader, FrameSettings, HEADER_BYTES};
+
+/// Longest pause within a frame that was begun.
+const PAUSE_MAX: Duration = Duration::from_millis(250);
+
+/// A connection to a program that sends frames.
+#[derive(Debug)]
+pub(super) struct FrameSocket {
+    stream: UnixStream,
+    path: String,
+}
+
+impl FrameSocket {
+    /// Connects to the socket at `path`, on which the other program listens, and tells it the settings.
+    pub(super) fn open(path: &str, settings: &Settings) -> Result<Self, HwError> {
+        let device = || format!("unix:{path}");
+        let connected = UnixStream::connect(path).and_then(|stream| {
+            stream.set_read_timeout(Some(PAUSE_MAX))?;
+            stream.set_write_timeout(Some(PAUSE_MAX))?;
+            Ok(stream)
+        });
+        let stream = connected.map_err(|source| match source.kind() {
+            // A socket that nobody listens on is as good as none.
+            ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
+                HwError::Missing { device: device() }
+            }
+            ErrorKind::PermissionDenied => HwError::Forbidden { device: device() },
+            _ => HwError::Unfit {
+                device: device(),
+                reason: source.to_string(),
+            },
+        })?;
+        let socket = FrameSocket {
+            stream,
+            path: device(),
+        };
+        socket.set(settings)?;
+        Ok(socket)
+    }
+
+    /// Tells the other program how to take its frames.
+    pub(super) fn set(&self, settings: &Settings) -> Result<(), HwError> {
+        let message = FrameSettings {
+            exposure_us: settings
+                .exposure
+                .map_or(-1, |seconds| (seconds * 1e6) as i32),
+            gain: settings.gain.unwrap_or(-1),
+            white_balance_k: settings.white_balance_k.unwrap_or(-1),
+        };
+        (&self.stream)
+            .write_all(&message.encode())
+            .map_err(|source| self.broken(&source))
+    }
+
+    /// The frame that has arrived, or is arriving.
+    pub(super) fn take(&self, pool: &Pool) -> Result<CameraFrame, HwError> {
+        let mut bytes = [0; HEADER_BYTES];
+        self.read(&mut bytes)?;
+        let garbage = || HwError::Garbage {
+            device: self.path.clone(),
+        };
+        let header = FrameHeader::decode(&bytes).ok_or_else(garbage)?;
+        let encoding = Encoding::of_fourcc(header.fourcc).ok_or_else(garbage)?;
+        let [width_px, height_px, stride] =
+            [header.width_px, header.height_px, header.stride].map(|size| size as usize);
+        let whole = encoding.frame_bytes(width_px, height_px, stride);
+        let length = header.bytes as usize;
+        if !(1..=8192).contains(&width_px)
+            || !(1..=8192).contains(&height_px)
+            || stride < encoding.row_bytes(width_px)
+            || length < whole
+        {
+            return Err(garbage());
+        }
+        let data = pool.fill(|frame| {
+            frame.resize(length, 0);
+            self.read(frame)
+        })?;
+        Ok(CameraFrame {
+            stamp: Stamp(header.stamp_ns).min(clock::now()),
+            sequence: header.sequence,
+            width_px,
+            height_px,
+            encoding,
+            stride,
+            data,
+        })
+    }
+
+    fn read(&self, bytes: &mut [u8]) -> Result<(), HwError> {
+        (&self.stream)
+            .read_exact(bytes)
+            .map_err(|source| self.broken(&source))
+    }
+
+    fn broken(&self, source: &std::io::Error) -> HwError {
+        let device = self.path.clone();
+        match source.kind() {
+            ErrorKind::WouldBlock | ErrorKind::TimedOut => HwError::Stalled {
+                device,
+                reason: "a frame was begun and not ended".to_owned(),
+            },
+            _ => HwError::Unplugged { device },
+        }
+    }
+}
+
+impl AsFd for FrameSocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.stream.as_fd()
+    }
+}

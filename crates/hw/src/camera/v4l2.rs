@@ -1,0 +1,420 @@
+//! How does Linux hand over frames? A video device, set up and streaming into mapped buffers.
+
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+use localize::Stamp;
+use rustix::fs::{Mode, OFlags, open};
+use rustix::io::Errno;
+
+use super::frame::{CameraFrame, Encoding, Pool};
+use super::{Settings, sys};
+use crate::clock;
+use crate::config::CameraDevice;
+use crate::error::HwError;
+
+/// Numbers of controls (linux/v4l2-controls.h).
+pub(super) const EXPOSURE_AUTO: u32 = 0x009A_0901;
+pub(super) const EXPOSURE_ABSOLUTE: u32 = 0x009A_0902;
+pub(super) const EXPOSURE_AUTO_PRIORITY: u32 = 0x009A_0903;
+pub(super) const AUTO_WHITE_BALANCE: u32 = 0x0098_090C;
+pub(super) const AUTOGAIN: u32 = 0x0098_0912;
+pub(super) const GAIN: u32 = 0x0098_0913;
+pub(super) const WHITE_BALANCE_TEMPERATURE: u32 = 0x0098_091A;
+/// Values of EXPOSURE_AUTO.
+const EXPOSURE_MANUAL: i32 = 1;
+const EXPOSURE_APERTURE: i32 = 3;
+/// Buffers in the driver: one being filled, one to come, two for a thread that was held up.
+const BUFFERS: u32 = 4;
+
+/// A streaming video device.
+#[derive(Debug)]
+pub(super) struct V4l2 {
+    fd: OwnedFd,
+    path: String,
+    buffers: Vec<sys::Mapping>,
+    encoding: Encoding,
+    width_px: usize,
+    height_px: usize,
+    stride: usize,
+}
+
+/// What a video device is, for a list.
+pub(super) fn describe(path: &str) -> Result<String, HwError> {
+    let fd = open_device(path)?;
+    let capability = capability(&fd, path)?;
+    let offered = formats(&fd).into_iter().map(|code| {
+        String::from_utf8_lossy(&code.to_le_bytes())
+            .trim()
+            .to_owned()
+    });
+    let formats: Vec<_> = offered.collect();
+    Ok(format!(
+        "{} ({}): {}",
+        text(&capability.card),
+        text(&capability.bus_info),
+        formats.join(" ")
+    ))
+}
+
+impl V4l2 {
+    /// Opens and sets up a device, and lets it stream.
+    pub(super) fn open(device: &CameraDevice) -> Result<Self, HwError> {
+        let path = device.device.clone();
+        let failed = |action| {
+            let path = path.clone();
+            move |source| HwError::system(&path, action, source)
+        };
+        let unfit = |reason: String| HwError::Unfit {
+            device: path.clone(),
+            reason,
+        };
+        let fd = open_device(&path)?;
+        capability(&fd, &path)?;
+        let offered = formats(&fd);
+        let Some(encoding) = Encoding::choose(&device.format, &offered) else {
+            let names: Vec<_> = offered
+                .iter()
+                .map(|code| String::from_utf8_lossy(&code.to_le_bytes()).into_owned())
+                .collect();
+            let wanted = if device.format.is_empty() {
+                "a format that is known here"
+            } else {
+                &device.format
+            };
+            return Err(unfit(format!("has not {wanted} but {}", names.join(" "))));
+        };
+        let mut format = wanted_format(device, encoding);
+        sys::set_format(&fd, &mut format).map_err(failed("set the format of"))?;
+        if (format.width, format.height, format.fourcc)
+            != (device.width_px, device.height_px, encoding.fourcc())
+        {
+            return Err(unfit(format!(
+                "has not {} × {} pixels in {encoding:?}; nearest is {} × {}",
+                device.width_px, device.height_px, format.width, format.height
+            )));
+        }
+        // Cameras without a choice of rates refuse; they have one rate.
+        let mut parameters = wanted_rate(device.rate_hz);
+        let _one_rate = sys::set_parameters(&fd, &mut parameters);
+        let mut request = sys::BufferRequest {
+            count: BUFFERS,
+            kind: sys::CAPTURE,
+            memory: sys::MEMORY_MMAP,
+            ..sys::BufferRequest::default()
+        };
+        sys::request_buffers(&fd, &mut request).map_err(failed("ask for buffers of"))?;
+        let mut buffers = Vec::new();
+        for index in 0..request.count {
+            let mut buffer = buffer(index);
+            sys::query_buffer(&fd, &mut buffer).map_err(failed("ask for a buffer of"))?;
+            buffers.push(sys::Mapping::new(&fd, &buffer).map_err(failed("map a buffer of"))?);
+            sys::queue(&fd, &mut buffer).map_err(failed("hand a buffer to"))?;
+        }
+        let camera = V4l2 {
+            fd,
+            path: path.clone(),
+            buffers,
+            encoding,
+            width_px: device.width_px as usize,
+            height_px: device.height_px as usize,
+            stride: (format.bytes_per_line as usize)
+                .max(encoding.row_bytes(device.width_px as usize)),
+        };
+        camera.set(&Settings::of(device))?;
+        let mut kind = sys::CAPTURE;
+        sys::stream_on(&camera.fd, &mut kind).map_err(failed("start"))?;
+        Ok(camera)
+    }
+
+    /// Sets exposure, gain and white balance; what is left out is left to the camera.
+    pub(super) fn set(&self, settings: &Settings) -> Result<(), HwError> {
+        for control in controls(settings) {
+            if let (Err(source), Some(name)) =
+                (self.control(control.id, control.value), control.wanted)
+            {
+                let reason = format!("cannot set its {name}: {source}");
+                let device = self.path.clone();
+                return Err(HwError::Unfit { device, reason });
+            }
+        }
+        Ok(())
+    }
+
+    fn control(&self, id: u32, value: i32) -> Result<(), Errno> {
+        let mut range = sys::ControlRange {
+            id,
+            ..sys::ControlRange::default()
+        };
+        sys::query_control(&self.fd, &mut range)?;
+        if range.flags & sys::CONTROL_DISABLED != 0 {
+            return Err(Errno::INVAL);
+        }
+        let value = value.clamp(range.minimum, range.maximum.max(range.minimum));
+        sys::set_control(&self.fd, &mut sys::Control { id, value })
+    }
+
+    /// The newest whole frame that is ready, if any, and how many torn ones lay before it.
+    pub(super) fn take(&self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
+        let (mut newest, mut torn) = (None, 0);
+        for _ in 0..self.buffers.len() {
+            let mut buffer = buffer(0);
+            match sys::dequeue(&self.fd, &mut buffer) {
+                Ok(()) => {}
+                Err(Errno::AGAIN) => break,
+                Err(source) => {
+                    return Err(HwError::system(&self.path, "take a frame from", source));
+                }
+            }
+            match self.frame(&buffer, pool) {
+                Some(frame) => newest = Some(frame),
+                None => torn += 1,
+            }
+            sys::queue(&self.fd, &mut buffer)
+                .map_err(|source| HwError::system(&self.path, "hand a buffer to", source))?;
+        }
+        Ok((newest, torn))
+    }
+
+    fn frame(&self, buffer: &sys::Buffer, pool: &Pool) -> Option<CameraFrame> {
+        let used = buffer.bytes_used as usize;
+        let whole = self
+            .encoding
+            .frame_bytes(self.width_px, self.height_px, self.stride);
+        if buffer.flags & sys::BUFFER_ERROR != 0 || used < whole {
+            return None;
+        }
+        let mapping = self.buffers.get(buffer.index as usize)?;
+        let copy = |bytes: &mut Vec<u8>| {
+            mapping.copy_to(used, bytes);
+            Ok::<(), ()>(())
+        };
+        Some(CameraFrame {
+            stamp: stamp(buffer, clock::now()),
+            sequence: buffer.sequence,
+            width_px: self.width_px,
+            height_px: self.height_px,
+            encoding: self.encoding,
+            stride: self.stride,
+            data: pool.fill(copy).ok()?,
+        })
+    }
+}
+
+impl AsFd for V4l2 {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}
+
+impl Drop for V4l2 {
+    fn drop(&mut self) {
+        // An unplugged camera cannot be stopped, and need not be.
+        let _gone = sys::stream_off(&self.fd, &mut sys::CAPTURE.clone());
+    }
+}
+
+fn open_device(path: &str) -> Result<OwnedFd, HwError> {
+    let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    open(path, flags, Mode::empty()).map_err(|source| HwError::system(path, "open", source))
+}
+
+/// What the device can do; refused if it is no camera that streams.
+fn capability(fd: &OwnedFd, path: &str) -> Result<sys::Capability, HwError> {
+    let mut capability = sys::Capability::default();
+    let unfit = |reason: &str| HwError::Unfit {
+        device: path.to_owned(),
+        reason: reason.to_owned(),
+    };
+    match sys::query_capability(fd, &mut capability) {
+        Ok(()) => {}
+        Err(Errno::NOTTY | Errno::INVAL) => return Err(unfit("is no video device")),
+        Err(source) => return Err(HwError::system(path, "ask", source)),
+    }
+    // A device with several nodes (metadata beside the image) says here what this node can do.
+    let can = if capability.capabilities & sys::HAS_DEVICE_CAPS != 0 {
+        capability.device_caps
+    } else {
+        capability.capabilities
+    };
+    if can & sys::CAN_CAPTURE == 0 || can & sys::CAN_STREAM == 0 {
+        return Err(unfit("gives no stream of images; try the next number"));
+    }
+    Ok(capability)
+}
+
+/// Codes of all formats that the device offers.
+fn formats(fd: &OwnedFd) -> Vec<u32> {
+    let description = |index| {
+        let mut description = sys::FormatDescription {
+            index,
+            kind: sys::CAPTURE,
+            ..sys::FormatDescription::default()
+        };
+        let found = sys::enumerate_formats(fd, &mut description);
+        found.ok().map(|()| description.fourcc)
+    };
+    // The kernel says when there are no more; 64 is beyond any camera.
+    (0..64).map_while(description).collect()
+}
+
+fn wanted_format(device: &CameraDevice, encoding: Encoding) -> sys::Format {
+    sys::Format {
+        kind: sys::CAPTURE,
+        align: 0,
+        width: device.width_px,
+        height: device.height_px,
+        fourcc: encoding.fourcc(),
+        // V4L2_FIELD_NONE: whole frames, no half ones interlaced.
+        field: 1,
+        bytes_per_line: 0,
+        size_image: 0,
+        rest: [0; 44],
+    }
+}
+
+fn wanted_rate(rate_hz: f32) -> sys::StreamParameters {
+    sys::StreamParameters {
+        kind: sys::CAPTURE,
+        capability: 0,
+        mode: 0,
+        period: [1000, (rate_hz * 1000.0).round() as u32],
+        rest: [0; 46],
+    }
+}
+
+fn buffer(index: u32) -> sys::Buffer {
+    sys::Buffer {
+        index,
+        kind: sys::CAPTURE,
+        memory: sys::MEMORY_MMAP,
+        ..sys::Buffer::default()
+    }
+}
+
+/// The driver's stamp if it is of our clock, else the arrival.
+fn stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
+    if buffer.flags & sys::STAMP_MASK != sys::STAMP_MONOTONIC {
+        return arrival;
+    }
+    Stamp(buffer.seconds * 1_000_000_000 + buffer.microseconds * 1000).min(arrival)
+}
+
+/// A control to set; `wanted` names it if a user asked for it, so that a refusal is an error.
+#[derive(Debug, PartialEq)]
+struct ControlValue {
+    id: u32,
+    value: i32,
+    wanted: Option<&'static str>,
+}
+
+/// The controls in the order in which they must be set: automatics first, or they undo what follows.
+fn controls(settings: &Settings) -> Vec<ControlValue> {
+    let control = |id, value, wanted| ControlValue { id, value, wanted };
+    let automatic = |on: bool| i32::from(on);
+    let mut controls = vec![
+        // Without this a webcam slows down in the dark.
+        control(EXPOSURE_AUTO_PRIORITY, 0, None),
+        control(
+            EXPOSURE_AUTO,
+            if settings.exposure.is_some() {
+                EXPOSURE_MANUAL
+            } else {
+                EXPOSURE_APERTURE
+            },
+            None,
+        ),
+        control(AUTOGAIN, automatic(settings.gain.is_none()), None),
+        control(
+            AUTO_WHITE_BALANCE,
+            automatic(settings.white_balance_k.is_none()),
+            None,
+        ),
+    ];
+    // The unit of V4L2's absolute exposure is 100 µs.
+    controls.extend(settings.exposure.map(|seconds| {
+        let value = (seconds * 1e4).round().max(1.0) as i32;
+        control(EXPOSURE_ABSOLUTE, value, Some("exposure"))
+    }));
+    controls.extend(settings.gain.map(|gain| control(GAIN, gain, Some("gain"))));
+    controls.extend(
+        settings
+            .white_balance_k
+            .map(|kelvin| control(WHITE_BALANCE_TEMPERATURE, kelvin, Some("white balance"))),
+    );
+    controls
+}
+
+/// A text of the kernel, up to its closing zero.
+fn text(bytes: &[u8]) -> String {
+    let length = bytes
+        .iter()
+        .position(|byte| *byte == 0)
+        .unwrap_or(bytes.len());
+    String::from_utf8_lossy(&bytes[..length]).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn automatics_are_switched_off_before_a_value_is_set_and_stay_on_without_one() {
+        let settings = Settings {
+            exposure: Some(0.0125),
+            gain: None,
+            white_balance_k: Some(4500),
+        };
+        let set: Vec<_> = controls(&settings)
+            .iter()
+            .map(|c| (c.id, c.value))
+            .collect();
+        let wanted = [
+            (EXPOSURE_AUTO_PRIORITY, 0),
+            (EXPOSURE_AUTO, EXPOSURE_MANUAL),
+            (AUTOGAIN, 1),
+            (AUTO_WHITE_BALANCE, 0),
+            (EXPOSURE_ABSOLUTE, 125),
+            (WHITE_BALANCE_TEMPERATURE, 4500),
+        ];
+        assert_eq!(set, wanted);
+    }
+
+    #[test]
+    fn a_driver_s_stamp_counts_only_on_our_clock() {
+        let mut buffer = sys::Buffer {
+            flags: sys::STAMP_MONOTONIC,
+            seconds: 12,
+            microseconds: 345_678,
+            ..sys::Buffer::default()
+        };
+        let arrival = Stamp(20_000_000_000);
+        assert_eq!(stamp(&buffer, arrival), Stamp(12_345_678_000));
+        buffer.seconds = 30;
+        assert_eq!(
+            stamp(&buffer, arrival),
+            arrival,
+            "no frame is of the future"
+        );
+        buffer.flags = 0;
+        assert_eq!(stamp(&buffer, arrival), arrival);
+    }
+
+    #[test]
+    fn what_is_no_camera_is_refused_in_plain_words() {
+        let device = |path: &str| CameraDevice {
+            device: path.to_owned(),
+            width_px: 640,
+            height_px: 480,
+            rate_hz: 30.0,
+            format: String::new(),
+            exposure: None,
+            gain: None,
+            white_balance_k: None,
+            stall: 0.5,
+        };
+        let missing = V4l2::open(&device("/dev/video_that_is_not_there")).expect_err("missing");
+        assert!(missing.to_string().contains("missing"), "{missing}");
+        let null = V4l2::open(&device("/dev/null")).expect_err("no camera");
+        assert_eq!(null.to_string(), "/dev/null: is no video device");
+    }
+}

@@ -1,0 +1,106 @@
+//! How do frames come and go on a CAN interface of Linux? A raw SocketCAN socket, never waiting longer than told.
+
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+use localize::Stamp;
+use rustix::event::PollFlags;
+use rustix::io::Errno;
+use rustix::net::addr::{SocketAddrArg, SocketAddrLen, SocketAddrOpaque};
+use rustix::net::{AddressFamily, Protocol, SocketFlags, SocketType, bind, netdevice, socket_with};
+
+use crate::error::HwError;
+use crate::serial::ready;
+use crate::wire::CanFrame;
+
+/// A socket on one CAN interface.
+#[derive(Debug)]
+pub struct CanSocket {
+    fd: OwnedFd,
+    interface: String,
+}
+
+/// Linux' `struct sockaddr_can` (linux/can.h) for a raw socket.
+#[repr(C)]
+struct CanAddress {
+    family: u16,
+    interface: i32,
+    unused: [u64; 2],
+}
+
+/// CAN_RAW of linux/can.h.
+const CAN_RAW: std::num::NonZeroU32 = std::num::NonZeroU32::MIN;
+
+#[expect(
+    unsafe_code,
+    reason = "the system-call layer knows no address of the CAN family"
+)]
+// SAFETY: the pointer is to a whole, initialised sockaddr_can that outlives the call, and its length is given.
+unsafe impl SocketAddrArg for CanAddress {
+    unsafe fn with_sockaddr<R>(
+        &self,
+        call: impl FnOnce(*const SocketAddrOpaque, SocketAddrLen) -> R,
+    ) -> R {
+        let length = size_of::<CanAddress>() as SocketAddrLen;
+        call(std::ptr::from_ref(self).cast(), length)
+    }
+}
+
+impl CanSocket {
+    /// Opens a socket on an interface (`can0`), which must be up and have its bit rate set.
+    pub fn open(interface: &str) -> Result<Self, HwError> {
+        let failed = |action| move |source| HwError::system(interface, action, source);
+        let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+        let protocol = Some(Protocol::from_raw(CAN_RAW));
+        let fd = socket_with(AddressFamily::CAN, SocketType::RAW, flags, protocol).map_err(
+            |source| match source {
+                Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT => HwError::Unfit {
+                    device: interface.to_owned(),
+                    reason: "this kernel has no CAN (modules can, can_raw)".to_owned(),
+                },
+                source => HwError::system(interface, "open", source),
+            },
+        )?;
+        let index = netdevice::name_to_index(&fd, interface).map_err(failed("open"))?;
+        let address = CanAddress {
+            family: AddressFamily::CAN.as_raw(),
+            interface: index as i32,
+            unused: [0; 2],
+        };
+        bind(&fd, &address).map_err(failed("bind to"))?;
+        Ok(CanSocket {
+            fd,
+            interface: interface.to_owned(),
+        })
+    }
+
+    /// Reads one frame, waiting until the deadline at most; `None` if none came or it was an error frame.
+    pub fn read(&self, deadline: Stamp) -> Result<Option<CanFrame>, HwError> {
+        if !ready(self.fd.as_fd(), PollFlags::IN, deadline) {
+            return Ok(None);
+        }
+        let mut bytes = [0; 16];
+        match rustix::io::read(&self.fd, &mut bytes[..]) {
+            Ok(16) => Ok(CanFrame::from_kernel(&bytes)),
+            Ok(_) | Err(Errno::WOULDBLOCK | Errno::INTR) => Ok(None),
+            Err(source) => Err(HwError::system(&self.interface, "read from", source)),
+        }
+    }
+
+    /// Sends one frame; a full queue (no other node on the bus acknowledges) is a stall.
+    pub fn write(&self, frame: &CanFrame) -> Result<(), HwError> {
+        match rustix::io::write(&self.fd, &frame.to_kernel()) {
+            Ok(_) => Ok(()),
+            Err(Errno::WOULDBLOCK | Errno::NOBUFS) => Err(HwError::Stalled {
+                device: self.interface.clone(),
+                reason: "its queue is full: nobody on the bus acknowledges".to_owned(),
+            }),
+            Err(source) => Err(HwError::system(&self.interface, "write to", source)),
+        }
+    }
+}
+
+impl AsFd for CanSocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}

@@ -1,0 +1,172 @@
+//! How is a device? Counts and a state per device, plain data for status line, log and doctor.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use localize::Stamp;
+use serde::{Deserialize, Serialize};
+
+use crate::inbox::{Event, Inbox};
+use crate::wire::Tally;
+
+/// What a device is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum State {
+    /// It cannot be opened, or was unplugged, and is tried again and again.
+    Absent,
+    /// It delivers.
+    Running,
+    /// It is open and silent.
+    Stalled,
+    /// It sends bytes that make no message: another device, another baud rate, or a bad cable.
+    Garbage,
+    /// It repeats itself to the last bit, which no sensor does.
+    Stuck,
+}
+
+/// State and counts of one device since its thread began.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Health {
+    /// What it is for: camera, base, imu...
+    pub device: String,
+    /// What it is doing.
+    pub state: State,
+    /// Why it is not running.
+    pub reason: Option<String>,
+    /// Messages or frames per second, over the last whole second in which some came.
+    pub rate_hz: f32,
+    /// When the last whole message came.
+    pub last: Option<Stamp>,
+    /// Whole messages.
+    pub messages: u64,
+    /// Bytes that were no message.
+    pub garbage_bytes: u64,
+    /// Messages refused for a wrong checksum or length, frames that came torn.
+    pub damaged: u64,
+    /// Times it was opened after the first.
+    pub reopened: u64,
+    /// Times it fell silent, sent garbage or got stuck.
+    pub faults: u64,
+}
+
+impl Health {
+    /// Seconds since the last whole message; `None` before the first.
+    pub fn age(&self, now: Stamp) -> Option<f64> {
+        self.last.map(|last| now - last)
+    }
+}
+
+/// A device's thread keeps its health here; a change of state is put into the inbox too.
+#[derive(Debug, Clone)]
+pub(crate) struct Monitor {
+    shared: Arc<Mutex<Shared>>,
+    inbox: Inbox,
+}
+
+#[derive(Debug)]
+struct Shared {
+    health: Health,
+    second_began: Option<Stamp>,
+    in_second: u32,
+    opened: bool,
+    /// What an earlier opening's decoder had counted.
+    before: (u64, u64),
+    decoder: (u64, u64),
+}
+
+impl Monitor {
+    pub(crate) fn new(device: &str, inbox: &Inbox) -> Self {
+        let health = Health {
+            device: device.to_owned(),
+            state: State::Absent,
+            reason: Some("not opened yet".to_owned()),
+            rate_hz: 0.0,
+            last: None,
+            messages: 0,
+            garbage_bytes: 0,
+            damaged: 0,
+            reopened: 0,
+            faults: 0,
+        };
+        let shared = Shared {
+            health,
+            second_began: None,
+            in_second: 0,
+            opened: false,
+            before: (0, 0),
+            decoder: (0, 0),
+        };
+        Monitor {
+            shared: Arc::new(Mutex::new(shared)),
+            inbox: inbox.clone(),
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        // Counts stay usable whatever a thread that held them died of.
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Health as of `now`.
+    pub(crate) fn health(&self, now: Stamp) -> Health {
+        let mut health = self.lock().health.clone();
+        if health.age(now).is_none_or(|age| age > 1.5) {
+            health.rate_hz = 0.0;
+        }
+        health
+    }
+
+    /// The device was opened: what its new decoder counts comes on top.
+    pub(crate) fn opened(&self) {
+        let mut shared = self.lock();
+        shared.health.reopened += u64::from(shared.opened);
+        shared.opened = true;
+        shared.before.0 += shared.decoder.0;
+        shared.before.1 += shared.decoder.1;
+        shared.decoder = (0, 0);
+    }
+
+    /// A whole message came.
+    pub(crate) fn message(&self, stamp: Stamp) {
+        let mut shared = self.lock();
+        shared.health.messages += 1;
+        shared.health.last = Some(stamp);
+        shared.in_second += 1;
+        let began = *shared.second_began.get_or_insert(stamp);
+        let elapsed = stamp - began;
+        if elapsed >= 1.0 {
+            // The first message of a second is the last of the one before.
+            shared.health.rate_hz = (f64::from(shared.in_second - 1) / elapsed) as f32;
+            shared.second_began = Some(stamp);
+            shared.in_second = 1;
+        }
+    }
+
+    /// What the decoder has counted since the device was opened.
+    pub(crate) fn tally(&self, tally: Tally) {
+        let mut shared = self.lock();
+        shared.decoder = (tally.garbage_bytes, tally.damaged);
+        shared.health.garbage_bytes = shared.before.0 + tally.garbage_bytes;
+        shared.health.damaged = shared.before.1 + tally.damaged;
+    }
+
+    /// A torn frame.
+    pub(crate) fn torn(&self) {
+        let mut shared = self.lock();
+        shared.decoder.1 += 1;
+        shared.health.damaged += 1;
+    }
+
+    /// The state is this; if it was another, that is news for the inbox.
+    pub(crate) fn state(&self, state: State, reason: Option<String>) {
+        let mut shared = self.lock();
+        if shared.health.state == state && shared.health.reason == reason {
+            return;
+        }
+        let fault = !matches!(state, State::Running | State::Absent);
+        shared.health.faults += u64::from(fault && shared.health.state != state);
+        shared.health.state = state;
+        shared.health.reason = reason;
+        self.inbox.put(Event::Health(shared.health.clone()));
+    }
+}

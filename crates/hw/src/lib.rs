@@ -1,0 +1,28 @@
+//! What do the devices of a robot say, and what are they told? Drivers; what arrives is a stamped sample.
+//!
+//! Each device has a thread that opens it whenever it is there, and puts what it says into one bounded [`Inbox`]. Stamps are
+//! CLOCK_MONOTONIC.
+
+pub mod base;
+pub mod camera;
+mod can_socket;
+mod clock;
+pub mod config;
+mod error;
+mod health;
+mod inbox;
+pub mod inertial;
+mod serial;
+pub mod wire;
+mod worker;
+
+pub use base::Base;
+pub use camera::Camera;
+pub use can_socket::CanSocket;
+pub use clock::now;
+pub use config::HardwareConfig;
+pub use error::HwError;
+pub use health::{Health, State};
+pub use inbox::{Dropped, Event, Inbox};
+pub use inertial::Inertial;
+pub use serial::Serial;

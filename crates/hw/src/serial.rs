@@ -1,0 +1,111 @@
+//! How do bytes come and go on a serial line? A tty, raw, at a baud rate, never waiting longer than told.
+
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+use localize::Stamp;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::fs::{FlockOperation, Mode, OFlags, flock, open};
+use rustix::io::Errno;
+use rustix::termios::{
+    ControlModes, OptionalActions, QueueSelector, SpecialCodeIndex, tcflush, tcgetattr, tcsetattr,
+};
+
+use crate::clock;
+use crate::error::HwError;
+
+/// An open serial line.
+#[derive(Debug)]
+pub struct Serial {
+    fd: OwnedFd,
+    path: String,
+}
+
+impl Serial {
+    /// Opens a tty for this process alone: eight bits, no parity, one stop bit, no flow control.
+    ///
+    /// A pseudo terminal is a tty too; no modem line is touched, which it would refuse. Bytes that arrived before are
+    /// dropped, since nobody knows how old they are.
+    pub fn open(path: &str, baud: u32) -> Result<Self, HwError> {
+        let failed = |action| move |source| HwError::system(path, action, source);
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let fd = open(path, flags, Mode::empty()).map_err(failed("open"))?;
+        flock(&fd, FlockOperation::NonBlockingLockExclusive).map_err(failed("lock"))?;
+        let mut settings = tcgetattr(&fd).map_err(|source| match source {
+            Errno::NOTTY => HwError::Unfit {
+                device: path.to_owned(),
+                reason: "is no serial line".to_owned(),
+            },
+            source => HwError::system(path, "read the settings of", source),
+        })?;
+        settings.make_raw();
+        settings.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
+        // HUPCL would drop the line that resets many boards each time the port is opened anew.
+        settings.control_modes &=
+            !(ControlModes::CSTOPB | ControlModes::CRTSCTS | ControlModes::HUPCL);
+        settings.special_codes[SpecialCodeIndex::VMIN] = 0;
+        settings.special_codes[SpecialCodeIndex::VTIME] = 0;
+        settings
+            .set_speed(baud)
+            .map_err(failed("set the baud rate of"))?;
+        tcsetattr(&fd, OptionalActions::Now, &settings).map_err(failed("set up"))?;
+        tcflush(&fd, QueueSelector::IOFlush).map_err(failed("empty"))?;
+        Ok(Serial {
+            fd,
+            path: path.to_owned(),
+        })
+    }
+
+    /// Reads what has arrived, waiting for the first byte until the deadline at most; 0 bytes if none came.
+    pub fn read(&self, buffer: &mut [u8], deadline: Stamp) -> Result<usize, HwError> {
+        if !ready(self.fd.as_fd(), PollFlags::IN, deadline) {
+            return Ok(0);
+        }
+        match rustix::io::read(&self.fd, buffer) {
+            // Readable without a byte: the other end is gone.
+            Ok(0) => Err(HwError::Unplugged {
+                device: self.path.clone(),
+            }),
+            Ok(bytes) => Ok(bytes),
+            Err(Errno::WOULDBLOCK | Errno::INTR) => Ok(0),
+            Err(source) => Err(HwError::system(&self.path, "read from", source)),
+        }
+    }
+
+    /// Writes all bytes by the deadline.
+    pub fn write(&self, bytes: &[u8], deadline: Stamp) -> Result<(), HwError> {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            match rustix::io::write(&self.fd, rest) {
+                Ok(written) => rest = &rest[written..],
+                Err(Errno::INTR) => {}
+                Err(Errno::WOULDBLOCK) => {
+                    if !ready(self.fd.as_fd(), PollFlags::OUT, deadline) {
+                        return Err(HwError::Stalled {
+                            device: self.path.clone(),
+                            reason: "takes no more bytes".to_owned(),
+                        });
+                    }
+                }
+                Err(source) => return Err(HwError::system(&self.path, "write to", source)),
+            }
+        }
+        Ok(())
+    }
+
+    /// The device's path.
+    pub fn path(&self) -> &str {
+        &self.path
+    }
+}
+
+impl AsFd for Serial {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}
+
+/// Waits until `fd` can be read or written, or has failed; false if the deadline came first.
+pub(crate) fn ready(fd: BorrowedFd<'_>, wanted: PollFlags, deadline: Stamp) -> bool {
+    let mut fds = [PollFd::from_borrowed_fd(fd, wanted)];
+    matches!(poll(&mut fds, Some(&clock::until(deadline))), Ok(1..))
+}

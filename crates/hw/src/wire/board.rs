@@ -1,0 +1,275 @@
+//! What do robot and base board say to each other? Our own protocol, docs/wire.md; the C side is docs/mirrorball_base.h.
+//!
+//! On the wire: COBS(payload ‖ CRC16 LE) 00. A payload is a fixed little-endian structure: byte 0 the version, byte 1 the type,
+//! then a sequence number that each side counts for itself, then the fields of the type. Messages here hold the numbers
+//! exactly as they travel, units in the names.
+
+use super::stream::{Fault, Step, Stream};
+use super::{cobs, crc16};
+
+/// Version of the protocol spoken here.
+pub const VERSION: u8 = 1;
+/// Bytes before the fields: version, type, sequence number.
+const HEADER: usize = 4;
+/// Longest payload that will ever be sent: COBS then adds one byte, and every frame fits a USB packet.
+const PAYLOAD_MAX: usize = 60;
+/// Longest frame without its closing zero: payload, checksum, one byte of COBS.
+const FRAME_MAX: usize = PAYLOAD_MAX + 3;
+
+/// A number, or a row of numbers, that knows its little-endian bytes.
+trait Field: Sized {
+    const BYTES: usize;
+    fn put(&self, out: &mut Vec<u8>);
+    /// `bytes` has at least `BYTES` bytes.
+    fn get(bytes: &[u8]) -> Self;
+}
+
+macro_rules! number_fields {
+    ($($number:ty),*) => {$(
+        impl Field for $number {
+            const BYTES: usize = size_of::<$number>();
+            fn put(&self, out: &mut Vec<u8>) {
+                out.extend_from_slice(&self.to_le_bytes());
+            }
+            fn get(bytes: &[u8]) -> Self {
+                let mut raw = [0; size_of::<$number>()];
+                raw.copy_from_slice(&bytes[..size_of::<$number>()]);
+                <$number>::from_le_bytes(raw)
+            }
+        }
+    )*};
+}
+number_fields!(u8, u16, u32, i16);
+
+impl<T: Field, const N: usize> Field for [T; N] {
+    const BYTES: usize = N * T::BYTES;
+    fn put(&self, out: &mut Vec<u8>) {
+        for item in self {
+            item.put(out);
+        }
+    }
+    fn get(bytes: &[u8]) -> Self {
+        std::array::from_fn(|index| T::get(&bytes[index * T::BYTES..]))
+    }
+}
+
+/// Declares the messages: a structure each, and the enumeration of all with its encoder and decoder.
+macro_rules! messages {
+    ($(
+        $(#[$doc:meta])*
+        $name:ident = $kind:literal { $( $(#[$field_doc:meta])* $field:ident : $type:ty, )* }
+    )*) => {
+        $(
+            $(#[$doc])*
+            #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+            pub struct $name { $( $(#[$field_doc])* pub $field: $type, )* }
+
+            impl From<$name> for Message {
+                fn from(message: $name) -> Self {
+                    Message::$name(message)
+                }
+            }
+        )*
+
+        /// Whatever can stand in a frame.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum Message { $( $(#[$doc])* $name($name), )* }
+
+        impl Message {
+            /// The type byte.
+            pub fn kind(&self) -> u8 {
+                match self { $( Message::$name(_) => $kind, )* }
+            }
+
+            fn put(&self, out: &mut Vec<u8>) {
+                match self { $( Message::$name(message) => { $( message.$field.put(out); )* } )* }
+            }
+
+            /// Fields of a type; the bytes must be exactly theirs.
+            fn get(kind: u8, bytes: &[u8]) -> Result<Self, Fault> {
+                match kind {
+                    $( $kind => {
+                        if bytes.len() != 0 $( + <$type>::BYTES )* {
+                            return Err(Fault::Length);
+                        }
+                        let mut rest = bytes;
+                        $( let $field = <$type>::get(rest); rest = &rest[<$type>::BYTES..]; )*
+                        debug_assert!(rest.is_empty());
+                        Ok(Message::$name($name { $( $field, )* }))
+                    } )*
+                    _ => Err(Fault::Kind(kind)),
+                }
+            }
+        }
+    };
+}
+
+messages! {
+    /// Robot to board: turn the wheels.
+    WheelCommand = 0x01 {
+        /// How long after its arrival the command holds; then the board stops the wheels by itself.
+        valid_ms: u16,
+        /// How many wheels are commanded; a board with another number of wheels refuses the command.
+        wheels: u8,
+        /// Zero.
+        reserved: u8,
+        /// Speed of each wheel, 0.01 rad/s; counter-clockwise seen from outside, so that the robot turns counter-clockwise.
+        speed_crad: [i16; 4],
+    }
+    /// Robot to board: move like this; for boards that know where their wheels are.
+    TwistCommand = 0x02 {
+        /// As in a wheel command.
+        valid_ms: u16,
+        /// Forward, mm/s.
+        forward_mm: i16,
+        /// To the left, mm/s.
+        left_mm: i16,
+        /// Counter-clockwise, mrad/s.
+        turn_mrad: i16,
+    }
+    /// Robot to board: kick once.
+    KickCommand = 0x03 {
+        /// How long after its arrival the kick may still be made.
+        valid_ms: u16,
+        /// Wanted speed of the ball, mm/s.
+        speed_mm: u16,
+        /// 0 along the ground, 1 lofted.
+        lofted: u8,
+        /// Zero.
+        reserved: u8,
+    }
+    /// Robot to board: turn the dribbling wheels.
+    DribbleCommand = 0x04 {
+        /// As in a wheel command.
+        valid_ms: u16,
+        /// Speed of the left wheel, 0.1 rad/s; positive pulls the ball in.
+        left_drad: i16,
+        /// Speed of the right wheel, 0.1 rad/s.
+        right_drad: i16,
+    }
+    /// Board to robot: how far the wheels turned, all read at one time.
+    Encoders = 0x81 {
+        /// The board's clock, wrapping.
+        time_us: u32,
+        /// Ticks of each wheel since power-on, wrapping at 2³²; counts up where a positive speed turns the wheel.
+        count: [u32; 4],
+    }
+    /// Board to robot: battery and motors.
+    Power = 0x82 {
+        /// The board's clock, wrapping.
+        time_us: u32,
+        /// Battery, mV.
+        battery_mv: u16,
+        /// Hottest motor driver, 0.1 °C.
+        temperature_ddeg: i16,
+        /// Current of each motor, 0.01 A.
+        current_ca: [i16; 4],
+    }
+    /// Board to robot: the kicker.
+    Kicker = 0x83 {
+        /// The board's clock, wrapping.
+        time_us: u32,
+        /// Voltage of the capacitor, 0.1 V.
+        charge_dv: u16,
+        /// Bits: 0 ready, 1 charging, 2 broken, 3 ball before the kicker.
+        flags: u8,
+        /// Zero.
+        reserved: u8,
+        /// Sequence number of the last kick command that was carried out.
+        last_kick: u16,
+    }
+    /// Board to robot: bumpers and what else keeps the robot from moving.
+    Switches = 0x84 {
+        /// The board's clock, wrapping.
+        time_us: u32,
+        /// One bit for each bumper that is pressed, from the front counter-clockwise.
+        bumpers: u8,
+        /// Bits: 0 emergency stop pressed, 1 wheels stopped for want of a fresh command.
+        flags: u8,
+    }
+    /// Board to robot: the inertial unit, in the robot's axes.
+    Inertia = 0x85 {
+        /// The board's clock, wrapping.
+        time_us: u32,
+        /// Specific force along x, y, z, 2 mm/s².
+        acceleration_2mm: [i16; 3],
+        /// Rate of turn about x, y, z, mrad/s.
+        rate_mrad: [i16; 3],
+    }
+    /// Board to robot: the compass.
+    Heading = 0x86 {
+        /// The board's clock, wrapping.
+        time_us: u32,
+        /// Direction of the robot's x axis, counter-clockwise from magnetic north, 0.1 mrad in ±π.
+        heading_dmrad: i16,
+    }
+}
+
+/// A message and its number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Packet {
+    /// Counted by the sender, wrapping.
+    pub sequence: u16,
+    /// What is said.
+    pub message: Message,
+}
+
+impl Packet {
+    /// The frame, closing zero included.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = vec![VERSION, self.message.kind()];
+        self.sequence.put(&mut payload);
+        self.message.put(&mut payload);
+        let checksum = crc16(&payload);
+        checksum.put(&mut payload);
+        let mut frame = Vec::with_capacity(payload.len() + 2);
+        cobs::encode(&payload, &mut frame);
+        frame.push(0);
+        frame
+    }
+}
+
+/// A decoder of either direction.
+pub fn stream() -> Stream<Packet> {
+    Stream::new(parse)
+}
+
+/// What the front of `bytes` is.
+pub fn parse(bytes: &[u8]) -> Step<Packet> {
+    let front = &bytes[..bytes.len().min(FRAME_MAX + 1)];
+    let Some(length) = front.iter().position(|byte| *byte == 0) else {
+        if front.len() <= FRAME_MAX {
+            return Step::More;
+        }
+        return Step::Skip(front.len(), Some(Fault::Length));
+    };
+    if length == 0 {
+        return Step::Skip(1, None);
+    }
+    match packet(&bytes[..length]) {
+        Ok(packet) => Step::Take(length + 1, packet),
+        Err(fault) => Step::Skip(length + 1, Some(fault)),
+    }
+}
+
+fn packet(frame: &[u8]) -> Result<Packet, Fault> {
+    let mut buffer = [0; FRAME_MAX];
+    // A frame that COBS cannot undo was damaged on the way, like one with a wrong checksum.
+    let length = cobs::decode(frame, &mut buffer).ok_or(Fault::Checksum)?;
+    let Some((payload, checksum)) = buffer[..length].split_last_chunk::<2>() else {
+        return Err(Fault::Length);
+    };
+    if u16::from_le_bytes(*checksum) != crc16(payload) {
+        return Err(Fault::Checksum);
+    }
+    if payload.len() < HEADER {
+        return Err(Fault::Length);
+    }
+    if payload[0] != VERSION {
+        return Err(Fault::Version(payload[0]));
+    }
+    Ok(Packet {
+        sequence: u16::get(&payload[2..]),
+        message: Message::get(payload[1], &payload[HEADER..])?,
+    })
+}

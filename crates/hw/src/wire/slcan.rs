@@ -1,0 +1,132 @@
+//! How do CAN frames travel over a serial line? The ASCII of LAWICEL's adapters, which Linux calls slcan.
+//!
+//! `T` 8 hex digits of identifier, one of length, two per byte, carriage return; `t` with three digits; `R` and `r` ask for
+//! data. The format has no checksum: a line is taken only if every character of it is right.
+
+use super::can::CanFrame;
+use super::stream::{Fault, Step, Stream};
+
+/// Longest line: T, 8 + 1 + 16 digits, 4 of a time stamp, carriage return.
+const LONGEST: usize = 31;
+const END: u8 = b'\r';
+const BELL: u8 = 7;
+
+/// What the adapter sends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Line {
+    /// A frame from the bus.
+    Frame(CanFrame),
+    /// The adapter did what it was told.
+    Done,
+    /// The adapter refused what it was told.
+    Refused,
+    /// A well-formed answer that is no frame (version, serial number, status), by its first letter.
+    Other(u8),
+}
+
+/// A decoder of the adapter's stream.
+pub fn stream() -> Stream<Line> {
+    Stream::new(parse)
+}
+
+/// What the front of `bytes` is.
+pub fn parse(bytes: &[u8]) -> Step<Line> {
+    match bytes.first() {
+        None => return Step::More,
+        Some(&END) => return Step::Take(1, Line::Done),
+        Some(&BELL) => return Step::Take(1, Line::Refused),
+        Some(_) => {}
+    }
+    let front = &bytes[..bytes.len().min(LONGEST)];
+    let stop = |byte: &u8| matches!(*byte, END | BELL);
+    let Some(length) = front.iter().position(stop) else {
+        if front.len() < LONGEST {
+            return Step::More;
+        }
+        return Step::Skip(LONGEST, Some(Fault::Length));
+    };
+    if bytes[length] == BELL {
+        // A bell ends no line: what stands before it was cut off, and the bell itself is an answer.
+        return Step::Skip(length, Some(Fault::Noise));
+    }
+    match line_of(&bytes[..length]) {
+        Some(line) => Step::Take(length + 1, line),
+        None => Step::Skip(length + 1, Some(Fault::Noise)),
+    }
+}
+
+fn line_of(line: &[u8]) -> Option<Line> {
+    let (letter, digits) = line.split_first()?;
+    let (extended, remote, id_digits) = match letter {
+        b'T' => (true, false, 8),
+        b'R' => (true, true, 8),
+        b't' => (false, false, 3),
+        b'r' => (false, true, 3),
+        b'z' | b'Z' if digits.is_empty() => return Some(Line::Done),
+        b'V' | b'v' | b'N' | b'F' if digits.iter().all(u8::is_ascii_alphanumeric) => {
+            return Some(Line::Other(*letter));
+        }
+        _ => return None,
+    };
+    let id = hex(digits.get(..id_digits)?)?;
+    let length = hex(digits.get(id_digits..=id_digits)?)? as usize;
+    let rest = &digits[id_digits + 1..];
+    if remote {
+        let stamped = rest.len() == 4 && hex(rest).is_some();
+        return (rest.is_empty() || stamped)
+            .then(|| CanFrame::remote(id, extended, length))?
+            .map(Line::Frame);
+    }
+    let mut data = [0; 8];
+    for (byte, pair) in data
+        .get_mut(..length)?
+        .iter_mut()
+        .zip(rest.get(..2 * length)?.chunks_exact(2))
+    {
+        *byte = u8::try_from(hex(pair)?).ok()?;
+    }
+    // Adapters that were told to (Z1) append a stamp of four digits.
+    let stamp = &rest[2 * length..];
+    if !(stamp.is_empty() || stamp.len() == 4 && hex(stamp).is_some()) {
+        return None;
+    }
+    CanFrame::new(id, extended, &data[..length]).map(Line::Frame)
+}
+
+fn hex(digits: &[u8]) -> Option<u32> {
+    digits.iter().try_fold(0u32, |value, digit| {
+        Some((value << 4) | char::from(*digit).to_digit(16)?)
+    })
+}
+
+/// Appends the line that sends `frame`.
+pub fn encode(frame: &CanFrame, out: &mut Vec<u8>) {
+    let letter = match (frame.extended, frame.remote) {
+        (true, false) => 'T',
+        (true, true) => 'R',
+        (false, false) => 't',
+        (false, true) => 'r',
+    };
+    let width = if frame.extended { 8 } else { 3 };
+    let head = format!("{letter}{:0width$X}{}", frame.id, frame.data().len());
+    out.extend_from_slice(head.as_bytes());
+    if !frame.remote {
+        for byte in frame.data() {
+            out.extend_from_slice(format!("{byte:02X}").as_bytes());
+        }
+    }
+    out.push(END);
+}
+
+/// The lines that close the adapter's channel, set its bit rate and open it; `None` for a rate it has no letter for.
+///
+/// Rates are bit/s: 10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s are S0 to S8. The first, empty line ends
+/// whatever was half sent before.
+pub fn open(bit_rate: u32) -> Option<Vec<u8>> {
+    const RATES_KBIT: [u32; 9] = [10, 20, 50, 100, 125, 250, 500, 800, 1000];
+    let code = RATES_KBIT.iter().position(|rate| rate * 1000 == bit_rate)?;
+    Some(format!("\rC\rS{code}\rO\r").into_bytes())
+}
+
+/// The line that closes the adapter's channel.
+pub const CLOSE: &[u8] = b"C\r";

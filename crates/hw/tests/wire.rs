@@ -1,0 +1,285 @@
+//! Any stream of bytes, split, joined, damaged or random: nothing panics, nothing false comes out, nothing true is lost.
+
+mod oracle;
+
+use hw::wire::{CanFrame, Fault, bno085, board, slcan, vesc, vesc_can, wit};
+use oracle::messages;
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+fn hex(text: &str) -> Vec<u8> {
+    let digits: Vec<u8> = text.bytes().filter(|digit| *digit != b' ').collect();
+    digits
+        .chunks(2)
+        .map(|pair| u8::from_str_radix(std::str::from_utf8(pair).expect("ascii"), 16).expect("hex"))
+        .collect()
+}
+
+#[test]
+fn the_example_of_the_bno085_is_read_and_written() {
+    let bytes = hex("AAAADE010092FF25088DFEECFFD103000000E7");
+    let wanted = bno085::Rvc {
+        index: 0xDE,
+        yaw_cdeg: 1,
+        pitch_cdeg: -110,
+        roll_cdeg: 2085,
+        acceleration_mg: [-371, -20, 977],
+    };
+    assert_eq!(messages(bno085::stream(), &bytes, &[]), [wanted]);
+    assert_eq!(wanted.encode()[..], bytes);
+}
+
+#[test]
+fn vesc_packets_are_those_of_the_firmware() {
+    assert_eq!(vesc::Request::GetValues.encode(), hex("02 01 04 40 84 03"));
+    assert_eq!(
+        vesc::Request::SetRpm(1000).encode(),
+        hex("02 05 08 00 00 03 E8 2B 58 03")
+    );
+    let forwarded = vesc::Request::SetRpm(-5).encode_forwarded(7);
+    assert_eq!(forwarded[..5], hex("02 07 22 07 08"));
+    assert_eq!(
+        vesc::Request::decode(&forwarded),
+        Some((Some(7), vesc::Request::SetRpm(-5)))
+    );
+}
+
+#[test]
+fn vesc_frames_carry_command_and_node_in_their_identifier() {
+    let frame = vesc_can::Order::SetRpm(1000).encode(0x2A);
+    assert!(frame.extended);
+    assert_eq!((frame.id, frame.data()), (0x32A, &[0, 0, 3, 0xE8][..]));
+    let status = CanFrame::new(0x92A, true, &[0, 0, 3, 0xE8, 0, 25, 0xFF, 0xFE]);
+    assert_eq!(
+        vesc_can::Status::decode(&status.expect("a frame")),
+        Some((
+            0x2A,
+            vesc_can::Status::Motion {
+                erpm: 1000,
+                current_da: 25,
+                duty_permille: -2
+            }
+        ))
+    );
+}
+
+#[test]
+fn wit_values_have_the_scale_of_its_protocol() {
+    let one_g = hex("55 51 00 00 00 00 00 08 00 00 AE");
+    let found = messages(wit::stream(), &one_g, &[]);
+    assert_eq!(found[0].kind, wit::Kind::Acceleration);
+    assert!((found[0].si()[2] - 9.806_65).abs() < 1e-5);
+    let turn = wit::Wit {
+        kind: wit::Kind::Angle,
+        raw: [0, 0, -16384, 0],
+    };
+    assert!((turn.si()[2] + std::f32::consts::FRAC_PI_2).abs() < 1e-6);
+}
+
+#[test]
+fn slcan_lines_are_those_of_the_adapters() {
+    let frame = CanFrame::new(0x32A, true, &[0, 0, 3, 0xE8]).expect("a frame");
+    let mut line = Vec::new();
+    slcan::encode(&frame, &mut line);
+    assert_eq!(line, b"T0000032A4000003E8\r");
+    let stamped = b"T0000032A4000003e81234\r\x07z\rT0000032A4000003E\r";
+    assert_eq!(
+        messages(slcan::stream(), stamped, &[]),
+        [
+            slcan::Line::Frame(frame),
+            slcan::Line::Refused,
+            slcan::Line::Done
+        ]
+    );
+    assert_eq!(slcan::open(500_000), Some(b"\rC\rS6\rO\r".to_vec()));
+    assert_eq!(slcan::open(300_000), None);
+}
+
+#[test]
+fn every_message_of_the_base_board_is_in_the_table_of_vectors_as_written_there() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/wire_vectors.csv");
+    let table = std::fs::read_to_string(path).expect("the table");
+    let mut kinds = Vec::new();
+    for row in table.lines().skip(1) {
+        let cells: Vec<_> = row.splitn(4, ',').collect();
+        let [name, frame, sequence, fields] = cells[..] else {
+            panic!("four cells: {row}");
+        };
+        let bytes = hex(frame);
+        let found = messages(board::stream(), &bytes, &[]);
+        assert_eq!(found.len(), 1, "{name}");
+        assert_eq!(found[0].encode(), bytes, "{name}");
+        let wanted = format!("{name}({name} {{ {} }})", fields.trim_matches('"'));
+        assert_eq!(format!("{:?}", found[0].message), wanted);
+        assert_eq!(found[0].sequence.to_string(), sequence, "{name}");
+        kinds.push(found[0].message.kind());
+    }
+    assert_eq!(
+        kinds,
+        [1, 2, 3, 4, 0x81, 0x82, 0x83, 0x84, 0x85, 0x86],
+        "one vector for each type"
+    );
+}
+
+#[test]
+fn another_version_and_unknown_types_are_named() {
+    for (frame, fault) in [
+        ("03 02 01 01 03 58 da 00", Fault::Version(2)),
+        ("07 01 7f 01 01 9d a1 00", Fault::Kind(0x7F)),
+        ("07 01 01 01 01 94 62 00", Fault::Length),
+        ("07 01 01 01 01 94 63 00", Fault::Checksum),
+    ] {
+        let mut stream = board::stream();
+        stream.extend(&hex(frame));
+        assert_eq!(stream.next(), None);
+        assert_eq!(stream.tally().last_fault, Some(fault));
+    }
+}
+
+#[test]
+fn can_frames_survive_the_kernel_s_layout() {
+    let frame = CanFrame::new(0x1234_5678, true, &[1, 2, 3]).expect("a frame");
+    assert_eq!(CanFrame::from_kernel(&frame.to_kernel()), Some(frame));
+    let asked = CanFrame::remote(0x123, false, 8).expect("a frame");
+    assert_eq!(CanFrame::from_kernel(&asked.to_kernel()), Some(asked));
+    let mut long = frame.to_kernel();
+    long[4] = 9;
+    assert_eq!(CanFrame::from_kernel(&long), None);
+}
+
+fn packet() -> impl Strategy<Value = board::Packet> {
+    let message = prop_oneof![
+        (any::<u16>(), 3u8..=4, any::<[i16; 4]>()).prop_map(|(valid_ms, wheels, speed_crad)| {
+            board::WheelCommand {
+                valid_ms,
+                wheels,
+                reserved: 0,
+                speed_crad,
+            }
+            .into()
+        }),
+        any::<(u32, [u32; 4])>()
+            .prop_map(|(time_us, count)| board::Encoders { time_us, count }.into()),
+        any::<(u32, u16, i16, [i16; 4])>().prop_map(
+            |(time_us, battery_mv, temperature_ddeg, current_ca)| board::Power {
+                time_us,
+                battery_mv,
+                temperature_ddeg,
+                current_ca
+            }
+            .into()
+        ),
+        any::<(u32, u8, u8)>().prop_map(|(time_us, bumpers, flags)| board::Switches {
+            time_us,
+            bumpers,
+            flags
+        }
+        .into()),
+    ];
+    (any::<u16>(), message)
+        .prop_map(|(sequence, message): (u16, board::Message)| board::Packet { sequence, message })
+}
+
+/// One true message of each protocol, as bytes.
+fn true_message() -> impl Strategy<Value = (usize, Vec<u8>)> {
+    prop_oneof![
+        packet().prop_map(|packet| (0, packet.encode())),
+        any::<(u8, [i16; 3], [i16; 3])>().prop_map(
+            |(index, [yaw, pitch, roll], acceleration_mg)| {
+                let message = bno085::Rvc {
+                    index,
+                    yaw_cdeg: yaw,
+                    pitch_cdeg: pitch,
+                    roll_cdeg: roll,
+                    acceleration_mg,
+                };
+                (1, message.encode().to_vec())
+            }
+        ),
+        (0x50u8..0x60, any::<[i16; 4]>()).prop_map(|(kind, raw)| {
+            let kind = wit::Kind::Other(kind);
+            (2, wit::Wit { kind, raw }.encode().to_vec())
+        }),
+        any::<(u8, i32, i32, u8)>().prop_map(|(node, erpm, tachometer, fault)| {
+            let values = vesc::Values {
+                node,
+                erpm,
+                tachometer,
+                fault,
+                ..vesc::Values::default()
+            };
+            (3, values.encode())
+        }),
+        (0u32..1 << 29, vec(any::<u8>(), 0..=8)).prop_map(|(id, data)| {
+            let mut line = Vec::new();
+            slcan::encode(&CanFrame::new(id, true, &data).expect("a frame"), &mut line);
+            (4, line)
+        }),
+    ]
+}
+
+/// A stream of true messages with noise between and bytes overwritten.
+fn damaged_stream() -> impl Strategy<Value = Vec<u8>> {
+    let piece = prop_oneof![
+        4 => true_message().prop_map(|(_, bytes)| bytes),
+        1 => vec(any::<u8>(), 0..30),
+        1 => vec(prop_oneof![Just(0xAA), Just(0x55), Just(2), Just(0), Just(3)], 0..30),
+    ];
+    let hits = vec((any::<prop::sample::Index>(), any::<u8>()), 0..6);
+    (vec(piece, 1..12), hits).prop_map(|(pieces, hits)| {
+        let mut bytes = pieces.concat();
+        for (index, value) in hits {
+            if !bytes.is_empty() {
+                let at = index.index(bytes.len());
+                bytes[at] = value;
+            }
+        }
+        bytes
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_stream_makes_a_decoder_yield_what_is_not_in_it(
+        bytes in prop_oneof![damaged_stream(), vec(any::<u8>(), 0..400)],
+        cuts in vec(any::<u8>(), 0..6),
+    ) {
+        oracle::board(&bytes, &cuts);
+        oracle::bno085(&bytes, &cuts);
+        oracle::wit(&bytes, &cuts);
+        oracle::vesc(&bytes, &cuts);
+        oracle::slcan(&bytes, &cuts);
+    }
+
+    #[test]
+    fn where_a_stream_is_split_does_not_matter(bytes in damaged_stream(), cuts in vec(0u8..20, 1..6)) {
+        prop_assert_eq!(messages(board::stream(), &bytes, &[]), messages(board::stream(), &bytes, &cuts));
+        prop_assert_eq!(messages(bno085::stream(), &bytes, &[]), messages(bno085::stream(), &bytes, &cuts));
+        prop_assert_eq!(messages(wit::stream(), &bytes, &[]), messages(wit::stream(), &bytes, &cuts));
+        prop_assert_eq!(messages(vesc::stream(), &bytes, &[]), messages(vesc::stream(), &bytes, &cuts));
+        prop_assert_eq!(messages(slcan::stream(), &bytes, &[]), messages(slcan::stream(), &bytes, &cuts));
+    }
+
+    #[test]
+    fn undamaged_messages_all_arrive(sent in vec(packet(), 1..20), cuts in vec(0u8..20, 0..4)) {
+        let bytes: Vec<u8> = sent.iter().flat_map(board::Packet::encode).collect();
+        prop_assert_eq!(messages(board::stream(), &bytes, &cuts), sent);
+    }
+
+    #[test]
+    fn one_damaged_frame_costs_the_base_board_no_other(
+        before in packet(), hit in packet(), after in packet(),
+        at in any::<prop::sample::Index>(), flip in 1u8..=255,
+    ) {
+        let mut frame = hit.encode();
+        let at = at.index(frame.len() - 1);
+        // A byte that became a zero ends the frame early: still no other frame may be lost.
+        frame[at] ^= flip;
+        let bytes = [before.encode(), frame, after.encode()].concat();
+        let found = messages(board::stream(), &bytes, &[]);
+        prop_assert!(found.first() == Some(&before) && found.last() == Some(&after), "{:?}", found);
+        prop_assert!(!found.contains(&hit) || hit == before || hit == after);
+    }
+}
