@@ -34,6 +34,21 @@ impl CanFrame {
         (id <= ID_BITS[usize::from(extended)]).then_some(frame)
     }
 
+    /// A data frame under 29 bits, whose identifier and data are known to fit: what is too much is cut off.
+    pub(crate) fn extended(id: u32, data: &[u8]) -> Self {
+        let mut frame = CanFrame {
+            id: id & ID_BITS[1],
+            extended: true,
+            remote: false,
+            len: data.len().min(8) as u8,
+            data: [0; 8],
+        };
+        for (place, byte) in frame.data.iter_mut().zip(data) {
+            *place = *byte;
+        }
+        frame
+    }
+
     /// A remote frame that asks for `len` bytes; `None` as in [`CanFrame::new`].
     pub fn remote(id: u32, extended: bool, len: usize) -> Option<Self> {
         let frame = CanFrame::new(id, extended, [0; 8].get(..len)?)?;

@@ -130,8 +130,6 @@ fn address(frame: &CanFrame) -> Option<(u32, u8)> {
     (frame.extended && !frame.remote).then_some((frame.id >> 8, node))
 }
 
-/// `data` has at most eight bytes and `command` 21 bits, so there always is a frame.
 fn frame(command: u32, node: u8, data: &[u8]) -> CanFrame {
-    CanFrame::new((command << 8) | u32::from(node), true, data)
-        .expect("eight bytes under an identifier of 29 bits")
+    CanFrame::extended((command << 8) | u32::from(node), data)
 }
