@@ -1,1 +1,22 @@
-//! The compiled half of the Python package.
+//! The compiled half of the Python package: the crates' own optics, handed over as numpy arrays. Conversions only.
+
+mod camera;
+mod errors;
+mod profile;
+mod rays;
+
+use pyo3::prelude::*;
+
+/// `mirrorball._core`.
+#[pymodule]
+pub fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<profile::Profile>()?;
+    module.add_class::<camera::Camera>()?;
+    module.add_class::<camera::Mount>()?;
+    module.add_class::<rays::GroundMap>()?;
+    module.add_function(wrap_pyfunction!(rays::trace_rays, module)?)?;
+    module.add_function(wrap_pyfunction!(rays::trace_points, module)?)?;
+    module.add_function(wrap_pyfunction!(rays::ground_map, module)?)?;
+    Ok(())
+}

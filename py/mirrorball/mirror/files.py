@@ -1,0 +1,197 @@
+"""Which mirror does this TOML file ask for? Parts or wishes, with the camera, lens and tolerances to judge it by.
+
+Keys are the arguments of the Python classes without their `_m`: metres are silent in files.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from mirrorball._core import Camera
+from mirrorball.mirror import parts, wishes
+from mirrorball.mirror.building import Mirror, design
+from mirrorball.mirror.judging import Lens
+from mirrorball.mirror.law import Array
+from mirrorball.mirror.readymade import READYMADE
+from mirrorball.mirror.reporting import camera_for
+from mirrorball.mirror.tolerances import Tolerances
+from mirrorball.mirror.wishes import Optimised, optimise
+
+T = TypeVar("T")
+
+PARTS: dict[str, type[Any]] = {
+    "horizontally isometric": parts.HorizontallyIsometric,
+    "vertically isometric": parts.VerticallyIsometric,
+    "constant curvature": parts.ConstantCurvature,
+    "cone": parts.Cone,
+    "planar": parts.Planar,
+    "sphere": parts.Sphere,
+    "paraboloid": parts.Paraboloid,
+    "hyperboloid": parts.Hyperboloid,
+}
+"""`kind` of a [[part]]; "free" besides, with its points."""
+
+WISHES: dict[str, type[Any]] = {
+    "resolution": wishes.Resolution,
+    "heights": wishes.Heights,
+    "maximal diameter": wishes.MaxDiameter,
+    "minimal curvature radius": wishes.MinCurvatureRadius,
+}
+"""`kind` of a [[wish]]."""
+
+CAMERA_KEYS = {
+    "width_px": True,
+    "height_px": True,
+    "focal_px": True,
+    "height": True,
+    "centre_px": False,
+    "forward_deg": False,
+    "flipped": False,
+    "outer_radius_px": False,
+}
+"""Those of robot.toml; True where a mirror cannot do without."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A mirror with what it is to be judged by."""
+
+    mirror: Mirror
+    camera: Camera
+    lens: Lens
+    tolerances: Tolerances
+    reach_m: float
+    optimised: Optimised | None
+    """How the wishes fared, if the file gave wishes."""
+
+
+def load(source: str | Path, *, progress: bool = True) -> Plan:
+    """Reads a TOML design, or takes a ready-made one by name. ValueError names file, table and key that are wrong."""
+    if str(source) in READYMADE:
+        mirror = READYMADE[str(source)]()
+        return Plan(mirror, camera_for(mirror), Lens(), Tolerances(), 12.0, None)
+    path = Path(source)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        ready = ", ".join(READYMADE)
+        raise FileNotFoundError(f"{path}: no such file, and no ready-made design ({ready})") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{path}: {error}") from error
+    try:
+        return _plan(table, name=path.stem, progress=progress)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _plan(table: dict[str, Any], *, name: str, progress: bool) -> Plan:
+    _known(table, {"name", "apex", "reach", "camera", "lens", "tolerances", "part", "wish"}, "the file")
+    camera = _camera(_needed(table, "camera", "the file"))
+    apex = float(_needed(table, "apex", "the file"))
+    name = str(table.get("name", name))
+    if ("part" in table) == ("wish" in table):
+        raise ValueError("give either [[part]] tables or [[wish]] tables")
+    optimised = None
+    if "wish" in table:
+        wanted = [_made(WISHES, row, f"wish {number}") for number, row in enumerate(table["wish"], start=1)]
+        optimised = optimise(wanted, camera=camera, apex_above_pinhole_m=apex, name=name, progress=progress)
+        mirror = optimised.mirror
+    else:
+        half = (min(camera.width_px, camera.height_px) - 1) / 2.0
+        mirror = design(
+            [_part(row, number) for number, row in enumerate(table["part"], start=1)],
+            pinhole_height_m=camera.pinhole_height_m,
+            apex_above_pinhole_m=apex,
+            t_max=(camera.outer_radius_px or half) / camera.focal_px,
+            name=name,
+        )
+    return Plan(
+        mirror=mirror,
+        camera=camera,
+        lens=_filled(Lens, table.get("lens", {}), "[lens]"),
+        tolerances=_filled(Tolerances, table.get("tolerances", {}), "[tolerances]"),
+        reach_m=float(table.get("reach", 12.0)),
+        optimised=optimised,
+    )
+
+
+def _camera(row: dict[str, Any]) -> Camera:
+    _known(row, set(CAMERA_KEYS), "[camera]")
+    for key, needed in CAMERA_KEYS.items():
+        if needed:
+            _needed(row, key, "[camera]")
+    values = dict(row)
+    values["pinhole_height_m"] = values.pop("height")
+    if "centre_px" in values:
+        values["centre_px"] = tuple(values["centre_px"])
+    try:
+        return Camera(**values)
+    except (TypeError, OverflowError) as error:
+        raise ValueError(f"[camera]: {error}") from error
+
+
+def _part(row: dict[str, Any], number: int) -> parts.Part:
+    place = f"part {number}"
+    if row.get("kind") == "free":
+        return _free({key: value for key, value in row.items() if key != "kind"}, place)
+    made: parts.Part = _made(PARTS, row, place)
+    return made
+
+
+def _free(row: dict[str, Any], place: str) -> parts.Free:
+    """A cubic through points (t, distance, height)."""
+    _known(row, {"points", "tangent_continuous"}, f"{place} (free)")
+    points = np.array(_needed(row, "points", f"{place} (free)"), dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 4 or (np.diff(points[:, 0]) <= 0.0).any():
+        raise ValueError(f"{place} (free): points must be at least four rows [t, distance, height] with rising t")
+    curve = CubicSpline(points[:, 0], points[:, 1:])
+
+    def target(t: Array) -> tuple[Array, Array]:
+        found = curve(t)
+        return found[..., 0], found[..., 1]
+
+    return parts.Free(
+        target=target, until_t=float(points[-1, 0]), tangent_continuous=bool(row.get("tangent_continuous", False))
+    )
+
+
+def _made(kinds: dict[str, type[T]], row: dict[str, Any], place: str) -> T:
+    kind = _needed(row, "kind", place)
+    if kind not in kinds:
+        raise ValueError(f"{place}: no kind {kind!r}; there are {', '.join(kinds)}")
+    return _filled(kinds[kind], {key: value for key, value in row.items() if key != "kind"}, f"{place} ({kind})")
+
+
+def _filled(kind: type[T], row: dict[str, Any], place: str) -> T:
+    """A dataclass from a table whose keys are its fields without `_m`."""
+    names = {_key(field.name): field for field in fields(kind)}  # type: ignore[arg-type]
+    _known(row, set(names), place)
+    for key, field in names.items():
+        if field.default is MISSING:
+            _needed(row, key, place)
+    for key, value in row.items():
+        if "float" in str(names[key].type) and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise ValueError(f"{place}: {key} = {value!r} must be a number")
+    return kind(**{names[key].name: value for key, value in row.items()})
+
+
+def _key(field: str) -> str:
+    return field if field.endswith("_per_m") else field.removesuffix("_m")
+
+
+def _known(row: dict[str, Any], known: set[str], place: str) -> None:
+    unknown = sorted(set(row) - known)
+    if unknown:
+        raise ValueError(f"{place}: unknown key {unknown[0]!r}; known are {', '.join(sorted(known))}")
+
+
+def _needed(row: dict[str, Any], key: str, place: str) -> Any:
+    if key not in row:
+        raise ValueError(f"{place} needs {key!r}")
+    return row[key]

@@ -1,0 +1,182 @@
+"""How is a design handed to whoever must decide about it? Figures as PNG and SVG, and one HTML page that stands alone."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+
+from mirrorball._core import Camera
+from mirrorball.mirror import figures
+from mirrorball.mirror.building import Mirror
+from mirrorball.mirror.judging import Judgement, Lens, judge
+from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FIGURES: dict[str, tuple[str, Callable[[Judgement], Figure]]] = {
+    "profile": ("Profile and rays", figures.profile),
+    "ground": ("Ground and resolution", figures.ground),
+    "heights": ("Heights and blind zones", figures.heights),
+    "surface": ("Slope, curvature and caustic", figures.surface),
+    "sharpness": ("Defocus", figures.sharpness),
+    "sizes": ("Ball, line and robot", figures.sizes),
+}
+"""File name, heading and drawing function, in the order of the page."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was found and where it was written."""
+
+    folder: Path
+    page: Path
+    judgement: Judgement
+    errors: GroundErrors | None
+
+
+def camera_for(mirror: Mirror, *, size_px: int = 480, margin_px: int = 6) -> Camera:
+    """A square camera that the mirror's rim fills but for a margin."""
+    rim = (size_px - 1) / 2.0 - margin_px
+    return Camera(
+        width_px=size_px,
+        height_px=size_px,
+        focal_px=rim / mirror.t_max,
+        pinhole_height_m=mirror.pinhole_height_m,
+        outer_radius_px=rim,
+    )
+
+
+def report(
+    mirror: Mirror,
+    *,
+    folder: str | Path,
+    camera: Camera | None = None,
+    lens: Lens | None = None,
+    reach_m: float = 12.0,
+    tolerances: Tolerances | None = None,
+    mirrors: int = 0,
+    seed: int = 1,
+    progress: bool = True,
+) -> Report:
+    """Judges a design and writes its figures and `index.html` into a folder (made if missing).
+
+    `mirrors` imperfect mirrors are tried against `tolerances`; 0 leaves that out.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    camera = camera or camera_for(mirror)
+    judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
+    errors = None
+    sections = []
+    for name, (heading, draw) in FIGURES.items():
+        sections.append(_section(draw(judged), heading, folder / name))
+    if mirrors:
+        errors = monte_carlo(
+            mirror, camera=camera, tolerances=tolerances, count=mirrors, reach_m=reach_m, seed=seed, progress=progress
+        )
+        sections.append(_section(figures.tolerances(errors), "Tolerances", folder / "tolerances"))
+        sections.append(_error_table(errors))
+    page = folder / "index.html"
+    page.write_text(_page(judged, camera, sections), encoding="utf-8")
+    return Report(folder=folder, page=page, judgement=judged, errors=errors)
+
+
+def _section(figure: Figure, heading: str, path: Path) -> str:
+    # Text stays text: small files that a reader can search, and no glyph outlines to compute.
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mirrorball"}):
+        figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
+    pixels = io.BytesIO()
+    figure.savefig(pixels, format="png", pil_kwargs={"compress_level": 4})
+    path.with_suffix(".png").write_bytes(pixels.getvalue())
+    inline = base64.b64encode(pixels.getvalue()).decode("ascii")
+    return f'<h2>{html.escape(heading)}</h2>\n<img alt="{html.escape(heading)}" src="data:image/png;base64,{inline}">'
+
+
+def _table(head: list[str], rows: list[list[str]]) -> str:
+    cells = "".join(f"<th>{html.escape(text)}</th>" for text in head)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in row) + "</tr>\n" for row in rows)
+    return f"<table><tr>{cells}</tr>\n{body}</table>"
+
+
+def _metres(value: float, digits: int = 3) -> str:
+    return f"{value:.{digits}f} m" if np.isfinite(value) else "–"
+
+
+def _part_table(judged: Judgement) -> str:
+    rows = []
+    views = iter(judged.views)
+    for segment in judged.mirror.segments:
+        y_from = float(segment.height(np.array([segment.t_from]))[0])
+        y_to, _ = segment.end()
+        row = [
+            f"{segment.number}. {segment.part}",
+            f"{1e3 * segment.t_from * y_from:.2f} to {1e3 * segment.t_to * y_to:.2f} mm",
+            f"{segment.t_from * judged.focal_px:.1f} to {segment.t_to * judged.focal_px:.1f} px",
+        ]
+        if segment.reflects:
+            view = next(views)
+            row += [
+                f"{_metres(view.ground_m[0])} to {_metres(view.ground_m[-1])}",
+                f"{view.viewpoint_error_m.max():.1e} m",
+            ]
+        else:
+            row += ["–", "–"]
+        rows.append(row)
+    return _table(["Part", "Radius", "Image radius", "Ground", "Viewpoint error"], rows)
+
+
+def _error_table(errors: GroundErrors) -> str:
+    rows = []
+    for index in range(3, errors.distance_m.size, 4):
+        limit = errors.total_95_m[index]
+        rows.append(
+            [
+                f"{errors.distance_m[index]:.2f} m",
+                f"{1e3 * errors.radial_rms_m[index]:.1f} mm",
+                f"{1e3 * errors.tangential_rms_m[index]:.1f} mm",
+                f"{1e3 * limit:.1f} mm" if np.isfinite(limit) else "lost",
+                f"{100.0 * errors.lost_share[index]:.2f} %",
+            ]
+        )
+    return _table(["Distance", "Radial rms", "Tangential rms", "95 % stay below", "Pixels lost"], rows)
+
+
+def _page(judged: Judgement, camera: Camera, sections: list[str]) -> str:
+    mirror = judged.mirror
+    blind = ", ".join(f"{low:.2f} to {high:.2f} m" for low, high in judged.blind_m) or "none"
+    facts = _table(
+        ["", ""],
+        [
+            ["Diameter", f"{2e3 * mirror.radius_m:.2f} mm"],
+            ["Pinhole above the ground", _metres(mirror.pinhole_height_m)],
+            ["Apex above the pinhole", _metres(float(mirror.segments[0].height(np.zeros(1))[0]))],
+            ["Camera", f"{camera.width_px} × {camera.height_px} px, focal length {camera.focal_px:.1f} px"],
+            ["Blind ground", blind],
+            ["Smallest radius of curvature", f"{1e3 * judged.smallest_curvature_radius_m:.2f} mm"],
+            ["Steepest slope", f"{judged.steepest_slope:.3f}"],
+        ],
+    )
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{html.escape(mirror.name)}</title>
+<style>
+body {{ font: 15px/1.45 system-ui, sans-serif; max-width: 1120px; margin: 2em auto; padding: 0 1em; color: #222; }}
+img {{ max-width: 100%; }}
+table {{ border-collapse: collapse; margin: 0.8em 0; }}
+td, th {{ padding: 0.2em 1.2em 0.2em 0; text-align: left; border-bottom: 1px solid #e4e4e4; }}
+h2 {{ margin: 1.6em 0 0.2em; font-size: 1.15em; }}
+</style></head><body>
+<h1>{html.escape(mirror.name)}</h1>
+{facts}
+{_part_table(judged)}
+{"".join(sections)}
+</body></html>
+"""

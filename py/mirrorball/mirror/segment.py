@@ -1,0 +1,96 @@
+"""What is one part of a profile once it is built? A stretch of camera slopes t with its height and its tangent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mirrorball.mirror.law import Array, Rays, reflect, slope_towards
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a part begins: the end of the part before it, or the apex."""
+
+    number: int
+    """Of the part, counted from 1."""
+    t: float
+    y_m: float
+    slope: float
+    """Tangent of the part before it; 0 at the apex."""
+    pinhole_height_m: float
+    t_max: float
+    """The largest slope that the lens sees."""
+
+    @property
+    def x_m(self) -> float:
+        """Radius where the part begins."""
+        return self.t * self.y_m
+
+    @property
+    def last_ray(self) -> Rays:
+        """The ray that the part before it ends with."""
+        return reflect(
+            t=np.array([self.t]),
+            y_m=np.array([self.y_m]),
+            slope=np.array([self.slope]),
+            pinhole_height_m=self.pinhole_height_m,
+        )
+
+    def slope_towards(self, distance_m: float, height_m: float) -> float:
+        """Tangent here that sends this ray through a point."""
+        slope = slope_towards(
+            t=np.array([self.t]),
+            y_m=np.array([self.y_m]),
+            distance_m=np.array([distance_m]),
+            height_m=np.array([height_m]),
+            pinhole_height_m=self.pinhole_height_m,
+        )
+        return float(slope[0])
+
+    def refuse(self, part: str, why: str, t: float | None = None) -> ValueError:
+        """The error that names the part, the place and the reason."""
+        place = "" if t is None else f", at t = {t:.4f}"
+        return ValueError(f"part {self.number} ({part}){place}: {why}")
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A built part: Y over t and the tangent at a point (t, Y), both vectorised."""
+
+    part: str
+    number: int
+    t_from: float
+    t_to: float
+    height: Callable[[Array], Array]
+    tangent: Callable[[Array, Array], Array]
+    continues_tangent: bool
+    """True where the tangent at t_from is promised to be that of the segment before."""
+    reflects: bool = True
+    """False for a ring that is left black."""
+
+    def end(self) -> tuple[float, float]:
+        """Height and tangent at its end."""
+        t = np.array([self.t_to])
+        y = self.height(t)
+        return float(y[0]), float(self.tangent(t, y)[0])
+
+    def rays(self, t: Array, pinhole_height_m: float) -> Rays:
+        """Its reflected rays at slopes t within it."""
+        y = self.height(t)
+        return reflect(t=t, y_m=y, slope=self.tangent(t, y), pinhole_height_m=pinhole_height_m)
+
+    def curvature_per_m(self, t: Array) -> Array:
+        """Signed curvature of the meridian, 1/m; positive where the mirror is convex.
+
+        The tangent is exact, so its difference over 2·10⁻⁵ in t (one-sided at the ends) is good to six digits.
+        """
+        reach = 1e-5
+        low = np.clip(t - reach, self.t_from, self.t_to)
+        high = np.clip(t + reach, self.t_from, self.t_to)
+        y_low, y_high = self.height(low), self.height(high)
+        bend = self.tangent(high, y_high) - self.tangent(low, y_low)
+        slope = self.tangent(t, self.height(t))
+        return np.asarray(bend / (high * y_high - low * y_low) / (1.0 + slope**2) ** 1.5)

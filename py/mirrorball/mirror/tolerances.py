@@ -1,0 +1,206 @@
+"""How far off does the robot see the ground if workshop and mount are only this good? Monte Carlo over whole mirrors.
+
+Each mirror is traced in three dimensions by the robot's own tracer; the error is the difference between the ground point that a
+pixel really shows and the one that the perfect mirror shows there, which is what an uncalibrated robot would believe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.optimize import brentq
+from tqdm import tqdm
+
+from mirrorball._core import Camera, Mount, Profile, trace_points
+from mirrorball.mirror.building import Mirror
+from mirrorball.mirror.law import Array
+from mirrorball.mirror.segment import Segment
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerances:
+    """One standard deviation of each error, all independent and normal."""
+
+    form_m: float = 5e-6
+    """Height of the surface; the errors of a lathe, the same all around."""
+    form_length_m: float = 0.01
+    """Over which radius the form error changes."""
+    tilt_deg: float = 0.2
+    """Of the mirror against the camera's axis, in each direction."""
+    offset_m: float = 0.0005
+    """Of the mirror's axis, in each direction."""
+    height_m: float = 0.0005
+    """Of the mirror above the camera."""
+    focal_share: float = 0.002
+    """Of the focal length."""
+
+    def alone(self, cause: str) -> Tolerances:
+        """Only one of CAUSES, the others perfect."""
+        kept = CAUSES[cause]
+        zeros = {f.name: 0.0 for f in fields(self) if f.name not in (kept, "form_length_m")}
+        return replace(self, **zeros)
+
+
+CAUSES = {
+    "form": "form_m",
+    "tilt": "tilt_deg",
+    "offset": "offset_m",
+    "height": "height_m",
+    "focal length": "focal_share",
+}
+"""What can be off, and the field that says how far."""
+
+AZIMUTHS = 8
+"""Directions around the robot: tilt and offset err along some and across others."""
+FORM_WAVES = 32
+"""Random cosines that make up one form error; enough for a normal distribution."""
+
+
+@dataclass(frozen=True)
+class GroundErrors:
+    """What 95 % of the mirrors keep, over ground distance."""
+
+    distance_m: Array
+    radial_rms_m: Array
+    tangential_rms_m: Array
+    total_95_m: Array
+    """Distance between true and believed ground point that 95 % stay below."""
+    lost_share: Array
+    """Of pixels that no longer show ground."""
+    by_cause_rms_m: dict[str, Array]
+    """Total error when only this is off."""
+    count: int
+
+
+def monte_carlo(
+    mirror: Mirror,
+    *,
+    camera: Camera,
+    tolerances: Tolerances | None = None,
+    count: int = 1000,
+    reach_m: float = 12.0,
+    seed: int = 1,
+    progress: bool = True,
+) -> GroundErrors:
+    """Makes `count` imperfect mirrors and asks each where the ground lies; a tenth as many for each cause alone."""
+    if count < 10:
+        raise ValueError(f"count = {count}: at least 10 mirrors are needed for a 95 % limit")
+    tolerances = tolerances or Tolerances()
+    distance, t = _wanted(mirror, reach_m=reach_m)
+    rho = np.repeat(t * camera.focal_px, AZIMUTHS)
+    turn = np.tile(np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS), t.size)
+    u, v = camera.centre_px[0] + rho * np.cos(turn), camera.centre_px[1] + rho * np.sin(turn)
+    radius, height = mirror.samples(step_m=1e-4)
+    plain = _camera(camera, mirror, focal_factor=1.0)
+    nominal = _ground(plain, Profile(radius_m=radius, height_m=height), u, v, Mount())
+    rng = np.random.default_rng(seed)
+    alone = max(count // 10, 10)
+    with tqdm(total=count + alone * len(CAUSES), unit="mirror", disable=not progress, leave=False) as bar:
+
+        def errors(spread: Tolerances, mirrors: int) -> Array:
+            found = np.empty((mirrors, 2, distance.size, AZIMUTHS))
+            for index in range(mirrors):
+                profile = Profile(radius_m=radius, height_m=height + _form_error(radius, spread, rng))
+                tilt, offset = rng.normal(size=2) * spread.tilt_deg, rng.normal(size=2) * spread.offset_m
+                mount = Mount(
+                    mirror_tilt_deg=(float(tilt[0]), float(tilt[1])),
+                    mirror_offset_m=(float(offset[0]), float(offset[1])),
+                    mirror_raise_m=float(rng.normal() * spread.height_m),
+                )
+                real = _camera(camera, mirror, focal_factor=1.0 + float(rng.normal()) * spread.focal_share)
+                found[index] = _split(nominal, _ground(real, profile, u, v, mount)).reshape(2, -1, AZIMUTHS)
+                bar.update()
+            return found
+
+        together = errors(tolerances, count)
+        by_cause = {cause: _rms(np.hypot(*np.moveaxis(errors(tolerances.alone(cause), alone), 1, 0)))
+                    for cause in CAUSES}  # fmt: skip
+    total = np.hypot(together[:, 0], together[:, 1])
+    lost = ~np.isfinite(total)
+    # A lost pixel is worse than any limit.
+    ranked = np.where(lost, np.inf, total).transpose(1, 0, 2).reshape(distance.size, -1)
+    return GroundErrors(
+        distance_m=distance,
+        radial_rms_m=_rms(together[:, 0]),
+        tangential_rms_m=_rms(together[:, 1]),
+        total_95_m=np.quantile(ranked, 0.95, axis=1, method="higher"),
+        lost_share=lost.mean(axis=(0, 2)),
+        by_cause_rms_m=by_cause,
+        count=count,
+    )
+
+
+def _camera(camera: Camera, mirror: Mirror, *, focal_factor: float) -> Camera:
+    return Camera(
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        focal_px=camera.focal_px * focal_factor,
+        pinhole_height_m=mirror.pinhole_height_m,
+        centre_px=camera.centre_px,
+        forward_deg=camera.forward_deg,
+        flipped=camera.flipped,
+    )
+
+
+def _ground(camera: Camera, profile: Profile, u: Array, v: Array, mount: Mount) -> Array:
+    """Ground points, n × 2, robot frame; NaN where the pixel shows none."""
+    origin, direction = trace_points(camera=camera, profile=profile, u_px=u, v_px=v, mount=mount)
+    falling = direction[:, 2].astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        way = np.where(falling < 0.0, -origin[:, 2] / falling, np.nan)
+    return np.asarray(origin[:, :2] + way[:, None] * direction[:, :2])
+
+
+def _split(nominal: Array, real: Array) -> Array:
+    """Errors along and across the line of sight."""
+    ahead = nominal / np.linalg.norm(nominal, axis=1, keepdims=True)
+    off = real - nominal
+    return np.stack([(off * ahead).sum(axis=1), off[:, 1] * ahead[:, 0] - off[:, 0] * ahead[:, 1]])
+
+
+def _rms(errors: Array) -> Array:
+    """Over mirrors and directions; of what is still seen."""
+    seen = np.isfinite(errors)
+    total = np.where(seen, errors, 0.0) ** 2
+    return np.asarray(np.sqrt(total.sum(axis=(0, 2)) / np.maximum(seen.sum(axis=(0, 2)), 1)))
+
+
+def _form_error(radius: Array, spread: Tolerances, rng: np.random.Generator) -> Array:
+    """A smooth random function of the radius with the wanted deviation and length (random Fourier features)."""
+    waves = rng.normal(size=FORM_WAVES) / spread.form_length_m
+    phases = rng.uniform(0.0, 2.0 * np.pi, size=FORM_WAVES)
+    if spread.form_m == 0.0:
+        return np.zeros_like(radius)
+    error = np.cos(radius[:, None] * waves + phases).sum(axis=1)
+    return np.asarray(error * (spread.form_m * np.sqrt(2.0 / FORM_WAVES)))
+
+
+def _wanted(mirror: Mirror, *, reach_m: float) -> tuple[Array, Array]:
+    """Ground distances 0.25 m apart that the mirror shows, and the innermost camera slope that shows each."""
+    distances, slopes = [], []
+    for wanted in np.arange(0.25, reach_m + 1e-9, 0.25):
+        t = _slope_showing(mirror, float(wanted))
+        if t is not None:
+            distances.append(float(wanted))
+            slopes.append(t)
+    if not distances:
+        raise ValueError(f"{mirror.name} shows no ground between 0.25 m and {reach_m} m")
+    return np.array(distances), np.array(slopes)
+
+
+def _slope_showing(mirror: Mirror, distance_m: float) -> float | None:
+    for segment in mirror.segments:
+        if not segment.reflects:
+            continue
+        t = np.linspace(segment.t_from, segment.t_to, 400)
+
+        def off(t: Array, segment: Segment = segment) -> Array:
+            return segment.rays(t, mirror.pinhole_height_m).distance_at_m(0.0) - distance_m
+
+        found = off(t)
+        crossing = np.flatnonzero(np.isfinite(found[:-1]) & np.isfinite(found[1:]) & (found[:-1] * found[1:] <= 0.0))
+        if crossing.size:
+            first = int(crossing[0])
+            return float(brentq(lambda t, off=off: float(off(np.array([t]))[0]), t[first], t[first + 1]))
+    return None

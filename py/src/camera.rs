@@ -1,0 +1,111 @@
+//! The camera and the mount of its mirror in Python: the keys of robot.toml with units in their names.
+
+use pyo3::prelude::*;
+use vision::CameraConfig;
+
+/// A pinhole camera looking straight up into the mirror, as `[camera]` of robot.toml states it.
+#[pyclass(frozen, module = "mirrorball._core")]
+pub(crate) struct Camera(pub(crate) CameraConfig);
+
+#[pymethods]
+impl Camera {
+    #[new]
+    #[pyo3(signature = (*, width_px, height_px, focal_px, pinhole_height_m, centre_px=None, forward_deg=90.0, flipped=true, outer_radius_px=None))]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "they are keywords where they are called"
+    )]
+    fn new(
+        width_px: usize,
+        height_px: usize,
+        focal_px: f32,
+        pinhole_height_m: f32,
+        centre_px: Option<[f32; 2]>,
+        forward_deg: f32,
+        flipped: bool,
+        outer_radius_px: Option<f32>,
+    ) -> Self {
+        let middle = |size: usize| (size as f32 - 1.0) / 2.0;
+        Camera(CameraConfig {
+            width_px,
+            height_px,
+            focal_px: Some(focal_px),
+            centre_px: centre_px.unwrap_or([middle(width_px), middle(height_px)]),
+            height: Some(pinhole_height_m),
+            forward_deg,
+            flipped,
+            outer_radius_px,
+        })
+    }
+
+    /// Columns.
+    #[getter]
+    fn width_px(&self) -> usize {
+        self.0.width_px
+    }
+
+    /// Rows.
+    #[getter]
+    fn height_px(&self) -> usize {
+        self.0.height_px
+    }
+
+    /// Focal length, pixels.
+    #[getter]
+    fn focal_px(&self) -> Option<f32> {
+        self.0.focal_px
+    }
+
+    /// Pinhole above the ground, metres.
+    #[getter]
+    fn pinhole_height_m(&self) -> Option<f32> {
+        self.0.height
+    }
+
+    /// Where the mirror's axis meets the image (right, down), pixels.
+    #[getter]
+    fn centre_px(&self) -> (f32, f32) {
+        (self.0.centre_px[0], self.0.centre_px[1])
+    }
+
+    /// Where the robot's x axis points in the image, degrees from right towards up.
+    #[getter]
+    fn forward_deg(&self) -> f32 {
+        self.0.forward_deg
+    }
+
+    /// True if, with forward up, the robot's left is on the image's right.
+    #[getter]
+    fn flipped(&self) -> bool {
+        self.0.flipped
+    }
+
+    /// The mirror's rim in the image, pixels from the centre.
+    #[getter]
+    fn outer_radius_px(&self) -> Option<f32> {
+        self.0.outer_radius_px
+    }
+}
+
+/// How far camera and mirror sit off from where they should.
+#[pyclass(frozen, module = "mirrorball._core")]
+pub(crate) struct Mount(pub(crate) vision::Mount);
+
+#[pymethods]
+impl Mount {
+    #[new]
+    #[pyo3(signature = (*, lean_deg=[0.0; 2], mirror_tilt_deg=[0.0; 2], mirror_offset_m=[0.0; 2], mirror_raise_m=0.0))]
+    fn new(
+        lean_deg: [f64; 2],
+        mirror_tilt_deg: [f64; 2],
+        mirror_offset_m: [f64; 2],
+        mirror_raise_m: f64,
+    ) -> Self {
+        Mount(vision::Mount {
+            lean_deg,
+            mirror_tilt_deg,
+            mirror_offset: mirror_offset_m,
+            mirror_raise: mirror_raise_m,
+        })
+    }
+}

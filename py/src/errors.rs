@@ -1,0 +1,38 @@
+//! Which Python exception says what went wrong? A missing file is an OSError, everything else a ValueError.
+
+use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
+use pyo3::prelude::*;
+use vision::ground_map::MapError;
+use vision::mirror::ProfileError;
+use vision::optics::OpticsError;
+
+fn from_io(source: &std::io::Error, message: String) -> PyErr {
+    match source.kind() {
+        std::io::ErrorKind::NotFound => PyFileNotFoundError::new_err(message),
+        std::io::ErrorKind::InvalidData | std::io::ErrorKind::UnexpectedEof => {
+            PyValueError::new_err(message)
+        }
+        _ => PyOSError::new_err(message),
+    }
+}
+
+pub(crate) fn profile(error: &ProfileError) -> PyErr {
+    let message = error.to_string();
+    if let ProfileError::Read { source, .. } = error
+        && let csv::ErrorKind::Io(io) = source.kind()
+    {
+        return from_io(io, message);
+    }
+    PyValueError::new_err(message)
+}
+
+pub(crate) fn map(error: &MapError) -> PyErr {
+    match error {
+        MapError::File { source, .. } => from_io(source, error.to_string()),
+        MapError::Content { .. } => PyValueError::new_err(error.to_string()),
+    }
+}
+
+pub(crate) fn optics(error: &OpticsError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}

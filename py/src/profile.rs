@@ -1,0 +1,66 @@
+//! A mirror's profile in Python: samples in, heights and slopes out.
+
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+
+use crate::errors;
+
+/// A mirror of revolution: height above the ground over radius, smooth between its samples.
+#[pyclass(frozen, module = "mirrorball._core")]
+pub(crate) struct Profile(pub(crate) vision::Profile);
+
+/// Two arrays of one length.
+type Pair<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+#[pymethods]
+impl Profile {
+    #[new]
+    #[pyo3(signature = (*, radius_m, height_m))]
+    fn new(
+        radius_m: PyReadonlyArray1<'_, f64>,
+        height_m: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let values = |array: &PyReadonlyArray1<'_, f64>| array.as_array().iter().copied().collect();
+        vision::Profile::new(values(&radius_m), values(&height_m))
+            .map(Profile)
+            .map_err(|error| errors::profile(&error))
+    }
+
+    /// Reads a CSV file `radius_m,height_m`.
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        vision::Profile::load(&path)
+            .map(Profile)
+            .map_err(|error| errors::profile(&error))
+    }
+
+    /// Radii of the samples, metres.
+    #[getter]
+    fn radius_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let radii: Vec<f64> = self.0.samples().map(|(radius, _)| radius).collect();
+        radii.into_pyarray(py)
+    }
+
+    /// Heights of the samples above the ground, metres.
+    #[getter]
+    fn height_m<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        let heights: Vec<f64> = self.0.samples().map(|(_, height)| height).collect();
+        heights.into_pyarray(py)
+    }
+
+    /// Height above the ground (metres) and slope at each radius (metres).
+    fn height_and_slope<'py>(
+        &self,
+        py: Python<'py>,
+        radius_m: PyReadonlyArray1<'py, f64>,
+    ) -> Pair<'py> {
+        let (heights, slopes): (Vec<f64>, Vec<f64>) = radius_m
+            .as_array()
+            .iter()
+            .map(|&radius| self.0.height_and_slope(radius))
+            .unzip();
+        (heights.into_pyarray(py), slopes.into_pyarray(py))
+    }
+}
