@@ -96,3 +96,29 @@ def trace_points(
 
 def ground_map(*, camera: Camera, profile: Profile, mount: Mount | None = None) -> GroundMap:
     """Where each pixel's ray meets the ground."""
+
+@final
+class Field:
+    """A soccer field with its markings; without a path, the league's of 18 × 12 m."""
+
+    def __init__(self, path: str | PathLike[str] | None = None) -> None: ...
+    @property
+    def length_m(self) -> float: ...
+    @property
+    def width_m(self) -> float: ...
+
+def render(
+    *,
+    camera: Camera,
+    profile: Profile,
+    field: Field,
+    pose: tuple[float, float, float],
+    mount: Mount | None = None,
+    ball: tuple[float, float] | None = None,
+    robots: list[tuple[float, float, float]] = ...,
+    own_body: bool = True,
+    exposure: float = 1.0,
+    blur_px: float = 1.3,
+    seed: int = 1,
+) -> NDArray[np.uint8]:
+    """Render the image from a pose (x, y in metres, θ in radians): rows × columns × (red, green, blue)."""

@@ -4,6 +4,7 @@ mod camera;
 mod errors;
 mod profile;
 mod rays;
+mod scene;
 
 use pyo3::prelude::*;
 
@@ -15,8 +16,10 @@ pub fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<camera::Camera>()?;
     module.add_class::<camera::Mount>()?;
     module.add_class::<rays::GroundMap>()?;
+    module.add_class::<scene::Field>()?;
     module.add_function(wrap_pyfunction!(rays::trace_rays, module)?)?;
     module.add_function(wrap_pyfunction!(rays::trace_points, module)?)?;
     module.add_function(wrap_pyfunction!(rays::ground_map, module)?)?;
+    module.add_function(wrap_pyfunction!(scene::render, module)?)?;
     Ok(())
 }

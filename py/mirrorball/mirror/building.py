@@ -12,6 +12,9 @@ from mirrorball.mirror.law import Array, Rays
 from mirrorball.mirror.parts import Part
 from mirrorball.mirror.segment import Segment, Start
 
+KINK_M = 2e-6
+"""A sample this close on either side of a kink keeps it from rounding off whatever curve is laid through the samples."""
+
 
 @dataclass(frozen=True)
 class Mirror:
@@ -65,10 +68,18 @@ class Mirror:
             first, last = ends * segment.height(ends)
             count = max(int(np.ceil((last - first) / step_m)), 4)
             x = np.linspace(first, last, count + 1)[1:]
+            if segment is not self.segments[0] and not segment.continues_tangent:
+                x = np.append(first + KINK_M, x)
+            if (following := self._after(segment)) and not following.continues_tangent:
+                x = np.insert(x, -1, last - KINK_M)
             t = _slopes_at(segment, x)
             radii.append(x)
             heights.append(x / t)
         return np.concatenate(radii), np.concatenate(heights) + self.pinhole_height_m
+
+    def _after(self, segment: Segment) -> Segment | None:
+        index = self.segments.index(segment) + 1
+        return self.segments[index] if index < len(self.segments) else None
 
     def profile(self, *, step_m: float = 5e-5) -> Profile:
         """The profile as the robot's own tracer and the simulator take it."""

@@ -21,6 +21,9 @@ Target = Callable[[Array], tuple[Array, Array]]
 GRAZING = 1e-3
 """Where 1 − t·Y′ falls below this the ray grazes the mirror (some 0.05° of incidence left)."""
 
+NEAREST_M = 0.01
+"""A wanted point this close to the mirror's own surface is one that the growing profile runs into."""
+
 RTOL, ATOL = 1e-12, 1e-14
 """Of ln Y: 0.2 pm on a mirror 0.2 m away, so that a metre on the ground is wrong by less than a nanometre."""
 
@@ -37,15 +40,21 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, contin
         return slope_towards(t=t, y_m=y, distance_m=distance, height_m=height, pinhole_height_m=start.pinhole_height_m)
 
     def facing(t: float, state: Array) -> float:
-        return 1.0 - t * float(tangent(np.array([t]), np.exp(state))[0]) - GRAZING
+        return 1.0 - t * float(tangent(np.array([t]), np.exp(np.minimum(state, 20.0)))[0]) - GRAZING
 
     def rate(t: float, state: Array) -> Array:
-        slope = tangent(np.array([t]), np.exp(state))
+        slope = tangent(np.array([t]), np.exp(np.minimum(state, 20.0)))
         return slope / np.maximum(1.0 - t * slope, GRAZING)
 
+    def apart(t: float, state: Array) -> float:
+        distance, height = (float(np.ravel(np.asarray(a))[0]) for a in target(np.array([t])))
+        y = float(np.exp(state[0]))
+        return float(np.hypot(distance - t * y, y + start.pinhole_height_m - height)) - NEAREST_M
+
+    apart.terminal = True  # type: ignore[attr-defined]
     facing.terminal = True  # type: ignore[attr-defined]
     _check_target(target, start, until_t=until_t, part=part)
-    if facing(start.t, np.log([start.y_m])) <= 0.0:
+    if min(facing(start.t, np.log([start.y_m])), apart(start.t, np.log([start.y_m]))) <= 0.0:
         raise start.refuse(part, "the wanted point lies behind the mirror: no tangent sends the ray there", start.t)
     solution = solve_ivp(
         rate,
@@ -55,8 +64,14 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, contin
         rtol=RTOL,
         atol=ATOL,
         dense_output=True,
-        events=facing,
+        events=(facing, apart),
     )
+    if solution.status == 1 and solution.t_events[1].size:
+        raise start.refuse(
+            part,
+            "the profile runs into the wanted point itself: it lies above the mirror, inside the camera's own ray",
+            float(solution.t_events[1][0]),
+        )
     if solution.status == 1:
         raise start.refuse(
             part,
@@ -64,7 +79,8 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, contin
             float(solution.t_events[0][0]),
         )
     if not solution.success:
-        raise start.refuse(part, f"the design equation cannot be integrated: {solution.message}", float(solution.t[-1]))
+        why = "the tangent would have to change without bound to follow the wanted points"
+        raise start.refuse(part, why, float(solution.t[-1]))
     dense = solution.sol
     _check_met(target, lambda t: np.exp(dense(t)[0]), start, until_t=until_t, part=part)
     return Segment(

@@ -1,0 +1,162 @@
+//! A field in Python, and what a robot on it would see: the simulator's renderer in one call.
+
+use std::path::PathBuf;
+
+use localize::field::{FieldConfig, FieldError};
+use localize::frame::{At, Pose};
+use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
+use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
+use pyo3::prelude::*;
+use sim::film::FilmConfig;
+use sim::light::LightConfig;
+use sim::render::{Renderer, Scene, Setting};
+use sim::scenario::{BallConfig, Team};
+use sim::world::RobotState;
+use vision::robot::BodyConfig;
+
+use crate::camera::{Camera, Mount};
+use crate::errors;
+use crate::profile::Profile;
+
+/// The league's field of 18 × 12 m.
+const LEAGUE_FIELD: &str = include_str!("../../config/fields/msl_18x12.toml");
+
+/// A soccer field with its markings.
+#[pyclass(frozen, module = "mirrorball._core")]
+pub(crate) struct Field(localize::field::Field);
+
+fn field_error(error: &FieldError) -> PyErr {
+    let message = error.to_string();
+    match error {
+        FieldError::Read { source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+            PyFileNotFoundError::new_err(message)
+        }
+        FieldError::Read { .. } => PyOSError::new_err(message),
+        _ => PyValueError::new_err(message),
+    }
+}
+
+#[pymethods]
+impl Field {
+    /// Reads a field.toml; without a path, the league's field of 18 × 12 m.
+    #[new]
+    #[pyo3(signature = (path=None))]
+    fn new(path: Option<PathBuf>) -> PyResult<Self> {
+        let field = match path {
+            Some(path) => localize::field::Field::load(&path),
+            None => {
+                let config: FieldConfig = toml::from_str(LEAGUE_FIELD)
+                    .map_err(|error| PyValueError::new_err(error.to_string()))?;
+                localize::field::Field::new(config)
+            }
+        };
+        field.map(Field).map_err(|error| field_error(&error))
+    }
+
+    /// Between the centres of the goal lines, metres.
+    #[getter]
+    fn length_m(&self) -> f32 {
+        self.0.length
+    }
+
+    /// Between the centres of the touch lines, metres.
+    #[getter]
+    fn width_m(&self) -> f32 {
+        self.0.width
+    }
+}
+
+/// A robot that is only its mirror: no hull, box or rods in the view.
+fn bare() -> BodyConfig {
+    BodyConfig {
+        radius: 0.0,
+        height: 0.0,
+        camera_side: 0.0,
+        rod_angles_deg: Vec::new(),
+        ..BodyConfig::default()
+    }
+}
+
+/// The image from a pose on a field: rows × columns × (red, green, blue), bytes.
+///
+/// `pose` is x, y (metres) and θ (radians); `ball` its x, y; `robots` poses of others. The same seed gives the same noise.
+#[pyfunction]
+#[pyo3(signature = (*, camera, profile, field, pose, mount=None, ball=None, robots=Vec::new(), own_body=true, exposure=1.0, blur_px=1.3, seed=1))]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "they are keywords where they are called"
+)]
+pub(crate) fn render<'py>(
+    py: Python<'py>,
+    camera: &Bound<'py, Camera>,
+    profile: &Bound<'py, Profile>,
+    field: &Bound<'py, Field>,
+    pose: [f32; 3],
+    mount: Option<&Bound<'py, Mount>>,
+    ball: Option<[f32; 2]>,
+    robots: Vec<[f32; 3]>,
+    own_body: bool,
+    exposure: f32,
+    blur_px: f32,
+    seed: u64,
+) -> PyResult<Bound<'py, PyArray3<u8>>> {
+    let numbers = pose.iter().chain(ball.iter().flatten());
+    if !numbers
+        .chain(robots.iter().flatten())
+        .all(|v| v.is_finite())
+    {
+        return Err(PyValueError::new_err("poses must be finite numbers"));
+    }
+    if !(exposure > 0.0 && blur_px > 0.0) {
+        return Err(PyValueError::new_err(
+            "exposure and blur_px must be positive",
+        ));
+    }
+    let mount = mount.map_or_else(vision::Mount::default, |mount| mount.get().0);
+    let (camera, profile, field) = (&camera.get().0, &profile.get().0, &field.get().0);
+    let body = if own_body {
+        BodyConfig::default()
+    } else {
+        bare()
+    };
+    let film = FilmConfig {
+        exposure,
+        blur_px,
+        ..FilmConfig::default()
+    };
+    let others: Vec<RobotState> = robots
+        .iter()
+        .map(|&[x, y, theta]| RobotState {
+            pose: Pose::new(x, y, theta),
+            velocity: [0.0; 2],
+            omega: 0.0,
+            team: Team::Magenta,
+        })
+        .collect();
+    let ball_kind = BallConfig::default();
+    let mut rgb = Vec::new();
+    py.detach(|| -> Result<(), vision::optics::OpticsError> {
+        let mut renderer = Renderer::new(&Setting {
+            camera,
+            profile,
+            mount,
+            body: &body,
+            field,
+            light: &LightConfig::default(),
+            blur_px,
+            seed,
+        })?;
+        let scene = Scene {
+            pose: Pose::new(pose[0], pose[1], pose[2]),
+            robots: &others,
+            ball: ball.map(|[x, y]| (At::new(x, y), ball_kind.diameter, ball_kind.colour)),
+            lamp: [1.0; 3],
+            occlusions: &[],
+        };
+        renderer.render(&scene, &film, &mut rgb);
+        Ok(())
+    })
+    .map_err(|error| errors::optics(&error))?;
+    rgb.into_pyarray(py)
+        .reshape([camera.height_px, camera.width_px, 3])
+}
