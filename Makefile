@@ -1,0 +1,38 @@
+# make run: set up, build, and show a minute of play.   make test: set up and run every test.
+
+PYTHON ?= python3
+VENV := .venv
+export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
+
+.PHONY: run test lint bench setup check clean
+
+run: setup
+	cargo run --release --locked -- demo
+
+test: setup
+	cargo test --release --locked --workspace
+	$(VENV)/bin/python -m pytest
+
+lint: setup
+	cargo fmt --all --check
+	cargo clippy --release --locked --workspace --all-targets -- -D warnings
+	$(VENV)/bin/ruff check py tests
+	$(VENV)/bin/ruff format --check py tests
+
+bench: setup
+	cargo bench --workspace
+
+setup: check $(VENV)/.ready
+
+# Every missing system package is named with the command that installs it.
+check:
+	@tools/check_system "$(PYTHON)"
+
+$(VENV)/.ready: requirements.txt
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --requirement requirements.txt
+	touch $@
+
+clean:
+	cargo clean
+	rm -rf $(VENV) out

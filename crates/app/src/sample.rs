@@ -1,0 +1,67 @@
+//! What does a source yield? Stamped samples, the same from a robot, a simulation, a log or a folder.
+
+use std::sync::Arc;
+
+use localize::Pose;
+use localize::Stamp;
+use localize::frame::{At, FieldFrame};
+use localize::sample::{Compass, Imu, LinePoint, Odometry};
+
+/// An RGB image, 8 bits a channel, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Red, green, blue of each pixel.
+    pub rgb: Vec<u8>,
+}
+
+/// Where things truly were.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// When.
+    pub stamp: Stamp,
+    /// The robot.
+    pub pose: Pose,
+    /// The ball, if the source knows it.
+    pub ball: Option<At<FieldFrame>>,
+    /// Other robots, if the source knows them.
+    pub robots: Vec<At<FieldFrame>>,
+}
+
+/// One thing that arrived.
+#[derive(Debug, Clone)]
+pub enum Sample {
+    /// From the wheels.
+    Odometry(Odometry),
+    /// From the compass.
+    Compass(Compass),
+    /// From the inertial unit.
+    Imu(Imu),
+    /// For scoring alone; no stage sees it.
+    Truth(Truth),
+    /// A frame: it ends a cycle.
+    Frame(Frame),
+}
+
+/// What vision starts from in a cycle.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// When it was exposed.
+    pub stamp: Stamp,
+    /// What it shows.
+    pub content: Content,
+}
+
+/// A frame's content.
+#[derive(Debug, Clone)]
+pub enum Content {
+    /// An image for our own vision.
+    Image(Arc<Picture>),
+    /// Line points that another vision (or an earlier run) found.
+    Points(Vec<LinePoint>),
+    /// A frame that could not be read; the cycle runs on without sight.
+    Unreadable(String),
+}

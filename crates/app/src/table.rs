@@ -1,0 +1,183 @@
+//! How is a CSV of a recording read and written? By its header's names, each fault with file, line and reason.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+
+/// A CSV file read whole: its rows, with the line each stood on.
+pub struct Table {
+    path: PathBuf,
+    columns: Vec<String>,
+    rows: Vec<(u64, csv::StringRecord)>,
+}
+
+/// One row of a table, asked by column name.
+#[derive(Clone, Copy)]
+pub struct Row<'a> {
+    table: &'a Table,
+    line: u64,
+    record: &'a csv::StringRecord,
+}
+
+impl Table {
+    /// Reads a file that must have at least the wanted columns, in any order.
+    pub fn read(path: &Path, wanted: &[&str]) -> Result<Self> {
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .from_path(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        let header = reader.headers().with_context(|| format!("{}: line 1", path.display()))?;
+        let columns: Vec<String> = header.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+        for name in wanted {
+            if !columns.iter().any(|column| column == name) {
+                bail!("{}: line 1: no column {name} (found {})", path.display(), columns.join(","));
+            }
+        }
+        let mut rows = Vec::new();
+        for record in reader.records() {
+            let record = record.map_err(|error| {
+                let line = error.position().map_or(0, csv::Position::line);
+                anyhow::anyhow!("{}: line {line}: {}", path.display(), reason(&error))
+            })?;
+            rows.push((record.position().map_or(0, csv::Position::line), record));
+        }
+        Ok(Table { path: path.to_owned(), columns, rows })
+    }
+
+    /// The rows in the file's order.
+    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
+        self.rows.iter().map(|(line, record)| Row { table: self, line: *line, record })
+    }
+}
+
+fn reason(error: &csv::Error) -> String {
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("has {len} fields, the header has {expected_len}")
+        }
+        csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
+impl<'a> Row<'a> {
+    /// The field's text.
+    pub fn text(&self, column: &str) -> Result<&'a str> {
+        let index = self.table.columns.iter().position(|name| name == column);
+        index
+            .and_then(|index| self.record.get(index))
+            .with_context(|| format!("{}: no column {column}", self.place()))
+    }
+
+    /// The field as a finite number.
+    pub fn number(&self, column: &str) -> Result<f64> {
+        let text = self.text(column)?;
+        let value: f64 = text
+            .parse()
+            .map_err(|_| anyhow::anyhow!("{}: {column} = {text:?} is not a number", self.place()))?;
+        ensure!(value.is_finite(), "{}: {column} = {text} is not finite", self.place());
+        Ok(value)
+    }
+
+    /// File and line, for messages.
+    pub fn place(&self) -> String {
+        format!("{}: line {}", self.table.path.display(), self.line)
+    }
+}
+
+/// A CSV that appears whole under its name, or not at all.
+pub struct Written {
+    path: PathBuf,
+    partial: PathBuf,
+    out: BufWriter<File>,
+}
+
+impl Written {
+    /// Starts the file with its header line.
+    pub fn create(path: &Path, header: &str) -> Result<Self> {
+        let name = path.file_name().with_context(|| format!("{} names no file", path.display()))?;
+        let partial = path.with_file_name(format!(".{}.part", name.to_string_lossy()));
+        let file = File::create(&partial).with_context(|| format!("cannot write {}", path.display()))?;
+        let mut written = Written { path: path.to_owned(), partial, out: BufWriter::new(file) };
+        written.row(format_args!("{header}"))?;
+        Ok(written)
+    }
+
+    /// Adds one line.
+    pub fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
+        writeln!(self.out, "{row}").with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    /// Gives the file its name.
+    pub fn finish(mut self) -> Result<()> {
+        self.out.flush().with_context(|| format!("cannot write {}", self.path.display()))?;
+        std::fs::rename(&self.partial, &self.path).with_context(|| format!("cannot write {}", self.path.display()))
+    }
+}
+
+impl Drop for Written {
+    fn drop(&mut self) {
+        // Gone already where `finish` renamed it; a failure here leaves a hidden .part file and nothing else.
+        let _ = std::fs::remove_file(&self.partial);
+    }
+}
+
+/// Seconds with no more decimals than a stamp has, and at least three.
+pub fn seconds(stamp: localize::Stamp) -> String {
+    let nanoseconds = stamp.0.unsigned_abs();
+    let sign = if stamp.0 < 0 { "-" } else { "" };
+    let mut text = format!("{sign}{}.{:09}", nanoseconds / 1_000_000_000, nanoseconds % 1_000_000_000);
+    while text.ends_with('0') && !text.ends_with(".000") && text.len() - text.find('.').unwrap_or(0) > 4 {
+        text.pop();
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use localize::Stamp;
+
+    fn file(content: &str) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("odometry.csv");
+        std::fs::write(&path, content).expect("written");
+        (folder, path)
+    }
+
+    #[test]
+    fn a_word_where_a_number_should_be_is_named_with_its_line() {
+        let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1,fast\n");
+        let table = Table::read(&path, &["stamp_s", "dx_m"]).expect("a table");
+        let message = table.rows().nth(1).expect("a row").number("dx_m").expect_err("a word").to_string();
+        assert!(message.contains("line 3") && message.contains("\"fast\""), "{message}");
+    }
+
+    #[test]
+    fn a_short_row_is_named_with_its_line() {
+        let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1\n");
+        let message = Table::read(&path, &["stamp_s"]).err().expect("short").to_string();
+        assert!(message.contains("line 3: has 1 fields, the header has 2"), "{message}");
+    }
+
+    #[test]
+    fn an_unfinished_file_leaves_nothing_behind() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("poses.csv");
+        let mut written = Written::create(&path, "a,b").expect("created");
+        written.row(format_args!("1,2")).expect("written");
+        drop(written);
+        assert_eq!(std::fs::read_dir(folder.path()).expect("listed").count(), 0);
+    }
+
+    #[test]
+    fn stamps_keep_their_decimals() {
+        assert_eq!(seconds(Stamp(100_000_000)), "0.100");
+        assert_eq!(seconds(Stamp(33_333_333)), "0.033333333");
+        assert_eq!(seconds(Stamp(-1_500_000_000)), "-1.500");
+        assert_eq!(seconds(Stamp(40_000_000_000)), "40.000");
+    }
+}
