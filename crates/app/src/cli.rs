@@ -1,0 +1,47 @@
+//! What was asked for? The command line: exit 0 when done, 1 when it failed, 2 when the arguments were wrong.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::locate;
+
+/// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
+#[derive(Parser)]
+#[command(version, max_term_width = 100, subcommand_required = true, arg_required_else_help = true)]
+struct Cli {
+    /// Print the one result as a JSON object to standard output.
+    #[arg(long, global = true)]
+    json: bool,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Locate(locate::Args),
+}
+
+/// Runs the command line of this process.
+pub fn run() -> ExitCode {
+    // A closed pipe (`mirrorball … | head`) ends the program quietly, as it does others.
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            let code = if error.use_stderr() { 2 } else { 0 };
+            // Nothing is left to tell anyone if even this cannot be printed.
+            let _ = error.print();
+            return ExitCode::from(code);
+        }
+    };
+    let result = match cli.command {
+        Command::Locate(args) => locate::run(&args, cli.json),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("mirrorball: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

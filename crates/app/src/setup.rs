@@ -1,0 +1,70 @@
+//! Which robot, on which field? From robot.toml to what a spine runs on: field, ground map, eyes, localizer.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail, ensure};
+use localize::Field;
+use vision::robot::RobotConfig;
+use vision::{CameraConfig, GroundMap, Mount, Profile, optics};
+
+/// A robot and its field, read and checked.
+pub struct Setup {
+    /// The robot's file.
+    pub robot: RobotConfig,
+    /// The field it names.
+    pub field: Field,
+    /// Camera and ground map; a recording of line points has none.
+    pub camera: Option<(CameraConfig, Arc<GroundMap>)>,
+}
+
+impl Setup {
+    /// Reads a robot file and what it names.
+    ///
+    /// `map`: a calibrated map to measure with in place of the robot's own.
+    pub fn load(robot_file: &Path, map: Option<&Path>) -> Result<Self> {
+        let robot = RobotConfig::load(robot_file)?;
+        let field = Field::load(&robot.field)?;
+        let camera = match &robot.camera {
+            Some(camera) => Some((camera.clone(), Arc::new(ground_map(robot_file, &robot, camera, map)?))),
+            None => None,
+        };
+        Ok(Setup { robot, field, camera })
+    }
+}
+
+/// The map a robot measures with: the one given, else its calibrated one, else the one its mirror should have.
+fn ground_map(
+    robot_file: &Path,
+    robot: &RobotConfig,
+    camera: &CameraConfig,
+    given: Option<&Path>,
+) -> Result<GroundMap> {
+    let calibrated = given.map(PathBuf::from).or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
+    let (map, source) = match (calibrated, &robot.mirror) {
+        (Some(file), _) => (GroundMap::load(&file)?, file),
+        (None, Some(mirror)) => {
+            let profile = Profile::load(&mirror.profile)?;
+            let rays = optics::trace_rays(camera, &profile, &Mount::default())
+                .with_context(|| robot_file.display().to_string())?;
+            (rays.ground_map(), mirror.profile.clone())
+        }
+        (None, None) => bail!(
+            "{}: neither [map] nor [mirror]: nothing says which ground a pixel shows",
+            robot_file.display()
+        ),
+    };
+    ensure!(
+        (map.width_px, map.height_px) == (camera.width_px, camera.height_px),
+        "{} is for {} × {} pixels, but the camera of {} has {} × {}",
+        source.display(),
+        map.width_px,
+        map.height_px,
+        robot_file.display(),
+        camera.width_px,
+        camera.height_px
+    );
+    let seen = map.x.iter().filter(|x| x.is_finite()).count();
+    ensure!(seen > 0, "{}: no pixel shows ground", source.display());
+    Ok(map)
+}
