@@ -2,9 +2,11 @@
 
 use localize::field::{Field, GoalColour, Marking};
 use localize::frame::{At, FieldFrame};
-use tiny_skia::{Color, FillRule, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, Transform};
+use tiny_skia::{
+    Color, FillRule, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, Transform,
+};
 
-use crate::sample::Picture;
+use vision::image::Image;
 
 /// A field drawn from above, x to the right, y up.
 pub struct FieldPicture {
@@ -55,7 +57,11 @@ impl FieldPicture {
         let half_extent = (half_x + 0.6, half_y + 0.6);
         let scale = width_px as f32 / (2.0 * half_extent.0);
         let height_px = (2.0 * half_extent.1 * scale).ceil() as u32;
-        let mut picture = FieldPicture { pixmap: Pixmap::new(width_px, height_px)?, scale, half_extent };
+        let mut picture = FieldPicture {
+            pixmap: Pixmap::new(width_px, height_px)?,
+            scale,
+            half_extent,
+        };
         picture.pixmap.fill(ink::surround());
         picture.rectangle(-half_x, -half_y, half_x, half_y, ink::carpet());
         for marking in &field.markings {
@@ -68,11 +74,20 @@ impl FieldPicture {
     }
 
     /// Joins points by a line of a width in pixels.
-    pub fn path(&mut self, points: impl IntoIterator<Item = At<FieldFrame>>, colour: Color, width_px: f32) {
+    pub fn path(
+        &mut self,
+        points: impl IntoIterator<Item = At<FieldFrame>>,
+        colour: Color,
+        width_px: f32,
+    ) {
         let mut builder = PathBuilder::new();
         for point in points {
             let (x, y) = self.place(point.x, point.y);
-            if builder.is_empty() { builder.move_to(x, y) } else { builder.line_to(x, y) }
+            if builder.is_empty() {
+                builder.move_to(x, y)
+            } else {
+                builder.line_to(x, y)
+            }
         }
         self.stroke(builder, colour, width_px);
     }
@@ -81,7 +96,13 @@ impl FieldPicture {
     pub fn dot(&mut self, point: At<FieldFrame>, colour: Color, radius_px: f32) {
         let (x, y) = self.place(point.x, point.y);
         if let Some(path) = PathBuilder::from_circle(x, y, radius_px) {
-            self.pixmap.fill_path(&path, &paint(colour), FillRule::Winding, Transform::identity(), None);
+            self.pixmap.fill_path(
+                &path,
+                &paint(colour),
+                FillRule::Winding,
+                Transform::identity(),
+                None,
+            );
         }
     }
 
@@ -106,7 +127,7 @@ impl FieldPicture {
     }
 
     /// The finished picture.
-    pub fn finish(self) -> Picture {
+    pub fn finish(self) -> Image {
         let (width_px, height_px) = (self.pixmap.width() as usize, self.pixmap.height() as usize);
         let rgb = self
             .pixmap
@@ -114,24 +135,36 @@ impl FieldPicture {
             .iter()
             .flat_map(|pixel: &PremultipliedColorU8| [pixel.red(), pixel.green(), pixel.blue()])
             .collect();
-        Picture { width_px, height_px, rgb }
+        Image {
+            width_px,
+            height_px,
+            rgb,
+        }
     }
 
     fn place(&self, x: f32, y: f32) -> (f32, f32) {
-        ((x + self.half_extent.0) * self.scale, (self.half_extent.1 - y) * self.scale)
+        (
+            (x + self.half_extent.0) * self.scale,
+            (self.half_extent.1 - y) * self.scale,
+        )
     }
 
     fn rectangle(&mut self, x0: f32, y0: f32, x1: f32, y1: f32, colour: Color) {
         let ((left, bottom), (right, top)) = (self.place(x0, y0), self.place(x1, y1));
         if let Some(rect) = Rect::from_ltrb(left, top, right, bottom) {
-            self.pixmap.fill_rect(rect, &paint(colour), Transform::identity(), None);
+            self.pixmap
+                .fill_rect(rect, &paint(colour), Transform::identity(), None);
         }
     }
 
     fn stroke(&mut self, builder: PathBuilder, colour: Color, width_px: f32) {
-        let stroke = Stroke { width: width_px, ..Stroke::default() };
+        let stroke = Stroke {
+            width: width_px,
+            ..Stroke::default()
+        };
         if let Some(path) = builder.finish() {
-            self.pixmap.stroke_path(&path, &paint(colour), &stroke, Transform::identity(), None);
+            self.pixmap
+                .stroke_path(&path, &paint(colour), &stroke, Transform::identity(), None);
         }
     }
 
@@ -139,20 +172,33 @@ impl FieldPicture {
         let width_px = (line_width * self.scale).max(1.0);
         match *marking {
             Marking::Line { from, to } => self.path([from, to], ink::line(), width_px),
-            Marking::Arc { centre, radius, start, sweep } => {
+            Marking::Arc {
+                centre,
+                radius,
+                start,
+                sweep,
+            } => {
                 let steps = 48;
                 let points = (0..=steps).map(|step| {
                     let angle = start + sweep * step as f32 / steps as f32;
-                    At::new(centre.x + radius * angle.cos(), centre.y + radius * angle.sin())
+                    At::new(
+                        centre.x + radius * angle.cos(),
+                        centre.y + radius * angle.sin(),
+                    )
                 });
                 self.path(points, ink::line(), width_px);
             }
-            Marking::Spot { centre, radius } => self.dot(centre, ink::line(), (radius * self.scale).max(1.0)),
+            Marking::Spot { centre, radius } => {
+                self.dot(centre, ink::line(), (radius * self.scale).max(1.0))
+            }
         }
     }
 
     fn goal(&mut self, field: &Field, side: f32, colour: GoalColour) {
-        let (front, half) = (side * field.config.length / 2.0, field.config.goal.width / 2.0);
+        let (front, half) = (
+            side * field.config.length / 2.0,
+            field.config.goal.width / 2.0,
+        );
         let back = front + side * field.config.goal.depth;
         let colour = match colour {
             GoalColour::White => ink::line(),
@@ -160,12 +206,19 @@ impl FieldPicture {
             GoalColour::Yellow => Color::from_rgba8(240, 220, 60, 255),
         };
         let corners = [(front, half), (back, half), (back, -half), (front, -half)];
-        self.path(corners.map(|(x, y)| At::new(x, y)), colour, (field.config.goal.post * self.scale).max(2.0));
+        self.path(
+            corners.map(|(x, y)| At::new(x, y)),
+            colour,
+            (field.config.goal.post * self.scale).max(2.0),
+        );
     }
 }
 
 fn paint(colour: Color) -> Paint<'static> {
-    let mut paint = Paint { anti_alias: true, ..Paint::default() };
+    let mut paint = Paint {
+        anti_alias: true,
+        ..Paint::default()
+    };
     paint.set_color(colour);
     paint
 }
@@ -176,7 +229,7 @@ fn glyph(letter: char) -> Option<[u8; 8]> {
 }
 
 /// Two pictures side by side, the lower one centred on black.
-pub fn beside(left: &Picture, right: &Picture) -> Picture {
+pub fn beside(left: &Image, right: &Image) -> Image {
     let width_px = left.width_px + right.width_px;
     let height_px = left.height_px.max(right.height_px);
     let mut rgb = vec![0; 3 * width_px * height_px];
@@ -185,8 +238,13 @@ pub fn beside(left: &Picture, right: &Picture) -> Picture {
         for row in 0..picture.height_px {
             let from = 3 * row * picture.width_px;
             let to = 3 * ((top + row) * width_px + column);
-            rgb[to..to + 3 * picture.width_px].copy_from_slice(&picture.rgb[from..from + 3 * picture.width_px]);
+            rgb[to..to + 3 * picture.width_px]
+                .copy_from_slice(&picture.rgb[from..from + 3 * picture.width_px]);
         }
     }
-    Picture { width_px, height_px, rgb }
+    Image {
+        width_px,
+        height_px,
+        rgb,
+    }
 }

@@ -4,6 +4,7 @@ mod cli;
 mod cycle;
 mod field_picture;
 mod locate;
+mod progress;
 mod recording;
 mod sample;
 mod score;

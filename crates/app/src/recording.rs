@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use localize::frame::At;
 use localize::sample::{Compass, LinePoint, Odometry};
 use localize::{Pose, Stamp};
+use vision::image::Image;
 
-use crate::sample::{Content, Frame, Picture, Sample, Truth};
+use crate::sample::{Content, Frame, Sample, Truth};
 use crate::table::{Row, Table};
 
 /// A recording folder, its small files read whole and its images read one by one.
@@ -57,46 +58,73 @@ impl Recording {
             events.extend(read_points(&points, point_std)?);
         } else if images.exists() {
             for row in Table::read(&images, &["stamp_s", "file"])?.rows() {
-                events.push(Event { stamp: stamp(row)?, kind: Kind::Image(folder.join(row.text("file")?)) });
+                events.push(Event {
+                    stamp: stamp(row)?,
+                    kind: Kind::Image(folder.join(row.text("file")?)),
+                });
             }
         } else {
-            bail!("{} is no recording: it has neither frames.csv nor points.csv", folder.display());
+            bail!(
+                "{} is no recording: it has neither frames.csv nor points.csv",
+                folder.display()
+            );
         }
         let frames = events.len();
         if frames == 0 {
-            bail!("{} has no frame", if points.exists() { points } else { images }.display());
+            bail!(
+                "{} has no frame",
+                if points.exists() { points } else { images }.display()
+            );
         }
         let truth = read_truth(folder)?;
-        events.extend(truth.iter().map(|truth| Event { stamp: truth.stamp, kind: Kind::Truth(truth.clone()) }));
-        if let Some(table) = optional(folder, "odometry.csv", &["stamp_s", "dx_m", "dy_m", "dtheta_rad"])? {
+        events.extend(truth.iter().map(|truth| Event {
+            stamp: truth.stamp,
+            kind: Kind::Truth(truth.clone()),
+        }));
+        if let Some(table) = optional(
+            folder,
+            "odometry.csv",
+            &["stamp_s", "dx_m", "dy_m", "dtheta_rad"],
+        )? {
             for row in table.rows() {
                 let [dx, dy, dtheta] = floats(row, ["dx_m", "dy_m", "dtheta_rad"])?;
-                let odometry = Odometry { stamp: stamp(row)?, dx, dy, dtheta };
-                events.push(Event { stamp: odometry.stamp, kind: Kind::Odometry(odometry) });
+                let odometry = Odometry {
+                    stamp: stamp(row)?,
+                    dx,
+                    dy,
+                    dtheta,
+                };
+                events.push(Event {
+                    stamp: odometry.stamp,
+                    kind: Kind::Odometry(odometry),
+                });
             }
         }
         if let Some(table) = optional(folder, "compass.csv", &["stamp_s", "heading_rad"])? {
             for row in table.rows() {
                 let [heading] = floats(row, ["heading_rad"])?;
-                let compass = Compass { stamp: stamp(row)?, heading };
-                events.push(Event { stamp: compass.stamp, kind: Kind::Compass(compass) });
+                let compass = Compass {
+                    stamp: stamp(row)?,
+                    heading,
+                };
+                events.push(Event {
+                    stamp: compass.stamp,
+                    kind: Kind::Compass(compass),
+                });
             }
         }
         events.sort_by_key(|event| (event.stamp, event.kind.order()));
-        Ok(Recording { folder: folder.to_owned(), truth, events: events.into_iter(), frames })
+        Ok(Recording {
+            folder: folder.to_owned(),
+            truth,
+            events: events.into_iter(),
+            frames,
+        })
     }
 
     /// How many frames it has.
     pub fn frames(&self) -> usize {
         self.frames
-    }
-
-    /// The first image of the recording that can be read.
-    pub fn first_picture(&self) -> Option<Picture> {
-        self.events.as_slice().iter().find_map(|event| match &event.kind {
-            Kind::Image(path) => Picture::load(path).ok(),
-            _ => None,
-        })
     }
 }
 
@@ -110,29 +138,22 @@ impl Iterator for Recording {
             Kind::Compass(compass) => return Some(Sample::Compass(compass)),
             Kind::Truth(truth) => return Some(Sample::Truth(truth)),
             Kind::Points(points) => Content::Points(points),
-            Kind::Image(path) => match Picture::load(&path) {
-                Ok(picture) => Content::Image(Arc::new(picture)),
-                Err(error) => Content::Unreadable(format!("{error:#}")),
+            Kind::Image(path) => match Image::load(&path) {
+                Ok(image) => Content::Image(Arc::new(image)),
+                Err(error) => Content::Unreadable(error.to_string()),
             },
         };
         Some(Sample::Frame(Frame { stamp, content }))
     }
 }
 
-impl Picture {
-    /// Reads a PNG or JPEG file.
-    pub fn load(path: &Path) -> Result<Self> {
-        let reader = image::ImageReader::open(path).with_context(|| format!("cannot read {}", path.display()))?;
-        let reader = reader.with_guessed_format().with_context(|| format!("cannot read {}", path.display()))?;
-        let decoded = reader.decode().with_context(|| format!("cannot read {}", path.display()))?.into_rgb8();
-        let (width, height) = decoded.dimensions();
-        Ok(Picture { width_px: width as usize, height_px: height as usize, rgb: decoded.into_raw() })
-    }
-}
-
 fn optional(folder: &Path, name: &str, wanted: &[&str]) -> Result<Option<Table>> {
     let path = folder.join(name);
-    if path.exists() { Table::read(&path, wanted).map(Some) } else { Ok(None) }
+    if path.exists() {
+        Table::read(&path, wanted).map(Some)
+    } else {
+        Ok(None)
+    }
 }
 
 fn stamp(row: Row<'_>) -> Result<Stamp> {
@@ -149,23 +170,40 @@ fn floats<const N: usize>(row: Row<'_>, columns: [&str; N]) -> Result<[f32; N]> 
 
 /// Line points of someone else's vision; rows of one stamp are one frame.
 fn read_points(path: &Path, point_std: f32) -> Result<Vec<Event>> {
-    let mut frames: std::collections::BTreeMap<Stamp, Vec<LinePoint>> = std::collections::BTreeMap::new();
+    let mut frames: std::collections::BTreeMap<Stamp, Vec<LinePoint>> =
+        std::collections::BTreeMap::new();
     for row in Table::read(path, &["stamp_s", "x_m", "y_m"])?.rows() {
         let [x, y] = floats(row, ["x_m", "y_m"])?;
-        let point = LinePoint { at: At::new(x, y), std_radial: point_std, std_tangential: point_std };
+        let point = LinePoint {
+            at: At::new(x, y),
+            std_radial: point_std,
+            std_tangential: point_std,
+        };
         frames.entry(stamp(row)?).or_default().push(point);
     }
-    Ok(frames.into_iter().map(|(stamp, points)| Event { stamp, kind: Kind::Points(points) }).collect())
+    Ok(frames
+        .into_iter()
+        .map(|(stamp, points)| Event {
+            stamp,
+            kind: Kind::Points(points),
+        })
+        .collect())
 }
 
 fn read_truth(folder: &Path) -> Result<Vec<Truth>> {
-    let Some(table) = optional(folder, "truth.csv", &["stamp_s", "x_m", "y_m", "theta_rad"])? else {
+    let Some(table) = optional(folder, "truth.csv", &["stamp_s", "x_m", "y_m", "theta_rad"])?
+    else {
         return Ok(Vec::new());
     };
     let mut truth = Vec::new();
     for row in table.rows() {
         let [x, y, theta] = floats(row, ["x_m", "y_m", "theta_rad"])?;
-        truth.push(Truth { stamp: stamp(row)?, pose: Pose::new(x, y, theta), ball: None, robots: Vec::new() });
+        truth.push(Truth {
+            stamp: stamp(row)?,
+            pose: Pose::new(x, y, theta),
+            ball: None,
+            robots: Vec::new(),
+        });
     }
     truth.sort_by_key(|truth| truth.stamp);
     Ok(truth)

@@ -6,17 +6,7 @@ use localize::Pose;
 use localize::Stamp;
 use localize::frame::{At, FieldFrame};
 use localize::sample::{Compass, Imu, LinePoint, Odometry};
-
-/// An RGB image, 8 bits a channel, row by row.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Picture {
-    /// Columns.
-    pub width_px: usize,
-    /// Rows.
-    pub height_px: usize,
-    /// Red, green, blue of each pixel.
-    pub rgb: Vec<u8>,
-}
+use vision::image::Image;
 
 /// Where things truly were.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +49,7 @@ pub struct Frame {
 #[derive(Debug, Clone)]
 pub enum Content {
     /// An image for our own vision.
-    Image(Arc<Picture>),
+    Image(Arc<Image>),
     /// Line points that another vision (or an earlier run) found.
     Points(Vec<LinePoint>),
     /// A frame that could not be read; the cycle runs on without sight.

@@ -26,7 +26,12 @@ pub struct PoseError {
 pub fn pose_error(truth: &[Truth], stamp: Stamp, estimate: Pose) -> Option<PoseError> {
     let wanted = pose_at(truth, stamp)?;
     let (x, y) = (estimate.x - wanted.x, estimate.y - wanted.y);
-    Some(PoseError { position: x.hypot(y), x, y, heading: wrap_angle(estimate.theta - wanted.theta) })
+    Some(PoseError {
+        position: x.hypot(y),
+        x,
+        y,
+        heading: wrap_angle(estimate.theta - wanted.theta),
+    })
 }
 
 /// The true pose at a stamp, interpolated between the rows around it.
@@ -49,7 +54,11 @@ pub fn pose_at(truth: &[Truth], stamp: Stamp) -> Option<Pose> {
     let share = ((stamp - earlier.stamp) / gap) as f32;
     let (a, b) = (earlier.pose, later.pose);
     let turned = wrap_angle(b.theta - a.theta);
-    Some(Pose::new(a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), a.theta + share * turned))
+    Some(Pose::new(
+        a.x + share * (b.x - a.x),
+        a.y + share * (b.y - a.y),
+        a.theta + share * turned,
+    ))
 }
 
 /// A list of magnitudes in four numbers.
@@ -72,7 +81,12 @@ pub fn spread(values: impl IntoIterator<Item = f64>) -> Option<Spread> {
     let last = values.len().checked_sub(1)?;
     let at = |share: f64| values[(share * last as f64).round() as usize];
     let mean = values.iter().sum::<f64>() / values.len() as f64;
-    Some(Spread { mean, median: at(0.5), p95: at(0.95), max: values[last] })
+    Some(Spread {
+        mean,
+        median: at(0.5),
+        p95: at(0.95),
+        max: values[last],
+    })
 }
 
 #[cfg(test)]
@@ -80,7 +94,12 @@ mod tests {
     use super::*;
 
     fn truth(seconds: f64, x: f32, theta: f32) -> Truth {
-        Truth { stamp: Stamp::from_seconds(seconds), pose: Pose::new(x, 0.0, theta), ball: None, robots: Vec::new() }
+        Truth {
+            stamp: Stamp::from_seconds(seconds),
+            pose: Pose::new(x, 0.0, theta),
+            ball: None,
+            robots: Vec::new(),
+        }
     }
 
     #[test]
@@ -100,6 +119,14 @@ mod tests {
     #[test]
     fn a_spread_of_nothing_is_nothing() {
         assert_eq!(spread([]), None);
-        assert_eq!(spread([3.0, 1.0, 2.0]), Some(Spread { mean: 2.0, median: 2.0, p95: 3.0, max: 3.0 }));
+        assert_eq!(
+            spread([3.0, 1.0, 2.0]),
+            Some(Spread {
+                mean: 2.0,
+                median: 2.0,
+                p95: 3.0,
+                max: 3.0
+            })
+        );
     }
 }

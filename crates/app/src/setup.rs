@@ -26,10 +26,17 @@ impl Setup {
         let robot = RobotConfig::load(robot_file)?;
         let field = Field::load(&robot.field)?;
         let camera = match &robot.camera {
-            Some(camera) => Some((camera.clone(), Arc::new(ground_map(robot_file, &robot, camera, map)?))),
+            Some(camera) => Some((
+                camera.clone(),
+                Arc::new(ground_map(robot_file, &robot, camera, map)?),
+            )),
             None => None,
         };
-        Ok(Setup { robot, field, camera })
+        Ok(Setup {
+            robot,
+            field,
+            camera,
+        })
     }
 }
 
@@ -40,7 +47,9 @@ fn ground_map(
     camera: &CameraConfig,
     given: Option<&Path>,
 ) -> Result<GroundMap> {
-    let calibrated = given.map(PathBuf::from).or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
+    let calibrated = given
+        .map(PathBuf::from)
+        .or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
     let (map, source) = match (calibrated, &robot.mirror) {
         (Some(file), _) => (GroundMap::load(&file)?, file),
         (None, Some(mirror)) => {

@@ -29,11 +29,20 @@ impl Table {
             .comment(Some(b'#'))
             .from_path(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
-        let header = reader.headers().with_context(|| format!("{}: line 1", path.display()))?;
-        let columns: Vec<String> = header.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+        let header = reader
+            .headers()
+            .with_context(|| format!("{}: line 1", path.display()))?;
+        let columns: Vec<String> = header
+            .iter()
+            .map(|name| name.trim_start_matches('\u{feff}').to_owned())
+            .collect();
         for name in wanted {
             if !columns.iter().any(|column| column == name) {
-                bail!("{}: line 1: no column {name} (found {})", path.display(), columns.join(","));
+                bail!(
+                    "{}: line 1: no column {name} (found {})",
+                    path.display(),
+                    columns.join(",")
+                );
             }
         }
         let mut rows = Vec::new();
@@ -44,18 +53,28 @@ impl Table {
             })?;
             rows.push((record.position().map_or(0, csv::Position::line), record));
         }
-        Ok(Table { path: path.to_owned(), columns, rows })
+        Ok(Table {
+            path: path.to_owned(),
+            columns,
+            rows,
+        })
     }
 
     /// The rows in the file's order.
     pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
-        self.rows.iter().map(|(line, record)| Row { table: self, line: *line, record })
+        self.rows.iter().map(|(line, record)| Row {
+            table: self,
+            line: *line,
+            record,
+        })
     }
 }
 
 fn reason(error: &csv::Error) -> String {
     match error.kind() {
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => {
             format!("has {len} fields, the header has {expected_len}")
         }
         csv::ErrorKind::Utf8 { .. } => "is not UTF-8 text".to_owned(),
@@ -75,10 +94,14 @@ impl<'a> Row<'a> {
     /// The field as a finite number.
     pub fn number(&self, column: &str) -> Result<f64> {
         let text = self.text(column)?;
-        let value: f64 = text
-            .parse()
-            .map_err(|_| anyhow::anyhow!("{}: {column} = {text:?} is not a number", self.place()))?;
-        ensure!(value.is_finite(), "{}: {column} = {text} is not finite", self.place());
+        let value: f64 = text.parse().map_err(|_| {
+            anyhow::anyhow!("{}: {column} = {text:?} is not a number", self.place())
+        })?;
+        ensure!(
+            value.is_finite(),
+            "{}: {column} = {text} is not finite",
+            self.place()
+        );
         Ok(value)
     }
 
@@ -98,10 +121,17 @@ pub struct Written {
 impl Written {
     /// Starts the file with its header line.
     pub fn create(path: &Path, header: &str) -> Result<Self> {
-        let name = path.file_name().with_context(|| format!("{} names no file", path.display()))?;
+        let name = path
+            .file_name()
+            .with_context(|| format!("{} names no file", path.display()))?;
         let partial = path.with_file_name(format!(".{}.part", name.to_string_lossy()));
-        let file = File::create(&partial).with_context(|| format!("cannot write {}", path.display()))?;
-        let mut written = Written { path: path.to_owned(), partial, out: BufWriter::new(file) };
+        let file =
+            File::create(&partial).with_context(|| format!("cannot write {}", path.display()))?;
+        let mut written = Written {
+            path: path.to_owned(),
+            partial,
+            out: BufWriter::new(file),
+        };
         written.row(format_args!("{header}"))?;
         Ok(written)
     }
@@ -113,8 +143,11 @@ impl Written {
 
     /// Gives the file its name.
     pub fn finish(mut self) -> Result<()> {
-        self.out.flush().with_context(|| format!("cannot write {}", self.path.display()))?;
-        std::fs::rename(&self.partial, &self.path).with_context(|| format!("cannot write {}", self.path.display()))
+        self.out
+            .flush()
+            .with_context(|| format!("cannot write {}", self.path.display()))?;
+        std::fs::rename(&self.partial, &self.path)
+            .with_context(|| format!("cannot write {}", self.path.display()))
     }
 }
 
@@ -129,8 +162,15 @@ impl Drop for Written {
 pub fn seconds(stamp: localize::Stamp) -> String {
     let nanoseconds = stamp.0.unsigned_abs();
     let sign = if stamp.0 < 0 { "-" } else { "" };
-    let mut text = format!("{sign}{}.{:09}", nanoseconds / 1_000_000_000, nanoseconds % 1_000_000_000);
-    while text.ends_with('0') && !text.ends_with(".000") && text.len() - text.find('.').unwrap_or(0) > 4 {
+    let mut text = format!(
+        "{sign}{}.{:09}",
+        nanoseconds / 1_000_000_000,
+        nanoseconds % 1_000_000_000
+    );
+    while text.ends_with('0')
+        && !text.ends_with(".000")
+        && text.len() - text.find('.').unwrap_or(0) > 4
+    {
         text.pop();
     }
     text
@@ -152,15 +192,30 @@ mod tests {
     fn a_word_where_a_number_should_be_is_named_with_its_line() {
         let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1,fast\n");
         let table = Table::read(&path, &["stamp_s", "dx_m"]).expect("a table");
-        let message = table.rows().nth(1).expect("a row").number("dx_m").expect_err("a word").to_string();
-        assert!(message.contains("line 3") && message.contains("\"fast\""), "{message}");
+        let message = table
+            .rows()
+            .nth(1)
+            .expect("a row")
+            .number("dx_m")
+            .expect_err("a word")
+            .to_string();
+        assert!(
+            message.contains("line 3") && message.contains("\"fast\""),
+            "{message}"
+        );
     }
 
     #[test]
     fn a_short_row_is_named_with_its_line() {
         let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1\n");
-        let message = Table::read(&path, &["stamp_s"]).err().expect("short").to_string();
-        assert!(message.contains("line 3: has 1 fields, the header has 2"), "{message}");
+        let message = Table::read(&path, &["stamp_s"])
+            .err()
+            .expect("short")
+            .to_string();
+        assert!(
+            message.contains("line 3: has 1 fields, the header has 2"),
+            "{message}"
+        );
     }
 
     #[test]

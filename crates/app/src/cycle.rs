@@ -1,0 +1,189 @@
+//! The spine: a sample comes in, vision looks, localize says where. One cycle a frame, live, simulated or replayed.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use localize::Stamp;
+use localize::config::LocalizeConfig;
+use localize::localizer::{Estimate, Localizer};
+use localize::sample::{Compass, Imu, LinePoint, Odometry};
+use serde::{Deserialize, Serialize};
+use vision::config::VisionConfig;
+use vision::eyes::{Eyes, Seen};
+use vision::image::Image;
+
+use crate::sample::{Content, Frame, Sample, Truth};
+use crate::setup::Setup;
+
+/// One turn of the spine: what came in, what each stage found, what it refused and why, how long it took.
+#[derive(Debug, Clone)]
+pub struct Cycle {
+    /// When the frame was exposed.
+    pub stamp: Stamp,
+    /// What arrived since the previous cycle.
+    pub inputs: Inputs,
+    /// What vision found in the image; none if line points came in place of one, or nothing readable.
+    pub seen: Option<Seen>,
+    /// The line points that localisation worked with.
+    pub points: Vec<LinePoint>,
+    /// Where the robot is, as far as it knows.
+    pub estimate: Estimate,
+    /// Why the frame could not be used.
+    pub fault: Option<String>,
+    /// How long the stages took.
+    pub timings: Timings,
+}
+
+/// What arrived between two cycles, the frame included.
+#[derive(Debug, Clone, Default)]
+pub struct Inputs {
+    /// Wheel motion, in order.
+    pub odometry: Vec<Odometry>,
+    /// Headings, in order.
+    pub compass: Vec<Compass>,
+    /// Inertial readings, in order.
+    pub imu: Vec<Imu>,
+    /// The latest truth; no stage sees it.
+    pub truth: Option<Truth>,
+    /// The image, if there is one.
+    pub image: Option<Arc<Image>>,
+}
+
+/// Time taken by each stage; the one part of a cycle that differs from run to run.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Timings {
+    /// Image to features, milliseconds.
+    pub see_ms: f32,
+    /// Features and motion to a pose, milliseconds.
+    pub localize_ms: f32,
+}
+
+/// How the stages work; a preset or an overlay file changes single values.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SpineConfig {
+    /// From an image to features.
+    pub vision: VisionConfig,
+    /// From features and motion to a pose.
+    pub localize: LocalizeConfig,
+}
+
+impl SpineConfig {
+    /// The defaults, with what an overlay file says instead.
+    pub fn load(overlay: Option<&Path>) -> Result<Self> {
+        let Some(path) = overlay else {
+            return Ok(SpineConfig::default());
+        };
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        toml::from_str(&text).with_context(|| path.display().to_string())
+    }
+}
+
+/// The stages in their order, with what they remember from frame to frame.
+pub struct Spine {
+    eyes: Option<Eyes>,
+    localizer: Localizer,
+    inputs: Inputs,
+    last_sight: Option<Stamp>,
+}
+
+/// After a gap of this many seconds between frames the light may be quite another; its colours are learned anew.
+const LIGHT_MEMORY: f64 = 1.0;
+
+impl Spine {
+    /// Builds every table that the stages need.
+    pub fn new(setup: &Setup, config: &SpineConfig) -> Result<Self> {
+        let eyes = match &setup.camera {
+            Some((camera, map)) => Some(Eyes::new(
+                map,
+                camera,
+                setup.field.config.line_width,
+                config.vision.clone(),
+            )?),
+            None => None,
+        };
+        let localizer = Localizer::new(&setup.field, config.localize.clone());
+        Ok(Spine {
+            eyes,
+            localizer,
+            inputs: Inputs::default(),
+            last_sight: None,
+        })
+    }
+
+    /// Takes a sample; a frame ends a cycle.
+    pub fn take(&mut self, sample: Sample) -> Option<Cycle> {
+        match sample {
+            Sample::Odometry(odometry) => {
+                self.localizer.odometry(&odometry);
+                self.inputs.odometry.push(odometry);
+            }
+            Sample::Compass(compass) => {
+                self.localizer.compass(&compass);
+                self.inputs.compass.push(compass);
+            }
+            Sample::Imu(imu) => self.inputs.imu.push(imu),
+            Sample::Truth(truth) => self.inputs.truth = Some(truth),
+            Sample::Frame(frame) => return Some(self.turn(frame)),
+        }
+        None
+    }
+
+    fn turn(&mut self, frame: Frame) -> Cycle {
+        let stamp = frame.stamp;
+        let started = Instant::now();
+        let mut inputs = std::mem::take(&mut self.inputs);
+        let (seen, points, fault) = match frame.content {
+            Content::Image(image) => {
+                let looked = self.look(stamp, &image);
+                inputs.image = Some(image);
+                match looked {
+                    Ok(seen) => {
+                        let points = seen.line_points.iter().map(|seen| seen.point).collect();
+                        (Some(seen), points, None)
+                    }
+                    Err(error) => (None, Vec::new(), Some(error)),
+                }
+            }
+            Content::Points(points) => (None, points, None),
+            Content::Unreadable(reason) => (None, Vec::new(), Some(reason)),
+        };
+        let see_ms = milliseconds(started);
+        let started = Instant::now();
+        let estimate = self.localizer.see(stamp, &points);
+        let timings = Timings {
+            see_ms,
+            localize_ms: milliseconds(started),
+        };
+        Cycle {
+            stamp,
+            inputs,
+            seen,
+            points,
+            estimate,
+            fault,
+            timings,
+        }
+    }
+
+    fn look(&mut self, stamp: Stamp, image: &Image) -> Result<Seen, String> {
+        let Some(eyes) = &mut self.eyes else {
+            return Err("an image, but robot.toml has no [camera]".to_owned());
+        };
+        if self
+            .last_sight
+            .replace(stamp)
+            .is_some_and(|last| stamp - last > LIGHT_MEMORY)
+        {
+            eyes.forget_light();
+        }
+        eyes.see(&image.frame()).map_err(|error| error.to_string())
+    }
+}
+
+fn milliseconds(since: Instant) -> f32 {
+    since.elapsed().as_secs_f32() * 1e3
+}
