@@ -223,9 +223,9 @@ fn paint(colour: Color) -> Paint<'static> {
     paint
 }
 
+/// Rows of a letter, bit 0 leftmost; none outside ASCII.
 fn glyph(letter: char) -> Option<[u8; 8]> {
-    use font8x8::UnicodeFonts;
-    font8x8::BASIC_FONTS.get(letter)
+    font8x8::legacy::BASIC_LEGACY.get(letter as usize).copied()
 }
 
 /// Two pictures side by side, the lower one centred on black.
