@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, ensure};
-use localize::localizer::Mode;
+use localize::estimate::Mode;
 use serde::Serialize;
 
 use crate::cycle::{Cycle, Spine, SpineConfig};
@@ -138,6 +138,28 @@ impl Outputs {
         if let Some(file) = &mut self.points {
             for point in &cycle.points {
                 file.row(format_args!("{stamp},{:.5},{:.5}", point.at.x, point.at.y))?;
+            }
+        }
+        if let (Some(file), Some(seen)) = (&mut self.seen, &cycle.seen) {
+            let ball = seen
+                .ball
+                .iter()
+                .map(|ball| ("ball", ball.at, ball.covariance, ball.score));
+            let robots = seen
+                .robots
+                .iter()
+                .map(|robot| ("robot", robot.at, robot.covariance, robot.score));
+            let goals = seen
+                .goals
+                .iter()
+                .map(|goal| ("goal", goal.at, goal.covariance, goal.score));
+            for (kind, at, [var_xx, _, var_yy], score) in ball.chain(robots).chain(goals) {
+                // One number for both directions: the root of the mean variance.
+                let std = ((var_xx + var_yy) / 2.0).max(0.0).sqrt();
+                file.row(format_args!(
+                    "{stamp},{kind},{:.4},{:.4},{std:.4},{score:.3}",
+                    at.x, at.y
+                ))?;
             }
         }
         Ok(())
