@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::locate;
+use crate::{locate, simulate};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -25,6 +25,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Locate(locate::Args),
+    Sim(simulate::Args),
 }
 
 /// Runs the command line of this process.
@@ -41,6 +42,7 @@ pub fn run() -> ExitCode {
     };
     let result = match cli.command {
         Command::Locate(args) => locate::run(&args, cli.json),
+        Command::Sim(args) => simulate::run(&args, cli.json),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,5 +1,6 @@
 //! Mirrorball: eyes and a sense of place for soccer robots with an omnidirectional mirror.
 
+mod annotate;
 mod cli;
 mod cycle;
 mod field_picture;
@@ -9,6 +10,9 @@ mod recording;
 mod sample;
 mod score;
 mod setup;
+mod simulate;
+mod simulation;
+mod summary;
 mod table;
 
 use std::process::ExitCode;
