@@ -1,7 +1,7 @@
 //! Which point of the ground does a pixel show? The map that vision measures with, traced or calibrated.
 
 use std::fs::File;
-use std::io::{BufReader, BufWriter};
+use std::io::{BufReader, BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use localize::frame::{At, RobotFrame};
@@ -111,20 +111,30 @@ impl GroundMap {
             source,
         };
         let partial = path.with_extension("npz.part");
-        let mut archive = NpzWriter::new(BufWriter::new(File::create(&partial).map_err(file)?));
+        self.write_npz(BufWriter::new(File::create(&partial).map_err(file)?))
+            .map_err(file)?;
+        std::fs::rename(&partial, path).map_err(file)
+    }
+
+    /// The npz archive as bytes, for a log's attachment.
+    pub fn to_npz(&self) -> std::io::Result<Vec<u8>> {
+        let mut bytes = Cursor::new(Vec::new());
+        self.write_npz(&mut bytes)?;
+        Ok(bytes.into_inner())
+    }
+
+    fn write_npz(&self, target: impl Write + Seek) -> std::io::Result<()> {
+        let mut archive = NpzWriter::new(target);
         for (name, values) in [("x_m", &self.x), ("y_m", &self.y)] {
             let mut writer = archive
-                .array(name, Default::default())
-                .map_err(file)?
+                .array(name, Default::default())?
                 .default_dtype()
                 .shape(&[self.height_px as u64, self.width_px as u64])
-                .begin_nd()
-                .map_err(file)?;
-            writer.extend(values.iter()).map_err(file)?;
-            writer.finish().map_err(file)?;
+                .begin_nd()?;
+            writer.extend(values.iter())?;
+            writer.finish()?;
         }
-        drop(archive);
-        std::fs::rename(&partial, path).map_err(file)
+        Ok(())
     }
 }
 
@@ -173,6 +183,8 @@ mod tests {
             y: vec![0.0, 7.25, f32::NAN, 1.1, 1.2, 1.3],
         };
         map.save(&path).expect("saved");
+        let bytes = std::fs::read(&path).expect("a file");
+        assert_eq!(map.to_npz().expect("bytes"), bytes);
         let back = GroundMap::load(&path).expect("loaded");
         assert_eq!((back.width_px, back.height_px), (3, 2));
         for (a, b) in map.x.iter().chain(&map.y).zip(back.x.iter().chain(&back.y)) {

@@ -29,8 +29,6 @@ pub mod robots;
 
 pub mod eyes;
 
-pub mod calibrate;
-
 pub mod overlay;
 
 pub use camera::CameraConfig;
