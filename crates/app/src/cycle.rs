@@ -52,6 +52,31 @@ pub struct Inputs {
     pub image: Option<Arc<Image>>,
 }
 
+impl Inputs {
+    /// What arrived, but the frame, in the order of its stamps; of one stamp, what moved before where it points.
+    ///
+    /// A cycle is a function of its inputs alone, so the order in which threads delivered them must not matter.
+    pub fn in_order(&self) -> Vec<Sample> {
+        let odometry = self
+            .odometry
+            .iter()
+            .map(|one| (one.stamp, Sample::Odometry(*one)));
+        let compass = self
+            .compass
+            .iter()
+            .map(|one| (one.stamp, Sample::Compass(*one)));
+        let imu = self.imu.iter().map(|one| (one.stamp, Sample::Imu(*one)));
+        let truth = self
+            .truth
+            .iter()
+            .map(|one| (one.stamp, Sample::Truth(one.clone())));
+        let mut samples: Vec<(Stamp, Sample)> =
+            odometry.chain(compass).chain(imu).chain(truth).collect();
+        samples.sort_by_key(|(stamp, _)| *stamp);
+        samples.into_iter().map(|(_, sample)| sample).collect()
+    }
+}
+
 /// Time taken by each stage; the one part of a cycle that differs from run to run.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Timings {
@@ -118,14 +143,8 @@ impl Spine {
     /// Takes a sample; a frame ends a cycle.
     pub fn take(&mut self, sample: Sample) -> Option<Cycle> {
         match sample {
-            Sample::Odometry(odometry) => {
-                self.localizer.odometry(&odometry);
-                self.inputs.odometry.push(odometry);
-            }
-            Sample::Compass(compass) => {
-                self.localizer.compass(&compass);
-                self.inputs.compass.push(compass);
-            }
+            Sample::Odometry(odometry) => self.inputs.odometry.push(odometry),
+            Sample::Compass(compass) => self.inputs.compass.push(compass),
             Sample::Imu(imu) => self.inputs.imu.push(imu),
             Sample::Truth(truth) => self.inputs.truth = Some(truth),
             Sample::Frame(frame) => return Some(self.turn(frame)),
@@ -154,6 +173,13 @@ impl Spine {
         };
         let see_ms = milliseconds(started);
         let started = Instant::now();
+        for sample in inputs.in_order() {
+            match sample {
+                Sample::Odometry(odometry) => self.localizer.odometry(&odometry),
+                Sample::Compass(compass) => self.localizer.compass(&compass),
+                Sample::Imu(_) | Sample::Truth(_) | Sample::Frame(_) => {}
+            }
+        }
         let estimate = self.localizer.see(stamp, &points);
         let timings = Timings {
             see_ms,
