@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{locate, simulate};
+use crate::{locate, recover, replay};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -25,7 +25,8 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Locate(locate::Args),
-    Sim(simulate::Args),
+    Replay(replay::Args),
+    Recover(recover::Args),
 }
 
 /// Runs the command line of this process.
@@ -42,7 +43,8 @@ pub fn run() -> ExitCode {
     };
     let result = match cli.command {
         Command::Locate(args) => locate::run(&args, cli.json),
-        Command::Sim(args) => simulate::run(&args, cli.json),
+        Command::Replay(args) => replay::run(&args, cli.json),
+        Command::Recover(args) => recover::run(&args, cli.json),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

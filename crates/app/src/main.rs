@@ -1,18 +1,17 @@
 //! Mirrorball: eyes and a sense of place for soccer robots with an omnidirectional mirror.
 
-mod annotate;
 mod cli;
 mod cycle;
 mod field_picture;
 mod locate;
+mod log;
 mod progress;
 mod recording;
+mod recover;
+mod replay;
 mod sample;
 mod score;
 mod setup;
-mod simulate;
-mod simulation;
-mod summary;
 mod table;
 
 use std::process::ExitCode;

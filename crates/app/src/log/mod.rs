@@ -1,0 +1,87 @@
+//! What is kept of a run, and how does it come back? Cycles to an MCAP file that other tools open, and back bit for bit.
+
+mod export;
+mod header;
+mod picture;
+mod queue;
+mod read;
+mod record;
+mod recover;
+mod schema;
+mod stream;
+#[cfg(test)]
+mod tests;
+mod verify;
+
+use localize::Stamp;
+use serde::{Deserialize, Serialize};
+
+pub use export::{Exported, export};
+pub use header::Header;
+pub use picture::{Encoded, ImageMode};
+pub use queue::Dropped;
+pub use read::{Log, Logged};
+pub use record::{Recorder, Written};
+pub use recover::{Recovered, recover};
+pub use stream::End;
+pub use verify::{Difference, Verdict, compare, verify};
+
+/// How a log is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LogConfig {
+    /// How images are kept.
+    pub images: ImageMode,
+    /// Of JPEG images, 1 to 100.
+    pub jpeg_quality: u8,
+    /// Images that may wait to be written; beyond it the oldest is dropped (live) or the run waits (simulation).
+    pub queue_images: usize,
+    /// Cycles that may wait to be written.
+    pub queue_cycles: usize,
+    /// What was logged is safe from a kill after so many seconds.
+    pub flush_period: f32,
+}
+
+impl Default for LogConfig {
+    fn default() -> Self {
+        LogConfig {
+            images: ImageMode::Png,
+            jpeg_quality: 90,
+            // A second at 30 Hz: 20 MB at 480 × 480 pixels.
+            queue_images: 30,
+            queue_cycles: 300,
+            flush_period: 1.0,
+        }
+    }
+}
+
+/// Who waits when the disk is slow?
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pace {
+    /// Nobody: a robot drives on, the log drops the oldest, images first.
+    Live,
+    /// The run: a simulation or a recording loses nothing.
+    Lockstep,
+}
+
+/// How much a line of /log matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// As it should be.
+    Info,
+    /// The run goes on without something.
+    Warning,
+    /// Something failed.
+    Error,
+}
+
+/// A line for /log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Note {
+    /// When.
+    pub stamp: Stamp,
+    /// How much it matters.
+    pub level: Level,
+    /// What happened.
+    pub text: String,
+}

@@ -1,0 +1,146 @@
+//! What waits to be written? A bounded queue between the spine and the writer: it drops or it waits, as told.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+use super::Pace;
+use crate::cycle::Cycle;
+
+/// One thing to write.
+pub(super) enum Entry {
+    /// A cycle, and its number since the start of the run (dropped ones count).
+    Cycle(u64, Arc<Cycle>),
+    /// A line for /log.
+    Note(super::Note),
+}
+
+/// What was dropped for want of time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// Images; their cycles were kept.
+    pub images: u64,
+    /// Whole cycles.
+    pub cycles: u64,
+    /// Lines for /log.
+    pub notes: u64,
+}
+
+impl Dropped {
+    /// Nothing was dropped.
+    pub fn none(self) -> bool {
+        self == Dropped::default()
+    }
+}
+
+#[derive(Default)]
+struct State {
+    entries: VecDeque<Entry>,
+    images: usize,
+    dropped: Dropped,
+    closed: bool,
+}
+
+/// The queue itself; one side pushes, the other pops.
+pub(super) struct Queue {
+    state: Mutex<State>,
+    changed: Condvar,
+    pace: Pace,
+    most_images: usize,
+    most_entries: usize,
+}
+
+impl Queue {
+    /// A queue of at most so many entries, of which at most so many hold an image.
+    pub(super) fn new(pace: Pace, most_images: usize, most_entries: usize) -> Self {
+        Queue {
+            state: Mutex::default(),
+            changed: Condvar::new(),
+            pace,
+            most_images: most_images.max(1),
+            most_entries: most_entries.max(1),
+        }
+    }
+
+    /// Adds an entry: at live pace by dropping the oldest of a full queue, images first; in lockstep by waiting.
+    pub(super) fn push(&self, entry: Entry) {
+        let mut state = self.lock();
+        let has_image = holds_image(&entry);
+        if self.pace == Pace::Lockstep {
+            let full = |state: &mut State| {
+                let images = state.images >= self.most_images && has_image;
+                !state.closed && (images || state.entries.len() >= self.most_entries)
+            };
+            state = self
+                .changed
+                .wait_while(state, full)
+                .unwrap_or_else(PoisonError::into_inner);
+        }
+        if state.closed {
+            return;
+        }
+        state.images += usize::from(has_image);
+        state.entries.push_back(entry);
+        if self.pace == Pace::Live {
+            if state.images > self.most_images {
+                state.drop_oldest_image();
+            }
+            if state.entries.len() > self.most_entries {
+                state.drop_oldest();
+            }
+        }
+        drop(state);
+        self.changed.notify_all();
+    }
+
+    /// The oldest entry and what was dropped since the last call; none when the queue is closed and empty.
+    pub(super) fn pop(&self) -> Option<(Entry, Dropped)> {
+        let waiting = |state: &mut State| state.entries.is_empty() && !state.closed;
+        let mut state = self
+            .changed
+            .wait_while(self.lock(), waiting)
+            .unwrap_or_else(PoisonError::into_inner);
+        let entry = state.entries.pop_front()?;
+        state.images -= usize::from(holds_image(&entry));
+        let dropped = std::mem::take(&mut state.dropped);
+        drop(state);
+        self.changed.notify_all();
+        Some((entry, dropped))
+    }
+
+    /// Takes no more entries; those that wait are still popped.
+    pub(super) fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_all();
+    }
+
+    // A panic of the other side leaves entries and counts that are still true.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl State {
+    fn drop_oldest_image(&mut self) {
+        let holder = self.entries.iter_mut().find(|entry| holds_image(entry));
+        if let Some(Entry::Cycle(_, cycle)) = holder {
+            Arc::make_mut(cycle).inputs.image = None;
+            self.images -= 1;
+            self.dropped.images += 1;
+        }
+    }
+
+    fn drop_oldest(&mut self) {
+        match self.entries.pop_front() {
+            Some(Entry::Cycle(_, cycle)) => {
+                self.images -= usize::from(cycle.inputs.image.is_some());
+                self.dropped.cycles += 1;
+            }
+            Some(Entry::Note(_)) => self.dropped.notes += 1,
+            None => {}
+        }
+    }
+}
+
+fn holds_image(entry: &Entry) -> bool {
+    matches!(entry, Entry::Cycle(_, cycle) if cycle.inputs.image.is_some())
+}

@@ -1,0 +1,192 @@
+//! What can be saved of a killed or damaged log? Every whole record, in a file with index and summary.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use localize::Stamp;
+use mcap::records::{MessageHeader, Record};
+use mcap::{Attachment, WriteOptions, Writer};
+
+use super::stream::{Damage, End, Stream};
+
+/// What was saved.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recovered {
+    /// Messages of all topics.
+    pub messages: u64,
+    /// The latest message's time; none if there is no message.
+    pub until: Option<Stamp>,
+    /// Parts of the file that could not be read, each with its reason.
+    pub lost: Vec<String>,
+    /// True if nothing was wrong with the log in the first place.
+    pub was_whole: bool,
+}
+
+/// Writes all that can be read of the log `from` into a proper log `to`, which appears whole or not at all.
+pub fn recover(from: &Path, to: &Path) -> Result<Recovered> {
+    let same = from
+        .canonicalize()
+        .ok()
+        .is_some_and(|from| to.canonicalize().is_ok_and(|to| from == to));
+    ensure!(
+        !same,
+        "{} cannot be recovered into itself: name another file with --out",
+        from.display()
+    );
+    let mut stream = Stream::open(from)?;
+    let partial = PathBuf::from(format!("{}.part", to.display()));
+    let saved = File::create(&partial)
+        .map_err(anyhow::Error::from)
+        .and_then(|file| copy(&mut stream, BufWriter::new(file)))
+        .and_then(|recovered| {
+            std::fs::rename(&partial, to)?;
+            Ok(recovered)
+        });
+    if saved.is_err() {
+        // The error is told already; a part that cannot be removed is its lesser half.
+        let _ = std::fs::remove_file(&partial);
+    }
+    saved.with_context(|| format!("cannot write {}", to.display()))
+}
+
+fn copy(stream: &mut Stream, file: BufWriter<File>) -> Result<Recovered> {
+    let mut recovered = Recovered {
+        messages: 0,
+        until: None,
+        lost: Vec::new(),
+        was_whole: false,
+    };
+    let mut lost = |damage: Damage| {
+        recovered
+            .lost
+            .push(format!("at byte {}: {}", damage.offset, damage.reason))
+    };
+    let mut options = WriteOptions::new().compression_threads(0);
+    let first = loop {
+        match stream.next() {
+            Err(damage) => lost(damage),
+            Ok(first) => break first,
+        }
+    };
+    let mut next = first;
+    if let Some(Record::Header(header)) = &next {
+        options = options.profile(&header.profile).library(&header.library);
+    }
+    let mut copy = Copy {
+        writer: options.create(file)?,
+        schemas: HashMap::new(),
+        channels: HashMap::new(),
+    };
+    let mut strays = 0_u64;
+    while let Some(record) = next {
+        match copy.put(record)? {
+            Put::Message(log_time) => {
+                recovered.messages += 1;
+                let stamp = Stamp(i64::try_from(log_time).unwrap_or(i64::MAX));
+                recovered.until = recovered.until.max(Some(stamp));
+            }
+            Put::Stray => strays += 1,
+            Put::Other => {}
+        }
+        next = loop {
+            match stream.next() {
+                Err(damage) => lost(damage),
+                Ok(next) => break next,
+            }
+        };
+    }
+    if strays > 0 {
+        recovered
+            .lost
+            .push(format!("{strays} records whose channel was in a lost part"));
+    }
+    recovered.was_whole = stream.end() == Some(End::Whole) && recovered.lost.is_empty();
+    copy.writer.write_metadata(&mcap::records::Metadata {
+        name: "recovery".to_owned(),
+        metadata: BTreeMap::from([
+            ("messages".to_owned(), recovered.messages.to_string()),
+            (
+                "until_s".to_owned(),
+                recovered
+                    .until
+                    .map_or_else(String::new, |stamp| stamp.seconds().to_string()),
+            ),
+            ("lost".to_owned(), recovered.lost.join("\n")),
+        ]),
+    })?;
+    copy.writer.finish()?;
+    copy.writer
+        .into_inner()
+        .into_inner()
+        .map_err(|error| error.into_error())?
+        .sync_all()?;
+    Ok(recovered)
+}
+
+/// A writer, and how the old file's numbers for schemas and channels translate to its own.
+struct Copy {
+    writer: Writer<BufWriter<File>>,
+    schemas: HashMap<u16, u16>,
+    channels: HashMap<u16, u16>,
+}
+
+enum Put {
+    Message(u64),
+    Other,
+    Stray,
+}
+
+impl Copy {
+    fn put(&mut self, record: Record<'static>) -> Result<Put> {
+        match record {
+            Record::Schema { header, data } => {
+                let id = self
+                    .writer
+                    .add_schema(&header.name, &header.encoding, &data)?;
+                self.schemas.insert(header.id, id);
+            }
+            Record::Channel(channel) => {
+                // Schema 0 is none.
+                let schema = match channel.schema_id {
+                    0 => Some(&0),
+                    id => self.schemas.get(&id),
+                };
+                let Some(&schema) = schema else {
+                    return Ok(Put::Stray);
+                };
+                let (topic, encoding) = (&channel.topic, &channel.message_encoding);
+                let id = self
+                    .writer
+                    .add_channel(schema, topic, encoding, &channel.metadata)?;
+                self.channels.insert(channel.id, id);
+            }
+            Record::Message { header, data } => {
+                let Some(&channel_id) = self.channels.get(&header.channel_id) else {
+                    return Ok(Put::Stray);
+                };
+                let log_time = header.log_time;
+                self.writer.write_to_known_channel(
+                    &MessageHeader {
+                        channel_id,
+                        ..header
+                    },
+                    &data,
+                )?;
+                return Ok(Put::Message(log_time));
+            }
+            Record::Attachment { header, data, .. } => self.writer.attach(&Attachment {
+                log_time: header.log_time,
+                create_time: header.create_time,
+                name: header.name,
+                media_type: header.media_type,
+                data,
+            })?,
+            Record::Metadata(metadata) => self.writer.write_metadata(&metadata)?,
+            _ => {}
+        }
+        Ok(Put::Other)
+    }
+}

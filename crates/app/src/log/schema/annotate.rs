@@ -1,0 +1,72 @@
+//! What does a viewer draw over the image? Line points, refused runs, and a line about the pose.
+
+use foxglove::messages::{
+    ImageAnnotations, Point2, PointsAnnotation, TextAnnotation, points_annotation,
+};
+
+use super::scene::color;
+use super::timestamp;
+use crate::cycle::Cycle;
+
+const POINT: [f64; 4] = [1.0, 0.1, 0.6, 1.0];
+const REFUSED: [f64; 4] = [1.0, 0.8, 0.0, 0.7];
+const TEXT: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
+
+/// What was found and refused in a cycle's image; none if it had no image.
+pub(crate) fn annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
+    let seen = cycle.seen.as_ref()?;
+    let stamp = timestamp(cycle.stamp);
+    // Viewers count from the corner of the first pixel, we from its centre.
+    let point = |[u, v]: [f32; 2]| Point2 {
+        x: f64::from(u) + 0.5,
+        y: f64::from(v) + 0.5,
+    };
+    let dots = |points: Vec<Point2>, shade: [f64; 4], thickness: f64| PointsAnnotation {
+        timestamp: stamp,
+        r#type: points_annotation::Type::Points as i32,
+        points,
+        outline_color: color(shade),
+        thickness,
+        ..PointsAnnotation::default()
+    };
+    let estimate = &cycle.estimate;
+    let place = estimate.pose.map_or_else(
+        || "lost".to_owned(),
+        |pose| {
+            format!(
+                "{:.2} {:.2} m  {:.0} deg",
+                pose.x,
+                pose.y,
+                pose.theta.to_degrees()
+            )
+        },
+    );
+    let text = TextAnnotation {
+        timestamp: stamp,
+        position: Some(Point2 { x: 4.0, y: 16.0 }),
+        text: format!("{place}  {} points", seen.line_points.len()),
+        font_size: 12.0,
+        text_color: color(TEXT),
+        ..TextAnnotation::default()
+    };
+    Some(ImageAnnotations {
+        timestamp: stamp,
+        points: vec![
+            dots(
+                seen.refused.iter().map(|run| point(run.at_px)).collect(),
+                REFUSED,
+                2.0,
+            ),
+            dots(
+                seen.line_points
+                    .iter()
+                    .map(|seen| point(seen.at_px))
+                    .collect(),
+                POINT,
+                3.0,
+            ),
+        ],
+        texts: vec![text],
+        ..ImageAnnotations::default()
+    })
+}

@@ -1,0 +1,57 @@
+//! Did the disk take it? A buffered file that remembers the system's first refusal, which the SDK's writer forgets.
+
+use std::fs::File;
+use std::io::{BufWriter, Result, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
+
+/// A log's file.
+pub(crate) struct LogFile {
+    path: PathBuf,
+    file: BufWriter<File>,
+    fault: Arc<OnceLock<String>>,
+}
+
+impl LogFile {
+    /// Creates the file or empties it; the first failure to write it is put into `fault`.
+    pub(crate) fn create(path: &Path, fault: Arc<OnceLock<String>>) -> Result<Self> {
+        let file = BufWriter::new(File::create(path)?);
+        Ok(LogFile {
+            path: path.to_owned(),
+            file,
+            fault,
+        })
+    }
+
+    /// Hands everything to the system.
+    pub(crate) fn finish(&mut self) -> Result<()> {
+        self.flush()
+    }
+
+    fn watched<T>(&self, result: Result<T>) -> Result<T> {
+        if let Err(error) = &result {
+            self.fault
+                .get_or_init(|| format!("cannot write {}: {error}", self.path.display()));
+        }
+        result
+    }
+}
+
+impl Write for LogFile {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        let result = self.file.write(bytes);
+        self.watched(result)
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let result = self.file.flush();
+        self.watched(result)
+    }
+}
+
+impl Seek for LogFile {
+    fn seek(&mut self, to: SeekFrom) -> Result<u64> {
+        let result = self.file.seek(to);
+        self.watched(result)
+    }
+}

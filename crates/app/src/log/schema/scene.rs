@@ -1,0 +1,284 @@
+//! What does a viewer draw on the ground? Field lines, poses and what stands around, in foxglove's messages.
+
+use foxglove::messages::packed_element_field::NumericType;
+use foxglove::messages::{
+    ArrowPrimitive, Color, CubePrimitive, CylinderPrimitive, Duration, FrameTransform,
+    FrameTransforms, LinePrimitive, PackedElementField, Point3, PointCloud, PoseInFrame,
+    PosesInFrame, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Vector3, line_primitive,
+};
+use localize::field::Marking;
+use localize::frame::{At, FieldFrame};
+use localize::sample::LinePoint;
+use localize::{Field, Pose, Stamp};
+
+use super::timestamp;
+use crate::cycle::Cycle;
+
+/// Name of the field's frame in viewers.
+const FIELD_FRAME: &str = "field";
+/// Name of the robot's frame in viewers.
+const ROBOT_FRAME: &str = "robot";
+/// Markings as points: one each so many metres, a third of a line's width in the league.
+const LINE_STEP: f32 = 0.04;
+/// Diameter of a size 5 ball, metres.
+const BALL_DIAMETER: f64 = 0.22;
+/// The league's largest robot, metres.
+const ROBOT_SIDE: f64 = 0.52;
+const ROBOT_HEIGHT: f64 = 0.8;
+/// What moves is drawn for so long after its last message, seconds.
+const SHOWN_S: f64 = 0.5;
+
+const WHITE: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
+const TRUTH: [f64; 4] = [0.2, 0.9, 0.3, 0.6];
+const ESTIMATE: [f64; 4] = [0.2, 0.5, 1.0, 0.9];
+const ORANGE: [f64; 4] = [1.0, 0.5, 0.0, 1.0];
+const GREY: [f64; 4] = [0.4, 0.4, 0.4, 0.7];
+
+pub(crate) fn color([r, g, b, a]: [f64; 4]) -> Option<Color> {
+    Some(Color { r, g, b, a })
+}
+
+/// The field's markings as points of their centre lines: viewers that draw no scene draw these.
+pub(crate) fn field_points(field: &Field, stamp: Stamp) -> PointCloud {
+    let points = field
+        .markings
+        .iter()
+        .flat_map(centre_line)
+        .map(|at| [at.x, at.y, 0.0]);
+    cloud(stamp, FIELD_FRAME, ["x", "y", "z"], points)
+}
+
+/// The field's markings and goals as a scene.
+pub(crate) fn field_scene(field: &Field, stamp: Stamp) -> SceneUpdate {
+    let line = |marking: &Marking| LinePrimitive {
+        r#type: line_primitive::Type::LineStrip as i32,
+        thickness: f64::from(field.config.line_width),
+        points: centre_line(marking)
+            .into_iter()
+            .map(|at| point3(at, 0.0))
+            .collect(),
+        color: color(WHITE),
+        ..LinePrimitive::default()
+    };
+    let goal = &field.config.goal;
+    let mut posts = Vec::new();
+    for end in [1.0, -1.0] {
+        for side in [1.0, -1.0] {
+            let out = (goal.width + goal.post) / 2.0;
+            posts.push(CubePrimitive {
+                pose: upright(
+                    At::<FieldFrame>::new(end * field.config.length / 2.0, side * out),
+                    goal.height / 2.0,
+                ),
+                size: vector([goal.post, goal.post, goal.height].map(f64::from)),
+                color: color(WHITE),
+            });
+        }
+    }
+    let entity = SceneEntity {
+        lines: field.markings.iter().map(line).collect(),
+        cubes: posts,
+        ..entity(stamp, "field", None)
+    };
+    SceneUpdate {
+        deletions: Vec::new(),
+        entities: vec![entity],
+    }
+}
+
+/// Where the robot takes itself to be, and where it and all else truly are.
+pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
+    let mut entities = Vec::new();
+    if let Some(pose) = cycle.estimate.pose {
+        entities.push(SceneEntity {
+            arrows: vec![arrow(pose, ESTIMATE)],
+            ..entity(cycle.stamp, "estimate", Some(SHOWN_S))
+        });
+    }
+    if let Some(truth) = &cycle.inputs.truth {
+        let robot = |at: &At<FieldFrame>| CylinderPrimitive {
+            pose: upright(*at, ROBOT_HEIGHT as f32 / 2.0),
+            size: vector([ROBOT_SIDE, ROBOT_SIDE, ROBOT_HEIGHT]),
+            bottom_scale: 1.0,
+            top_scale: 1.0,
+            color: color(GREY),
+        };
+        let ball = |at: At<FieldFrame>| SpherePrimitive {
+            pose: upright(at, BALL_DIAMETER as f32 / 2.0),
+            size: vector([BALL_DIAMETER; 3]),
+            color: color(ORANGE),
+        };
+        entities.push(SceneEntity {
+            arrows: vec![arrow(truth.pose, TRUTH)],
+            spheres: truth.ball.into_iter().map(ball).collect(),
+            cylinders: truth.robots.iter().map(robot).collect(),
+            ..entity(truth.stamp, "truth", Some(SHOWN_S))
+        });
+    }
+    SceneUpdate {
+        deletions: Vec::new(),
+        entities,
+    }
+}
+
+/// Line points in the robot frame with their standard deviations.
+pub(crate) fn line_points(points: &[LinePoint], stamp: Stamp) -> PointCloud {
+    let row = |point: &LinePoint| {
+        [
+            point.at.x,
+            point.at.y,
+            0.0,
+            point.std_radial,
+            point.std_tangential,
+        ]
+    };
+    cloud(
+        stamp,
+        ROBOT_FRAME,
+        ["x", "y", "z", "std_radial", "std_tangential"],
+        points.iter().map(row),
+    )
+}
+
+/// A pose on the field.
+pub(crate) fn pose_in_frame(pose: Pose, stamp: Stamp) -> PoseInFrame {
+    PoseInFrame {
+        timestamp: timestamp(stamp),
+        frame_id: FIELD_FRAME.to_owned(),
+        pose: pose3(pose),
+    }
+}
+
+/// Poses that explain what is seen too.
+pub(crate) fn poses_in_frame(poses: impl Iterator<Item = Pose>, stamp: Stamp) -> PosesInFrame {
+    PosesInFrame {
+        timestamp: timestamp(stamp),
+        frame_id: FIELD_FRAME.to_owned(),
+        poses: poses.filter_map(pose3).collect(),
+    }
+}
+
+/// Where viewers find the robot's frame in the field's.
+pub(crate) fn robot_frame(pose: Pose, stamp: Stamp) -> FrameTransforms {
+    let transform = FrameTransform {
+        timestamp: timestamp(stamp),
+        parent_frame_id: FIELD_FRAME.to_owned(),
+        child_frame_id: ROBOT_FRAME.to_owned(),
+        translation: vector([f64::from(pose.x), f64::from(pose.y), 0.0]),
+        rotation: Some(turned(pose.theta)),
+    };
+    FrameTransforms {
+        transforms: vec![transform],
+    }
+}
+
+fn cloud<const N: usize>(
+    stamp: Stamp,
+    frame: &str,
+    names: [&str; N],
+    rows: impl Iterator<Item = [f32; N]>,
+) -> PointCloud {
+    let field = |(index, name): (usize, &str)| PackedElementField {
+        name: name.to_owned(),
+        offset: 4 * index as u32,
+        r#type: NumericType::Float32 as i32,
+    };
+    let data: Vec<u8> = rows.flatten().flat_map(f32::to_le_bytes).collect();
+    PointCloud {
+        timestamp: timestamp(stamp),
+        frame_id: frame.to_owned(),
+        pose: upright(At::<FieldFrame>::new(0.0, 0.0), 0.0),
+        point_stride: 4 * N as u32,
+        fields: names.into_iter().enumerate().map(field).collect(),
+        data: data.into(),
+    }
+}
+
+/// Points along a marking's centre line, ends included.
+fn centre_line(marking: &Marking) -> Vec<At<FieldFrame>> {
+    let steps = |length: f32| (length / LINE_STEP).ceil().max(1.0) as usize;
+    let along = |count: usize| (0..=count).map(move |step| step as f32 / count as f32);
+    match *marking {
+        Marking::Line { from, to } => along(steps(from.distance_to(to)))
+            .map(|part| {
+                At::new(
+                    from.x + part * (to.x - from.x),
+                    from.y + part * (to.y - from.y),
+                )
+            })
+            .collect(),
+        Marking::Arc {
+            centre,
+            radius,
+            start,
+            sweep,
+        } => along(steps(radius * sweep.abs()))
+            .map(|part| on_circle(centre, radius, start + part * sweep))
+            .collect(),
+        Marking::Spot { centre, radius } => along(steps(std::f32::consts::TAU * radius))
+            .map(|part| on_circle(centre, radius, part * std::f32::consts::TAU))
+            .collect(),
+    }
+}
+
+fn on_circle(centre: At<FieldFrame>, radius: f32, angle: f32) -> At<FieldFrame> {
+    let (sin, cos) = angle.sin_cos();
+    At::new(centre.x + radius * cos, centre.y + radius * sin)
+}
+
+fn entity(stamp: Stamp, id: &str, shown_s: Option<f64>) -> SceneEntity {
+    SceneEntity {
+        timestamp: timestamp(stamp),
+        frame_id: FIELD_FRAME.to_owned(),
+        id: id.to_owned(),
+        lifetime: shown_s.map(Duration::saturating_from_secs_f64),
+        ..SceneEntity::default()
+    }
+}
+
+fn arrow(pose: Pose, shade: [f64; 4]) -> ArrowPrimitive {
+    ArrowPrimitive {
+        pose: pose3(pose),
+        shaft_length: 0.4,
+        shaft_diameter: 0.1,
+        head_length: 0.2,
+        head_diameter: 0.25,
+        color: color(shade),
+    }
+}
+
+fn pose3(pose: Pose) -> Option<foxglove::messages::Pose> {
+    Some(foxglove::messages::Pose {
+        position: vector([f64::from(pose.x), f64::from(pose.y), 0.0]),
+        orientation: Some(turned(pose.theta)),
+    })
+}
+
+fn upright<F>(at: At<F>, height: f32) -> Option<foxglove::messages::Pose> {
+    Some(foxglove::messages::Pose {
+        position: vector([at.x, at.y, height].map(f64::from)),
+        orientation: Some(turned(0.0)),
+    })
+}
+
+fn turned(theta: f32) -> Quaternion {
+    let (z, w) = (f64::from(theta) / 2.0).sin_cos();
+    Quaternion {
+        x: 0.0,
+        y: 0.0,
+        z,
+        w,
+    }
+}
+
+fn vector([x, y, z]: [f64; 3]) -> Option<Vector3> {
+    Some(Vector3 { x, y, z })
+}
+
+fn point3<F>(at: At<F>, z: f64) -> Point3 {
+    Point3 {
+        x: f64::from(at.x),
+        y: f64::from(at.y),
+        z,
+    }
+}

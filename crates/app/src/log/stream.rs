@@ -1,0 +1,199 @@
+//! Which records does an MCAP file hold? One after the other, a chunk in memory at a time, a killed file to its last
+//! whole chunk.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufReader, ErrorKind, Read};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, ensure};
+use mcap::McapResult;
+use mcap::read::parse_record;
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+/// No record of ours comes near this; a longer one is a broken length, and is not allocated.
+const LONGEST_RECORD_BYTES: u64 = 256 * 1024 * 1024;
+/// Before a record's content: what it is, and its length.
+const PREFIX_BYTES: usize = 9;
+
+/// A part of the file that cannot be read; the reader stands behind it.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Damage {
+    /// Where the part starts, bytes from the file's start.
+    pub(super) offset: u64,
+    /// What is wrong with it.
+    pub(super) reason: String,
+}
+
+impl Damage {
+    /// The error that a reader gives for it.
+    pub(super) fn in_file(&self, path: &Path) -> anyhow::Error {
+        anyhow!(
+            "{} is damaged at byte {}: {}; `mirrorball recover` saves what can be read",
+            path.display(),
+            self.offset,
+            self.reason
+        )
+    }
+}
+
+/// How a file ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// With its index and summary, as a writer that was closed leaves it.
+    Whole,
+    /// In the middle: its writer was killed, or it was not copied whole.
+    Cut,
+}
+
+/// The records of an MCAP file, those of chunks unpacked, up to the end of its data section.
+pub(super) struct Stream {
+    path: PathBuf,
+    file: BufReader<File>,
+    offset: u64,
+    chunk: VecDeque<Record<'static>>,
+    end: Option<End>,
+}
+
+impl Stream {
+    /// Opens a file; anything but MCAP is refused.
+    pub(super) fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let mut file = BufReader::new(file);
+        let mut magic = Vec::new();
+        (&mut file)
+            .take(mcap::MAGIC.len() as u64)
+            .read_to_end(&mut magic)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        ensure!(magic == mcap::MAGIC, "{} is no MCAP file", path.display());
+        let offset = magic.len() as u64;
+        Ok(Stream {
+            path: path.to_owned(),
+            file,
+            offset,
+            chunk: VecDeque::new(),
+            end: None,
+        })
+    }
+
+    /// How the file ended; none while there is more to read.
+    pub(super) fn end(&self) -> Option<End> {
+        self.end
+    }
+
+    /// The next record; none at the end; a damaged part as an error, after which reading may go on.
+    pub(super) fn next(&mut self) -> Result<Option<Record<'static>>, Damage> {
+        loop {
+            if let Some(record) = self.chunk.pop_front() {
+                return Ok(Some(record));
+            }
+            if self.end.is_some() {
+                return Ok(None);
+            }
+            let offset = self.offset;
+            let Some((opcode, body)) = self.frame()? else {
+                self.end = Some(End::Cut);
+                return Ok(None);
+            };
+            let damage = |reason: String| Damage { offset, reason };
+            if opcode == op::ATTACHMENT && !attachment_is_whole(&body) {
+                return Err(damage("a broken attachment".to_owned()));
+            }
+            if opcode == op::CHUNK {
+                self.chunk = unpack(&body).map_err(|error| damage(error.to_string()))?;
+                continue;
+            }
+            match parse_record(opcode, &body).map_err(|error| damage(error.to_string()))? {
+                Record::DataEnd(_) => self.end = Some(End::Whole),
+                Record::MessageIndex(_) | Record::Unknown { .. } => {}
+                record => return Ok(Some(record.into_owned())),
+            }
+        }
+    }
+
+    // One record's kind and bytes; none where the file ends before it does.
+    fn frame(&mut self) -> Result<Option<(u8, Vec<u8>)>, Damage> {
+        let mut prefix = [0; PREFIX_BYTES];
+        if !self.fill(&mut prefix)? {
+            return Ok(None);
+        }
+        let [opcode, length @ ..] = prefix;
+        let length = u64::from_le_bytes(length);
+        if length > LONGEST_RECORD_BYTES {
+            // Where the next record starts is lost with this one's length.
+            self.end = Some(End::Cut);
+            let reason = format!("a record of {length} bytes, which none is");
+            return Err(Damage {
+                offset: self.offset,
+                reason,
+            });
+        }
+        let mut body = Vec::new();
+        let read = (&mut self.file).take(length).read_to_end(&mut body);
+        let read = read.map_err(|error| self.unreadable(&error))?;
+        self.offset += (PREFIX_BYTES + read) as u64;
+        Ok((read as u64 == length).then_some((opcode, body)))
+    }
+
+    fn fill(&mut self, bytes: &mut [u8]) -> Result<bool, Damage> {
+        match self.file.read_exact(bytes) {
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == ErrorKind::UnexpectedEof => Ok(false),
+            Err(error) => Err(self.unreadable(&error)),
+        }
+    }
+
+    fn unreadable(&mut self, error: &std::io::Error) -> Damage {
+        self.end = Some(End::Cut);
+        Damage {
+            offset: self.offset,
+            reason: format!("cannot read {}: {error}", self.path.display()),
+        }
+    }
+}
+
+/// The records of a chunk whose checksum is right.
+fn unpack(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
+    // The limit and the check beforehand keep broken lengths from being allocated.
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(LONGEST_RECORD_BYTES as usize);
+    let mut reader = LinearReader::new_with_options(options);
+    let prefix: Vec<u8> = [op::CHUNK]
+        .into_iter()
+        .chain((body.len() as u64).to_le_bytes())
+        .collect();
+    let mut source = prefix.as_slice().chain(body);
+    let mut records = VecDeque::new();
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let read = source.read(reader.insert(wanted))?;
+                reader.notify_read(read);
+            }
+            LinearReadEvent::Record { opcode, data } => {
+                records.push_back(parse_record(opcode, data)?.into_owned())
+            }
+        }
+    }
+    Ok(records)
+}
+
+/// True if an attachment record's parts fit into it; the parser trusts that they do.
+fn attachment_is_whole(body: &[u8]) -> bool {
+    // Log and creation time, name, media type, data, checksum.
+    let mut rest = body.get(16..);
+    for _ in 0..2 {
+        rest = rest.and_then(|rest| {
+            let (length, text) = rest.split_first_chunk::<4>()?;
+            text.get(u32::from_le_bytes(*length) as usize..)
+        });
+    }
+    let data = rest.and_then(|rest| rest.split_first_chunk::<8>());
+    data.is_some_and(|(length, data)| {
+        u64::from_le_bytes(*length).checked_add(4) == Some(data.len() as u64)
+    })
+}

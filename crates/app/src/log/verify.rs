@@ -1,0 +1,153 @@
+//! Does the same input give the same bits? A log's cycles are computed once more and compared.
+
+use anyhow::{Result, bail};
+use localize::Stamp;
+use prost::Message;
+
+use super::picture::ImageMode;
+use super::read::Log;
+use super::schema::{convert, wire};
+use super::stream::End;
+use crate::cycle::Cycle;
+use crate::sample::Sample;
+
+/// The first thing in which two cycles differ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// Of the cycle.
+    pub stamp: Stamp,
+    /// Which value.
+    pub what: String,
+    /// As the log holds it.
+    pub recorded: String,
+    /// As it came out now.
+    pub computed: String,
+}
+
+/// What a verification found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verdict {
+    /// Cycles whose estimate was computed again.
+    pub cycles: u64,
+    /// Those of them whose vision was computed again, too.
+    pub seen: u64,
+    /// Cycles that differ.
+    pub different: u64,
+    /// The first difference.
+    pub first: Option<Difference>,
+    /// Where a cycle was dropped: what comes behind it cannot be computed from the log.
+    pub gap: Option<Stamp>,
+    /// Cycles behind the gap.
+    pub unverified: u64,
+    /// How the log ended.
+    pub end: End,
+}
+
+/// Computes every cycle of a log again and compares it bit for bit.
+///
+/// `take` is a fresh spine built from the log's own files: a sample in, after a frame a cycle out. Vision is computed
+/// again as long as every image is there exactly; after a dropped one its memory of the light may be another.
+pub fn verify(mut log: Log, mut take: impl FnMut(Sample) -> Option<Cycle>) -> Result<Verdict> {
+    let (mut cycles, mut seen, mut different, mut unverified) = (0, 0, 0, 0);
+    let (mut first, mut gap) = (None, None);
+    let mut sight = log.header().images == ImageMode::Png;
+    for logged in log.by_ref() {
+        let logged = logged?;
+        if gap.is_some() || logged.index != cycles {
+            gap = gap.or(Some(logged.cycle.stamp));
+            unverified += 1;
+            continue;
+        }
+        sight &= logged.image.is_some() || logged.cycle.seen.is_none();
+        let mut computed = None;
+        for sample in logged.samples(sight)? {
+            computed = take(sample);
+        }
+        let Some(computed) = computed else {
+            bail!("a frame of the log gave no cycle")
+        };
+        cycles += 1;
+        seen += u64::from(computed.seen.is_some());
+        if let Some(difference) = compare(&logged.cycle, &computed) {
+            different += 1;
+            first.get_or_insert(difference);
+        }
+    }
+    let end = log.end().unwrap_or(End::Cut);
+    Ok(Verdict {
+        cycles,
+        seen,
+        different,
+        first,
+        gap,
+        unverified,
+        end,
+    })
+}
+
+/// The first difference in what was computed, in the order of the stages; timings are no part of it.
+///
+/// What vision saw is compared where both cycles hold it.
+pub fn compare(recorded: &Cycle, computed: &Cycle) -> Option<Difference> {
+    let difference = |what: &str, recorded: String, computed: String, stamp: Stamp| {
+        Some(Difference {
+            stamp,
+            what: what.to_owned(),
+            recorded,
+            computed,
+        })
+    };
+    let stamp = recorded.stamp;
+    // One message holds every value of a cycle, and its bytes every bit.
+    let [ours, theirs] = [recorded, computed].map(|cycle| convert::cycle_to_wire(0, cycle, ""));
+    for (what, a, b) in parts(&ours, &theirs) {
+        if a.0 != b.0 {
+            return difference(what, a.1, b.1, stamp);
+        }
+    }
+    None
+}
+
+type Part = (Vec<u8>, String);
+
+fn parts(a: &wire::Cycle, b: &wire::Cycle) -> Vec<(&'static str, Part, Part)> {
+    let text = |value: &dyn std::fmt::Debug| {
+        let text = format!("{value:?}");
+        (text.clone().into_bytes(), text)
+    };
+    let mut parts = vec![
+        ("stamp", text(&a.stamp_ns), text(&b.stamp_ns)),
+        ("fault", text(&a.fault), text(&b.fault)),
+    ];
+    if let (Some(a), Some(b)) = (&a.seen, &b.seen) {
+        let brief = |seen: &wire::Seen| {
+            let wire::Seen {
+                points,
+                refused_reason,
+                carpet_share,
+                ..
+            } = seen;
+            let told = format!(
+                "{} points, {} refused, carpet {carpet_share}",
+                points.x.len(),
+                refused_reason.len()
+            );
+            (seen.encode_to_vec(), told)
+        };
+        parts.push(("what was seen", brief(a), brief(b)));
+    }
+    let brief =
+        |points: &wire::LinePoints| (points.encode_to_vec(), format!("{} points", points.x.len()));
+    parts.push(("line points", brief(&a.points), brief(&b.points)));
+    let (a, b) = (&a.estimate, &b.estimate);
+    parts.extend([
+        ("mode", text(&a.mode), text(&b.mode)),
+        ("reason", text(&a.reason), text(&b.reason)),
+        ("pose", text(&a.pose), text(&b.pose)),
+        ("covariance", text(&a.covariance), text(&b.covariance)),
+        ("runners-up", text(&a.runners_up), text(&b.runners_up)),
+    ]);
+    let whole = |estimate: &wire::Estimate| (estimate.encode_to_vec(), format!("{estimate:?}"));
+    parts.push(("estimate", whole(a), whole(b)));
+    parts
+}
