@@ -24,6 +24,8 @@ pub struct FilmConfig {
     pub read_noise: f32,
     /// Width of the optics' blur, pixels.
     pub blur_px: f32,
+    /// Veiling glare: light that mirror and lens scatter over the whole image, relative to white.
+    pub haze: f32,
 }
 
 impl Default for FilmConfig {
@@ -32,10 +34,11 @@ impl Default for FilmConfig {
             exposure: 1.0,
             gain: 1.0,
             white_balance: [1.0; 3],
-            vignetting: 0.25,
+            vignetting: 0.45,
             full_well: 6000.0,
             read_noise: 15.0,
-            blur_px: 1.3,
+            blur_px: 1.5,
+            haze: 0.008,
         }
     }
 }
@@ -52,8 +55,8 @@ impl FilmConfig {
                 return Err((key.to_owned(), format!("{value} must be a positive number")));
             }
         }
-        if !(self.read_noise >= 0.0 && (0.0..1.0).contains(&self.vignetting)) {
-            let reason = "read_noise must be at least 0, vignetting between 0 and 1";
+        if !(self.read_noise >= 0.0 && self.haze >= 0.0 && (0.0..1.0).contains(&self.vignetting)) {
+            let reason = "read_noise and haze must be at least 0, vignetting between 0 and 1";
             return Err(("vignetting".to_owned(), reason.to_owned()));
         }
         if !self
@@ -121,7 +124,7 @@ impl Film {
             let light = &light[colour][..count];
             let mut steps = [0u16; RUN];
             for i in 0..count {
-                let value = light[i] * scale[i] * exposed;
+                let value = (light[i] + config.haze) * scale[i] * exposed;
                 let noisy = value + noise[i] * (value * shot + read2).sqrt();
                 let step = (noisy * (TONES as f32 / WHITE)).clamp(0.0, TONES as f32);
                 // Adding 2²³ leaves the rounded number in the lowest bits; a cast would check for NaN.
@@ -193,6 +196,7 @@ mod tests {
         let mut pcg = Pcg::new(&mut rng);
         let config = FilmConfig {
             read_noise: 0.0,
+            haze: 0.0,
             full_well: 500.0,
             ..FilmConfig::default()
         };

@@ -60,7 +60,7 @@ pub struct Setting<'a> {
 }
 
 /// Linear light outside the mirror: the camera's hood.
-const HOOD: [f32; 3] = [0.0030, 0.0033, 0.0045];
+const HOOD: [f32; 3] = [0.0005, 0.0010, 0.0035];
 
 /// Renders images of one camera on one field.
 pub struct Renderer {
@@ -85,11 +85,11 @@ impl Renderer {
     pub fn new(setting: &Setting) -> Result<Self, OpticsError> {
         let camera = setting.camera;
         let table = trace_rays(camera, setting.profile, &setting.mount)?;
-        let rays = Rays::new(&table);
+        let rays = Rays::new(&table, setting.blur_px);
         let mut rng = ChaCha8Rng::seed_from_u64(setting.seed);
         rng.set_stream(1);
         let hall = Hall::new(setting.field, &mut rng);
-        let ground = Ground::new(&rays, setting.field, setting.light, setting.blur_px);
+        let ground = Ground::new(&rays, setting.field, setting.light);
         let corner2 =
             (camera.width_px as f32 / 2.0).powi(2) + (camera.height_px as f32 / 2.0).powi(2);
         let falloff = rays
@@ -203,3 +203,6 @@ impl Renderer {
 fn linear(colour: [u8; 3]) -> [f32; 3] {
     colour.map(decode)
 }
+
+#[cfg(test)]
+mod tests;

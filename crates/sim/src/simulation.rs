@@ -20,7 +20,7 @@ use crate::play::{Play, THINKING};
 use crate::render::{Renderer, Scene, Setting};
 use crate::scenario::{FaultKind, Scenario, ScenarioError};
 use crate::sensors::{CompassModel, ImuModel};
-use crate::world::{BallState, RobotState, STEP, World};
+use crate::world::{BallState, RobotState, STEP, STEP_SECONDS, World};
 
 /// What a sensor says, or what is true.
 #[derive(Debug, Clone, PartialEq)]
@@ -151,7 +151,7 @@ impl Clock {
     /// True once a tick: when the time for it has come.
     fn due(&mut self, time: f64) -> bool {
         // Half a step early or late is as near as steps allow.
-        let due = time + f64::from(STEP) / 2.0 >= self.ticks as f64 / self.rate_hz;
+        let due = time + STEP_SECONDS / 2.0 >= self.ticks as f64 / self.rate_hz;
         self.ticks += u64::from(due);
         due
     }
@@ -269,8 +269,7 @@ impl Sim {
 
     /// Seconds since the start.
     pub fn time(&self) -> f64 {
-        // 2 ms in f64: the same product on every machine.
-        self.steps as f64 * f64::from(STEP)
+        self.steps as f64 * STEP_SECONDS
     }
 
     /// Takes over from the scenario's path; `None` gives it back.
@@ -512,3 +511,6 @@ impl Iterator for Sim {
         (sample.stamp() <= end).then_some(sample)
     }
 }
+
+#[cfg(test)]
+mod tests;

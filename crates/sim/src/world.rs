@@ -11,7 +11,9 @@ use crate::base::{Base, Twist};
 use crate::scenario::{BallConfig, Scenario, Team};
 
 /// Length of a step, seconds: at 12 m/s a ball moves a tenth of its diameter.
-pub const STEP: f32 = 0.002;
+pub const STEP: f32 = STEP_SECONDS as f32;
+/// The same for the clock, which must not inherit f32's rounding.
+pub(crate) const STEP_SECONDS: f64 = 0.002;
 
 /// Mass of each of the other robots, kilograms (the league allows 40).
 const OTHER_MASS: f32 = 35.0;
@@ -316,13 +318,33 @@ fn insert_field(physics: &mut PhysicsWorld, field: &Field, restitution: f32) {
             }
         }
     }
-    // A field with walls has them at the carpet's edge; others have the hall's barrier a little further out.
-    let gap = if field.config.walls { 0.0 } else { BARRIER_GAP };
-    let (half_x, half_y) = field.carpet_half_extent();
+    // A field with walls has them where its size ends; others have the hall's barrier a little beyond the carpet.
+    let (gap, (half_x, half_y)) = match field.config.walls {
+        true => (0.0, (field.config.length / 2.0, field.config.width / 2.0)),
+        false => (BARRIER_GAP, field.carpet_half_extent()),
+    };
     // Thick, so that nothing is ever squeezed through.
     let (x, y, thick) = (half_x + gap + 0.5, half_y + gap + 0.5, 0.5);
+    // Where walls stand nearer than the goal is deep, they leave its mouth open.
+    let mouth = if goal.depth > 0.0 && half_x + gap < field.config.length / 2.0 + goal.depth {
+        goal.width / 2.0
+    } else {
+        0.0
+    };
+    let half_end = (y + thick - mouth) / 2.0;
     for side in [1.0, -1.0] {
-        wall(side * x, 0.0, thick, y + thick, restitution);
         wall(0.0, side * y, x + thick, thick, restitution);
+        for end in [1.0, -1.0] {
+            wall(
+                end * x,
+                side * (mouth + half_end),
+                thick,
+                half_end,
+                restitution,
+            );
+        }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -78,7 +78,7 @@ impl Default for BaseConfig {
             rate_hz: 100.0,
             mass: 30.0,
             speed_max: 4.5,
-            acceleration_max: 4.0,
+            acceleration_max: 3.0,
         }
     }
 }

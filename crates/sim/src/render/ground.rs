@@ -1,9 +1,11 @@
 //! What colour is the floor? Each ray's ground point and footprint, looked up in the paint and the light.
 
+use std::ops::Range;
+
 use localize::field::Field;
 use localize::frame::Pose;
 
-use super::paint::{LEVEL_STEP, Paint, Texture};
+use super::paint::{FINEST, Paint, Texture, index_of};
 use super::rays::Rays;
 use crate::film::{RUN, decode};
 use crate::light::LightConfig;
@@ -11,9 +13,9 @@ use crate::light::LightConfig;
 /// Farthest ground point that is told apart, metres: beyond any hall.
 const FARTHEST: f32 = 60.0;
 /// Most lookups along a stretched footprint.
-const MOST_SAMPLES: usize = 8;
-/// A run of rays keeps its level until the footprint differs by this part of a level's step.
-const LEVEL_KEEPS: f32 = 0.75;
+const MOST_TAPS: usize = 6;
+/// How far beyond the carpet light is told apart, metres.
+const LIGHT_BEYOND: f32 = 4.0;
 /// Cell of the light's texture, metres: light changes slowly.
 const LIGHT_CELL: f32 = 0.2;
 /// Light that the brightest byte stands for.
@@ -23,34 +25,48 @@ const STRIP: f32 = 2.0;
 const STRIP_CONTRAST: f32 = 0.025;
 
 /// sRGB of carpet, paint and the hall's floor under white light.
-const CARPET: [u8; 3] = [58, 122, 74];
-const PAINT: [u8; 3] = [222, 228, 222];
-const FLOOR: [u8; 3] = [128, 119, 112];
+const CARPET: [u8; 3] = [72, 130, 88];
+const PAINT: [u8; 3] = [226, 230, 226];
+const FLOOR: [u8; 3] = [138, 130, 124];
 
 /// The floor under all rays of a table.
 pub(super) struct Ground {
     /// Where each ray meets the ground, robot frame; `FARTHEST` away where it does not.
     pub(super) x: Vec<f32>,
     pub(super) y: Vec<f32>,
-    /// The long way across each footprint, robot frame, metres.
-    long_x: Vec<f32>,
-    long_y: Vec<f32>,
-    runs: Vec<Run>,
+    /// One over each footprint's side, 1/metres.
+    sharpness: Vec<f32>,
+    taps: Taps,
     paint: Paint,
     light: Texture,
     gloss: Option<Texture>,
     carpet_half: (f32, f32),
 }
 
-/// Rays next to each other with footprints alike.
+/// Lookups in the paint: one a ray, or several along a stretched footprint; in tiles of neighbouring rays, and within
+/// a tile by texture, so that long runs of lookups read one small part of one texture.
+#[derive(Default)]
+struct Taps {
+    /// Where, robot frame.
+    x: Vec<f32>,
+    y: Vec<f32>,
+    /// For which ray, counted from its tile's first.
+    ray: Vec<u16>,
+    runs: Vec<Run>,
+}
+
+/// Lookups in one texture for rays of one tile.
 struct Run {
+    tile: usize,
     start: usize,
     count: usize,
     level: usize,
-    samples: usize,
-    /// One over the footprint, 1/metres.
-    sharpness: f32,
+    /// What each of them counts for its ray, over the largest byte.
+    share: f32,
 }
+
+/// Rays of a tile: their light stays in the nearest cache.
+const TILE: usize = 4096;
 
 /// The short and the long side of a footprint, and the direction of the long one.
 struct Footprint {
@@ -59,183 +75,271 @@ struct Footprint {
     towards: (f32, f32),
 }
 
+impl Footprint {
+    /// How many lookups it takes, and the side of the square that each stands for.
+    fn taps(&self) -> (usize, f32) {
+        // Half as long again as wide is still as good as square, and no texture is finer than FINEST.
+        let short = self.short.max(FINEST);
+        let taps = ((self.long / short / 1.5).ceil() as usize).clamp(1, MOST_TAPS);
+        (taps, short.max(self.long / taps as f32))
+    }
+}
+
 impl Ground {
-    pub(super) fn new(rays: &Rays, field: &Field, light: &LightConfig, blur_px: f32) -> Self {
+    pub(super) fn new(rays: &Rays, field: &Field, light: &LightConfig) -> Self {
         let count = rays.count();
-        let footprints: Vec<Footprint> = (0..count)
-            .map(|ray| footprint(rays, ray, blur_px))
-            .collect();
-        // The finest texture serves the bulk of the image, not the few rays at its very centre.
+        let footprints: Vec<Footprint> = (0..count).map(|ray| footprint(rays, ray)).collect();
+        // The finest texture serves the bulk of the image, not a rim that shows the robot's feet.
         let mut short: Vec<f32> = footprints.iter().map(|footprint| footprint.short).collect();
-        let tenth = short.len() / 10;
-        let finest = if short.is_empty() {
-            1.0
-        } else {
-            *short.select_nth_unstable_by(tenth, f32::total_cmp).1
+        let finest = match short.len() / 4 {
+            0 => 1.0,
+            quarter => *short.select_nth_unstable_by(quarter, f32::total_cmp).1,
         };
         let paint = Paint::new(field, finest);
-        let runs = runs(&footprints, &paint);
         let (half_x, half_y) = field.carpet_half_extent();
         let byte = |value: f32| (value / BRIGHTEST * 255.0).round().clamp(0.0, 255.0) as u8;
-        let (light_x, light_y) = (half_x + 4.0, half_y + 4.0);
-        let lit = Texture::new(light_x, light_y, LIGHT_CELL, |column, row, texture| {
-            let (x, y) = texture.point(column, row);
+        let (light_x, light_y) = (half_x + LIGHT_BEYOND, half_y + LIGHT_BEYOND);
+        let lit = Texture::new(light_x, light_y, LIGHT_CELL, |x, y| {
             byte(light.at(x, y).0 * weave(x, y))
         });
-        let gloss = light.spots.iter().any(|spot| spot.gloss > 0.0).then(|| {
-            Texture::new(light_x, light_y, LIGHT_CELL, |column, row, texture| {
-                let (x, y) = texture.point(column, row);
-                byte(light.at(x, y).1)
+        let glossy = light.spots.iter().any(|spot| spot.gloss > 0.0);
+        let gloss = glossy
+            .then(|| Texture::new(light_x, light_y, LIGHT_CELL, |x, y| byte(light.at(x, y).1)));
+        let (x, y): (Vec<f32>, Vec<f32>) = (0..count)
+            .map(|ray| {
+                let way = way_to_ground(rays, ray).min(FARTHEST);
+                let (dx, dy) = (way * rays.towards_x[ray], way * rays.towards_y[ray]);
+                (rays.origin_x[ray] + dx, rays.origin_y[ray] + dy)
             })
-        });
-        let mut ground = Ground {
-            x: vec![0.0; count],
-            y: vec![0.0; count],
-            long_x: footprints
+            .unzip();
+        // No paint is farther from the robot than from corner to corner.
+        let reach = 2.0 * half_x.hypot(half_y);
+        let taps = Taps::new(&footprints, &paint, &x, &y, reach);
+        Ground {
+            taps,
+            sharpness: footprints
                 .iter()
-                .map(|footprint| footprint.long * footprint.towards.0)
+                .map(|footprint| 1.0 / footprint.taps().1)
                 .collect(),
-            long_y: footprints
-                .iter()
-                .map(|footprint| footprint.long * footprint.towards.1)
-                .collect(),
-            runs,
+            x,
+            y,
             paint,
             light: lit,
             gloss,
             carpet_half: (half_x, half_y),
-        };
-        for ray in 0..count {
-            let way = way_to_ground(rays, ray).min(FARTHEST);
-            ground.x[ray] = rays.origin_x[ray] + way * rays.towards_x[ray];
-            ground.y[ray] = rays.origin_y[ray] + way * rays.towards_y[ray];
         }
-        ground
     }
 
     /// Writes the floor's light (linear, per colour) for every ray.
     pub(super) fn shade(&self, pose: Pose, light: &mut [Vec<f32>; 3]) {
-        let [carpet, paint, floor] = [CARPET, PAINT, FLOOR].map(|colour| colour.map(decode));
         let (sin, cos) = pose.theta.sin_cos();
-        let mut buffers = Buffers::default();
-        let Buffers {
+        let mut scratch = Scratch::new();
+        let mut white = [0f32; TILE];
+        let mut run = 0;
+        for tile in 0..self.x.len().div_ceil(TILE) {
+            white.fill(0.0);
+            while let Some(next) = self.taps.runs.get(run).filter(|run| run.tile == tile) {
+                let taps = next.start..next.start + next.count;
+                let place = scratch.place(
+                    pose,
+                    sin,
+                    cos,
+                    &self.taps.x[taps.clone()],
+                    &self.taps.y[taps.clone()],
+                );
+                place.look_up(&self.paint.levels[next.level], Channel::A);
+                for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.a) {
+                    white[usize::from(*ray) % TILE] += next.share * value;
+                }
+                run += 1;
+            }
+            let end = ((tile + 1) * TILE).min(self.x.len());
+            let mut start = tile * TILE;
+            while start < end {
+                let rays = start..(start + RUN).min(end);
+                let white = &white[start - tile * TILE..][..rays.len()];
+                self.compose(pose, (sin, cos), rays.clone(), white, &mut scratch, light);
+                start = rays.end;
+            }
+        }
+    }
+
+    /// Mixes floor, carpet and paint under the light there is.
+    fn compose(
+        &self,
+        pose: Pose,
+        (sin, cos): (f32, f32),
+        rays: Range<usize>,
+        white: &[f32],
+        scratch: &mut Scratch,
+        light: &mut [Vec<f32>; 3],
+    ) {
+        let count = rays.len().min(RUN);
+        let scratch = scratch.place(pose, sin, cos, &self.x[rays.clone()], &self.y[rays.clone()]);
+        scratch.look_up(&self.light, Channel::A);
+        match &self.gloss {
+            Some(texture) => scratch.look_up(texture, Channel::B),
+            None => scratch.b[..count].fill(0.0),
+        }
+        let (half_x, half_y) = self.carpet_half;
+        let Scratch {
             x,
             y,
-            at_x,
-            at_y,
-            white,
-            part,
-            lit,
-            gloss,
-        } = &mut buffers;
-        for run in &self.runs {
-            let rays = run.start..run.start + run.count;
-            let count = run.count.min(RUN);
-            let (ground_x, ground_y) = (&self.x[rays.clone()], &self.y[rays.clone()]);
+            inside,
+            a: lit,
+            b: gloss,
+            ..
+        } = scratch;
+        let sharpness = &self.sharpness[rays.clone()][..count];
+        for i in 0..count {
+            let inside_x = ((half_x - x[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
+            let inside_y = ((half_y - y[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
+            inside[i] = inside_x * inside_y;
+        }
+        let white = &white[..count];
+        for (plane, ((carpet, paint), floor)) in light
+            .iter_mut()
+            .zip(CARPET.into_iter().zip(PAINT).zip(FLOOR))
+        {
+            let (carpet, paint, floor) = (decode(carpet), decode(paint), decode(floor));
+            let out = &mut plane[rays.clone()][..count];
             for i in 0..count {
-                x[i] = pose.x + cos * ground_x[i] - sin * ground_y[i];
-                y[i] = pose.y + sin * ground_x[i] + cos * ground_y[i];
-            }
-            let texture = &self.paint.levels[run.level];
-            if run.samples == 1 {
-                look_up(texture, &x[..count], &y[..count], white);
-            } else {
-                white[..count].fill(0.0);
-                let (long_x, long_y) = (&self.long_x[rays.clone()], &self.long_y[rays.clone()]);
-                let share = 1.0 / run.samples as f32;
-                for sample in 0..run.samples {
-                    let along = (sample as f32 + 0.5) * share - 0.5;
-                    for i in 0..count {
-                        at_x[i] = x[i] + along * (cos * long_x[i] - sin * long_y[i]);
-                        at_y[i] = y[i] + along * (sin * long_x[i] + cos * long_y[i]);
-                    }
-                    look_up(texture, &at_x[..count], &at_y[..count], part);
-                    for i in 0..count {
-                        white[i] += share * part[i];
-                    }
-                }
-            }
-            look_up(&self.light, &x[..count], &y[..count], lit);
-            match &self.gloss {
-                Some(texture) => look_up(texture, &x[..count], &y[..count], gloss),
-                None => gloss[..count].fill(0.0),
-            }
-            let (half_x, half_y) = self.carpet_half;
-            for i in 0..count {
-                let inside_x = ((half_x - x[i].abs()) * run.sharpness + 0.5).clamp(0.0, 1.0);
-                let inside_y = ((half_y - y[i].abs()) * run.sharpness + 0.5).clamp(0.0, 1.0);
-                part[i] = inside_x * inside_y;
-            }
-            for colour in 0..3 {
-                let out = &mut light[colour][rays.clone()];
-                let (carpet, paint, floor) = (carpet[colour], paint[colour], floor[colour]);
-                for i in 0..count {
-                    let on_carpet = carpet + white[i] * (1.0 / 255.0) * (paint - carpet);
-                    let albedo = floor + part[i] * (on_carpet - floor);
-                    out[i] = (BRIGHTEST / 255.0) * (lit[i] * albedo + gloss[i]);
-                }
+                let on_carpet = carpet + white[i] * (paint - carpet);
+                let albedo = floor + inside[i] * (on_carpet - floor);
+                out[i] = (BRIGHTEST / 255.0) * (lit[i] * albedo + gloss[i]);
             }
         }
     }
 }
 
-struct Buffers {
+impl Taps {
+    fn new(footprints: &[Footprint], paint: &Paint, x: &[f32], y: &[f32], reach: f32) -> Self {
+        let mut taps = Taps::default();
+        for (tile, footprints) in footprints.chunks(TILE).enumerate() {
+            let mut sorted: Vec<(usize, usize, usize)> = footprints
+                .iter()
+                .enumerate()
+                .filter(|(ray, _)| x[tile * TILE + ray].hypot(y[tile * TILE + ray]) < reach)
+                .map(|(ray, footprint)| {
+                    let (count, side) = footprint.taps();
+                    (paint.level(side), count, ray)
+                })
+                .collect();
+            sorted.sort_unstable();
+            for (level, count, ray) in sorted {
+                let (long, towards) = (footprints[ray].long, footprints[ray].towards);
+                for tap in 0..count {
+                    let along = ((tap as f32 + 0.5) / count as f32 - 0.5) * long;
+                    taps.push_run(tile, level, 1.0 / (255.0 * count as f32));
+                    taps.x.push(x[tile * TILE + ray] + along * towards.0);
+                    taps.y.push(y[tile * TILE + ray] + along * towards.1);
+                    taps.ray.push(ray as u16);
+                }
+            }
+        }
+        taps
+    }
+
+    /// Lengthens the last run by one, or starts the next.
+    fn push_run(&mut self, tile: usize, level: usize, share: f32) {
+        if let Some(run) = self.runs.last_mut()
+            && (run.tile, run.level, run.share) == (tile, level, share)
+            && run.count < RUN
+        {
+            run.count += 1;
+            return;
+        }
+        self.runs.push(Run {
+            tile,
+            start: self.x.len(),
+            count: 1,
+            level,
+            share,
+        });
+    }
+}
+
+/// What a run of lookups needs between its loops.
+struct Scratch {
+    count: usize,
+    /// Field coordinates, metres.
     x: [f32; RUN],
     y: [f32; RUN],
-    at_x: [f32; RUN],
-    at_y: [f32; RUN],
-    white: [f32; RUN],
-    part: [f32; RUN],
-    lit: [f32; RUN],
-    gloss: [f32; RUN],
+    inside: [f32; RUN],
+    a: [f32; RUN],
+    b: [f32; RUN],
+    part_x: [f32; RUN],
+    part_y: [f32; RUN],
+    cell: [u32; RUN],
 }
 
-impl Default for Buffers {
-    fn default() -> Self {
+/// Where a lookup's values go.
+enum Channel {
+    A,
+    B,
+}
+
+impl Scratch {
+    fn new() -> Self {
         let zero = [0.0; RUN];
-        Buffers {
+        Scratch {
+            count: 0,
             x: zero,
             y: zero,
-            at_x: zero,
-            at_y: zero,
-            white: zero,
-            part: zero,
-            lit: zero,
-            gloss: zero,
+            inside: zero,
+            a: zero,
+            b: zero,
+            part_x: zero,
+            part_y: zero,
+            cell: [0; RUN],
         }
     }
-}
 
-/// Bilinear values (0 to 255) at field points; beyond the texture its border goes on.
-fn look_up(texture: &Texture, x: &[f32], y: &[f32], out: &mut [f32; RUN]) {
-    // Adding 1.5·2²³ leaves the rounded number in the lowest bits: a floor that vectorises.
-    const ROUND: f32 = 12_582_912.0;
-    const BITS: u32 = 0x3f_ffff;
-    let count = x.len().min(RUN);
-    let (most_x, most_y) = ((texture.columns - 1) as f32, (texture.rows - 1) as f32);
-    let columns = texture.columns as u32;
-    let (mut index, mut cell) = ([0u32; RUN], [0u32; RUN]);
-    let (mut part_x, mut part_y) = ([0f32; RUN], [0f32; RUN]);
-    for i in 0..count {
-        let across = ((x[i] - texture.left) * texture.per_metre)
-            .max(0.0)
-            .min(most_x);
-        let up = ((y[i] - texture.bottom) * texture.per_metre)
-            .max(0.0)
-            .min(most_y);
-        let (column, row) = (across - 0.5 + ROUND, up - 0.5 + ROUND);
-        part_x[i] = across - (column - ROUND);
-        part_y[i] = up - (row - ROUND);
-        index[i] = (row.to_bits() & BITS) * columns + (column.to_bits() & BITS);
+    /// Takes points of the robot frame to the field.
+    fn place(&mut self, pose: Pose, sin: f32, cos: f32, x: &[f32], y: &[f32]) -> &mut Self {
+        self.count = x.len().min(y.len()).min(RUN);
+        let count = self.count;
+        let (x, y) = (&x[..count], &y[..count]);
+        let (out_x, out_y) = (&mut self.x[..count], &mut self.y[..count]);
+        for i in 0..count {
+            out_x[i] = pose.x + cos * x[i] - sin * y[i];
+            out_y[i] = pose.y + sin * x[i] + cos * y[i];
+        }
+        self
     }
-    for i in 0..count {
-        cell[i] = texture.cells[index[i] as usize];
-    }
-    for i in 0..count {
-        let corner = |shift: u32| ((cell[i] >> shift) & 255) as i32 as f32;
-        let low = corner(0) + part_x[i] * (corner(8) - corner(0));
-        let high = corner(16) + part_x[i] * (corner(24) - corner(16));
-        out[i] = low + part_y[i] * (high - low);
+
+    /// Bilinear values (0 to 255) at the points; beyond the texture its border goes on.
+    fn look_up(&mut self, texture: &Texture, channel: Channel) {
+        // Adding 1.5·2²³ leaves the rounded number in the lowest bits: a floor that vectorises.
+        const ROUND: f32 = 12_582_912.0;
+        const BITS: u32 = 0x3f_ffff;
+        let count = self.count.min(RUN);
+        let (most_x, most_y) = ((texture.columns - 1) as f32, (texture.rows - 1) as f32);
+        let blocks = texture.blocks();
+        let (per_metre, left, bottom) = (texture.per_metre, texture.left, texture.bottom);
+        for i in 0..count {
+            let across = ((self.x[i] - left) * per_metre).clamp(0.0, most_x);
+            let up = ((self.y[i] - bottom) * per_metre).clamp(0.0, most_y);
+            let (column, row) = (across - 0.5 + ROUND, up - 0.5 + ROUND);
+            self.part_x[i] = across - (column - ROUND);
+            self.part_y[i] = up - (row - ROUND);
+            self.cell[i] = index_of(column.to_bits() & BITS, row.to_bits() & BITS, blocks);
+        }
+        let cells = &texture.cells[..];
+        for cell in &mut self.cell[..count] {
+            *cell = cells[*cell as usize];
+        }
+        let out = match channel {
+            Channel::A => &mut self.a,
+            Channel::B => &mut self.b,
+        };
+        let parts = self.part_x.iter().zip(&self.part_y).zip(&self.cell);
+        for (out, ((part_x, part_y), cell)) in out[..count].iter_mut().zip(parts) {
+            let corner = |shift: u32| ((cell >> shift) & 255) as i32 as f32;
+            let low = corner(0) + part_x * (corner(8) - corner(0));
+            let high = corner(16) + part_x * (corner(24) - corner(16));
+            *out = low + part_y * (high - low);
+        }
     }
 }
 
@@ -249,11 +353,11 @@ fn way_to_ground(rays: &Rays, ray: usize) -> f32 {
     }
 }
 
-fn footprint(rays: &Rays, ray: usize, blur_px: f32) -> Footprint {
+fn footprint(rays: &Rays, ray: usize) -> Footprint {
     let way = way_to_ground(rays, ray).min(FARTHEST);
     let steep = rays.origin_z[ray] / way;
-    let across = way * rays.spacing[ray] * blur_px;
-    let along = rays.origin_z[ray] / (steep * steep) * rays.slope_spacing[ray] * blur_px;
+    let across = way * rays.spacing[ray];
+    let along = rays.origin_z[ray] / (steep * steep) * rays.slope_spacing[ray];
     // The spacing's root of two squares counts a diagonal step: both ways are equally far off.
     let (towards_x, towards_y) = (rays.towards_x[ray], rays.towards_y[ray]);
     let along = along.min(FARTHEST);
@@ -270,34 +374,6 @@ fn footprint(rays: &Rays, ray: usize, blur_px: f32) -> Footprint {
             towards: (-towards_y, towards_x),
         }
     }
-}
-
-/// Cuts the rays into runs of one level and number of lookups.
-fn runs(footprints: &[Footprint], paint: &Paint) -> Vec<Run> {
-    let mut runs: Vec<Run> = Vec::new();
-    let mut width = f32::NAN;
-    for (ray, footprint) in footprints.iter().enumerate() {
-        let samples =
-            ((footprint.long / footprint.short - 0.3).ceil() as usize).clamp(1, MOST_SAMPLES);
-        let wanted = footprint.short.max(footprint.long / samples as f32);
-        if let Some(run) = runs.last_mut() {
-            let near = (wanted / width).log(LEVEL_STEP).abs() < LEVEL_KEEPS;
-            let enough = samples <= run.samples && run.samples <= 2 * samples;
-            if near && enough && run.count < RUN {
-                run.count += 1;
-                continue;
-            }
-        }
-        width = wanted;
-        runs.push(Run {
-            start: ray,
-            count: 1,
-            level: paint.level(wanted),
-            samples,
-            sharpness: 1.0 / wanted,
-        });
-    }
-    runs
 }
 
 /// Light and dark of the carpet itself: strips, and slow stains.

@@ -1,6 +1,7 @@
 //! What is around the field? A hall with walls, panels and doors, and clutter that stands about.
 
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 use localize::field::Field;
 use localize::frame::Pose;
@@ -9,25 +10,31 @@ use rand_chacha::ChaCha8Rng;
 
 use super::rays::Rays;
 use super::solids::{Outline, Solid};
-use crate::film::decode;
+use crate::film::{RUN, decode, encode};
 
 /// Room between carpet and walls, metres.
 const MARGIN: f32 = 3.0;
 /// Cell of the walls' picture, metres, and how high it goes.
-const CELL: f32 = 0.05;
+const CELL: f32 = 0.08;
 const HEIGHT: f32 = 4.0;
+/// Height of the darker skirting along the walls, metres.
+const SKIRTING: f32 = 0.4;
 /// Height of a field's own walls (the league's fields until 2001), metres.
 const FIELD_WALL: f32 = 0.5;
+/// Their sRGB colour.
+const WALL_PAINT: [u8; 3] = [206, 208, 205];
 /// Things that stand between carpet and walls.
 const THINGS: usize = 26;
 
 /// The hall, field frame.
 pub(super) struct Hall {
     half: [f32; 2],
-    /// Linear colours: columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
-    picture: Vec<[f32; 3]>,
+    /// sRGB colours (a fourth byte for alignment): columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
+    picture: Vec<[u8; 4]>,
     columns: usize,
     rows: usize,
+    /// Linear values of sRGB bytes.
+    linear: [f32; 256],
     /// Half extent of a field's own walls.
     field_walls: Option<[f32; 2]>,
     /// What stands about; places and directions in the field frame.
@@ -45,7 +52,11 @@ impl Hall {
             picture: Vec::new(),
             columns,
             rows,
-            field_walls: field.config.walls.then_some([carpet_x, carpet_y]),
+            linear: std::array::from_fn(|byte| decode(byte as u8)),
+            field_walls: field
+                .config
+                .walls
+                .then_some([field.config.length / 2.0, field.config.width / 2.0]),
             things: things([carpet_x, carpet_y], rng),
         };
         hall.paint(rng);
@@ -55,11 +66,11 @@ impl Hall {
     /// Plain plaster over a darker skirting, with panels, doors and posters of any colour.
     fn paint(&mut self, rng: &mut ChaCha8Rng) {
         let (columns, rows) = (self.columns, self.rows);
-        let plaster = [196, 192, 182].map(decode);
-        let skirting = [150, 155, 168].map(decode);
+        let plaster = [196, 192, 182, 0];
+        let skirting = [150, 155, 168, 0];
         self.picture = (0..columns * rows)
             .map(|index| {
-                if (index / columns) as f32 * CELL < 0.9 {
+                if (index / columns) as f32 * CELL < SKIRTING {
                     skirting
                 } else {
                     plaster
@@ -68,7 +79,8 @@ impl Hall {
             .collect();
         let panels = (columns as f32 * CELL / 1.4) as usize;
         for _ in 0..panels {
-            let colour = clutter_colour(rng).map(|part| part * 0.8 + 0.02);
+            let [red, green, blue] = clutter_colour(rng).map(|part| encode(part * 0.8 + 0.02));
+            let colour = [red, green, blue, 0];
             let left = (rng.random::<f32>() * columns as f32) as usize;
             let width = ((0.3 + 1.2 * rng.random::<f32>()) / CELL) as usize;
             let low = ((rng.random::<f32>() * 1.2) / CELL) as usize;
@@ -81,104 +93,144 @@ impl Hall {
         }
     }
 
-    /// Draws the walls over every ray that meets them above the floor.
+    /// Draws the walls over every ray that meets them above the floor; without branches, eight rays at once.
     pub(super) fn shade(&self, pose: Pose, rays: &Rays, light: &mut [Vec<f32>; 3]) {
         let (sin, cos) = pose.theta.sin_cos();
-        let walls = self.field_walls.unwrap_or(self.half);
-        // No wall is nearer than this: rays that reach the floor before need no look.
-        let near = (walls[0] - pose.x.abs())
-            .min(walls[1] - pose.y.abs())
-            .max(0.3);
-        let steepest = -1.1 / (near - 0.2).max(0.1);
+        let [hx, hy] = self.half;
+        let (per_cell, most_column, most_row) = (
+            1.0 / CELL,
+            (self.columns - 1) as f32,
+            (self.rows - 1) as f32,
+        );
+        let (mut cell, mut covered) = ([0u32; RUN], [0f32; RUN]);
+        let mut seen = [[0f32; RUN]; 3];
         for bin in rays.bins() {
-            let first =
-                bin.start + rays.slope[bin.clone()].partition_point(|&slope| slope < steepest);
-            for ray in first..bin.end {
-                let (ox, oy) = (rays.origin_x[ray], rays.origin_y[ray]);
-                let from = [pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy];
-                let (tx, ty) = (rays.towards_x[ray], rays.towards_y[ray]);
-                let towards = [cos * tx - sin * ty, sin * tx + cos * ty];
-                let (height, slope) = (rays.origin_z[ray], rays.slope[ray]);
-                if let Some(half) = self.field_walls {
-                    let way = way_out(from, towards, half);
-                    let z = height + slope * way;
-                    let width = way * rays.slope_spacing[ray] + 1e-3;
-                    let covered = (z / width + 0.5).clamp(0.0, 1.0)
-                        * ((FIELD_WALL - z) / width + 0.5).clamp(0.0, 1.0);
-                    if covered >= 1.0 {
-                        mix(light, ray, 1.0, [0.62, 0.63, 0.62]);
-                        continue;
+            let first = first_beyond(pose, rays, &bin, self.half);
+            for run in runs(first..bin.end) {
+                let (ray, count) = (rays.run(&run), run.len().min(RUN));
+                for i in 0..count {
+                    let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
+                    let (from_x, from_y) =
+                        (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
+                    let (tx, ty) = (ray.towards[0][i], ray.towards[1][i]);
+                    let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
+                    let way_x = way_to(hx, from_x, to_x);
+                    let way_y = way_to(hy, from_y, to_y);
+                    let way = way_x.min(way_y).max(1e-3);
+                    let z = ray.origin[2][i] + ray.slope[i] * way;
+                    covered[i] = (z / (way * ray.slope_spacing[i] + 1e-3) + 0.5).clamp(0.0, 1.0);
+                    // Along the walls, counter-clockwise from the corner (+x, −y).
+                    let (x, y) = (from_x + way * to_x, from_y + way * to_y);
+                    let side = if to_x > 0.0 {
+                        y + hy
+                    } else {
+                        2.0 * hx + 3.0 * hy - y
+                    };
+                    let end = if to_y > 0.0 {
+                        2.0 * hy + hx - x
+                    } else {
+                        3.0 * hx + 4.0 * hy + x
+                    };
+                    let along = if way_x < way_y { side } else { end };
+                    let column = (along * per_cell).clamp(0.0, most_column);
+                    let row = (z * per_cell).clamp(0.0, most_row);
+                    cell[i] = whole(row) * self.columns as u32 + whole(column);
+                }
+                for i in 0..count {
+                    let [red, green, blue, _] = self.picture[cell[i] as usize];
+                    seen[0][i] = self.linear[usize::from(red)];
+                    seen[1][i] = self.linear[usize::from(green)];
+                    seen[2][i] = self.linear[usize::from(blue)];
+                }
+                for (plane, seen) in light.iter_mut().zip(&seen) {
+                    for ((out, seen), covered) in
+                        plane[run.clone()].iter_mut().zip(seen).zip(&covered)
+                    {
+                        *out += covered * (seen - *out);
                     }
-                    if z > 0.0 {
-                        self.wall(from, towards, height, slope, rays, ray, light);
-                    }
-                    mix(light, ray, covered, [0.62, 0.63, 0.62]);
-                } else {
-                    self.wall(from, towards, height, slope, rays, ray, light);
                 }
             }
         }
-    }
-
-    #[expect(clippy::too_many_arguments, reason = "a ray's numbers, in a hot loop")]
-    fn wall(
-        &self,
-        from: [f32; 2],
-        towards: [f32; 2],
-        height: f32,
-        slope: f32,
-        rays: &Rays,
-        ray: usize,
-        light: &mut [Vec<f32>; 3],
-    ) {
-        let way = way_out(from, towards, self.half);
-        let z = height + slope * way;
-        let width = way * rays.slope_spacing[ray] + 1e-3;
-        let covered = (z / width + 0.5).clamp(0.0, 1.0);
-        if covered <= 0.0 {
-            return;
+        if let Some(half) = self.field_walls {
+            draw_field_walls(pose, half, rays, light);
         }
-        let at = [from[0] + way * towards[0], from[1] + way * towards[1]];
-        let [hx, hy] = self.half;
-        // Along the walls, counter-clockwise from the corner (+x, −y).
-        let along = if at[0] > hx - 1e-2 {
-            at[1] + hy
-        } else if at[1] > hy - 1e-2 {
-            2.0 * hy + hx - at[0]
-        } else if at[0] < -hx + 1e-2 {
-            2.0 * hy + 2.0 * hx + hy - at[1]
-        } else {
-            4.0 * hy + 2.0 * hx + at[0] + hx
-        };
-        let column = ((along / CELL) as usize).min(self.columns - 1);
-        let row = ((z.max(0.0) / CELL) as usize).min(self.rows - 1);
-        mix(
-            light,
-            ray,
-            covered,
-            self.picture[row * self.columns + column],
+    }
+}
+
+/// The field's own walls, white, over whatever is behind them.
+fn draw_field_walls(pose: Pose, [hx, hy]: [f32; 2], rays: &Rays, light: &mut [Vec<f32>; 3]) {
+    let (sin, cos) = pose.theta.sin_cos();
+    let white = WALL_PAINT.map(decode);
+    let [red, green, blue] = light;
+    for bin in rays.bins() {
+        let run = first_beyond(pose, rays, &bin, [hx, hy])..bin.end;
+        let ray = rays.run(&run);
+        let (red, green, blue) = (
+            &mut red[run.clone()],
+            &mut green[run.clone()],
+            &mut blue[run],
         );
+        for i in 0..ray.slope.len() {
+            let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
+            let (from_x, from_y) = (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
+            let (tx, ty) = (ray.towards[0][i], ray.towards[1][i]);
+            let way_x = way_to(hx, from_x, cos * tx - sin * ty);
+            let way_y = way_to(hy, from_y, sin * tx + cos * ty);
+            let way = way_x.min(way_y).max(1e-3);
+            let z = ray.origin[2][i] + ray.slope[i] * way;
+            let width = way * ray.slope_spacing[i] + 1e-3;
+            let covered = (z / width + 0.5).clamp(0.0, 1.0)
+                * ((FIELD_WALL - z) / width + 0.5).clamp(0.0, 1.0);
+            // Two sides of the hall get a little less light.
+            let facing = if way_x < way_y { 1.0 } else { 0.9 };
+            red[i] += covered * (white[0] * facing - red[i]);
+            green[i] += covered * (white[1] * facing - green[i]);
+            blue[i] += covered * (white[2] * facing - blue[i]);
+        }
     }
 }
 
-fn mix(light: &mut [Vec<f32>; 3], ray: usize, part: f32, colour: [f32; 3]) {
-    for (plane, colour) in light.iter_mut().zip(colour) {
-        plane[ray] += part * (colour - plane[ray]);
-    }
+/// A run cut into pieces that fit the buffers.
+fn runs(run: Range<usize>) -> impl Iterator<Item = Range<usize>> {
+    let end = run.end;
+    run.step_by(RUN)
+        .map(move |start| start..(start + RUN).min(end))
 }
 
-/// Horizontal way from inside a box of ± half to its walls.
-fn way_out(from: [f32; 2], towards: [f32; 2], half: [f32; 2]) -> f32 {
-    let axis = |axis: usize| {
-        let rate = towards[axis];
-        let room = half[axis].copysign(rate) - from[axis];
-        room / if rate.abs() < 1e-6 {
+/// The whole part of a number from 0 to 4 million, without the checks of a cast.
+#[inline(always)]
+fn whole(number: f32) -> u32 {
+    (number - 0.5 + 12_582_912.0).max(12_582_912.0).to_bits() & 0x3f_ffff
+}
+
+/// Way to the wall at ± half along one axis, from inside.
+#[inline(always)]
+fn way_to(half: f32, from: f32, rate: f32) -> f32 {
+    (half.copysign(rate) - from)
+        / if rate.abs() < 1e-6 {
             1e-6f32.copysign(rate)
         } else {
             rate
         }
-    };
-    axis(0).min(axis(1)).max(1e-3)
+}
+
+/// The first ray of a bin that may meet a wall above the floor: those before it are too steep.
+fn first_beyond(pose: Pose, rays: &Rays, bin: &Range<usize>, half: [f32; 2]) -> usize {
+    let (sin, cos) = pose.theta.sin_cos();
+    let nearest = [bin.start, bin.end.saturating_sub(1)]
+        .map(|ray| {
+            let (Some(tx), Some(ty)) = (rays.towards_x.get(ray), rays.towards_y.get(ray)) else {
+                return f32::MAX;
+            };
+            let way_x = way_to(half[0], pose.x, cos * tx - sin * ty);
+            way_x.min(way_to(half[1], pose.y, sin * tx + cos * ty))
+        })
+        .into_iter()
+        .fold(f32::MAX, f32::min);
+    // A bin's rays differ by half a degree and start beside the axis: some room for both.
+    let near = nearest * 0.97 - 2.0 * rays.reach;
+    let steepest = -rays.highest / near.max(0.05);
+    bin.start + rays.slope[bin.clone()].partition_point(|&slope| slope < steepest)
 }
 
 /// People, boxes and poles between carpet and walls.

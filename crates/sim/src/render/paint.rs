@@ -3,11 +3,14 @@
 use localize::field::{Field, Marking};
 
 /// From a level to the next footprints grow by this.
-pub(super) const LEVEL_STEP: f32 = std::f32::consts::SQRT_2;
-/// The narrowest footprint worth a texture of its own, metres: lines are ten times as wide.
-const FINEST: f32 = 0.012;
+const LEVEL_STEP: f32 = std::f32::consts::SQRT_2;
+/// The narrowest footprint worth a texture of its own, metres: lines are five times as wide.
+pub(super) const FINEST: f32 = 0.02;
 /// Beyond this footprint a line is a faint veil, metres.
 const COARSEST: f32 = 1.0;
+
+/// A texture's cell over the footprint it serves: between cells bilinear values blur no more than the footprint does.
+const CELL: f32 = 0.7;
 
 /// Coverage by white paint, averaged over square footprints.
 pub(super) struct Paint {
@@ -24,18 +27,13 @@ pub(super) struct Texture {
     pub(super) per_metre: f32,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// Row by row: corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1).
+    /// Corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1); see `index` for their order.
     pub(super) cells: Vec<u32>,
 }
 
 impl Texture {
     /// Samples `value` (0 to 255) on a grid of `cell` metres over ±half_x, ±half_y.
-    pub(super) fn new(
-        half_x: f32,
-        half_y: f32,
-        cell: f32,
-        values: impl Fn(usize, usize, &Self) -> u8,
-    ) -> Self {
+    pub(super) fn new(half_x: f32, half_y: f32, cell: f32, value: impl Fn(f32, f32) -> u8) -> Self {
         let columns = ((2.0 * half_x / cell).ceil() as usize).max(1) + 1;
         let rows = ((2.0 * half_y / cell).ceil() as usize).max(1) + 1;
         let mut texture = Texture {
@@ -46,29 +44,40 @@ impl Texture {
             rows,
             cells: Vec::new(),
         };
-        let grid: Vec<u8> = (0..rows)
-            .flat_map(|row| (0..columns).map(move |column| (column, row)))
-            .map(|(column, row)| values(column, row, &texture))
+        let grid: Vec<u8> = (0..rows * columns)
+            .map(|index| {
+                let (x, y) = texture.point(index % columns, index / columns);
+                value(x, y)
+            })
             .collect();
         texture.pack(&grid);
         texture
     }
 
     fn pack(&mut self, grid: &[u8]) {
-        let (columns, rows) = (self.columns, self.rows);
-        self.cells = (0..rows * columns)
-            .map(|index| {
-                let (column, row) = (index % columns, index / columns);
+        let (columns, rows, blocks) = (self.columns, self.rows, self.blocks());
+        self.cells = vec![0; columns.next_multiple_of(4) * rows.next_multiple_of(4)];
+        for row in 0..rows {
+            for column in 0..columns {
+                let index = row * columns + column;
                 let right = usize::from(column + 1 < columns);
                 let up = usize::from(row + 1 < rows) * columns;
-                u32::from_le_bytes([
+                let corners = [
                     grid[index],
                     grid[index + right],
                     grid[index + up],
                     grid[index + up + right],
-                ])
-            })
-            .collect();
+                ];
+                self.cells[index_of(column as u32, row as u32, blocks) as usize] =
+                    u32::from_le_bytes(corners);
+            }
+        }
+    }
+
+    /// Blocks of four columns in a row of blocks.
+    #[inline(always)]
+    pub(super) fn blocks(&self) -> u32 {
+        self.columns.div_ceil(4) as u32
     }
 
     /// Field coordinates of a grid point, metres.
@@ -78,6 +87,12 @@ impl Texture {
             self.bottom + row as f32 / self.per_metre,
         )
     }
+}
+
+/// Where a cell lies: blocks of four by four fill a cache line, whichever way the rays of an image cross them.
+#[inline(always)]
+pub(super) fn index_of(column: u32, row: u32, blocks: u32) -> u32 {
+    (((row >> 2) * blocks + (column >> 2)) << 4) + ((row & 3) << 2) + (column & 3)
 }
 
 impl Paint {
@@ -104,8 +119,8 @@ fn level(field: &Field, width: f32) -> Texture {
     // Markings end within the carpet; a frame of zeros around them is what lies beyond.
     let (half_x, half_y) = field.carpet_half_extent();
     let (half_x, half_y) = (half_x + 2.0 * width, half_y + 2.0 * width);
-    let cell = width / 2.0;
-    let mut texture = Texture::new(half_x, half_y, cell, |_, _, _| 0);
+    let cell = width * CELL;
+    let mut texture = Texture::new(half_x, half_y, cell, |_, _| 0);
     let mut grid = vec![0u8; texture.columns * texture.rows];
     for marking in &field.markings {
         stamp(&mut grid, &texture, field, marking, width);

@@ -28,21 +28,33 @@ pub(crate) struct Rays {
     pub(crate) towards_y: Vec<f32>,
     /// Height gained per horizontal metre; rises within a bin.
     pub(crate) slope: Vec<f32>,
-    /// Azimuth between this ray and the next pixel's, radians.
+    /// Azimuth between this ray and the next pixel's, blurred, radians.
     pub(crate) spacing: Vec<f32>,
-    /// Slope between this ray and the next pixel's.
+    /// Slope between this ray and the next pixel's, blurred.
     pub(crate) slope_spacing: Vec<f32>,
     /// Pixels without a ray.
     pub(crate) blank: Vec<u32>,
     /// Largest horizontal distance of an origin from the axis, metres.
-    reach: f32,
+    pub(super) reach: f32,
+    /// Largest distance at which a ray's line passes the axis, metres: nought for an upright mirror.
+    aside: f32,
     lowest: f32,
-    highest: f32,
+    pub(super) highest: f32,
+}
+
+/// A run of `Rays`; every slice has the run's length.
+#[derive(Clone, Copy)]
+pub(super) struct RayRun<'a> {
+    pub(super) origin: [&'a [f32]; 3],
+    pub(super) towards: [&'a [f32]; 2],
+    pub(super) slope: &'a [f32],
+    pub(super) spacing: &'a [f32],
+    pub(super) slope_spacing: &'a [f32],
 }
 
 impl Rays {
-    /// Sorts a table of rays.
-    pub(crate) fn new(table: &RayTable) -> Self {
+    /// Sorts a table of rays; the optics' blur widens every ray.
+    pub(crate) fn new(table: &RayTable, blur_px: f32) -> Self {
         let mut keyed: Vec<(usize, f32, u32)> = Vec::new();
         let mut rays = Rays::default();
         for (pixel, ray) in table.rays.iter().enumerate() {
@@ -69,13 +81,27 @@ impl Rays {
             rays.towards_x.push(cos);
             rays.towards_y.push(sin);
             rays.slope.push(slope);
-            rays.spacing.push(spacing);
-            rays.slope_spacing.push(slope_spacing);
+            rays.spacing.push(spacing * blur_px);
+            rays.slope_spacing.push(slope_spacing * blur_px);
+            rays.aside = rays
+                .aside
+                .max((ray.origin[0] * sin - ray.origin[1] * cos).abs());
             rays.reach = rays.reach.max(ray.origin[0].hypot(ray.origin[1]));
             rays.lowest = rays.lowest.min(ray.origin[2]);
             rays.highest = rays.highest.max(ray.origin[2]);
         }
         rays
+    }
+
+    /// A run of rays as slices of one length, for loops that the compiler turns into vectors.
+    pub(super) fn run(&self, run: &Range<usize>) -> RayRun<'_> {
+        RayRun {
+            origin: [&self.origin_x, &self.origin_y, &self.origin_z].map(|of| &of[run.clone()]),
+            towards: [&self.towards_x, &self.towards_y].map(|of| &of[run.clone()]),
+            slope: &self.slope[run.clone()],
+            spacing: &self.spacing[run.clone()],
+            slope_spacing: &self.slope_spacing[run.clone()],
+        }
     }
 
     pub(crate) fn count(&self) -> usize {
@@ -97,8 +123,8 @@ impl Rays {
         top: f32,
     ) -> impl Iterator<Item = Range<usize>> + '_ {
         let distance = x.hypot(y);
-        // A ray starts up to `reach` beside the axis, so it passes that much beside what its azimuth says.
-        let wide = radius + self.reach;
+        // A ray may pass up to `aside` beside what its azimuth says.
+        let wide = radius + self.aside;
         let half = if distance > wide * 1.01 {
             (wide / distance).asin()
         } else {

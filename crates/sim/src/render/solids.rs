@@ -1,7 +1,7 @@
 //! What stands in the view? Cylinders, boxes, balls and nets, drawn over what lies behind them with soft edges.
 
 use super::ground::Ground;
-use super::rays::Rays;
+use super::rays::{RayRun, Rays};
 
 /// Something upright: the same outline from bottom to top; robot frame.
 #[derive(Debug, Clone, Copy)]
@@ -62,11 +62,24 @@ pub(super) enum Piece {
 pub(super) type Lamp = [f32; 2];
 
 /// How a ray meets an outline: the covered part of the pixel, the ways in and out, and the face's brightness.
+#[derive(Clone, Copy)]
 struct Chord {
     covered: f32,
     enters: f32,
     leaves: f32,
     facing: f32,
+}
+
+/// A ray beside a solid: the way to the centre and the distance to its left, and the ray's direction.
+#[derive(Clone, Copy)]
+struct Beside {
+    dx: f32,
+    dy: f32,
+    tx: f32,
+    ty: f32,
+    along: f32,
+    across: f32,
+    width: f32,
 }
 
 pub(super) fn draw(piece: &Piece, rays: &Rays, lamp: Lamp, light: &mut [Vec<f32>; 3]) {
@@ -84,105 +97,138 @@ fn blend(light: &mut [Vec<f32>; 3], ray: usize, part: f32, colour: [f32; 3]) {
 }
 
 /// Part of a pixel of width `width` inside an edge that lies `inside` further out.
+#[inline(always)]
 fn edge(inside: f32, width: f32) -> f32 {
     (inside / width + 0.5).clamp(0.0, 1.0)
 }
 
 pub(super) fn draw_solid(solid: &Solid, rays: &Rays, lamp: Lamp, light: &mut [Vec<f32>; 3]) {
-    let radius = match solid.outline {
-        Outline::Circle { radius } => radius,
-        Outline::Box { half, .. } => half[0].hypot(half[1]),
-    };
-    for run in rays.around(solid.x, solid.y, radius, solid.bottom, solid.top) {
-        for ray in run {
-            let Some(chord) = chord(solid, rays, ray, lamp) else {
-                continue;
-            };
-            let (height, slope) = (rays.origin_z[ray], rays.slope[ray]);
-            let (z_in, z_out) = (height + slope * chord.enters, height + slope * chord.leaves);
-            let width = chord.enters.max(0.0) * rays.slope_spacing[ray] + 1e-4;
-            let (low, high) = (z_in.min(z_out), z_in.max(z_out));
-            let covered =
-                chord.covered * edge(solid.top - low, width) * edge(high - solid.bottom, width);
-            if covered <= 0.0 {
-                continue;
-            }
-            let over_cap = edge(z_in - solid.top, width);
-            let colour = std::array::from_fn(|c| {
-                let side = solid.side[c] * chord.facing;
-                side + over_cap * (solid.cap[c] - side)
+    match solid.outline {
+        Outline::Circle { radius } => draw_runs(solid, radius, rays, light, |beside| {
+            chord_of_circle(radius, lamp, beside)
+        }),
+        Outline::Box { half, cos, sin } => {
+            let radius = half[0].hypot(half[1]);
+            // The lamp in the box's own axes.
+            let lamp = [cos * lamp[0] + sin * lamp[1], cos * lamp[1] - sin * lamp[0]];
+            draw_runs(solid, radius, rays, light, |beside| {
+                chord_of_box(half, (sin, cos), lamp, beside)
             });
-            blend(light, ray, covered, colour);
         }
     }
 }
 
-fn chord(solid: &Solid, rays: &Rays, ray: usize, lamp: Lamp) -> Option<Chord> {
-    let (dx, dy) = (solid.x - rays.origin_x[ray], solid.y - rays.origin_y[ray]);
-    let (tx, ty) = (rays.towards_x[ray], rays.towards_y[ray]);
-    let (along, across) = (dx * tx + dy * ty, dx * ty - dy * tx);
-    let width = along.max(0.05) * rays.spacing[ray] + 1e-4;
-    match solid.outline {
-        Outline::Circle { radius } => {
-            let covered = edge(radius - across.abs(), width);
-            let half = (radius * radius - across * across).max(0.0).sqrt();
-            if covered <= 0.0 || along + half <= 0.0 {
-                return None;
-            }
-            // The normal where the ray enters, against the lamp and against the ray.
-            let (nx, ny) = (
-                (-half * tx - across * ty) / radius,
-                (-half * ty + across * tx) / radius,
+/// Draws a solid over every ray that may meet it; without branches, so that eight rays go at once.
+#[inline(always)]
+fn draw_runs(
+    solid: &Solid,
+    radius: f32,
+    rays: &Rays,
+    light: &mut [Vec<f32>; 3],
+    chord: impl Fn(Beside) -> Chord,
+) {
+    let [red, green, blue] = light;
+    for run in rays.around(solid.x, solid.y, radius, solid.bottom, solid.top) {
+        let RayRun {
+            origin: [ox, oy, oz],
+            towards: [tx, ty],
+            slope,
+            spacing,
+            slope_spacing,
+        } = rays.run(&run);
+        let (red, green, blue) = (
+            &mut red[run.clone()],
+            &mut green[run.clone()],
+            &mut blue[run],
+        );
+        for i in 0..slope.len() {
+            let (dx, dy) = (solid.x - ox[i], solid.y - oy[i]);
+            let along = dx * tx[i] + dy * ty[i];
+            let chord = chord(Beside {
+                dx,
+                dy,
+                tx: tx[i],
+                ty: ty[i],
+                along,
+                across: dx * ty[i] - dy * tx[i],
+                width: along.max(0.05) * spacing[i] + 1e-4,
+            });
+            let (z_in, z_out) = (
+                oz[i] + slope[i] * chord.enters,
+                oz[i] + slope[i] * chord.leaves,
             );
-            Some(Chord {
-                covered,
-                enters: (along - half).max(0.0),
-                leaves: along + half,
-                facing: 0.72 + 0.22 * (nx * lamp[0] + ny * lamp[1]) + 0.1 * half / radius,
-            })
+            let width = chord.enters * slope_spacing[i] + 1e-4;
+            let over_bottom = edge(z_in.max(z_out) - solid.bottom, width);
+            let covered = chord.covered * edge(solid.top - z_in.min(z_out), width) * over_bottom;
+            let cap = edge(z_in - solid.top, width);
+            let side = chord.facing * (1.0 - cap);
+            red[i] += covered * (side * solid.side[0] + cap * solid.cap[0] - red[i]);
+            green[i] += covered * (side * solid.side[1] + cap * solid.cap[1] - green[i]);
+            blue[i] += covered * (side * solid.side[2] + cap * solid.cap[2] - blue[i]);
         }
-        Outline::Box { half, cos, sin } => {
-            // Ray and centre in the box's own axes.
-            let (px, py) = (cos * dx + sin * dy, -sin * dx + cos * dy);
-            let (rx, ry) = (cos * tx + sin * ty, -sin * tx + cos * ty);
-            let reach = half[0] * ry.abs() + half[1] * rx.abs();
-            let covered = edge(reach - across.abs(), width);
-            if covered <= 0.0 {
-                return None;
-            }
-            let slab = |p: f32, r: f32, half: f32| {
-                let r = if r.abs() < 1e-6 {
-                    1e-6f32.copysign(r)
-                } else {
-                    r
-                };
-                let (a, b) = ((p - half) / r, (p + half) / r);
-                (a.min(b), a.max(b))
-            };
-            let (in_x, out_x) = slab(px, rx, half[0]);
-            let (in_y, out_y) = slab(py, ry, half[1]);
-            let (mut enters, mut leaves) = (in_x.max(in_y), out_x.min(out_y));
-            if enters > leaves {
-                // A pixel that only touches an edge: both ways are the edge's.
-                enters = (enters + leaves) / 2.0;
-                leaves = enters;
-            }
-            if leaves <= 0.0 {
-                return None;
-            }
-            let (nx, ny) = if in_x > in_y {
-                (-rx.signum(), 0.0)
-            } else {
-                (0.0, -ry.signum())
-            };
-            let (nx, ny) = (cos * nx - sin * ny, sin * nx + cos * ny);
-            Some(Chord {
-                covered,
-                enters: enters.max(0.0),
-                leaves,
-                facing: 0.77 + 0.22 * (nx * lamp[0] + ny * lamp[1]),
-            })
-        }
+    }
+}
+
+#[inline(always)]
+fn chord_of_circle(radius: f32, lamp: Lamp, beside: Beside) -> Chord {
+    let Beside {
+        tx,
+        ty,
+        along,
+        across,
+        width,
+        ..
+    } = beside;
+    let half = (radius * radius - across * across).max(0.0).sqrt();
+    let ahead = if along + half > 0.0 { 1.0 } else { 0.0 };
+    // The normal where the ray enters, against the lamp and against the ray.
+    let (nx, ny) = (-half * tx - across * ty, -half * ty + across * tx);
+    Chord {
+        covered: edge(radius - across.abs(), width) * ahead,
+        enters: (along - half).max(0.0),
+        leaves: (along + half).max(0.0),
+        facing: 0.72 + (0.22 * (nx * lamp[0] + ny * lamp[1]) + 0.1 * half) / radius,
+    }
+}
+
+/// `axes`: sine and cosine of the box's direction; `lamp`: in the box's own axes.
+#[inline(always)]
+fn chord_of_box(half: [f32; 2], (sin, cos): (f32, f32), lamp: Lamp, beside: Beside) -> Chord {
+    let Beside {
+        dx,
+        dy,
+        tx,
+        ty,
+        across,
+        width,
+        ..
+    } = beside;
+    // Ray and centre in the box's own axes; a ray along a side still has some slant.
+    let (px, py) = (cos * dx + sin * dy, cos * dy - sin * dx);
+    let slanted = |rate: f32| if rate.abs() < 1e-6 { 1e-6 } else { rate };
+    let (rx, ry) = (slanted(cos * tx + sin * ty), slanted(cos * ty - sin * tx));
+    let (per_x, per_y) = (1.0 / rx, 1.0 / ry);
+    let (mid_x, mid_y) = (px * per_x, py * per_y);
+    let (half_x, half_y) = (half[0] * per_x.abs(), half[1] * per_y.abs());
+    let (in_x, in_y) = (mid_x - half_x, mid_y - half_y);
+    let (first, last) = (in_x.max(in_y), (mid_x + half_x).min(mid_y + half_y));
+    // A pixel that only touches an edge: both ways are the edge's.
+    let middle = (first + last) / 2.0;
+    let (enters, leaves) = (first.min(middle), last.max(middle));
+    let ahead = if leaves > 0.0 { 1.0 } else { 0.0 };
+    let facing = if in_x > in_y {
+        -lamp[0].copysign(lamp[0] * rx)
+    } else {
+        -lamp[1].copysign(lamp[1] * ry)
+    };
+    Chord {
+        covered: edge(
+            half[0] * ry.abs() + half[1] * rx.abs() - across.abs(),
+            width,
+        ) * ahead,
+        enters: enters.max(0.0),
+        leaves: leaves.max(0.0),
+        facing: 0.77 + 0.22 * facing,
     }
 }
 
@@ -291,16 +337,22 @@ pub(super) fn draw_shadow(
     light: &mut [Vec<f32>; 3],
 ) {
     let far = 2.0 * radius;
+    let per_square = 1.0 / (far * far);
+    let [red, green, blue] = light;
     for run in rays.around(x, y, far, 0.0, 0.0) {
-        for ray in run {
-            let (dx, dy) = (ground.x[ray] - x, ground.y[ray] - y);
-            let distance2 = (dx * dx + dy * dy) / (far * far);
-            if distance2 < 1.0 {
-                let left = 1.0 - 0.5 * (1.0 - distance2).powi(2);
-                for plane in light.iter_mut() {
-                    plane[ray] *= left;
-                }
-            }
+        let (at_x, at_y) = (&ground.x[run.clone()], &ground.y[run.clone()]);
+        let (red, green, blue) = (
+            &mut red[run.clone()],
+            &mut green[run.clone()],
+            &mut blue[run],
+        );
+        for i in 0..at_x.len() {
+            let (dx, dy) = (at_x[i] - x, at_y[i] - y);
+            let inside = (1.0 - (dx * dx + dy * dy) * per_square).max(0.0);
+            let left = 1.0 - 0.5 * inside * inside;
+            red[i] *= left;
+            green[i] *= left;
+            blue[i] *= left;
         }
     }
 }

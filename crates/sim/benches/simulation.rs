@@ -1,0 +1,105 @@
+//! How long do an image and a second of simulation take, on one core?
+
+use std::hint::black_box;
+use std::path::Path;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use localize::Field;
+use localize::frame::{At, Pose};
+use sim::render::{Renderer, Scene, Setting};
+use sim::scenario::Team;
+use sim::world::RobotState;
+use sim::{Sample, Scenario, Sim};
+use vision::{Profile, RobotConfig};
+
+fn config(name: &str) -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../config")
+        .join(name)
+}
+
+/// The demo's scenario with nine other robots.
+fn game() -> (Scenario, RobotConfig, Field) {
+    let (mut scenario, robot) = Scenario::load(&config("scenarios/demo.toml")).expect("a scenario");
+    scenario.others.opponents = 5;
+    scenario.others.mates = 4;
+    let field = Field::load(&robot.field).expect("a field");
+    (scenario, robot, field)
+}
+
+fn image(c: &mut Criterion) {
+    let (scenario, robot, field) = game();
+    let camera = robot.camera.clone().expect("a camera");
+    let profile =
+        Profile::load(&robot.mirror.clone().expect("a mirror").profile).expect("a profile");
+    let body = robot.body.clone().unwrap_or_default();
+    let mut renderer = Renderer::new(&Setting {
+        camera: &camera,
+        profile: &profile,
+        mount: scenario.mount,
+        body: &body,
+        field: &field,
+        light: &scenario.light,
+        blur_px: scenario.film.blur_px,
+        seed: 1,
+    })
+    .expect("a renderer");
+    // Nine robots from 1 to 9 m around us, the ball at 2 m, a goal 5 m ahead.
+    let robots: Vec<RobotState> = (0..9)
+        .map(|index| {
+            let (sin, cos) = (0.7 * index as f32).sin_cos();
+            let distance = 1.0 + index as f32;
+            RobotState {
+                pose: Pose::new(4.0 - distance * cos, distance * sin * 0.8, index as f32),
+                velocity: [0.0; 2],
+                omega: 0.0,
+                team: if index % 2 == 0 {
+                    Team::Cyan
+                } else {
+                    Team::Magenta
+                },
+            }
+        })
+        .collect();
+    let mut rgb = Vec::new();
+    c.bench_function("render_480x480_nine_robots", |b| {
+        let mut turn = 0.0f32;
+        b.iter(|| {
+            turn += 0.1;
+            let scene = Scene {
+                pose: Pose::new(4.0, 0.3, turn),
+                robots: &robots,
+                ball: Some((At::new(2.5, 1.5), 0.22, [245, 125, 20])),
+                lamp: [1.0; 3],
+                occlusions: &[],
+            };
+            renderer.render(black_box(&scene), &scenario.film, &mut rgb);
+            black_box(&rgb);
+        });
+    });
+}
+
+fn second(c: &mut Criterion) {
+    let (mut scenario, robot, field) = game();
+    scenario.duration = f64::MAX;
+    let mut group = c.benchmark_group("simulated_second");
+    group.sample_size(20);
+    for (name, frame_rate_hz) in [("camera_30_hz", 30.0), ("without_camera", 1e-3)] {
+        let mut scenario = scenario.clone();
+        scenario.frame_rate_hz = frame_rate_hz;
+        let mut sim = Sim::new(scenario, robot.clone(), field.clone()).expect("a simulation");
+        group.bench_function(name, |b| {
+            b.iter(|| {
+                let end = sim.time() + 1.0;
+                while sim.time() < end {
+                    if let Sample::Image(image) = sim.next_sample() {
+                        black_box(&image.rgb);
+                    }
+                }
+            });
+        });
+    }
+}
+
+criterion_group!(benches, image, second);
+criterion_main!(benches);

@@ -1,0 +1,226 @@
+use std::path::Path;
+
+use super::*;
+use crate::film::decode;
+use crate::scenario::Team;
+use vision::{RayTable, RobotConfig};
+
+struct Studio {
+    renderer: Renderer,
+    table: RayTable,
+    film: FilmConfig,
+}
+
+/// A full-size camera on an 18 × 12 m field, nearly without noise and vignetting.
+fn studio(mount: Mount) -> Studio {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
+    let robot = RobotConfig::load(&folder.join("robots/default.toml")).expect("a robot");
+    let field = Field::load(&folder.join("fields/msl_18x12.toml")).expect("a field");
+    let camera = robot.camera.expect("a camera");
+    let profile = Profile::load(&robot.mirror.expect("a mirror").profile).expect("a profile");
+    let film = FilmConfig {
+        full_well: 1e9,
+        read_noise: 0.0,
+        vignetting: 0.0,
+        haze: 0.0,
+        blur_px: 1.0,
+        ..FilmConfig::default()
+    };
+    let renderer = Renderer::new(&Setting {
+        camera: &camera,
+        profile: &profile,
+        mount,
+        body: &robot.body.unwrap_or_default(),
+        field: &field,
+        light: &LightConfig::default(),
+        blur_px: film.blur_px,
+        seed: 1,
+    })
+    .expect("a renderer");
+    Studio {
+        renderer,
+        table: trace_rays(&camera, &profile, &mount).expect("rays"),
+        film,
+    }
+}
+
+impl Studio {
+    fn shoot(&mut self, pose: Pose, robots: &[RobotState], occlusions: &[(f32, f32)]) -> Vec<u8> {
+        let scene = Scene {
+            pose,
+            robots,
+            ball: None,
+            lamp: [1.0; 3],
+            occlusions,
+        };
+        let mut rgb = Vec::new();
+        self.renderer.render(&scene, &self.film, &mut rgb);
+        rgb
+    }
+
+    /// Where a pixel's ray meets the ground.
+    fn ground(&self, column: usize, row: usize) -> Option<At<localize::RobotFrame>> {
+        self.table.rays[row * self.table.width_px + column]?.at_height(0.0)
+    }
+}
+
+/// Across a line, the middle of the white is where the traced rays put the line's centre.
+fn line_centre_error(studio: &mut Studio, pose: Pose, row: usize, line_y: f32) -> Vec<f32> {
+    let rgb = studio.shoot(pose, &[], &[]);
+    let red = |column: usize| decode(rgb[3 * (row * studio.table.width_px + column)]);
+    let mut errors = Vec::new();
+    // The row crosses the line once on either side of the image; look where it is near.
+    let field_point = |column: usize| studio.ground(column, row).map(|ground| pose * ground);
+    let near: Vec<usize> = (0..studio.table.width_px)
+        .filter(|&column| {
+            field_point(column).is_some_and(|at| (at.y - line_y).abs() < 0.3 && at.x.abs() < 6.0)
+        })
+        .collect();
+    for crossing in near.chunk_by(|a, b| b - a == 1) {
+        let dark = crossing
+            .iter()
+            .map(|&column| red(column))
+            .fold(f32::MAX, f32::min);
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for &column in crossing {
+            let at = field_point(column).expect("ground");
+            let white = red(column) - dark;
+            sum += white * (at.y - line_y);
+            weight += white;
+        }
+        errors.push(sum / weight);
+    }
+    errors
+}
+
+#[test]
+fn a_touch_line_lies_where_the_rays_put_it_also_under_a_tilted_mirror() {
+    let mounts = [
+        Mount::default(),
+        Mount {
+            mirror_tilt_deg: [1.0, -0.7],
+            lean_deg: [0.0, 1.0],
+            mirror_offset: [0.002, 0.0],
+            ..Mount::default()
+        },
+    ];
+    for mount in mounts {
+        let mut studio = studio(mount);
+        // The line's centre lies half a line inside 12 m. Heading along y: the touch line crosses the image upright.
+        let errors = line_centre_error(&mut studio, Pose::new(3.0, 4.0, 0.0), 180, 6.0 - 0.0625);
+        assert!(!errors.is_empty());
+        for error in errors {
+            assert!(error.abs() < 0.01, "{error} m");
+        }
+    }
+}
+
+#[test]
+fn paint_is_bright_and_carpet_green_wherever_a_pixel_is_wholly_one_of_them() {
+    let mut studio = studio(Mount::default());
+    let pose = Pose::new(-2.0, 1.0, 0.7);
+    let rgb = studio.shoot(pose, &[], &[]);
+    let (mut painted, mut bare) = (0, 0);
+    for row in 0..480 {
+        for column in 0..480 {
+            let Some(ground) = studio.ground(column, row) else {
+                continue;
+            };
+            let at = pose * ground;
+            if !(0.6..5.0).contains(&ground.distance()) {
+                continue;
+            }
+            let pixel = &rgb[3 * (row * 480 + column)..][..3];
+            // The halfway line by hand: 0.125 m wide along y.
+            let from_halfway = at.x.abs();
+            if from_halfway < 0.02 && at.y.abs() > 2.3 && at.y.abs() < 5.5 && pixel[0] > 60 {
+                painted += 1;
+                assert!(
+                    pixel[0] > 180 && pixel[2] > 180,
+                    "({column}, {row}) {pixel:?} at {at:?}"
+                );
+            }
+            let open = at.x < -2.6 && at.x > -5.0 && at.y > -1.0 && at.y < 5.0;
+            if open && pixel[1] > 60 {
+                bare += 1;
+                assert!(
+                    pixel[0] < 110 && pixel[1] > pixel[0] + 25,
+                    "({column}, {row}) {pixel:?} at {at:?}"
+                );
+            }
+        }
+    }
+    assert!(painted > 50 && bare > 2000, "{painted} {bare}");
+}
+
+#[test]
+fn a_robot_changes_the_image_in_its_own_direction_alone() {
+    let mut studio = studio(Mount::default());
+    let pose = Pose::new(0.0, 0.0, 0.4);
+    let other = RobotState {
+        pose: Pose::new(2.0, 2.0, 0.0),
+        velocity: [0.0; 2],
+        omega: 0.0,
+        team: Team::Magenta,
+    };
+    // Both images draw the same noise, which is next to none.
+    let without = studio.shoot(pose, &[], &[]);
+    let with = studio.shoot(pose, &[other], &[]);
+    let seen = pose.inverse() * other.pose.origin();
+    let half = (0.36f32 / seen.distance()).asin();
+    let (mut inside, mut magenta) = (0, 0);
+    for (pixel, ray) in studio.table.rays.iter().enumerate() {
+        let (a, b) = (&without[3 * pixel..][..3], &with[3 * pixel..][..3]);
+        if a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) < 12) {
+            continue;
+        }
+        let ray = ray.expect("a ray where something changed");
+        let azimuth = ray.direction[1].atan2(ray.direction[0]);
+        let off = localize::frame::wrap_angle(azimuth - seen.bearing()).abs();
+        // The shadow on the floor reaches about twice as far to either side.
+        assert!(off < 2.2 * half, "azimuth off by {off}");
+        inside += usize::from(off < half);
+        magenta += usize::from(b[0] > 90 && b[1] < 60 && b[2] > 60);
+    }
+    assert!(inside > 500 && magenta > 50, "{inside} {magenta}");
+}
+
+#[test]
+fn an_occluded_sector_is_black_and_the_rest_is_not() {
+    let mut studio = studio(Mount::default());
+    let pose = Pose::new(0.0, 0.0, 0.0);
+    let clear = studio.shoot(pose, &[], &[]);
+    let covered = studio.shoot(pose, &[], &[(1.0, 0.8)]);
+    for (pixel, ray) in studio.table.rays.iter().enumerate() {
+        let Some(ray) = ray else { continue };
+        let off = localize::frame::wrap_angle(ray.direction[1].atan2(ray.direction[0]) - 1.0).abs();
+        let shown = &covered[3 * pixel..][..3];
+        if off < 0.39 {
+            assert!(shown.iter().all(|&byte| byte < 16), "{shown:?} at {off}");
+        } else if off > 0.41 {
+            let same = shown
+                .iter()
+                .zip(&clear[3 * pixel..])
+                .all(|(a, b)| a.abs_diff(*b) <= 1);
+            assert!(same, "changed at {off}");
+        }
+    }
+}
+
+#[test]
+fn twice_the_light_at_half_the_exposure_looks_the_same() {
+    let mut studio = studio(Mount::default());
+    let pose = Pose::new(1.0, 1.0, 0.0);
+    let usual = studio.shoot(pose, &[], &[]);
+    studio.film.exposure = 0.5;
+    let scene = Scene {
+        pose,
+        robots: &[],
+        ball: None,
+        lamp: [2.0; 3],
+        occlusions: &[],
+    };
+    let mut bright = Vec::new();
+    studio.renderer.render(&scene, &studio.film, &mut bright);
+    assert!(usual.iter().zip(&bright).all(|(a, b)| a.abs_diff(*b) <= 1));
+}

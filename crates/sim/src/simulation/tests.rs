@@ -1,0 +1,144 @@
+use std::path::Path;
+
+use super::*;
+use crate::scenario::Kidnap;
+
+/// The demo, shortened, under a small camera: what is true of 120 × 120 pixels is true of more.
+fn small(change: impl FnOnce(&mut Scenario)) -> Sim {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml");
+    let (mut scenario, mut robot) = Scenario::load(&path).expect("a scenario");
+    let camera = robot.camera.as_mut().expect("a camera");
+    (camera.width_px, camera.height_px) = (120, 120);
+    camera.focal_px = camera.focal_px.map(|focal| focal / 4.0);
+    camera.centre_px = [59.5, 59.5];
+    camera.outer_radius_px = Some(58.5);
+    scenario.duration = 1.0;
+    change(&mut scenario);
+    let field = Field::load(scenario.field.as_ref().expect("a field")).expect("a field");
+    Sim::new(scenario, robot, field).expect("a simulation")
+}
+
+#[test]
+fn one_seed_gives_the_same_bits_twice_and_another_seed_does_not() {
+    let first: Vec<Sample> = small(|_| {}).collect();
+    let again: Vec<Sample> = small(|_| {}).collect();
+    let other: Vec<Sample> = small(|scenario| scenario.seed += 1).collect();
+    assert!(first == again);
+    assert!(first != other);
+}
+
+#[test]
+fn samples_come_in_time_order_at_their_rates() {
+    let samples: Vec<Sample> = small(|_| {}).collect();
+    assert!(
+        samples
+            .windows(2)
+            .all(|pair| pair[0].stamp() <= pair[1].stamp())
+    );
+    let count =
+        |wanted: fn(&Sample) -> bool| samples.iter().filter(|sample| wanted(sample)).count();
+    assert_eq!(count(|sample| matches!(sample, Sample::Odometry(_))), 101);
+    assert_eq!(count(|sample| matches!(sample, Sample::Imu(_))), 101);
+    assert_eq!(count(|sample| matches!(sample, Sample::Compass(_))), 31);
+    assert_eq!(count(|sample| matches!(sample, Sample::Image(_))), 31);
+    for pair in samples.windows(2) {
+        if let Sample::Image(image) = &pair[1] {
+            assert!(matches!(&pair[0], Sample::Truth(truth) if truth.stamp == image.stamp));
+        }
+    }
+}
+
+#[test]
+fn a_kidnap_changes_our_pose_and_nobody_elses() {
+    let kidnap = Kidnap {
+        time: 0.5,
+        x: 3.0,
+        y: 2.0,
+        theta_deg: 90.0,
+    };
+    let truths = |sim: Sim| -> Vec<Truth> {
+        sim.filter_map(|sample| match sample {
+            Sample::Truth(truth) => Some(truth),
+            _ => None,
+        })
+        .collect()
+    };
+    let at_rest = |scenario: &mut Scenario| {
+        scenario.path.waypoints.clear();
+        scenario.duration = 0.55;
+    };
+    let stayed = truths(small(at_rest));
+    let taken = truths(small(|scenario| {
+        at_rest(scenario);
+        scenario.kidnaps.push(kidnap);
+    }));
+    let (stayed, taken) = (stayed.last().expect("truth"), taken.last().expect("truth"));
+    assert!(taken.robot.pose.origin().distance_to(At::new(3.0, 2.0)) < 0.05);
+    assert_eq!(stayed.ball, taken.ball);
+    for (a, b) in stayed.others.iter().zip(&taken.others) {
+        // They turn aside for us a little earlier or later, no more.
+        assert!(a.pose.origin().distance_to(b.pose.origin()) < 0.02);
+    }
+}
+
+#[test]
+fn dropped_frames_are_missing_and_a_frozen_compass_repeats_itself() {
+    let fault = |kind| crate::scenario::Fault {
+        kind,
+        start: 0.3,
+        stop: 0.7,
+        wheel: 0,
+    };
+    let samples: Vec<Sample> = small(|scenario| {
+        scenario.faults = vec![
+            fault(FaultKind::FramesDropped),
+            fault(FaultKind::CompassFrozen),
+        ];
+    })
+    .collect();
+    let during = |sample: &&Sample| (0.31..0.69).contains(&sample.stamp().seconds());
+    let mut headings: Vec<f32> = Vec::new();
+    for sample in samples.iter().filter(during) {
+        match sample {
+            Sample::Image(image) => panic!("an image at {:?}", image.stamp),
+            Sample::Compass(compass) => headings.push(compass.heading),
+            _ => {}
+        }
+    }
+    assert!(headings.len() > 8 && headings.windows(2).all(|pair| pair[0] == pair[1]));
+    assert!(
+        samples
+            .iter()
+            .any(|sample| matches!(sample, Sample::Image(_)) && sample.stamp().seconds() > 0.7)
+    );
+}
+
+#[test]
+fn every_scenario_of_the_repository_loads() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
+    let mut loaded = 0;
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        Scenario::load(&path).expect("a scenario");
+        loaded += 1;
+    }
+    assert!(loaded >= 6);
+}
+
+#[test]
+fn an_unknown_key_is_refused_with_file_and_line() {
+    let folder = std::env::temp_dir().join(format!("mirrorball-sim-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let path = folder.join("wrong.toml");
+    std::fs::write(
+        &path,
+        "robot = \"r.toml\"\nduration = 1.0\nstart = { x = 0, y = 0 }\nwind = 3\n",
+    )
+    .expect("written");
+    let message = Scenario::load(&path).expect_err("unknown key").to_string();
+    std::fs::remove_dir_all(&folder).expect("removed");
+    assert!(
+        message.contains("wrong.toml") && message.contains("line 4") && message.contains("wind"),
+        "{message}"
+    );
+}

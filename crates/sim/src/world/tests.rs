@@ -1,0 +1,161 @@
+use std::path::Path;
+
+use super::*;
+
+fn field() -> Field {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields/msl_18x12.toml");
+    Field::load(&path).expect("a field")
+}
+
+fn world_with(scenario: &str) -> World {
+    let text = format!("robot = \"r\"\nduration = 1.0\n{scenario}");
+    let scenario: Scenario = toml::from_str(&text).expect("a scenario");
+    let (base, body) = (BaseConfig::default(), BodyConfig::default());
+    World::new(&field(), &base, &body, &scenario, &[])
+}
+
+fn ball_world(ball: &str) -> World {
+    world_with(&format!("start = {{ x = -8.0, y = 5.0 }}\n[ball]\n{ball}"))
+}
+
+#[test]
+fn a_ball_at_12_m_per_s_never_passes_walls_nets_or_posts() {
+    let field = field();
+    for direction_deg in 0..36 {
+        let (sin, cos) = (10.0 * direction_deg as f32 + 3.0).to_radians().sin_cos();
+        let mut world = ball_world(
+            "position = [6.0, 0.3]\nsliding_friction = 0.0001\nrolling_deceleration = 0.0",
+        );
+        world.place_ball(At::new(6.0, 0.3), [12.0 * cos, 12.0 * sin]);
+        let mut was_in_goal = false;
+        for _ in 0..1000 {
+            world.step(Twist::default());
+            let at = world.ball().expect("a ball").at;
+            let (half_x, half_y) = field.carpet_half_extent();
+            assert!(
+                at.x.abs() < half_x + 0.6 && at.y.abs() < half_y + 0.6,
+                "{direction_deg}: {at:?}"
+            );
+            // Once behind the goal line between the posts, it only comes out the way it went in.
+            let (line, goal) = (field.config.length / 2.0, &field.config.goal);
+            let in_goal =
+                at.x > line + 0.15 && at.x < line + goal.depth && at.y.abs() < goal.width / 2.0;
+            if was_in_goal && !in_goal {
+                assert!(
+                    at.x < line + 0.2 && at.y.abs() < goal.width / 2.0,
+                    "{direction_deg}: {at:?}"
+                );
+            }
+            was_in_goal = in_goal;
+        }
+    }
+}
+
+#[test]
+fn a_wall_gives_back_the_restitution_that_the_scenario_says() {
+    let mut world = ball_world(
+        "position = [0.0, 6.0]\nvelocity = [0.0, 5.0]\nsliding_friction = 0.0001\nrolling_deceleration = 0.0\nrestitution = 0.7",
+    );
+    for _ in 0..300 {
+        world.step(Twist::default());
+    }
+    let [_, vy] = world.ball().expect("a ball").velocity;
+    assert!((vy + 3.5).abs() < 0.05, "{vy}");
+}
+
+#[test]
+fn a_kicked_ball_rolls_from_three_fifths_of_its_speed() {
+    let mut world = ball_world(
+        "position = [0.0, 0.0]\nvelocity = [4.0, 0.0]\nsliding_friction = 0.4\nrolling_deceleration = 0.0",
+    );
+    for _ in 0..500 {
+        world.step(Twist::default());
+    }
+    let [vx, _] = world.ball().expect("a ball").velocity;
+    assert!((vx - 2.4).abs() < 0.03, "{vx}");
+}
+
+#[test]
+fn the_robot_reaches_the_wanted_twist_and_its_encoders_tell_the_way() {
+    let mut world =
+        world_with("start = { x = -6.0, y = -3.0, theta_deg = 30.0 }\n[ball]\npresent = false");
+    let wanted = Twist {
+        vx: 1.5,
+        vy: 0.5,
+        omega: 0.4,
+    };
+    let mut counted = world.robot().pose;
+    let start = counted;
+    for step in 1..=1500 {
+        world.step(wanted);
+        if step % 5 == 0 {
+            let [dx, dy, dtheta] = world.count_wheels(None);
+            counted = counted * localize::Tf::new(dx, dy, dtheta);
+        }
+    }
+    let robot = world.robot();
+    let (sin, cos) = robot.pose.theta.sin_cos();
+    let [vx, vy] = robot.velocity;
+    assert!((cos * vx + sin * vy - 1.5).abs() < 0.05 && (cos * vy - sin * vx - 0.5).abs() < 0.05);
+    assert!((robot.omega - 0.4).abs() < 0.02, "{}", robot.omega);
+    let error = counted.origin().distance_to(robot.pose.origin());
+    let way = 1.5f32.hypot(0.5) * 3.0;
+    assert!(robot.pose.origin().distance_to(start.origin()) > 3.0);
+    assert!(error < 0.03 * way, "{error} m of {way} m");
+}
+
+#[test]
+fn wheels_that_accelerate_harder_than_they_grip_count_more_than_the_way() {
+    let text =
+        "robot = \"r\"\nduration = 1.0\nstart = { x = -6.0, y = 0.0 }\n[ball]\npresent = false";
+    let scenario: Scenario = toml::from_str(text).expect("a scenario");
+    let slip = |acceleration_max| {
+        let base = BaseConfig {
+            acceleration_max,
+            ..BaseConfig::default()
+        };
+        let mut world = World::new(&field(), &base, &BodyConfig::default(), &scenario, &[]);
+        let wanted = Twist {
+            vx: 3.0,
+            ..Twist::default()
+        };
+        let mut counted = 0.0;
+        for _ in 0..400 {
+            world.step(wanted);
+            counted += world.count_wheels(None)[0];
+        }
+        counted - (world.robot().pose.x + 6.0)
+    };
+    assert!(
+        slip(2.0) < 0.03 && slip(9.0) > 0.15,
+        "{} {}",
+        slip(2.0),
+        slip(9.0)
+    );
+}
+
+#[test]
+fn a_push_moves_the_robot_and_its_wheels_miss_most_of_it() {
+    let mut world = world_with("start = { x = 0.0, y = 0.0 }\n[ball]\npresent = false");
+    world.push([90.0, 0.0]);
+    let mut counted = 0.0;
+    for _ in 0..500 {
+        world.step(Twist::default());
+        counted += world.count_wheels(None)[0];
+    }
+    assert!(world.robot().pose.x > 0.2, "{}", world.robot().pose.x);
+    assert!(counted.abs() < 0.02, "{counted}");
+}
+
+#[test]
+fn a_kidnap_moves_our_robot_alone() {
+    let mut world = world_with("start = { x = 0.0, y = 0.0 }\n[ball]\nposition = [2.0, 1.0]");
+    let ball = world.ball();
+    world.kidnap(Pose::new(5.0, -3.0, 1.0));
+    let pose = world.robot().pose;
+    assert!(
+        pose.origin().distance_to(At::new(5.0, -3.0)) < 1e-6 && (pose.theta - 1.0).abs() < 1e-6
+    );
+    assert_eq!(world.ball(), ball);
+    assert_eq!(world.count_wheels(None), [0.0; 3]);
+}
