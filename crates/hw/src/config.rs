@@ -19,16 +19,13 @@ pub struct HardwareConfig {
     pub inertial: Vec<InertialDevice>,
 }
 
-/// `[camera]`.
+/// `[camera]`; the size of its images is robot.toml's.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraDevice {
-    /// `/dev/video0`, better `/dev/v4l/by-id/...`; `unix:PATH` takes frames from another program (docs/wire.md).
+    /// `/dev/video0`, better `/dev/v4l/by-id/...`; `unix:PATH` takes frames from another program (docs/wire.md);
+    /// `genicam:NAME` is a GigE or USB3 Vision camera by Aravis' name of it (`genicam:` alone: the first found).
     pub device: String,
-    /// Wanted width, pixels.
-    pub width_px: u32,
-    /// Wanted height, pixels.
-    pub height_px: u32,
     /// Wanted frames per second.
     #[serde(default = "thirty")]
     pub rate_hz: f32,
@@ -248,12 +245,6 @@ impl HardwareConfig {
 
 impl CameraDevice {
     fn check(&self) -> Result<(), HwError> {
-        for (key, size) in [
-            ("camera.width_px", self.width_px),
-            ("camera.height_px", self.height_px),
-        ] {
-            within(key, size as f32, 16.0..=8192.0)?;
-        }
         within("camera.rate_hz", self.rate_hz, 1.0..=1000.0)?;
         within("camera.stall", self.stall, 0.05..=10.0)?;
         within("camera.exposure", self.exposure.unwrap_or(0.01), 1e-5..=1.0)
@@ -296,6 +287,14 @@ mod tests {
         let path = folder.path().join("hardware.toml");
         std::fs::write(&path, text).expect("written");
         HardwareConfig::load(&path)
+    }
+
+    #[test]
+    fn the_example_of_the_docs_is_a_configuration() {
+        let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/hardware.toml");
+        let config = HardwareConfig::load(Path::new(example)).expect("a configuration");
+        assert!(config.camera.is_some() && config.base.is_some());
+        assert_eq!(config.inertial.len(), 1);
     }
 
     #[test]

@@ -138,8 +138,6 @@ impl Sender {
 fn camera_device(path: &std::path::Path) -> CameraDevice {
     CameraDevice {
         device: format!("unix:{}", path.display()),
-        width_px: 8,
-        height_px: 4,
         rate_hz: 30.0,
         format: String::new(),
         exposure: Some(0.01),
@@ -154,7 +152,7 @@ fn frames_come_through_and_torn_frozen_and_lost_ones_are_told() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("camera");
     let inbox = Inbox::new(64);
-    let camera = Camera::start(&camera_device(&path), &inbox).expect("started");
+    let camera = Camera::start(&camera_device(&path), [8, 4], &inbox).expect("started");
     let state = |wanted: State| (camera.health().state == wanted).then_some(());
     let mut sender = Sender {
         listener: UnixListener::bind(&path).expect("bound"),

@@ -5,10 +5,10 @@ use std::os::fd::{AsFd, BorrowedFd};
 use localize::Stamp;
 use localize::sample::{Compass, Imu};
 
-use super::odometer::BoardClock;
 use super::{Kick, KickerReport, PowerReport, SwitchReport};
 use crate::can_socket::CanSocket;
 use crate::config::{BaseDevice, Bus};
+use crate::device_clock::DeviceClock;
 use crate::error::HwError;
 use crate::serial::Serial;
 use crate::wire::board::{self, Message, Packet};
@@ -65,7 +65,7 @@ pub(super) struct Link {
     /// Electrical revolutions per minute at a wheel speed of 1 rad/s.
     erpm_per_speed: f32,
     sequence: u16,
-    clock: BoardClock,
+    clock: DeviceClock,
     /// Which controller is asked next (UART).
     asked: usize,
     power: PowerReport,
@@ -103,7 +103,7 @@ impl Link {
             erpm_per_speed: 60.0 / std::f32::consts::TAU * ticks_per_turn
                 / TICKS_PER_ELECTRICAL_TURN,
             sequence: 0,
-            clock: BoardClock::default(),
+            clock: DeviceClock::default(),
             asked: 0,
             power: PowerReport::default(),
             foreign: 0,
@@ -341,7 +341,7 @@ fn board_order(wheels: Wheels, count: usize, send_twist: bool) -> Message {
 
 fn board_said(
     message: Message,
-    clock: &mut BoardClock,
+    clock: &mut DeviceClock,
     device: &BaseDevice,
     now: Stamp,
 ) -> Option<Said> {

@@ -2,11 +2,13 @@
 
 mod colour;
 mod frame;
+#[cfg(feature = "aravis")]
+mod genicam;
 mod socket;
 mod sys;
 mod v4l2;
 
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::AsFd;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -58,20 +60,29 @@ pub struct Camera {
 enum Source {
     V4l2(V4l2),
     Socket(FrameSocket),
+    #[cfg(feature = "aravis")]
+    GenICam(genicam::GenICam),
 }
 
 impl Source {
-    fn open(device: &CameraDevice) -> Result<Self, HwError> {
-        match device.device.strip_prefix("unix:") {
-            Some(path) => FrameSocket::open(path, &Settings::of(device)).map(Source::Socket),
-            None => V4l2::open(device).map(Source::V4l2),
+    fn open(device: &CameraDevice, size_px: [u32; 2]) -> Result<Self, HwError> {
+        if let Some(path) = device.device.strip_prefix("unix:") {
+            return FrameSocket::open(path, &Settings::of(device)).map(Source::Socket);
         }
+        if let Some(name) = device.device.strip_prefix("genicam:") {
+            return open_genicam(name, device, size_px);
+        }
+        V4l2::open(device, size_px).map(Source::V4l2)
     }
 
-    fn fd(&self) -> BorrowedFd<'_> {
+    /// Waits until a frame may be there; false if none came by the deadline or the bell rang.
+    fn wait(&self, bell: &Bell, deadline: Stamp) -> bool {
         match self {
-            Source::V4l2(camera) => camera.as_fd(),
-            Source::Socket(socket) => socket.as_fd(),
+            Source::V4l2(camera) => bell.wait(Some(camera.as_fd()), deadline),
+            Source::Socket(socket) => bell.wait(Some(socket.as_fd()), deadline),
+            // Has nothing that can be waited for together with the bell; `take` waits itself.
+            #[cfg(feature = "aravis")]
+            Source::GenICam(_) => true,
         }
     }
 
@@ -79,21 +90,39 @@ impl Source {
         match self {
             Source::V4l2(camera) => camera.set(settings),
             Source::Socket(socket) => socket.set(settings),
+            #[cfg(feature = "aravis")]
+            Source::GenICam(camera) => camera.set(settings),
         }
     }
 
     /// The newest whole frame, and how many torn ones came before it.
-    fn take(&self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
+    fn take(&mut self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
         match self {
             Source::V4l2(camera) => camera.take(pool),
             Source::Socket(socket) => socket.take(pool).map(|frame| (Some(frame), 0)),
+            #[cfg(feature = "aravis")]
+            Source::GenICam(camera) => camera.take(pool),
         }
     }
 }
 
+#[cfg(feature = "aravis")]
+fn open_genicam(name: &str, device: &CameraDevice, size_px: [u32; 2]) -> Result<Source, HwError> {
+    genicam::GenICam::open(name, device, size_px).map(Source::GenICam)
+}
+
+#[cfg(not(feature = "aravis"))]
+fn open_genicam(_: &str, device: &CameraDevice, _: [u32; 2]) -> Result<Source, HwError> {
+    Err(HwError::Unfit {
+        device: device.device.clone(),
+        reason: "this program was built without GenICam cameras (feature aravis)".to_owned(),
+    })
+}
+
 impl Camera {
-    /// Starts the camera's thread, which opens the device now or whenever it appears.
-    pub fn start(device: &CameraDevice, inbox: &Inbox) -> Result<Self, HwError> {
+    /// Starts the camera's thread, which opens the device now or whenever it appears; `size_px` is columns and rows of the
+    /// wanted image. A socket's images have the size that their sender gives them.
+    pub fn start(device: &CameraDevice, size_px: [u32; 2], inbox: &Inbox) -> Result<Self, HwError> {
         let monitor = Monitor::new("camera", inbox);
         let wanted = Arc::new(Mutex::new(None));
         let mut server = Server {
@@ -109,7 +138,7 @@ impl Camera {
         let worker = Worker::start(
             "camera",
             &monitor,
-            move || Source::open(&opened),
+            move || Source::open(&opened, size_px),
             move |source, bell| server.serve(source, bell),
         )?;
         Ok(Camera {
@@ -153,7 +182,7 @@ impl Server {
             source.set(settings)?;
         }
         while !bell.stopped() {
-            let ready = bell.wait(Some(source.fd()), clock::now() + LOOK);
+            let ready = source.wait(bell, clock::now() + LOOK);
             let wanted = self
                 .wanted
                 .lock()

@@ -57,8 +57,8 @@ pub(super) fn describe(path: &str) -> Result<String, HwError> {
 }
 
 impl V4l2 {
-    /// Opens and sets up a device, and lets it stream.
-    pub(super) fn open(device: &CameraDevice) -> Result<Self, HwError> {
+    /// Opens and sets up a device for images of a size (columns, rows), and lets it stream.
+    pub(super) fn open(device: &CameraDevice, size_px: [u32; 2]) -> Result<Self, HwError> {
         let path = device.device.clone();
         let failed = |action| {
             let path = path.clone();
@@ -83,14 +83,14 @@ impl V4l2 {
             };
             return Err(unfit(format!("has not {wanted} but {}", names.join(" "))));
         };
-        let mut format = wanted_format(device, encoding);
+        let mut format = wanted_format(size_px, encoding);
         sys::set_format(&fd, &mut format).map_err(failed("set the format of"))?;
         if (format.width, format.height, format.fourcc)
-            != (device.width_px, device.height_px, encoding.fourcc())
+            != (size_px[0], size_px[1], encoding.fourcc())
         {
             return Err(unfit(format!(
                 "has not {} × {} pixels in {encoding:?}; nearest is {} × {}",
-                device.width_px, device.height_px, format.width, format.height
+                size_px[0], size_px[1], format.width, format.height
             )));
         }
         // Cameras without a choice of rates refuse; they have one rate.
@@ -115,10 +115,9 @@ impl V4l2 {
             path: path.clone(),
             buffers,
             encoding,
-            width_px: device.width_px as usize,
-            height_px: device.height_px as usize,
-            stride: (format.bytes_per_line as usize)
-                .max(encoding.row_bytes(device.width_px as usize)),
+            width_px: size_px[0] as usize,
+            height_px: size_px[1] as usize,
+            stride: (format.bytes_per_line as usize).max(encoding.row_bytes(size_px[0] as usize)),
         };
         camera.set(&Settings::of(device))?;
         let mut kind = sys::CAPTURE;
@@ -257,12 +256,12 @@ fn formats(fd: &OwnedFd) -> Vec<u32> {
     (0..64).map_while(description).collect()
 }
 
-fn wanted_format(device: &CameraDevice, encoding: Encoding) -> sys::Format {
+fn wanted_format(size_px: [u32; 2], encoding: Encoding) -> sys::Format {
     sys::Format {
         kind: sys::CAPTURE,
         align: 0,
-        width: device.width_px,
-        height: device.height_px,
+        width: size_px[0],
+        height: size_px[1],
         fourcc: encoding.fourcc(),
         // V4L2_FIELD_NONE: whole frames, no half ones interlaced.
         field: 1,
@@ -403,8 +402,6 @@ mod tests {
     fn what_is_no_camera_is_refused_in_plain_words() {
         let device = |path: &str| CameraDevice {
             device: path.to_owned(),
-            width_px: 640,
-            height_px: 480,
             rate_hz: 30.0,
             format: String::new(),
             exposure: None,
@@ -412,9 +409,10 @@ mod tests {
             white_balance_k: None,
             stall: 0.5,
         };
-        let missing = V4l2::open(&device("/dev/video_that_is_not_there")).expect_err("missing");
+        let missing =
+            V4l2::open(&device("/dev/video_that_is_not_there"), [640, 480]).expect_err("missing");
         assert!(missing.to_string().contains("missing"), "{missing}");
-        let null = V4l2::open(&device("/dev/null")).expect_err("no camera");
+        let null = V4l2::open(&device("/dev/null"), [640, 480]).expect_err("no camera");
         assert_eq!(null.to_string(), "/dev/null: is no video device");
     }
 }

@@ -1,0 +1,218 @@
+//! How do industrial cameras hand over frames? GigE Vision and USB3 Vision through Aravis.
+
+use aravis::{Auto, BufferStatus, CameraExt, CameraExtManual, DeviceError, StreamExt, glib};
+use localize::Stamp;
+
+use super::Settings;
+use super::frame::{CameraFrame, Encoding, Pool};
+use crate::clock;
+use crate::config::CameraDevice;
+use crate::device_clock::DeviceClock;
+use crate::error::HwError;
+
+/// Buffers that a frame can be received into.
+const BUFFERS: usize = 4;
+/// Longest wait for a frame, µs.
+const WAIT_US: u64 = 50_000;
+
+/// GenICam's names of the encodings (Standard Features Naming Convention), the most welcome first.
+const NAMES: [(&str, Encoding); 9] = [
+    ("RGB8", Encoding::Rgb8),
+    ("RGB8Packed", Encoding::Rgb8),
+    ("BGR8", Encoding::Bgr8),
+    ("YUV422_8", Encoding::Yuyv),
+    ("BayerRG8", Encoding::BayerRggb),
+    ("BayerGR8", Encoding::BayerGrbg),
+    ("BayerGB8", Encoding::BayerGbrg),
+    ("BayerBG8", Encoding::BayerBggr),
+    ("Mono8", Encoding::Grey8),
+];
+
+/// A streaming GenICam camera.
+#[derive(Debug)]
+pub(super) struct GenICam {
+    camera: aravis::Camera,
+    stream: aravis::Stream,
+    device: String,
+    encoding: Encoding,
+    width_px: usize,
+    height_px: usize,
+    clock: DeviceClock,
+}
+
+impl GenICam {
+    /// Opens the camera of a name (none: the first found), sets it up and lets it stream.
+    pub(super) fn open(
+        name: &str,
+        device: &CameraDevice,
+        size_px: [u32; 2],
+    ) -> Result<Self, HwError> {
+        let label = &device.device;
+        let failed = |error: glib::Error| refused(label, &error);
+        let name = (!name.is_empty()).then_some(name);
+        let camera = aravis::Camera::new(name).map_err(failed)?;
+        let offered = camera
+            .dup_available_pixel_formats_as_strings()
+            .map_err(failed)?;
+        let wanted = |encoding: Encoding| {
+            device.format.is_empty() || device.format.as_bytes() == encoding.fourcc().to_le_bytes()
+        };
+        let found = NAMES
+            .iter()
+            .find(|(name, encoding)| wanted(*encoding) && offered.iter().any(|o| o == name));
+        let Some((format, encoding)) = found else {
+            return Err(HwError::Unfit {
+                device: label.clone(),
+                reason: format!("has no format that is wanted but {}", offered.join(" ")),
+            });
+        };
+        camera
+            .set_pixel_format_from_string(format)
+            .map_err(failed)?;
+        let [width, height] = size_px.map(|size| size as i32);
+        let (sensor_width, sensor_height) = camera.sensor_size().map_err(failed)?;
+        if width > sensor_width || height > sensor_height {
+            return Err(HwError::Unfit {
+                device: label.clone(),
+                reason: format!("has no more than {sensor_width} × {sensor_height} pixels"),
+            });
+        }
+        // The mirror stands in the middle of the sensor; offsets are even, or a Bayer pattern would change its order.
+        let offset = |sensor: i32, size: i32| ((sensor - size) / 2) & !1;
+        let (x, y) = (offset(sensor_width, width), offset(sensor_height, height));
+        camera.set_region(x, y, width, height).map_err(failed)?;
+        if camera.is_frame_rate_available().map_err(failed)? {
+            camera
+                .set_frame_rate(f64::from(device.rate_hz))
+                .map_err(failed)?;
+        }
+        let stream = camera.create_stream().map_err(failed)?;
+        let payload = camera.payload().map_err(failed)? as usize;
+        for _ in 0..BUFFERS {
+            stream.push_buffer(aravis::Buffer::new_allocate(payload));
+        }
+        let genicam = GenICam {
+            camera,
+            stream,
+            device: label.clone(),
+            encoding: *encoding,
+            width_px: size_px[0] as usize,
+            height_px: size_px[1] as usize,
+            clock: DeviceClock::default(),
+        };
+        genicam.set(&Settings::of(device))?;
+        genicam.camera.start_acquisition().map_err(failed)?;
+        Ok(genicam)
+    }
+
+    /// Sets exposure and gain; white balance is left to vision, whose cameras send raw colours.
+    pub(super) fn set(&self, settings: &Settings) -> Result<(), HwError> {
+        let failed = |error: glib::Error| refused(&self.device, &error);
+        let camera = &self.camera;
+        // A camera without an automatic refuses to have it switched, and need not be told.
+        let _no_automatic = camera.set_exposure_time_auto(automatic(settings.exposure.is_none()));
+        let _no_automatic = camera.set_gain_auto(automatic(settings.gain.is_none()));
+        if let Some(seconds) = settings.exposure {
+            camera
+                .set_exposure_time(f64::from(seconds) * 1e6)
+                .map_err(failed)?;
+        }
+        if let Some(gain) = settings.gain {
+            camera.set_gain(f64::from(gain)).map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    /// Waits a little for a frame; the newest whole one, and how many torn ones lay before it.
+    pub(super) fn take(&mut self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
+        let (mut newest, mut torn) = (None, 0);
+        let mut next = self.stream.timeout_pop_buffer(WAIT_US);
+        while let Some(buffer) = next {
+            match self.frame(&buffer, pool) {
+                Some(frame) => newest = Some(frame),
+                None => torn += 1,
+            }
+            self.stream.push_buffer(buffer);
+            next = self.stream.try_pop_buffer();
+        }
+        Ok((newest, torn))
+    }
+
+    fn frame(&mut self, buffer: &aravis::Buffer, pool: &Pool) -> Option<CameraFrame> {
+        if buffer.status() != BufferStatus::Success {
+            return None;
+        }
+        let arrival = clock::now();
+        let stride = self.encoding.row_bytes(self.width_px);
+        let image = bytes_of(buffer);
+        if image.len()
+            < self
+                .encoding
+                .frame_bytes(self.width_px, self.height_px, stride)
+        {
+            return None;
+        }
+        let copy = |bytes: &mut Vec<u8>| {
+            bytes.extend_from_slice(image);
+            Ok::<(), ()>(())
+        };
+        Some(CameraFrame {
+            stamp: self.stamp(buffer.timestamp(), arrival),
+            sequence: buffer.frame_id() as u32,
+            width_px: self.width_px,
+            height_px: self.height_px,
+            encoding: self.encoding,
+            stride,
+            data: pool.fill(copy).ok()?,
+        })
+    }
+
+    /// Our time at the camera's own (ns); 0 from a camera without a clock.
+    fn stamp(&mut self, camera_ns: u64, arrival: Stamp) -> Stamp {
+        if camera_ns == 0 {
+            return arrival;
+        }
+        self.clock.stamp((camera_ns / 1000) as u32, arrival)
+    }
+}
+
+impl Drop for GenICam {
+    fn drop(&mut self) {
+        // An unplugged camera cannot be stopped, and need not be.
+        let _gone = self.camera.stop_acquisition();
+    }
+}
+
+/// What was received into a buffer.
+#[expect(
+    unsafe_code,
+    reason = "Aravis hands out a pointer and a length; the copy that newer versions make in its place is not needed"
+)]
+fn bytes_of(buffer: &aravis::Buffer) -> &[u8] {
+    let (start, length) = buffer.data();
+    if start.is_null() {
+        return &[];
+    }
+    // SAFETY: the buffer was popped from the stream, so that nobody writes to it, and its memory lives as long as it does.
+    unsafe { std::slice::from_raw_parts(start, length) }
+}
+
+fn automatic(on: bool) -> Auto {
+    if on { Auto::Continuous } else { Auto::Off }
+}
+
+/// The word for what Aravis answered.
+fn refused(device: &str, error: &glib::Error) -> HwError {
+    let device = device.to_owned();
+    match error.kind::<DeviceError>() {
+        Some(DeviceError::NotFound) => HwError::Missing { device },
+        Some(DeviceError::NotController) => HwError::Busy { device },
+        Some(DeviceError::NotConnected | DeviceError::Timeout | DeviceError::TransferError) => {
+            HwError::Unplugged { device }
+        }
+        _ => HwError::Unfit {
+            device,
+            reason: error.message().to_owned(),
+        },
+    }
+}

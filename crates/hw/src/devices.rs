@@ -1,0 +1,119 @@
+//! What is plugged into this robot? All its devices together, and a list of those of this machine.
+
+use vision::robot::RobotConfig;
+
+use crate::base::Base;
+use crate::camera::{self, Camera};
+use crate::config::HardwareConfig;
+use crate::error::HwError;
+use crate::health::Health;
+use crate::inbox::Inbox;
+use crate::inertial::Inertial;
+
+/// All devices of a robot, each with its thread. Dropping them stops the wheels first.
+#[derive(Debug)]
+pub struct Devices {
+    /// The base, if there is one.
+    pub base: Option<Base>,
+    /// The camera, if there is one.
+    pub camera: Option<Camera>,
+    /// Inertial units and compasses on lines of their own.
+    pub inertial: Vec<Inertial>,
+}
+
+impl Devices {
+    /// Starts every configured device; one that is missing is no error but a state in its health.
+    pub fn start(
+        hardware: &HardwareConfig,
+        robot: &RobotConfig,
+        inbox: &Inbox,
+    ) -> Result<Self, HwError> {
+        hardware.check()?;
+        let wheels = robot.base.clone().unwrap_or_default();
+        let base = hardware
+            .base
+            .as_ref()
+            .map(|base| Base::start(base, &wheels, inbox));
+        let camera = match (&hardware.camera, &robot.camera) {
+            (Some(device), Some(image)) => {
+                let size_px = [image.width_px as u32, image.height_px as u32];
+                Some(Camera::start(device, size_px, inbox)?)
+            }
+            (Some(_), None) => {
+                let reason = "robot.toml has no [camera], so its image has no size".to_owned();
+                let key = "camera";
+                return Err(HwError::Config { key, reason });
+            }
+            (None, _) => None,
+        };
+        let inertial = hardware.inertial.iter().enumerate().map(|(index, device)| {
+            // The first carries the plain name, which is all there is on most robots.
+            let name = match index {
+                0 => "imu".to_owned(),
+                _ => format!("imu {}", index + 1),
+            };
+            Inertial::start(&name, device, inbox)
+        });
+        Ok(Devices {
+            base: base.transpose()?,
+            camera,
+            inertial: inertial.collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// How each device is.
+    pub fn health(&self) -> Vec<Health> {
+        let base = self.base.iter().map(Base::health);
+        let camera = self.camera.iter().map(Camera::health);
+        base.chain(camera)
+            .chain(self.inertial.iter().map(Inertial::health))
+            .collect()
+    }
+}
+
+/// A device of this machine that could be configured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// What to write into hardware.toml.
+    pub name: String,
+    /// What it is, or why it cannot be used.
+    pub what: Result<String, HwError>,
+}
+
+/// Cameras, serial lines and CAN interfaces of this machine, in the order of their names.
+pub fn list() -> Vec<Found> {
+    let mut found: Vec<_> = camera::list()
+        .into_iter()
+        .map(|(name, what)| Found { name, what })
+        .collect();
+    for path in entries("/dev/serial/by-id") {
+        let target = std::fs::canonicalize(&path)
+            .map_or_else(|error| error.to_string(), |path| path.display().to_string());
+        found.push(Found {
+            name: path,
+            what: Ok(format!("serial line {target}")),
+        });
+    }
+    for path in entries("/sys/class/net") {
+        // ARPHRD_CAN of linux/if_arp.h
+        let is_can =
+            std::fs::read_to_string(format!("{path}/type")).is_ok_and(|kind| kind.trim() == "280");
+        if is_can {
+            let state = std::fs::read_to_string(format!("{path}/operstate")).unwrap_or_default();
+            found.push(Found {
+                name: path.rsplit('/').next().unwrap_or_default().to_owned(),
+                what: Ok(format!("CAN interface, {}", state.trim())),
+            });
+        }
+    }
+    found
+}
+
+fn entries(folder: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut paths: Vec<_> = entries
+        .map(|entry| entry.path().display().to_string())
+        .collect();
+    paths.sort();
+    paths
+}

@@ -1,0 +1,67 @@
+//! Aravis' own fake camera on loopback: frames come, and a camera that was switched off and on again comes back.
+#![cfg(feature = "aravis")]
+
+mod bench_top;
+
+use std::process::{Child, Command, Stdio};
+
+use bench_top::{event, until};
+use hw::config::CameraDevice;
+use hw::{Camera, Event, Inbox, State};
+
+/// The fake camera; `None` where Aravis' tools are not installed.
+fn switch_on() -> Option<Child> {
+    Command::new("arv-fake-gv-camera-0.8")
+        .args(["-i", "127.0.0.1"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .ok()
+}
+
+fn switch_off(mut fake: Child) {
+    fake.kill().expect("killed");
+    fake.wait().expect("ended");
+}
+
+#[test]
+fn a_genicam_camera_streams_and_comes_back() {
+    let Some(fake) = switch_on() else {
+        eprintln!("skipped: arv-fake-gv-camera-0.8 (aravis-tools) is not installed");
+        return;
+    };
+    let device = CameraDevice {
+        device: "genicam:".to_owned(),
+        rate_hz: 50.0,
+        format: "GREY".to_owned(),
+        exposure: Some(0.005),
+        gain: Some(1),
+        white_balance_k: None,
+        stall: 1.0,
+    };
+    let inbox = Inbox::new(64);
+    let camera = Camera::start(&device, [256, 128], &inbox).expect("started");
+    let frame = || {
+        event(&inbox, "a frame", |event| match event {
+            Event::Frame(frame) => Some(frame),
+            _ => None,
+        })
+    };
+    let (first, second) = (frame(), frame());
+    assert_eq!(
+        (first.width_px, first.height_px, first.data.len()),
+        (256, 128, 256 * 128)
+    );
+    assert!(second.stamp > first.stamp && second.sequence > first.sequence);
+    switch_off(fake);
+    until("the word that it is gone", || {
+        (camera.health().state != State::Running).then_some(())
+    });
+    let fake = switch_on().expect("as before");
+    while inbox.take(std::time::Duration::ZERO).is_some() {}
+    frame();
+    until("running again", || {
+        (camera.health().state == State::Running).then_some(())
+    });
+    switch_off(fake);
+}
