@@ -1,15 +1,15 @@
 //! `mirrorball locate`: where was the robot in each frame of a recording folder?
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use localize::estimate::Mode;
-use serde::Serialize;
 
 use crate::cycle::{Cycle, Spine, SpineConfig};
 use crate::recording::Recording;
-use crate::score::{self, PoseError, Spread};
+use crate::score;
 use crate::setup::Setup;
+use crate::summary::Tally;
 use crate::table::{Written, seconds};
 
 /// Find the robot in every frame of a recording folder.
@@ -40,24 +40,6 @@ pub struct Args {
 
 /// Standard deviation taken for line points of another vision, which come without one, metres.
 const FOREIGN_POINT_STD: f32 = 0.04;
-
-/// What `--json` prints.
-#[derive(Serialize)]
-struct Summary {
-    frames: usize,
-    tracking: usize,
-    global: usize,
-    lost: usize,
-    unreadable: usize,
-    /// Line points a frame, median.
-    line_points: f64,
-    /// Frames that truth says something about.
-    scored: usize,
-    position_error_m: Option<Spread>,
-    heading_error_rad: Option<Spread>,
-    see_ms: f64,
-    localize_ms: f64,
-}
 
 struct Outputs {
     poses: Written,
@@ -112,7 +94,8 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if json {
         println!("{}", serde_json::to_string(&summary)?);
     } else {
-        summary.print(&out);
+        summary.print();
+        println!("poses: {}", out.display());
     }
     Ok(())
 }
@@ -178,88 +161,5 @@ pub fn mode_name(mode: Mode) -> &'static str {
         Mode::Tracking => "tracking",
         Mode::Global => "global",
         Mode::Lost => "lost",
-    }
-}
-
-#[derive(Default)]
-struct Tally {
-    modes: [usize; 3],
-    unreadable: usize,
-    line_points: Vec<f64>,
-    position: Vec<f64>,
-    heading: Vec<f64>,
-    see_ms: Vec<f64>,
-    localize_ms: Vec<f64>,
-}
-
-impl Tally {
-    fn add(&mut self, cycle: &Cycle, error: Option<PoseError>) {
-        self.modes[cycle.estimate.mode as usize] += 1;
-        self.unreadable += usize::from(cycle.fault.is_some());
-        self.line_points.push(cycle.points.len() as f64);
-        self.see_ms.push(f64::from(cycle.timings.see_ms));
-        self.localize_ms.push(f64::from(cycle.timings.localize_ms));
-        if let Some(error) = error {
-            self.position.push(f64::from(error.position));
-            self.heading.push(f64::from(error.heading.abs()));
-        }
-    }
-
-    fn summary(self) -> Summary {
-        let median = |values: Vec<f64>| score::spread(values).map_or(0.0, |spread| spread.median);
-        let [tracking, global, lost] = self.modes;
-        Summary {
-            frames: self.line_points.len(),
-            tracking,
-            global,
-            lost,
-            unreadable: self.unreadable,
-            line_points: median(self.line_points),
-            scored: self.position.len(),
-            position_error_m: score::spread(self.position),
-            heading_error_rad: score::spread(self.heading),
-            see_ms: median(self.see_ms),
-            localize_ms: median(self.localize_ms),
-        }
-    }
-}
-
-impl Summary {
-    fn print(&self, out: &Path) {
-        println!(
-            "{} frames: {} tracked, {} found anew, {} lost{}",
-            self.frames,
-            self.tracking,
-            self.global,
-            self.lost,
-            if self.unreadable > 0 {
-                format!("; {} could not be read", self.unreadable)
-            } else {
-                String::new()
-            }
-        );
-        println!("{:.0} line points a frame (median)", self.line_points);
-        if let (Some(position), Some(heading)) = (self.position_error_m, self.heading_error_rad) {
-            println!(
-                "position error: mean {:.1} cm, median {:.1} cm, 95 % below {:.1} cm, largest {:.1} cm ({} frames)",
-                100.0 * position.mean,
-                100.0 * position.median,
-                100.0 * position.p95,
-                100.0 * position.max,
-                self.scored
-            );
-            println!(
-                "heading error: mean {:.2}°, median {:.2}°, 95 % below {:.2}°, largest {:.2}°",
-                heading.mean.to_degrees(),
-                heading.median.to_degrees(),
-                heading.p95.to_degrees(),
-                heading.max.to_degrees()
-            );
-        }
-        println!(
-            "time a frame (median): vision {:.2} ms, localisation {:.3} ms",
-            self.see_ms, self.localize_ms
-        );
-        println!("poses: {}", out.display());
     }
 }

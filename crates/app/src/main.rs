@@ -1,5 +1,6 @@
 //! Mirrorball: eyes and a sense of place for soccer robots with an omnidirectional mirror.
 
+mod annotate;
 mod cli;
 mod cycle;
 mod field_picture;
@@ -12,6 +13,9 @@ mod replay;
 mod sample;
 mod score;
 mod setup;
+mod simulate;
+mod simulation;
+mod summary;
 mod table;
 
 use std::process::ExitCode;

@@ -4,6 +4,7 @@ use localize::frame::wrap_angle;
 use localize::{Pose, Stamp};
 use serde::Serialize;
 
+use crate::cycle::Cycle;
 use crate::sample::Truth;
 
 /// Truth is interpolated between rows no further apart than this, seconds.
@@ -32,6 +33,16 @@ pub fn pose_error(truth: &[Truth], stamp: Stamp, estimate: Pose) -> Option<PoseE
         y,
         heading: wrap_angle(estimate.theta - wanted.theta),
     })
+}
+
+/// The error of a cycle whose source says the truth with every frame.
+pub fn cycle_error(cycle: &Cycle) -> Option<PoseError> {
+    let truth = cycle.inputs.truth.as_ref()?;
+    pose_error(
+        std::slice::from_ref(truth),
+        cycle.stamp,
+        cycle.estimate.pose?,
+    )
 }
 
 /// The true pose at a stamp, interpolated between the rows around it.

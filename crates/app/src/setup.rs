@@ -25,6 +25,16 @@ impl Setup {
     pub fn load(robot_file: &Path, map: Option<&Path>) -> Result<Self> {
         let robot = RobotConfig::load(robot_file)?;
         let field = Field::load(&robot.field)?;
+        Setup::new(robot_file, robot, field, map)
+    }
+
+    /// From a robot that is read already, perhaps on another field than its own; its file is named in errors.
+    pub fn new(
+        robot_file: &Path,
+        robot: RobotConfig,
+        field: Field,
+        map: Option<&Path>,
+    ) -> Result<Self> {
         let camera = match &robot.camera {
             Some(camera) => Some((
                 camera.clone(),

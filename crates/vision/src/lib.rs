@@ -29,6 +29,8 @@ pub mod robots;
 
 pub mod eyes;
 
+pub mod calibrate;
+
 pub mod overlay;
 
 pub use camera::CameraConfig;

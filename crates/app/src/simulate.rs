@@ -1,0 +1,72 @@
+//! `mirrorball sim`: run a scenario as fast as it goes, and see how well the robot knew its place.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::Result;
+use serde::Serialize;
+
+use crate::cycle::{Spine, SpineConfig};
+use crate::score;
+use crate::simulation::Simulation;
+use crate::summary::{Summary, Tally};
+
+/// Run a scenario headless, as fast as it goes.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example: mirrorball sim config/scenarios/game_18x12.toml --seed 7 --record game.mcap"
+)]
+pub struct Args {
+    /// The scenario (TOML).
+    scenario: PathBuf,
+    /// In place of the scenario's seed; the same seed gives the same run, bit for bit.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Seconds to simulate, in place of the scenario's.
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Change settings of vision and localisation by a TOML overlay.
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome {
+    seed: u64,
+    simulated_s: f64,
+    times_real_time: f64,
+    #[serde(flatten)]
+    summary: Summary,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, json: bool) -> Result<()> {
+    let simulation = Simulation::load(&args.scenario, args.seed, args.duration)?;
+    let setup = simulation.setup()?;
+    let mut spine = Spine::new(&setup, &SpineConfig::load(args.config.as_deref())?)?;
+    let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
+    let mut tally = Tally::default();
+    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
+    let started = Instant::now();
+    for cycle in simulation.filter_map(|sample| spine.take(sample)) {
+        tally.add(&cycle, score::cycle_error(&cycle));
+        bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
+    }
+    bar.finish_and_clear();
+    let times_real_time = duration / started.elapsed().as_secs_f64();
+    let summary = tally.summary();
+    if json {
+        let outcome = Outcome {
+            seed,
+            simulated_s: duration,
+            times_real_time,
+            summary,
+        };
+        println!("{}", serde_json::to_string(&outcome)?);
+    } else {
+        summary.print();
+        println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+    }
+    Ok(())
+}

@@ -1,0 +1,84 @@
+//! A simulated robot as a source: the simulator's samples in the spine's words.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Result;
+use sim::{Sample as Simulated, Sim};
+use vision::image::Image;
+
+use crate::sample::{Content, Frame, Sample, Truth};
+use crate::setup::Setup;
+
+/// A running scenario.
+pub struct Simulation {
+    sim: Sim,
+    duration: f64,
+}
+
+impl Simulation {
+    /// Reads a scenario; `seed` and `duration` (seconds) override its own.
+    pub fn load(scenario: &Path, seed: Option<u64>, duration: Option<f64>) -> Result<Self> {
+        let sim = Sim::load(scenario, seed)?;
+        let duration = duration.unwrap_or(sim.scenario().duration);
+        Ok(Simulation { sim, duration })
+    }
+
+    /// What the simulated robot believes of itself: its file's map, or the one its mirror should have.
+    pub fn setup(&self) -> Result<Setup> {
+        let robot_file = self.sim.scenario().robot.clone();
+        Setup::new(
+            &robot_file,
+            self.sim.robot().clone(),
+            self.sim.field().clone(),
+            None,
+        )
+    }
+
+    /// The simulator.
+    pub fn sim(&self) -> &Sim {
+        &self.sim
+    }
+
+    /// How long it runs, seconds.
+    pub fn duration(&self) -> f64 {
+        self.duration
+    }
+}
+
+impl Iterator for Simulation {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        let sample = self.sim.next_sample();
+        if sample.stamp().seconds() >= self.duration {
+            return None;
+        }
+        Some(match sample {
+            Simulated::Odometry(odometry) => Sample::Odometry(odometry),
+            Simulated::Imu(imu) => Sample::Imu(imu),
+            Simulated::Compass(compass) => Sample::Compass(compass),
+            Simulated::Truth(truth) => Sample::Truth(Truth {
+                stamp: truth.stamp,
+                pose: truth.robot.pose,
+                ball: truth.ball.map(|ball| ball.at),
+                robots: truth
+                    .others
+                    .iter()
+                    .map(|robot| robot.pose.origin())
+                    .collect(),
+            }),
+            Simulated::Image(image) => {
+                let picture = Image {
+                    width_px: image.width_px,
+                    height_px: image.height_px,
+                    rgb: image.rgb,
+                };
+                Sample::Frame(Frame {
+                    stamp: image.stamp,
+                    content: Content::Image(Arc::new(picture)),
+                })
+            }
+        })
+    }
+}

@@ -1,0 +1,170 @@
+//! How did it go? Errors, finds and times of a run, for people and for programs.
+
+use serde::Serialize;
+use vision::ball::Ball;
+
+use crate::cycle::Cycle;
+use crate::sample::Truth;
+use crate::score::{self, PoseError, Spread};
+
+/// A ball farther than this is not counted as missed, metres.
+const BALL_RANGE: f32 = 6.0;
+/// A find this near to the true ball, metres and share of its distance, is a find.
+const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
+
+/// What `--json` prints of a run.
+#[derive(Debug, Clone, Serialize)]
+pub struct Summary {
+    /// Frames in all.
+    pub frames: usize,
+    /// Frames whose pose was carried on.
+    pub tracking: usize,
+    /// Frames whose pose was found on the whole field.
+    pub global: usize,
+    /// Frames without a pose.
+    pub lost: usize,
+    /// Frames that could not be read.
+    pub unreadable: usize,
+    /// Line points a frame, median.
+    pub line_points: f64,
+    /// Frames that truth says something about.
+    pub scored: usize,
+    /// Distance from the true position, metres.
+    pub position_error_m: Option<Spread>,
+    /// Magnitude of the heading's error, radians.
+    pub heading_error_rad: Option<Spread>,
+    /// The ball, where truth knows it.
+    pub ball: Option<BallSummary>,
+    /// Image to features, milliseconds, median.
+    pub see_ms: f64,
+    /// Features to pose, milliseconds, median.
+    pub localize_ms: f64,
+}
+
+/// How well the ball was found.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct BallSummary {
+    /// Frames with the ball within range (hidden or not).
+    pub within_range: usize,
+    /// Of these, frames where it was found where it is.
+    pub found: usize,
+    /// Frames where something else was taken for it.
+    pub false_finds: usize,
+    /// Median distance of the finds from the ball, metres.
+    pub error_m: f64,
+}
+
+/// Collects a run, cycle by cycle.
+#[derive(Default)]
+pub struct Tally {
+    modes: [usize; 3],
+    unreadable: usize,
+    line_points: Vec<f64>,
+    position: Vec<f64>,
+    heading: Vec<f64>,
+    ball: BallSummary,
+    ball_errors: Vec<f64>,
+    see_ms: Vec<f64>,
+    localize_ms: Vec<f64>,
+}
+
+impl Tally {
+    /// Counts one cycle; the error is against truth, where truth is known.
+    pub fn add(&mut self, cycle: &Cycle, error: Option<PoseError>) {
+        self.modes[cycle.estimate.mode as usize] += 1;
+        self.unreadable += usize::from(cycle.fault.is_some());
+        self.line_points.push(cycle.points.len() as f64);
+        self.see_ms.push(f64::from(cycle.timings.see_ms));
+        self.localize_ms.push(f64::from(cycle.timings.localize_ms));
+        if let Some(error) = error {
+            self.position.push(f64::from(error.position));
+            self.heading.push(f64::from(error.heading.abs()));
+        }
+        if let (Some(truth), Some(seen)) = (&cycle.inputs.truth, &cycle.seen) {
+            self.add_ball(truth, seen.ball.as_ref());
+        }
+    }
+
+    fn add_ball(&mut self, truth: &Truth, found: Option<&Ball>) {
+        let Some(ball) = truth.ball else { return };
+        let ball = truth.pose.inverse() * ball;
+        let (tolerance, share) = BALL_TOLERANCE;
+        let error = found.map(|found| found.at.distance_to(ball));
+        let hit = error.filter(|&error| error <= tolerance + share * ball.distance());
+        self.ball_errors.extend(hit.map(f64::from));
+        if ball.distance() <= BALL_RANGE {
+            self.ball.within_range += 1;
+            self.ball.found += usize::from(hit.is_some());
+        }
+        self.ball.false_finds += usize::from(found.is_some() && hit.is_none());
+    }
+
+    /// The run in numbers.
+    pub fn summary(self) -> Summary {
+        let median = |values: Vec<f64>| score::spread(values).map_or(0.0, |spread| spread.median);
+        let [tracking, global, lost] = self.modes;
+        let knows_ball = self.ball.within_range > 0 || self.ball.false_finds > 0;
+        Summary {
+            frames: self.line_points.len(),
+            tracking,
+            global,
+            lost,
+            unreadable: self.unreadable,
+            line_points: median(self.line_points),
+            scored: self.position.len(),
+            position_error_m: score::spread(self.position),
+            heading_error_rad: score::spread(self.heading),
+            ball: knows_ball.then(|| BallSummary {
+                error_m: median(self.ball_errors),
+                ..self.ball
+            }),
+            see_ms: median(self.see_ms),
+            localize_ms: median(self.localize_ms),
+        }
+    }
+}
+
+impl Summary {
+    /// The run in a few lines for people.
+    pub fn print(&self) {
+        let unreadable = match self.unreadable {
+            0 => String::new(),
+            count => format!("; {count} could not be read"),
+        };
+        println!(
+            "{} frames: {} tracked, {} found anew, {} lost{unreadable}",
+            self.frames, self.tracking, self.global, self.lost
+        );
+        println!("{:.0} line points a frame (median)", self.line_points);
+        if let (Some(position), Some(heading)) = (self.position_error_m, self.heading_error_rad) {
+            println!(
+                "position error: mean {:.1} cm, median {:.1} cm, 95 % below {:.1} cm, largest {:.1} cm ({} frames)",
+                100.0 * position.mean,
+                100.0 * position.median,
+                100.0 * position.p95,
+                100.0 * position.max,
+                self.scored
+            );
+            println!(
+                "heading error:  mean {:.2}°, median {:.2}°, 95 % below {:.2}°, largest {:.2}°",
+                heading.mean.to_degrees(),
+                heading.median.to_degrees(),
+                heading.p95.to_degrees(),
+                heading.max.to_degrees()
+            );
+        }
+        if let Some(ball) = &self.ball {
+            println!(
+                "ball: found in {} of {} frames within {BALL_RANGE} m (hidden ones counted), {:.1} cm off (median), {} false",
+                ball.found,
+                ball.within_range,
+                100.0 * ball.error_m,
+                ball.false_finds
+            );
+        }
+        println!(
+            "time a frame (median): vision {:.2} ms, localisation {:.3} ms",
+            self.see_ms, self.localize_ms
+        );
+    }
+}

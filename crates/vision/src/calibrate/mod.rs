@@ -1,0 +1,72 @@
+//! How does this camera really map the ground? Calibrations of the ground map, each with its residuals.
+
+mod polar_map;
+pub mod profile_fit;
+pub mod strip;
+mod strip_edges;
+
+pub use profile_fit::{ProfileFit, fit_profile};
+pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
+
+/// A point of the ground whose place in the image is known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Correspondence {
+    /// Column and row, pixels.
+    pub at_px: [f64; 2],
+    /// Robot frame, metres.
+    pub ground: [f64; 2],
+}
+
+/// How well one image of a calibration agrees with all of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImageResidual {
+    /// Its file, as the list of images names it.
+    pub name: String,
+    /// Points that it gave.
+    pub points: usize,
+    /// Root mean square of its points' distances from the calibration, pixels.
+    pub rms_px: f64,
+    /// Why it was left out; none if it was used.
+    pub left_out: Option<String>,
+}
+
+/// Why there is no calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrationError {
+    /// A number of the target or the camera that cannot be.
+    #[error("{key} = {value}: {reason}")]
+    Value {
+        /// The key.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        reason: &'static str,
+    },
+    /// Too few images agree.
+    #[error("only {used} of {given} images can be used, {wanted} are needed; {reasons}")]
+    TooFewImages {
+        /// Images that could be used.
+        used: usize,
+        /// Images given.
+        given: usize,
+        /// Images needed.
+        wanted: usize,
+        /// The first reasons for leaving images out.
+        reasons: String,
+    },
+    /// The fit does not settle.
+    #[error("the fit does not settle: {0}")]
+    NoFit(String),
+    /// The mirror cannot be traced.
+    #[error(transparent)]
+    Optics(#[from] crate::optics::OpticsError),
+    /// An image has another size than the camera.
+    #[error("{name}: {source}")]
+    Image {
+        /// Its file.
+        name: String,
+        /// What is wrong.
+        source: crate::error::VisionError,
+    },
+}

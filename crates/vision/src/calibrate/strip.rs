@@ -1,0 +1,302 @@
+//! Which ground does each pixel show? Model-free, from images of the robot turned beside a strip of known edges.
+//!
+//! nubot2013 3.2 (Voigtländer): no symmetry and no profile of the mirror is assumed, so a tilted mirror calibrates too.
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibrate::polar_map::{Periodic, PolarMap};
+use crate::calibrate::strip_edges::{PolarEdge, StripSearch, median};
+use crate::calibrate::{CalibrationError, Correspondence, ImageResidual};
+use crate::camera::CameraConfig;
+use crate::ground_map::GroundMap;
+use crate::image::Image;
+
+/// A straight strip of alternating black and white bars on the ground, radially from the robot's axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Strip {
+    /// Distance of the first bar's near edge from the robot's axis, metres.
+    pub first_edge: f64,
+    /// Length of each bar, metres.
+    pub spacing: f64,
+    /// How many bars.
+    pub bars: usize,
+    /// Across, metres.
+    pub width: f64,
+    /// The bar next to the robot.
+    pub first_bar: BarColour,
+}
+
+/// A bar's colour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BarColour {
+    /// Black.
+    Black,
+    /// White.
+    White,
+}
+
+/// One image of the robot beside the strip.
+#[derive(Debug, Clone)]
+pub struct StripImage {
+    /// Its file, for messages.
+    pub name: String,
+    /// Where the strip points, robot frame, radians.
+    pub direction: f64,
+    /// What the camera showed.
+    pub image: Image,
+}
+
+/// The map, and how well the images agree with it.
+#[derive(Debug, Clone)]
+pub struct StripCalibration {
+    /// Pixel → ground.
+    pub map: GroundMap,
+    /// One an image.
+    pub images: Vec<ImageResidual>,
+    /// Root mean square of all used points' distances from the calibration along the radius, pixels.
+    pub rms_px: f64,
+    /// The strip's edges where they were found, of the used images.
+    pub points: Vec<Correspondence>,
+}
+
+/// Fewer directions cannot tell a tilt from noise.
+const FEWEST_IMAGES: usize = 8;
+
+/// Harmonics around the circle: one for offset, two for tilt, the rest for a mirror that is not round.
+const ORDER_MAX: usize = 4;
+
+/// An image whose edges lie this far from what the others say (median, pixels) is left out.
+const BAD_IMAGE_PX: f64 = 2.0;
+
+/// A single edge this far off is a wrong reading, pixels.
+const BAD_EDGE_PX: f64 = 1.0;
+
+/// Calibrates the map; images that do not agree are named and left out.
+pub fn calibrate_strip(
+    camera: &CameraConfig,
+    strip: &Strip,
+    images: &[StripImage],
+) -> Result<StripCalibration, CalibrationError> {
+    check(strip)?;
+    let mut found = Vec::with_capacity(images.len());
+    for image in images {
+        image
+            .image
+            .frame()
+            .check(camera.width_px, camera.height_px)
+            .map_err(|source| CalibrationError::Image {
+                name: image.name.clone(),
+                source,
+            })?;
+        let search = StripSearch {
+            camera,
+            image: &image.image,
+            direction: image.direction,
+            first_edge: strip.first_edge,
+            spacing: strip.spacing,
+            edges: strip.bars + 1,
+            width: strip.width,
+            starts_black: strip.first_bar == BarColour::Black,
+        };
+        found.push(search.edges());
+    }
+    let mut left_out: Vec<Option<String>> = found
+        .iter()
+        .map(|edges| (edges.len() < 4).then(|| format!("only {} edges of the strip", edges.len())))
+        .collect();
+    // Images are left out one by one, the worst first, since a bad one bends the fit for all.
+    loop {
+        let rings = rings(strip, images, &found, &left_out);
+        let rings = rings.ok_or_else(|| too_few(&left_out))?;
+        let offs: Vec<Option<f64>> = (0..images.len())
+            .map(|index| {
+                let offs = found[index].iter().filter_map(|edge| {
+                    let ring = rings.iter().find(|ring| ring.number == edge.number)?;
+                    Some((edge.radius - ring.radius.at(images[index].direction)).abs())
+                });
+                median(offs.collect()).filter(|_| left_out[index].is_none())
+            })
+            .collect();
+        let worst = (0..images.len())
+            .filter_map(|index| offs[index].map(|off| (index, off)))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        match worst {
+            Some((index, off)) if off > BAD_IMAGE_PX => {
+                left_out[index] = Some(format!("its edges lie {off:.1} pixels from the others'"));
+            }
+            _ => return Ok(finish(camera, strip, images, &found, left_out, &rings)),
+        }
+    }
+}
+
+fn check(strip: &Strip) -> Result<(), CalibrationError> {
+    for (key, value) in [
+        ("first_edge", strip.first_edge),
+        ("spacing", strip.spacing),
+        ("width", strip.width),
+    ] {
+        if !(value.is_finite() && value > 0.0) {
+            let reason = "must be a positive number of metres";
+            return Err(CalibrationError::Value { key, value, reason });
+        }
+    }
+    if strip.bars < 4 {
+        let (value, reason) = (strip.bars as f64, "at least four bars are needed");
+        return Err(CalibrationError::Value {
+            key: "bars",
+            value,
+            reason,
+        });
+    }
+    Ok(())
+}
+
+fn too_few(left_out: &[Option<String>]) -> CalibrationError {
+    let reasons: Vec<&str> = left_out
+        .iter()
+        .flatten()
+        .map(String::as_str)
+        .take(3)
+        .collect();
+    CalibrationError::TooFewImages {
+        used: left_out.iter().filter(|reason| reason.is_none()).count(),
+        given: left_out.len(),
+        wanted: FEWEST_IMAGES,
+        reasons: reasons.join("; "),
+    }
+}
+
+/// One edge of the strip over all directions.
+struct Ring {
+    number: usize,
+    radius: Periodic,
+    deviation: Periodic,
+}
+
+/// Fits each edge's radius and bend over the directions; none if too few images are left.
+fn rings(
+    strip: &Strip,
+    images: &[StripImage],
+    found: &[Vec<PolarEdge>],
+    left_out: &[Option<String>],
+) -> Option<Vec<Ring>> {
+    let used = left_out.iter().filter(|reason| reason.is_none()).count();
+    if used < FEWEST_IMAGES {
+        return None;
+    }
+    let mut rings: Vec<Ring> = Vec::new();
+    for number in 0..=strip.bars {
+        let all: Vec<(f64, PolarEdge)> = (0..images.len())
+            .filter(|&index| left_out[index].is_none())
+            .filter_map(|index| {
+                let edge = found[index].iter().find(|edge| edge.number == number)?;
+                Some((images[index].direction, *edge))
+            })
+            .collect();
+        if all.len() < FEWEST_IMAGES || 2 * all.len() < used {
+            continue;
+        }
+        let order = ORDER_MAX.min((all.len() - 1) / 4);
+        let Some(radius) = robust(&all, order, |edge| edge.radius, |_| 1.0) else {
+            continue;
+        };
+        let Some(deviation) = robust(&all, order, |edge| edge.deviation, |edge| edge.radius) else {
+            continue;
+        };
+        rings.push(Ring {
+            number,
+            radius,
+            deviation,
+        });
+    }
+    (rings.len() >= 4).then_some(rings)
+}
+
+/// A periodic fit that drops wrong readings; `pixels` turns a residual into pixels.
+fn robust(
+    edges: &[(f64, PolarEdge)],
+    order: usize,
+    value: impl Fn(&PolarEdge) -> f64,
+    pixels: impl Fn(&PolarEdge) -> f64,
+) -> Option<Periodic> {
+    let mut kept: Vec<&(f64, PolarEdge)> = edges.iter().collect();
+    loop {
+        let points: Vec<[f64; 2]> = kept
+            .iter()
+            .map(|(angle, edge)| [*angle, value(edge)])
+            .collect();
+        let fit = Periodic::fit(&points, order)?;
+        let off = |(angle, edge): &(f64, PolarEdge)| {
+            ((value(edge) - fit.at(*angle)) * pixels(edge)).abs()
+        };
+        let worst = kept
+            .iter()
+            .enumerate()
+            .map(|(index, edge)| (index, off(edge)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        // Of the readings that a fit needs, none can be spared.
+        if worst.1 <= BAD_EDGE_PX || kept.len() <= (2 * order + 1).max(edges.len() * 2 / 3) {
+            return Some(fit);
+        }
+        kept.remove(worst.0);
+    }
+}
+
+fn finish(
+    camera: &CameraConfig,
+    strip: &Strip,
+    images: &[StripImage],
+    found: &[Vec<PolarEdge>],
+    left_out: Vec<Option<String>>,
+    rings: &[Ring],
+) -> StripCalibration {
+    let distance = |number: usize| strip.first_edge + number as f64 * strip.spacing;
+    let (mut residuals, mut points) = (Vec::new(), Vec::new());
+    let (mut sum, mut count) = (0.0, 0);
+    for ((image, edges), left_out) in images.iter().zip(found).zip(left_out) {
+        let offs: Vec<f64> = edges
+            .iter()
+            .filter_map(|edge| {
+                let ring = rings.iter().find(|ring| ring.number == edge.number)?;
+                Some(edge.radius - ring.radius.at(image.direction))
+            })
+            .collect();
+        let squares: f64 = offs.iter().map(|off| off * off).sum();
+        if left_out.is_none() {
+            sum += squares;
+            count += offs.len();
+            points.extend(edges.iter().map(|edge| {
+                let angle = image.direction + edge.deviation;
+                let [[ux, uy], [vx, vy]] = camera.image_from_robot().map(|row| row.map(f64::from));
+                let (cos, sin) = (edge.radius * angle.cos(), edge.radius * angle.sin());
+                let reach = distance(edge.number);
+                Correspondence {
+                    at_px: [
+                        f64::from(camera.centre_px[0]) + ux * cos + uy * sin,
+                        f64::from(camera.centre_px[1]) + vx * cos + vy * sin,
+                    ],
+                    ground: [reach * image.direction.cos(), reach * image.direction.sin()],
+                }
+            }));
+        }
+        residuals.push(ImageResidual {
+            name: image.name.clone(),
+            points: edges.len(),
+            rms_px: (squares / offs.len().max(1) as f64).sqrt(),
+            left_out,
+        });
+    }
+    let polar = PolarMap {
+        distances: rings.iter().map(|ring| distance(ring.number)).collect(),
+        radii: rings.iter().map(|ring| ring.radius.clone()).collect(),
+        deviations: rings.iter().map(|ring| ring.deviation.clone()).collect(),
+    };
+    StripCalibration {
+        map: polar.ground_map(camera),
+        images: residuals,
+        rms_px: (sum / f64::from(count.max(1) as u32)).sqrt(),
+        points,
+    }
+}

@@ -1,0 +1,293 @@
+//! Where are the strip's bars in one image? Edges along its middle, followed outward as it bends away from its direction.
+
+use crate::camera::CameraConfig;
+use crate::image::Image;
+
+/// One edge of the strip in the image, about the mirror's axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct PolarEdge {
+    /// Which edge, from the first.
+    pub(super) number: usize,
+    /// Distance from the axis, pixels.
+    pub(super) radius: f64,
+    /// Angle from the strip's nominal direction towards greater robot bearings, radians.
+    pub(super) deviation: f64,
+}
+
+/// What one image's strip is sought with.
+pub(super) struct StripSearch<'a> {
+    pub(super) camera: &'a CameraConfig,
+    pub(super) image: &'a Image,
+    /// Nominal direction of the strip, robot frame, radians.
+    pub(super) direction: f64,
+    pub(super) first_edge: f64,
+    pub(super) spacing: f64,
+    pub(super) edges: usize,
+    pub(super) width: f64,
+    pub(super) starts_black: bool,
+}
+
+/// Samples along the strip are this far apart, pixels.
+const STEP: f64 = 0.25;
+
+/// A swing smaller than this share of the largest is no bar: glare and blur take the rest.
+const SWING_SHARE: f64 = 0.18;
+
+/// A bar's edge as found along a profile: radius and whether it rises.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    radius: f64,
+    rises: bool,
+    swing: f64,
+}
+
+impl StripSearch<'_> {
+    /// All edges that can be told, numbered.
+    pub(super) fn edges(&self) -> Vec<PolarEdge> {
+        // Angle by which the strip leaves its direction: constant plus slope over radius, learned outward.
+        let mut bend = [0.0f64, 0.0];
+        let mut found = Vec::new();
+        for _ in 0..6 {
+            let numbered = self.number(&self.profile_edges(bend));
+            if numbered.len() < 3 {
+                return numbered
+                    .iter()
+                    .map(|&(number, edge)| self.polar(number, edge, bend))
+                    .collect();
+            }
+            let middles = self.middles(&numbered, bend);
+            bend = straight_line(&middles).unwrap_or(bend);
+            found = numbered
+                .iter()
+                .map(|&(number, edge)| self.polar(number, edge, bend))
+                .collect();
+        }
+        found
+    }
+
+    fn polar(&self, number: usize, edge: Edge, bend: [f64; 2]) -> PolarEdge {
+        PolarEdge {
+            number,
+            radius: edge.radius,
+            deviation: bend[0] + bend[1] * edge.radius,
+        }
+    }
+
+    fn brightness(&self, radius: f64, deviation: f64) -> Option<f64> {
+        let angle = self.direction + deviation;
+        let [[ux, uy], [vx, vy]] = self.camera.image_from_robot().map(|row| row.map(f64::from));
+        let (cos, sin) = (angle.cos(), angle.sin());
+        let u = f64::from(self.camera.centre_px[0]) + radius * (ux * cos + uy * sin);
+        let v = f64::from(self.camera.centre_px[1]) + radius * (vx * cos + vy * sin);
+        if !(u >= 0.0 && v >= 0.0) {
+            return None;
+        }
+        let (column, row) = (u as usize, v as usize);
+        if column + 1 >= self.image.width_px || row + 1 >= self.image.height_px {
+            return None;
+        }
+        if !self.camera.sees_mirror(u as f32, v as f32) {
+            return None;
+        }
+        let grey = |column: usize, row: usize| {
+            let at = 3 * (row * self.image.width_px + column);
+            let [r, g, b] = [0, 1, 2].map(|i| f64::from(self.image.rgb[at + i]));
+            (r + g + b) / 3.0
+        };
+        let (fu, fv) = (u.fract(), v.fract());
+        let top = grey(column, row) * (1.0 - fu) + grey(column + 1, row) * fu;
+        let bottom = grey(column, row + 1) * (1.0 - fu) + grey(column + 1, row + 1) * fu;
+        Some(top * (1.0 - fv) + bottom * fv)
+    }
+
+    /// Brightness along the strip's middle, averaged over three pixels across it; from the axis outward.
+    fn profile(&self, bend: [f64; 2]) -> Vec<f64> {
+        let rim = self.image.width_px.max(self.image.height_px) as f64;
+        let mut profile = Vec::new();
+        for step in 0..(rim / STEP) as usize {
+            let radius = step as f64 * STEP;
+            let deviation = bend[0] + bend[1] * radius;
+            let across = [-1.0, 0.0, 1.0]
+                .map(|offset| self.brightness(radius, deviation + offset / radius.max(1.0)));
+            let [Some(a), Some(b), Some(c)] = across else {
+                break;
+            };
+            profile.push((a + b + c) / 3.0);
+        }
+        profile
+    }
+
+    /// Edges between neighbouring extremes of the profile that swing far enough.
+    fn profile_edges(&self, bend: [f64; 2]) -> Vec<Edge> {
+        let profile = self.profile(bend);
+        let span = profile.iter().fold(f64::INFINITY, |a, &b| a.min(b));
+        let span = profile.iter().fold(span, |a, &b| a.max(b)) - span;
+        let extremes = extremes(&profile, SWING_SHARE * span);
+        let mut edges = Vec::new();
+        for pair in extremes.windows(2) {
+            let (from, to) = (pair[0], pair[1]);
+            let (a, b) = (profile[from], profile[to]);
+            let half = (a + b) / 2.0;
+            let crossing =
+                (from..to).find(|&i| (profile[i] - half) * (profile[i + 1] - half) <= 0.0);
+            let Some(i) = crossing else { continue };
+            let part = (half - profile[i]) / (profile[i + 1] - profile[i]);
+            let part = if part.is_finite() { part } else { 0.5 };
+            edges.push(Edge {
+                radius: (i as f64 + part) * STEP,
+                rises: b > a,
+                swing: (b - a).abs(),
+            });
+        }
+        edges
+    }
+
+    /// Numbers the edges: the first full swing from the first bar to the second is edge 1.
+    ///
+    /// Gaps between edges change slowly with the radius; the row ends where they do not.
+    fn number(&self, edges: &[Edge]) -> Vec<(usize, Edge)> {
+        let largest = edges.iter().map(|edge| edge.swing).fold(0.0, f64::max);
+        let full = |edge: &Edge| edge.rises == self.starts_black && edge.swing > 0.6 * largest;
+        let Some(second) = edges.iter().position(full) else {
+            return Vec::new();
+        };
+        let mut numbered = vec![(1, edges[second])];
+        let mut gap = None;
+        for &edge in &edges[second + 1..] {
+            let (number, last) = numbered[numbered.len() - 1];
+            let step = edge.radius - last.radius;
+            if number + 1 >= self.edges
+                || gap.is_some_and(|gap: f64| step < 0.5 * gap || step > 1.8 * gap)
+            {
+                break;
+            }
+            gap = Some(step);
+            numbered.push((number + 1, edge));
+        }
+        // The near end borders carpet, not a bar; its swing is smaller and its place plausible from the gap.
+        if let (Some(gap), Some(&edge)) = (gap, second.checked_sub(1).and_then(|i| edges.get(i))) {
+            let step = edges[second].radius - edge.radius;
+            if step > 0.7 * gap && step < 1.4 * gap {
+                numbered.insert(0, (0, edge));
+            }
+        }
+        numbered
+    }
+
+    /// Middle of the strip across, at the middle of each bar: radius and angle from the nominal direction.
+    fn middles(&self, numbered: &[(usize, Edge)], bend: [f64; 2]) -> Vec<[f64; 2]> {
+        let mut middles = Vec::new();
+        for pair in numbered.windows(2) {
+            let ((number, inner), (_, outer)) = (pair[0], pair[1]);
+            let distance = self.first_edge + (number as f64 + 0.5) * self.spacing;
+            let radius = (inner.radius + outer.radius) / 2.0;
+            let expected = bend[0] + bend[1] * radius;
+            // Half of the strip's width as an angle, to be found within twice that.
+            let half = (self.width / 2.0 / distance).atan();
+            let steps = (2.2 * half * radius / STEP).ceil() as i64;
+            let reach = 0.25 * (outer.radius - inner.radius);
+            let across: Vec<Option<f64>> = (-steps..=steps)
+                .map(|step| {
+                    let deviation = expected + step as f64 * STEP / radius;
+                    let [a, b, c] = [-reach, 0.0, reach]
+                        .map(|along| self.brightness(radius + along, deviation));
+                    Some((a? + b? + c?) / 3.0)
+                })
+                .collect();
+            let Some(across) = across.into_iter().collect::<Option<Vec<f64>>>() else {
+                continue;
+            };
+            let side = |from: i64, to: i64| -> Option<f64> {
+                let level = |step: i64| across[(step + steps) as usize];
+                let (inside, outside) = (level(0), level(to));
+                let half_level = (inside + outside) / 2.0;
+                if (inside - outside).abs() < 15.0 {
+                    return None;
+                }
+                let sign = (to - from).signum();
+                let mut step = from;
+                while step != to {
+                    let (here, next) = (level(step), level(step + sign));
+                    if (here - half_level) * (next - half_level) <= 0.0 && here != next {
+                        return Some(
+                            step as f64 + sign as f64 * (half_level - here) / (next - here),
+                        );
+                    }
+                    step += sign;
+                }
+                None
+            };
+            if let (Some(left), Some(right)) = (side(0, -steps), side(0, steps)) {
+                let width = (right - left) * STEP / radius;
+                if (0.6..1.6).contains(&(width / (2.0 * half))) {
+                    middles.push([radius, expected + (left + right) / 2.0 * STEP / radius]);
+                }
+            }
+        }
+        middles
+    }
+}
+
+/// Places of alternating minima and maxima that differ by `swing` at least.
+fn extremes(values: &[f64], swing: f64) -> Vec<usize> {
+    let mut found = Vec::new();
+    let (mut low, mut high) = (0, 0);
+    let mut rising: Option<bool> = None;
+    for (index, &value) in values.iter().enumerate() {
+        if rising != Some(false) && value > values[high] {
+            high = index;
+        }
+        if rising != Some(true) && value < values[low] {
+            low = index;
+        }
+        if rising != Some(true) && value - values[low] > swing {
+            found.push(low);
+            (rising, high) = (Some(true), index);
+        } else if rising != Some(false) && values[high] - value > swing {
+            found.push(high);
+            (rising, low) = (Some(false), index);
+        }
+    }
+    match rising {
+        Some(true) => found.push(high),
+        Some(false) => found.push(low),
+        None => {}
+    }
+    found
+}
+
+/// Offset and slope through points (x, y): the median slope over all pairs (Theil–Sen), which forgives outliers.
+fn straight_line(points: &[[f64; 2]]) -> Option<[f64; 2]> {
+    if points.len() < 4 {
+        let offsets: Vec<f64> = points.iter().map(|point| point[1]).collect();
+        return median(offsets).map(|offset| [offset, 0.0]);
+    }
+    let mut slopes = Vec::new();
+    for (index, a) in points.iter().enumerate() {
+        for b in &points[index + 1..] {
+            slopes.push((b[1] - a[1]) / (b[0] - a[0]));
+        }
+    }
+    let slope = median(slopes)?;
+    let offset = median(
+        points
+            .iter()
+            .map(|point| point[1] - slope * point[0])
+            .collect(),
+    )?;
+    Some([offset, slope])
+}
+
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.retain(|value| value.is_finite());
+    if values.is_empty() {
+        return None;
+    }
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    Some(if values.len() % 2 == 1 {
+        values[middle]
+    } else {
+        (values[middle - 1] + values[middle]) / 2.0
+    })
+}

@@ -1,0 +1,185 @@
+//! The strip calibration measures the ground as the exact map does, for an upright mirror and for a tilted one.
+
+use std::path::{Path, PathBuf};
+
+use vision::calibrate::{Strip, StripImage, calibrate_strip, fit_profile};
+use vision::optics::Tracer;
+use vision::{CameraConfig, GroundMap, Image, Mount, Profile, optics};
+
+#[derive(serde::Deserialize)]
+struct Robot {
+    camera: CameraConfig,
+}
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/calibration")
+}
+
+fn camera() -> CameraConfig {
+    let text = std::fs::read_to_string(folder().join("robot.toml")).expect("robot.toml");
+    toml::from_str::<Robot>(&text).expect("a robot").camera
+}
+
+fn strip() -> Strip {
+    let text = std::fs::read_to_string(folder().join("strip.toml")).expect("strip.toml");
+    toml::from_str(&text).expect("a strip")
+}
+
+fn images() -> Vec<StripImage> {
+    let mut reader = csv::Reader::from_path(folder().join("strip.csv")).expect("strip.csv");
+    reader
+        .records()
+        .map(|record| {
+            let record = record.expect("a row");
+            StripImage {
+                name: record[0].to_owned(),
+                direction: record[1].parse().expect("an angle"),
+                image: Image::load(&folder().join(&record[0])).expect("an image"),
+            }
+        })
+        .collect()
+}
+
+/// Median distance between two maps over pixels whose ground lies between the ranges, metres.
+fn median_off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+    let mut offs = Vec::new();
+    let mut wanted = 0;
+    for v in 0..exact.height_px {
+        for u in 0..exact.width_px {
+            let Some(truth) = exact
+                .at(u, v)
+                .filter(|at| (from..to).contains(&at.distance()))
+            else {
+                continue;
+            };
+            wanted += 1;
+            if let Some(at) = found.at(u, v) {
+                offs.push(at.distance_to(truth));
+            }
+        }
+    }
+    assert!(
+        offs.len() * 10 > wanted * 9,
+        "{} of {wanted} pixels",
+        offs.len()
+    );
+    offs.sort_by(f32::total_cmp);
+    offs[offs.len() / 2]
+}
+
+#[test]
+fn path_traced_images_of_a_strip_give_the_exact_map() {
+    let found = calibrate_strip(&camera(), &strip(), &images()).expect("a map");
+    let exact = GroundMap::load(&folder().join("exact_map.npz")).expect("a map");
+    let near = median_off(&found.map, &exact, 0.4, 3.0);
+    let far = median_off(&found.map, &exact, 3.0, 5.0);
+    assert!(near <= 0.01, "median {near} m inside 3 m");
+    assert!(far <= 0.03, "median {far} m from 3 to 5 m");
+}
+
+/// The ground behind four points of each pixel, row by row.
+fn ground(camera: &CameraConfig, profile: &Profile, mount: &Mount) -> Vec<[Option<[f64; 2]>; 4]> {
+    let tracer = Tracer::new(camera, profile, mount).expect("a tracer");
+    let at = |u: f64, v: f64| {
+        let at = tracer.ray(u, v)?.at_height(0.0)?;
+        Some([f64::from(at.x), f64::from(at.y)])
+    };
+    (0..camera.height_px)
+        .flat_map(|v| (0..camera.width_px).map(move |u| (u as f64, v as f64)))
+        .map(|(u, v)| {
+            [(-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)]
+                .map(|(i, j)| at(u + i, v + j))
+        })
+        .collect()
+}
+
+/// What the camera would show of a strip on a plain carpet.
+fn rendered(
+    camera: &CameraConfig,
+    ground: &[[Option<[f64; 2]>; 4]],
+    strip: &Strip,
+    direction: f64,
+) -> Image {
+    let shade = |at: &Option<[f64; 2]>| -> [f64; 3] {
+        let Some([x, y]) = *at else {
+            return [20.0; 3];
+        };
+        let along = x * direction.cos() + y * direction.sin();
+        let across = y * direction.cos() - x * direction.sin();
+        let bar = (along - strip.first_edge) / strip.spacing;
+        if across.abs() > strip.width / 2.0 || bar < 0.0 || bar >= strip.bars as f64 {
+            return [90.0, 140.0, 100.0];
+        }
+        if (bar as usize).is_multiple_of(2) {
+            [45.0; 3]
+        } else {
+            [225.0; 3]
+        }
+    };
+    let mut rgb = Vec::new();
+    for pixel in ground {
+        let mut sum = [0.0; 3];
+        for at in pixel {
+            let colour = shade(at);
+            for c in 0..3 {
+                sum[c] += colour[c] / 4.0;
+            }
+        }
+        rgb.extend(sum.map(|c| c.round() as u8));
+    }
+    Image {
+        width_px: camera.width_px,
+        height_px: camera.height_px,
+        rgb,
+    }
+}
+
+#[test]
+fn a_mirror_tilted_by_two_degrees_calibrates_by_strip_and_by_profile() {
+    let (camera, strip) = (camera(), strip());
+    let profile = Profile::load(&folder().join("mirror.csv")).expect("a profile");
+    let mount = Mount {
+        mirror_tilt_deg: [1.6, -1.2],
+        ..Mount::default()
+    };
+    let ground = ground(&camera, &profile, &mount);
+    let images: Vec<StripImage> = (0..24)
+        .map(|step| {
+            let direction = f64::from(step) * 15f64.to_radians();
+            StripImage {
+                name: format!("{step}"),
+                direction,
+                image: rendered(&camera, &ground, &strip, direction),
+            }
+        })
+        .collect();
+    let exact = optics::trace_rays(&camera, &profile, &mount)
+        .expect("rays")
+        .ground_map();
+    let found = calibrate_strip(&camera, &strip, &images).expect("a map");
+    let near = median_off(&found.map, &exact, 0.4, 3.0);
+    let far = median_off(&found.map, &exact, 3.0, 5.0);
+    assert!(near <= 0.01, "median {near} m inside 3 m");
+    assert!(far <= 0.03, "median {far} m from 3 to 5 m");
+    let fitted = fit_profile(&camera, &profile, &found.points).expect("a fit");
+    assert!((fitted.mount.mirror_tilt_deg[0] - 1.6).abs() < 0.1);
+    assert!((fitted.mount.mirror_tilt_deg[1] + 1.2).abs() < 0.1);
+    assert!(median_off(&fitted.map, &exact, 0.4, 5.0) <= 0.01);
+}
+
+#[test]
+fn an_image_without_the_strip_is_named_and_left_out() {
+    let mut images = images();
+    let (width_px, height_px) = (images[3].image.width_px, images[3].image.height_px);
+    images[3].image.rgb = vec![90; 3 * width_px * height_px];
+    let found = calibrate_strip(&camera(), &strip(), &images).expect("a map");
+    assert!(found.images[3].left_out.is_some());
+    assert_eq!(
+        found
+            .images
+            .iter()
+            .filter(|image| image.left_out.is_some())
+            .count(),
+        1
+    );
+}
