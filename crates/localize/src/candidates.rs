@@ -167,15 +167,7 @@ impl Candidate {
             .absorb(matched.pose, &matched.covariance, config);
         self.weight -= evidence.share * (matched.cost + 0.5 * matched.strain)
             + turned(matched.pose.theta, evidence.prior);
-        self.hypothesis = Hypothesis {
-            pose: matched.pose,
-            covariance: matched.covariance,
-            score: matched.score,
-            inlier_share: matched.inlier_share,
-            residual: matched.residual,
-            lean: matched.lean,
-            probability: 0.0,
-        };
+        self.hypothesis = Hypothesis::of(&matched);
     }
 }
 

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::distance::DistanceConfig;
 use crate::filter::FilterConfig;
 use crate::matching::MatchConfig;
+use crate::relocalise::RelocaliseConfig;
 use crate::search::SearchConfig;
 
 /// Everything about localisation.
@@ -15,7 +16,11 @@ pub struct LocalizeConfig {
     pub distance: DistanceConfig,
     /// Tracking: line points onto markings near an expected pose.
     pub matching: MatchConfig,
-    /// Relocalisation over the whole field.
+    /// What follows the pose from frame to frame.
+    pub tracker: Tracker,
+    /// Who looks for the pose on the whole field.
+    pub relocalise: RelocaliseConfig,
+    /// The exact search: relocalisation by default, and in any case the check on what is tracked.
     pub search: SearchConfig,
     /// Odometry and fusion.
     pub filter: FilterConfig,
@@ -25,10 +30,40 @@ pub struct LocalizeConfig {
     pub compass: CompassConfig,
 }
 
+/// What follows the pose from frame to frame?
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tracker {
+    /// Line points matched to the markings near the expected pose (`matching.minimiser` says how).
+    #[default]
+    Matching,
+    /// The best cell of the scan map in 4 m² about the expected pose, heading from histograms (minho2016 IV, V.B).
+    ScanMap,
+    /// Nothing: every frame is relocated by itself (lima2001).
+    None,
+}
+
+/// What makes a tracked pose suspect?
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SuspectRule {
+    /// Another pose of the whole field explains clearly more points.
+    #[default]
+    Evidence,
+    /// Mean deviation of the points and deviation from the compass both above thresholds (nubot2013 4).
+    Thresholds,
+}
+
 /// When is a pose trusted, suspected, given up?
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModeConfig {
+    /// What makes a tracked pose suspect.
+    pub rule: SuspectRule,
+    /// Rule `thresholds`: mean deviation of the points, metres.
+    pub deviation_max: f32,
+    /// Rule `thresholds`: deviation of the heading from the compass, degrees.
+    pub compass_max_deg: f32,
     /// Longest time without odometry that leads from one frame to the next, seconds (the recording's contract).
     pub gap_max: f64,
     /// Fewer line points than this say nothing about a pose.
@@ -67,6 +102,9 @@ pub struct ModeConfig {
 impl Default for ModeConfig {
     fn default() -> Self {
         ModeConfig {
+            rule: SuspectRule::default(),
+            deviation_max: 0.3,
+            compass_max_deg: 30.0,
             gap_max: 1.0,
             points_min: 6,
             inliers_min: 12.0,

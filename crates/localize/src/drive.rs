@@ -206,10 +206,7 @@ pub fn see(field: &Field, config: &DriveConfig, pose: Pose, rng: &mut impl Rng) 
         }
         let bearing = around * std::f32::consts::TAU;
         let (sin, cos) = (pose.theta + bearing).sin_cos();
-        hits.clear();
-        for marking in &field.markings {
-            meet(marking, [pose.x, pose.y], [cos, sin], &mut hits);
-        }
+        crossings(&field.markings, [pose.x, pose.y], [cos, sin], &mut hits);
         hits.retain(|&range| range > config.range_min && range < config.range);
         hits.sort_by(f32::total_cmp);
         for &range in hits.iter().take(config.hits_per_ray) {
@@ -230,6 +227,19 @@ pub fn see(field: &Field, config: &DriveConfig, pose: Pose, rng: &mut impl Rng) 
         }
     }
     points
+}
+
+/// Distances at which the ray from a point of the field in a direction (unit vector) crosses markings, in no order.
+pub(crate) fn crossings(
+    markings: &[Marking],
+    from: [f32; 2],
+    direction: [f32; 2],
+    hits: &mut Vec<f32>,
+) {
+    hits.clear();
+    for marking in markings {
+        meet(marking, from, direction, hits);
+    }
 }
 
 /// Distances along the ray at which it crosses a marking's centre line.

@@ -30,6 +30,8 @@ pub enum Reason {
     CompassContradicts,
     /// Odometry alone for too long.
     Blind,
+    /// The relocaliser has not gathered a pose yet.
+    Searching,
     /// No pose on the whole field explains the points.
     NothingFits,
     /// Several poses explain the points: the runners-up.
@@ -45,7 +47,8 @@ pub struct Estimate {
     pub stamp: Stamp,
     /// The pose, none when lost.
     pub pose: Option<Pose>,
-    /// Of (x, y, θ), metres and radians, hypotheses that are not ruled out included; the field's own size when lost.
+    /// Of (x, y, θ), metres and radians, with hypotheses that are not ruled out (but for the half turn, which is among
+    /// the runners-up); the field's own size when lost.
     pub covariance: Matrix3<f32>,
     /// How the pose came about.
     pub mode: Mode,

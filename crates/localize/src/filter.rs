@@ -206,6 +206,23 @@ impl Belief {
         )
     }
 
+    /// Fuses a pose that was found without this belief's expectation, with its covariance.
+    pub fn correct(&mut self, pose: Pose, sight: &Matrix3<f32>, config: &FilterConfig) {
+        let expected = self.covariance();
+        let Some(inverse) = (expected + sight).try_inverse() else {
+            return;
+        };
+        let gain = expected * inverse;
+        let step = gain * self.innovation(pose);
+        let fused = Pose::new(
+            self.state[0] + step[0],
+            self.state[1] + step[1],
+            self.state[2] + step[2],
+        );
+        let left = expected - gain * expected;
+        self.absorb(fused, &((left + left.transpose()) * 0.5), config);
+    }
+
     /// Takes over the pose and covariance that a match found under this belief's expectation, and draws from it what
     /// it says about the scales.
     pub fn absorb(&mut self, pose: Pose, covariance: &Matrix3<f32>, config: &FilterConfig) {

@@ -7,13 +7,16 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::candidates::{Candidates, Evidence, apart};
-use crate::config::{CompassConfig, LocalizeConfig};
+use crate::config::{CompassConfig, LocalizeConfig, SuspectRule, Tracker};
 use crate::distance::DistanceField;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::field::Field;
 use crate::filter::Belief;
 use crate::frame::{Pose, wrap_angle};
+use crate::heading::heading_by_histogram;
 use crate::matching::{Match, Matcher};
+use crate::relocalise::scan_map::ScanMap;
+use crate::relocalise::{Relocaliser, Sight};
 use crate::sample::{Compass, LinePoint, Odometry};
 use crate::search::{HeadingPrior, Hypothesis, Search};
 use crate::stamp::Stamp;
@@ -24,6 +27,9 @@ pub struct Localizer {
     config: LocalizeConfig,
     distances: DistanceField,
     search: Search,
+    relocaliser: Relocaliser,
+    /// For the tracker that needs it.
+    scan_map: Option<Box<ScanMap>>,
     matcher: Matcher,
     /// Variances of "somewhere on the field".
     anywhere: Matrix3<f32>,
@@ -41,6 +47,8 @@ pub struct Localizer {
     rival: Option<(Belief, u32)>,
     /// Hypotheses that nothing has decided between yet; none while there is a belief.
     candidates: Candidates,
+    /// Suspect frames in a row, by the rule of thresholds.
+    strikes: u32,
     usual_share: f32,
     checked: Stamp,
     past: u32,
@@ -51,12 +59,22 @@ impl Localizer {
     pub fn new(field: &Field, config: LocalizeConfig) -> Self {
         let distances = DistanceField::new(field, &config.distance);
         let search = Search::new(field, &distances, config.search.clone());
+        let relocaliser = Relocaliser::new(field, &distances, &config.relocalise);
+        let scan_map = (config.tracker == Tracker::ScanMap).then(|| match &relocaliser {
+            Relocaliser::ScanMap(map, _) => map.clone(),
+            _ => {
+                let config = config.relocalise.scan_map.clone();
+                Box::new(ScanMap::new(field, &distances, config))
+            }
+        });
         let (half_x, half_y) = field.carpet_half_extent();
         let turn = std::f32::consts::PI * std::f32::consts::PI / 3.0;
         Localizer {
             matcher: Matcher::new(config.matching.clone()),
             distances,
             search,
+            relocaliser,
+            scan_map,
             anywhere: Matrix3::from_diagonal(&Vector3::new(
                 half_x * half_x / 3.0,
                 half_y * half_y / 3.0,
@@ -70,6 +88,7 @@ impl Localizer {
             half_evidence: 0.0,
             rival: None,
             candidates: Candidates::default(),
+            strikes: 0,
             usual_share: 0.0,
             checked: Stamp(i64::MIN),
             past: 0,
@@ -89,7 +108,13 @@ impl Localizer {
 
     /// Memory held by the field's tables, bytes.
     pub fn bytes(&self) -> usize {
-        self.distances.bytes() + self.search.bytes()
+        let scan_map = self.scan_map.as_ref().map_or(0, |map| map.bytes());
+        self.distances.bytes() + self.search.bytes() + self.relocaliser.bytes() + scan_map
+    }
+
+    /// Particles of the relocaliser, if it has some.
+    pub fn particles(&self) -> &[Pose] {
+        self.relocaliser.particles()
     }
 
     /// Starts from a pose that is known (placed by hand, a team-mate's word), half included.
@@ -164,9 +189,11 @@ impl Localizer {
                 return self.estimate(stamp, Some(Reason::FromThePast), None, Vec::new());
             }
         }
-        if self.leads_to(stamp) {
+        let led = self.leads_to(stamp);
+        if led {
             self.bridge(stamp);
-        } else {
+        }
+        if !led || self.config.tracker == Tracker::None {
             self.forget();
         }
         self.led = true;
@@ -184,7 +211,7 @@ impl Localizer {
 
     /// Is there anything that odometry moves?
     fn follows(&self) -> bool {
-        self.belief.is_some() || !self.candidates.is_empty()
+        self.belief.is_some() || !self.candidates.is_empty() || self.relocaliser.active()
     }
 
     /// Has odometry been reported without a gap from the last frame to this one?
@@ -215,6 +242,7 @@ impl Localizer {
         for one in belief.chain(rival).chain(self.candidates.beliefs()) {
             one.predict(motion, seconds, config);
         }
+        self.relocaliser.moved(motion);
     }
 
     /// A sample older than the last: left out, unless the source's clock was set back.
@@ -232,8 +260,10 @@ impl Localizer {
     fn forget(&mut self) {
         self.belief = None;
         self.candidates.clear();
+        self.relocaliser.restart();
         self.half_evidence = 0.0;
         self.rival = None;
+        self.strikes = 0;
     }
 
     fn track(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
@@ -249,7 +279,14 @@ impl Localizer {
             belief = belief.half_turned();
             self.half_evidence = -self.half_evidence;
         }
+        if self.config.tracker == Tracker::ScanMap {
+            return self.track_by_scan_map(stamp, belief, points);
+        }
         let (matched, strained) = self.fuse(&mut belief, points);
+        if self.config.mode.rule == SuspectRule::Thresholds {
+            belief.absorb(matched.pose, &matched.covariance, &self.config.filter);
+            return self.judge(stamp, belief, &matched);
+        }
         let mode = &self.config.mode;
         let share = matched.inlier_share;
         let poor = strained || self.poor(share);
@@ -273,6 +310,55 @@ impl Localizer {
             poor.then_some(Reason::PoorMatch)
         };
         self.estimate(stamp, reason, Some(&matched), rivals)
+    }
+
+    /// minho2016 IV and V.B: heading by histograms about the expected one, then the best cell of the local search.
+    fn track_by_scan_map(
+        &mut self,
+        stamp: Stamp,
+        mut belief: Belief,
+        points: &[LinePoint],
+    ) -> Estimate {
+        let expected = belief.pose();
+        let heading = heading_by_histogram(points, expected.theta, &self.config.relocalise.heading);
+        let centre = Pose::new(expected.x, expected.y, heading.unwrap_or(expected.theta));
+        let found = self
+            .scan_map
+            .as_ref()
+            .and_then(|map| map.find_near(points, centre));
+        if let Some((_, pose)) = found {
+            // A cell, and about half a step of the histograms.
+            let cell = self.config.relocalise.scan_map.cell;
+            let turn = self.config.relocalise.heading.step_deg.to_radians();
+            let variances = Vector3::new(cell * cell, cell * cell, turn * turn);
+            let sight = Matrix3::from_diagonal(&variances);
+            belief.correct(pose, &sight, &self.config.filter);
+        }
+        let matched = self.matcher.assess(&self.distances, points, belief.pose());
+        self.judge(stamp, belief, &matched)
+    }
+
+    /// nubot2013 4: a possible error is a mean deviation above a threshold and a heading off the compass by another;
+    /// five such cycles in a row, and localisation starts anew.
+    fn judge(&mut self, stamp: Stamp, belief: Belief, matched: &Match) -> Estimate {
+        let mode = &self.config.mode;
+        let deviates = matched.deviation > mode.deviation_max;
+        let turned = self.heading_prior(stamp).is_none_or(|prior| {
+            wrap_angle(belief.pose().theta - prior.heading).abs()
+                > mode.compass_max_deg.to_radians()
+        });
+        self.strikes = if deviates && turned {
+            self.strikes + 1
+        } else {
+            0
+        };
+        if self.strikes >= mode.strikes_max {
+            self.forget();
+            return self.lost(stamp, Reason::PoorMatch, Vec::new());
+        }
+        self.belief = Some(belief);
+        let reason = (self.strikes > 0).then_some(Reason::PoorMatch);
+        self.estimate(stamp, reason, Some(matched), Vec::new())
     }
 
     /// Matches under the belief's expectation. Where the points pull too hard against it, or lie on the markings only
@@ -408,9 +494,18 @@ impl Localizer {
             return self.lost(stamp, Reason::FewPoints, Vec::new());
         }
         let prior = self.heading_prior(stamp);
+        let sight = Sight {
+            distances: &self.distances,
+            points,
+            prior,
+            alone: self.odometry.is_none(),
+        };
         let found = self
-            .search
-            .find(&self.distances, &mut self.matcher, points, prior);
+            .relocaliser
+            .find(&mut self.search, &mut self.matcher, &sight);
+        if found.is_empty() && self.relocaliser.active() {
+            return self.lost(stamp, Reason::Searching, found);
+        }
         let folded = prior.is_none() && self.search.symmetric();
         let count = points.len() as f32;
         let fits = found.first().is_some_and(|best| {
@@ -419,6 +514,7 @@ impl Localizer {
         });
         if !fits {
             self.candidates.clear();
+            self.relocaliser.restart();
             return self.lost(stamp, Reason::NothingFits, found);
         }
         let used = self.config.search.points_max as f32;
@@ -457,6 +553,7 @@ impl Localizer {
         if decided {
             self.belief = Some(belief.clone());
             self.candidates.clear();
+            self.relocaliser.restart();
             self.half_evidence = if folded {
                 0.0
             } else {
@@ -473,6 +570,22 @@ impl Localizer {
         !self.search.symmetric() || self.half_evidence >= self.config.compass.known
     }
 
+    /// The half turn of the belief, which explains the points as well.
+    fn other_half(&self, belief: &Belief, matched: Option<&Match>) -> Hypothesis {
+        let other = belief.half_turned();
+        // The compass's log odds; none heard is as likely as not.
+        let probability = 1.0 / (1.0 + self.half_evidence.exp());
+        Hypothesis {
+            pose: other.pose(),
+            covariance: other.covariance(),
+            score: matched.map_or(0.0, |matched| matched.score),
+            inlier_share: matched.map_or(0.0, |matched| matched.inlier_share),
+            residual: matched.map_or(0.0, |matched| matched.residual),
+            lean: matched.map_or([0.0; 2], |matched| matched.lean),
+            probability,
+        }
+    }
+
     /// What the belief says, with what the frame's points made of it.
     fn estimate(
         &self,
@@ -485,6 +598,10 @@ impl Localizer {
             return self.lost(stamp, reason.unwrap_or(Reason::Blind), rivals);
         };
         let half_known = self.half_known();
+        let mut runners_up = rivals;
+        if !half_known {
+            runners_up.insert(0, self.other_half(belief, matched));
+        }
         Estimate {
             stamp,
             pose: Some(belief.pose()),
@@ -501,7 +618,7 @@ impl Localizer {
             lean: matched.map_or([0.0; 2], |matched| matched.lean),
             half_known,
             odometry_scales: belief.scales(),
-            runners_up: rivals,
+            runners_up,
         }
     }
 

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::distance::DistanceField;
 use crate::field::Field;
 use crate::frame::{Pose, wrap_angle};
-use crate::matching::Matcher;
+use crate::matching::{Match, Matcher};
 use crate::sample::LinePoint;
 
 /// How the whole field is searched.
@@ -90,6 +90,21 @@ pub struct Hypothesis {
     pub lean: [f32; 2],
     /// Probability among the hypotheses returned.
     pub probability: f32,
+}
+
+impl Hypothesis {
+    /// A match that nothing was compared with yet.
+    pub(crate) fn of(matched: &Match) -> Self {
+        Hypothesis {
+            pose: matched.pose,
+            covariance: matched.covariance,
+            score: matched.score,
+            inlier_share: matched.inlier_share,
+            residual: matched.residual,
+            lean: matched.lean,
+            probability: 0.0,
+        }
+    }
 }
 
 /// Side of a block in cells.
@@ -238,32 +253,37 @@ impl Search {
         let step = self.config.heading_step_deg.to_radians();
         self.bound(first, step, count);
         let cells = self.open(first, step, count);
+        let starts: Vec<Pose> = cells.iter().map(|cell| cell.pose).collect();
+        let reach = self.config.reach;
+        self.rank(distances, matcher, points, &starts, prior, reach)
+    }
+
+    /// Matches the points from each start (off by about `spread` metres), leaves each pose once, and ranks by
+    /// likelihood; without a prior on a symmetric field with each pose's half turn behind it.
+    pub fn rank(
+        &mut self,
+        distances: &DistanceField,
+        matcher: &mut Matcher,
+        points: &[LinePoint],
+        starts: &[Pose],
+        prior: Option<HeadingPrior>,
+        spread: f32,
+    ) -> Vec<Hypothesis> {
+        self.choose(points);
+        self.folded = prior.is_none() && self.symmetric;
         let used = std::mem::take(&mut self.used);
         let mut found: Vec<(f32, Hypothesis)> = Vec::new();
-        for cell in cells {
-            let matched = matcher.refine(distances, &used, cell.pose, self.config.reach);
+        for start in screen(distances, &used, starts, spread) {
+            let matched = matcher.refine(distances, &used, start, spread);
+            let known = |(_, other): &(f32, Hypothesis)| self.same_folded(other.pose, matched.pose);
+            if found.iter().any(known) {
+                continue;
+            }
             let turned = prior.map_or(0.0, |prior| {
                 0.5 * (wrap_angle(matched.pose.theta - prior.heading) / prior.std).powi(2)
             });
-            if found
-                .iter()
-                .any(|(_, other)| self.same_folded(other.pose, matched.pose))
-            {
-                continue;
-            }
             let cost = self.config.evidence_share * matched.cost + turned;
-            found.push((
-                cost,
-                Hypothesis {
-                    pose: matched.pose,
-                    covariance: matched.covariance,
-                    score: matched.score,
-                    inlier_share: matched.inlier_share,
-                    residual: matched.residual,
-                    lean: matched.lean,
-                    probability: 0.0,
-                },
-            ));
+            found.push((cost, Hypothesis::of(&matched)));
         }
         self.used = used;
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -495,6 +515,49 @@ fn half_turned(one: &Hypothesis) -> Hypothesis {
         covariance,
         ..one.clone()
     }
+}
+
+/// Starts that are matched to the end.
+const MATCHED: usize = 24;
+
+/// Points that many starts are screened with.
+const SCREENED: usize = 40;
+
+/// The starts themselves if they are few, or those under which some of the points lie nearest to markings.
+fn screen(
+    distances: &DistanceField,
+    points: &[LinePoint],
+    starts: &[Pose],
+    reach: f32,
+) -> Vec<Pose> {
+    if starts.len() <= MATCHED {
+        return starts.to_vec();
+    }
+    let some: Vec<&LinePoint> = points
+        .iter()
+        .step_by(points.len().div_ceil(SCREENED).max(1))
+        .collect();
+    let squared = reach * reach;
+    let mut scored: Vec<(f32, Pose)> = starts
+        .iter()
+        .map(|&pose| {
+            let score = some
+                .iter()
+                .map(|point| {
+                    let at = pose * point.at;
+                    let distance = distances.nearest(at.x, at.y).distance;
+                    squared / (squared + distance * distance)
+                })
+                .sum();
+            (score, pose)
+        })
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored
+        .into_iter()
+        .map(|(_, pose)| pose)
+        .take(MATCHED)
+        .collect()
 }
 
 /// Probabilities from costs (negative log likelihoods, ascending).

@@ -193,14 +193,6 @@ fn a_push_that_odometry_missed_is_followed() {
         localizer.compass(&Compass { stamp, heading });
         let points = see(&field, &DriveConfig::default(), truth, &mut rng);
         let estimate = localizer.see(stamp, &points);
-        println!(
-            "{k} {:?} {:?} {} {:?} std {:?}",
-            estimate.pose.map(|p| (p.x, p.y)),
-            estimate.reason,
-            estimate.inlier_share,
-            estimate.lean,
-            estimate.covariance.diagonal().map(f32::sqrt).as_slice()
-        );
         if k == 29 || k > 34 {
             let pose = estimate.pose.expect("a pose");
             assert!(position_error(pose, truth) < 0.05, "frame {k}: {pose:?}");

@@ -1,0 +1,196 @@
+//! Each paper's way of finding the place from nothing does find it, on the field its paper had.
+
+use localize::drive::{Drive, DriveConfig, anywhere, normal, see};
+use localize::field::GoalColour;
+use localize::frame::wrap_angle;
+use localize::matching::Matcher;
+use localize::presets::PRESETS;
+use localize::relocalise::hough::{GoalLook, settle};
+use localize::relocalise::scan_map::{ScanMap, ScanMapConfig};
+use localize::relocalise::{RelocaliseConfig, Relocaliser, RelocaliserKind, Sight};
+use localize::search::{HeadingPrior, Search, half_turn};
+use localize::{At, DistanceField, Field, FieldFrame, LocalizeConfig, Localizer, Pose};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+fn field(name: &str) -> Field {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
+    Field::load(&folder.join(name)).expect("a field")
+}
+
+fn near(a: Pose, b: Pose) -> bool {
+    a.origin().distance_to(b.origin()) < 0.15 && wrap_angle(a.theta - b.theta).abs() < 0.05
+}
+
+/// How many of `count` random poses the relocaliser puts first, with or without a compass (then up to the half turn).
+fn found(by: RelocaliserKind, field: &Field, compass: bool, count: usize) -> usize {
+    let config = LocalizeConfig::default();
+    let distances = DistanceField::new(field, &config.distance);
+    let mut search = Search::new(field, &distances, config.search.clone());
+    let mut matcher = Matcher::new(config.matching.clone());
+    let chosen = RelocaliseConfig {
+        by,
+        ..RelocaliseConfig::default()
+    };
+    let mut relocaliser = Relocaliser::new(field, &distances, &chosen);
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut right = 0;
+    for _ in 0..count {
+        let truth = anywhere(field, &mut rng);
+        let points = see(field, &DriveConfig::default(), truth, &mut rng);
+        let std = 10.0_f32.to_radians();
+        let heading = truth.theta + std * normal(&mut rng);
+        relocaliser.restart();
+        let sight = Sight {
+            distances: &distances,
+            points: &points,
+            prior: compass.then_some(HeadingPrior { heading, std }),
+            alone: true,
+        };
+        let all = relocaliser.find(&mut search, &mut matcher, &sight);
+        right += usize::from(all.first().is_some_and(|best| {
+            near(best.pose, truth) || !compass && near(half_turn(best.pose), truth)
+        }));
+    }
+    right
+}
+
+#[test]
+fn the_exact_search_needs_no_compass() {
+    let field = field("msl_18x12.toml");
+    assert!(found(RelocaliserKind::Exact, &field, false, 200) >= 197);
+    assert!(found(RelocaliserKind::Exact, &field, true, 200) >= 199);
+}
+
+#[test]
+fn hough_locates_on_the_field_of_its_paper() {
+    let field = field("msl_2001.toml");
+    assert!(found(RelocaliserKind::Hough, &field, true, 90) >= 86);
+}
+
+#[test]
+fn the_scan_map_locates_on_the_field_of_its_paper() {
+    let field = field("msl_18x12.toml");
+    assert!(found(RelocaliserKind::ScanMap, &field, true, 50) >= 48);
+}
+
+#[test]
+fn particles_gather_at_most_places_in_one_frame() {
+    let field = field("msl_18x12.toml");
+    assert!(found(RelocaliserKind::MonteCarlo, &field, true, 60) >= 48);
+}
+
+#[test]
+fn the_exact_search_finds_the_best_cell_that_exhaustion_finds() {
+    // On a small field: no pose of a fine lattice may explain the points better than the one found.
+    let field = field("msl_2001.toml");
+    let config = LocalizeConfig::default();
+    let distances = DistanceField::new(&field, &config.distance);
+    let mut search = Search::new(&field, &distances, config.search.clone());
+    let mut matcher = Matcher::new(config.matching.clone());
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    let sparse = DriveConfig {
+        rays: 24,
+        outliers: 0.3,
+        ..DriveConfig::default()
+    };
+    for _ in 0..2 {
+        let truth = anywhere(&field, &mut rng);
+        let points = see(&field, &sparse, truth, &mut rng);
+        let reach = config.search.reach;
+        let score = |pose: Pose| -> f32 {
+            points
+                .iter()
+                .map(|point| {
+                    let at = pose * point.at;
+                    let d = distances.nearest(at.x, at.y).distance;
+                    reach * reach / (reach * reach + d * d)
+                })
+                .sum()
+        };
+        let all = search.find(&distances, &mut matcher, &points, None);
+        let best = all.iter().map(|one| score(one.pose)).fold(0.0, f32::max);
+        for k in 0..60 * 32 * 90 {
+            let (i, j, turn) = (k % 60, k / 60 % 32, k / 1920);
+            let pose = Pose::new(
+                -4.5 + 0.15 * i as f32,
+                -2.25 + 0.15 * j as f32,
+                (turn as f32 * 2.0).to_radians(),
+            );
+            // Rounding to cells and steps of scores is worth a few per cent.
+            assert!(score(pose) < 1.06 * best + 0.5, "{pose:?} beats the search");
+        }
+    }
+}
+
+#[test]
+fn a_stored_scan_map_is_read_back_and_refused_for_another_field_or_pattern() {
+    let (small, other) = (field("msl_2001.toml"), field("msl_12x8.toml"));
+    let distances = DistanceField::new(&small, &LocalizeConfig::default().distance);
+    let config = ScanMapConfig {
+        cell: 0.5,
+        ..ScanMapConfig::default()
+    };
+    let map = ScanMap::new(&small, &distances, config.clone());
+    let mut bytes = map.to_bytes(&small);
+    assert_eq!(ScanMap::from_bytes(&bytes, &small, &config), Some(map));
+    assert_eq!(ScanMap::from_bytes(&bytes, &other, &config), None);
+    let turned = ScanMapConfig {
+        spiral_turn_deg: 90.0,
+        ..config.clone()
+    };
+    assert_eq!(ScanMap::from_bytes(&bytes, &small, &turned), None);
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    assert_eq!(ScanMap::from_bytes(&bytes, &small, &config), None);
+}
+
+#[test]
+fn goal_colours_decide_the_half_turn_and_green_takes_the_next_maximum() {
+    let field = field("msl_2001.toml");
+    let truth = Pose::new(1.0, 0.5, 0.4);
+    // What the image shows around the true pose: blue behind +x, yellow behind −x, carpet between.
+    let look = |at| {
+        let at: At<FieldFrame> = truth * at;
+        let inside = at.y.abs() < field.config.goal.width / 2.0;
+        match at.x {
+            x if x > field.length / 2.0 && inside => GoalLook::Goal(GoalColour::Blue),
+            x if x < -field.length / 2.0 && inside => GoalLook::Goal(GoalColour::Yellow),
+            x if x.abs() < field.length / 2.0 => GoalLook::Carpet,
+            _ => GoalLook::Other,
+        }
+    };
+    assert_eq!(settle(&field, &[truth], &look), Some(truth));
+    let other = settle(&field, &[half_turn(truth)], &look).expect("settled");
+    assert!(near(other, truth));
+    let wrong = Pose::new(1.0, 0.5, 0.4 + std::f32::consts::FRAC_PI_2);
+    assert_eq!(settle(&field, &[wrong, truth], &look), Some(truth));
+    assert_eq!(settle(&field, &[wrong], &look), None);
+}
+
+#[test]
+fn every_preset_follows_a_drive_on_the_small_field() {
+    let field = field("msl_2001.toml");
+    for name in PRESETS {
+        let config = LocalizeConfig::preset(name).expect("a preset");
+        let mut localizer = Localizer::new(&field, config);
+        let frames = Drive::new(&field, DriveConfig::default(), ChaCha8Rng::seed_from_u64(3));
+        let (mut near_enough, mut count) = (0, 0);
+        for frame in frames.take(150).skip(30) {
+            localizer.odometry(&frame.odometry);
+            localizer.compass(&frame.compass);
+            let estimate = localizer.see(frame.stamp, &frame.points);
+            count += 1;
+            near_enough += usize::from(
+                estimate
+                    .pose
+                    .is_some_and(|pose| pose.origin().distance_to(frame.truth.origin()) < 0.2),
+            );
+        }
+        assert!(
+            near_enough * 10 >= count * 8,
+            "{name}: {near_enough} of {count}"
+        );
+    }
+    assert!(LocalizeConfig::preset("nobody").is_none());
+}
