@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
-use localize::estimate::Mode;
 
-use crate::cycle::{Cycle, Spine, SpineConfig};
+use crate::cycle::{Spine, SpineConfig};
+use crate::outputs::Outputs;
 use crate::recording::Recording;
 use crate::score;
 use crate::setup::Setup;
 use crate::summary::Tally;
-use crate::table::{Written, seconds};
+use crate::table::seconds;
 
 /// Find the robot in every frame of a recording folder.
 ///
@@ -41,12 +41,6 @@ pub struct Args {
 /// Standard deviation taken for line points of another vision, which come without one, metres.
 const FOREIGN_POINT_STD: f32 = 0.04;
 
-struct Outputs {
-    poses: Written,
-    points: Option<Written>,
-    seen: Option<Written>,
-}
-
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
     ensure!(args.dir.is_dir(), "{} is not a folder", args.dir.display());
@@ -58,22 +52,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         .out
         .clone()
         .unwrap_or_else(|| args.dir.join("poses.csv"));
-    let mut outputs = Outputs {
-        poses: Written::create(
-            &out,
-            "stamp_s,x_m,y_m,theta_rad,std_x_m,std_y_m,std_theta_rad,mode,line_points",
-        )?,
-        points: args
-            .points
-            .as_deref()
-            .map(|path| Written::create(path, "stamp_s,x_m,y_m"))
-            .transpose()?,
-        seen: args
-            .seen
-            .as_deref()
-            .map(|path| Written::create(path, "stamp_s,kind,x_m,y_m,std_m,score"))
-            .transpose()?,
-    };
+    let mut outputs = Outputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let mut tally = Tally::default();
     let bar = crate::progress::bar(recording.frames() as u64, "frames");
     for cycle in recording.filter_map(|sample| spine.take(sample)) {
@@ -98,68 +77,4 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         println!("poses: {}", out.display());
     }
     Ok(())
-}
-
-impl Outputs {
-    fn write(&mut self, cycle: &Cycle) -> Result<()> {
-        let stamp = seconds(cycle.stamp);
-        let estimate = &cycle.estimate;
-        let (mode, points) = (mode_name(estimate.mode), estimate.line_points);
-        match estimate.pose {
-            Some(pose) => {
-                let [std_x, std_y, std_theta] =
-                    [0, 1, 2].map(|i| estimate.covariance[(i, i)].max(0.0).sqrt());
-                self.poses.row(format_args!(
-                    "{stamp},{:.5},{:.5},{:.6},{std_x:.5},{std_y:.5},{std_theta:.6},{mode},{points}",
-                    pose.x, pose.y, pose.theta
-                ))?;
-            }
-            None => self
-                .poses
-                .row(format_args!("{stamp},,,,,,,{mode},{points}"))?,
-        }
-        if let Some(file) = &mut self.points {
-            for point in &cycle.points {
-                file.row(format_args!("{stamp},{:.5},{:.5}", point.at.x, point.at.y))?;
-            }
-        }
-        if let (Some(file), Some(seen)) = (&mut self.seen, &cycle.seen) {
-            let ball = seen
-                .ball
-                .iter()
-                .map(|ball| ("ball", ball.at, ball.covariance, ball.score));
-            let robots = seen
-                .robots
-                .iter()
-                .map(|robot| ("robot", robot.at, robot.covariance, robot.score));
-            let goals = seen
-                .goals
-                .iter()
-                .map(|goal| ("goal", goal.at, goal.covariance, goal.score));
-            for (kind, at, [var_xx, _, var_yy], score) in ball.chain(robots).chain(goals) {
-                // One number for both directions: the root of the mean variance.
-                let std = ((var_xx + var_yy) / 2.0).max(0.0).sqrt();
-                file.row(format_args!(
-                    "{stamp},{kind},{:.4},{:.4},{std:.4},{score:.3}",
-                    at.x, at.y
-                ))?;
-            }
-        }
-        Ok(())
-    }
-
-    fn finish(self) -> Result<()> {
-        self.poses.finish()?;
-        self.points.map_or(Ok(()), Written::finish)?;
-        self.seen.map_or(Ok(()), Written::finish)
-    }
-}
-
-/// The mode's name in poses.csv.
-pub fn mode_name(mode: Mode) -> &'static str {
-    match mode {
-        Mode::Tracking => "tracking",
-        Mode::Global => "global",
-        Mode::Lost => "lost",
-    }
 }

@@ -6,6 +6,7 @@ mod cycle;
 mod field_picture;
 mod locate;
 mod log;
+mod outputs;
 mod progress;
 mod recording;
 mod recover;

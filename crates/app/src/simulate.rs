@@ -7,9 +7,11 @@ use anyhow::Result;
 use serde::Serialize;
 
 use crate::cycle::{Spine, SpineConfig};
+use crate::outputs::Outputs;
 use crate::score;
 use crate::simulation::Simulation;
 use crate::summary::{Summary, Tally};
+use crate::table::{Written, seconds};
 
 /// Run a scenario headless, as fast as it goes.
 #[derive(clap::Args)]
@@ -25,6 +27,12 @@ pub struct Args {
     /// Seconds to simulate, in place of the scenario's.
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
+    /// Write the estimated poses (as `locate` does).
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// Write the true poses: stamp_s,x_m,y_m,theta_rad.
+    #[arg(long, value_name = "FILE.csv")]
+    truth: Option<PathBuf>,
     /// Change settings of vision and localisation by a TOML overlay.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
@@ -46,14 +54,31 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let setup = simulation.setup()?;
     let mut spine = Spine::new(&setup, &SpineConfig::load(args.config.as_deref())?)?;
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
+    let mut outputs = Outputs::create(args.out.as_deref(), None, None)?;
+    let header = "stamp_s,x_m,y_m,theta_rad";
+    let mut truths = args
+        .truth
+        .as_deref()
+        .map(|path| Written::create(path, header))
+        .transpose()?;
     let mut tally = Tally::default();
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
     for cycle in simulation.filter_map(|sample| spine.take(sample)) {
         tally.add(&cycle, score::cycle_error(&cycle));
+        outputs.write(&cycle)?;
+        if let (Some(file), Some(truth)) = (&mut truths, &cycle.inputs.truth) {
+            let (stamp, pose) = (seconds(truth.stamp), truth.pose);
+            file.row(format_args!(
+                "{stamp},{:.5},{:.5},{:.6}",
+                pose.x, pose.y, pose.theta
+            ))?;
+        }
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
     }
     bar.finish_and_clear();
+    outputs.finish()?;
+    truths.map_or(Ok(()), Written::finish)?;
     let times_real_time = duration / started.elapsed().as_secs_f64();
     let summary = tally.summary();
     if json {
