@@ -1,0 +1,166 @@
+//! `mirrorball demo`: a minute of play in the simulator, then a recording of another's, with pictures and a log.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use localize::frame::{At, FieldFrame};
+use serde::Serialize;
+use vision::image::Image;
+
+use crate::annotate::annotated;
+use crate::cycle::{Cycle, Spine, SpineConfig};
+use crate::field_picture::{FieldPicture, beside, ink};
+use crate::home;
+use crate::locate::FOREIGN_POINT_STD;
+use crate::log::{Header, ImageMode, LogConfig, Pace, Recorder};
+use crate::recording::Recording;
+use crate::sample::Sample;
+use crate::score;
+use crate::setup::Setup;
+use crate::simulation::Simulation;
+use crate::summary::{Summary, Tally};
+
+/// Show a minute of play against moving opponents, then the same on recorded images.
+///
+/// Leaves a log (demo.mcap) and two pictures: the field with the true and the estimated path beside one camera image
+/// with everything found in it.
+#[derive(clap::Args)]
+#[command(after_help = "Example: mirrorball demo --seed 3 --out out/demo")]
+pub struct Args {
+    /// In place of the scenario's seed.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Seconds to play.
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Where log and pictures go.
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome {
+    seed: u64,
+    simulated_s: f64,
+    times_real_time: f64,
+    play: Summary,
+    recording: Summary,
+    log: PathBuf,
+    pictures: [PathBuf; 2],
+}
+
+/// Runs the command.
+pub fn run(args: &Args, json: bool) -> Result<()> {
+    let scenario = home::find("config/scenarios/demo.toml")?;
+    let sample = home::find("samples/sequence")?;
+    std::fs::create_dir_all(&args.out).with_context(|| format!("cannot make {}", args.out.display()))?;
+    let log = args.out.join("demo.mcap");
+    let pictures = ["play.png", "recording.png"].map(|name| args.out.join(name));
+
+    let simulation = Simulation::load(&scenario, args.seed, args.duration)?;
+    let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
+    let setup = simulation.setup()?;
+    let config = SpineConfig::default();
+    let header = Header::new("demo", Some(seed))
+        .with_robot(&setup.robot, setup.camera.as_ref().map(|(_, map)| &**map))?
+        .with_spine(&config)?;
+    let log_config = LogConfig { images: ImageMode::Jpeg, ..LogConfig::default() };
+    let mut recorder = Recorder::create(&log, &header, &setup.field, Pace::Lockstep, &log_config)?;
+    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
+    let started = Instant::now();
+    let play = Story::of(simulation, &setup, &config, |cycle| {
+        bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
+        recorder.cycle(cycle.clone())
+    })?;
+    bar.finish_and_clear();
+    let times_real_time = duration / started.elapsed().as_secs_f64();
+    recorder.finish()?;
+    play.picture(&setup)?.save(&pictures[0])?;
+
+    let setup = Setup::load(&sample.join("robot.toml"), None)?;
+    let recording = Recording::open(&sample, FOREIGN_POINT_STD)?;
+    let seen = Story::of(recording, &setup, &config, |_| Ok(()))?;
+    seen.picture(&setup)?.save(&pictures[1])?;
+
+    let (play, recording) = (play.tally.summary(), seen.tally.summary());
+    if json {
+        let outcome = Outcome { seed, simulated_s: duration, times_real_time, play, recording, log, pictures };
+        println!("{}", serde_json::to_string(&outcome)?);
+        return Ok(());
+    }
+    println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+    play.print();
+    println!("\nrecorded images ({})", sample.display());
+    recording.print();
+    println!("\nlog:      {}", log.display());
+    for picture in &pictures {
+        println!("picture:  {}", picture.display());
+    }
+    Ok(())
+}
+
+/// A run from its first to its last cycle, as far as a picture of it needs.
+struct Story {
+    truth: Vec<At<FieldFrame>>,
+    estimates: Vec<At<FieldFrame>>,
+    tally: Tally,
+    /// The cycle with most found in it.
+    shown: Option<(usize, Arc<Cycle>)>,
+}
+
+impl Story {
+    /// Runs the spine over a source; `also` sees each cycle.
+    fn of(
+        source: impl Iterator<Item = Sample>,
+        setup: &Setup,
+        config: &SpineConfig,
+        mut also: impl FnMut(&Arc<Cycle>) -> Result<()>,
+    ) -> Result<Self> {
+        let mut spine = Spine::new(setup, config)?;
+        let mut story = Story { truth: Vec::new(), estimates: Vec::new(), tally: Tally::default(), shown: None };
+        for cycle in source.filter_map(|sample| spine.take(sample)) {
+            let cycle = Arc::new(cycle);
+            story.add(&cycle);
+            also(&cycle)?;
+        }
+        Ok(story)
+    }
+
+    fn add(&mut self, cycle: &Arc<Cycle>) {
+        self.tally.add(cycle, score::cycle_error(cycle));
+        self.truth.extend(cycle.inputs.truth.as_ref().map(|truth| truth.pose.origin()));
+        self.estimates.extend(cycle.estimate.pose.map(|pose| pose.origin()));
+        let Some(seen) = &cycle.seen else { return };
+        // A ball near by tells more in a picture than a few line points.
+        let richness = seen.line_points.len() + 40 * (seen.robots.len() + 2 * usize::from(seen.ball.is_some()));
+        if self.shown.as_ref().is_none_or(|(most, _)| richness > *most) {
+            self.shown = Some((richness, cycle.clone()));
+        }
+    }
+
+    fn picture(&self, setup: &Setup) -> Result<Image> {
+        let mut field = FieldPicture::new(&setup.field, 1200).context("the field is too large to draw")?;
+        field.path(self.truth.iter().copied(), ink::truth(), 5.0);
+        field.path(self.estimates.iter().copied(), ink::estimate(), 2.0);
+        field.text(12, 10, "true path", ink::line());
+        field.text(12, 30, "estimated path", ink::estimate());
+        let Some((_, cycle)) = &self.shown else { return Ok(field.finish()) };
+        let truth = cycle.inputs.truth.as_ref();
+        if let Some(ball) = truth.and_then(|truth| truth.ball) {
+            field.dot(ball, ink::ball(), 6.0);
+        }
+        for robot in truth.iter().flat_map(|truth| &truth.robots) {
+            field.dot(*robot, ink::global(), 10.0);
+        }
+        if let Some(pose) = cycle.estimate.pose {
+            field.dot(pose.origin(), ink::estimate(), 9.0);
+        }
+        let map = setup.camera.as_ref().map(|(_, map)| map);
+        let camera = map.and_then(|map| annotated(cycle, &setup.field, map));
+        let field = field.finish();
+        Ok(camera.map_or_else(|| field.clone(), |camera| beside(&field, &camera)))
+    }
+}
