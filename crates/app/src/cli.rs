@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{locate, recover, replay, simulate};
+use crate::{demo, locate, recover, replay, simulate};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -24,6 +24,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Demo(demo::Args),
     Locate(locate::Args),
     Sim(simulate::Args),
     Replay(replay::Args),
@@ -43,6 +44,7 @@ pub fn run() -> ExitCode {
         }
     };
     let result = match cli.command {
+        Command::Demo(args) => demo::run(&args, cli.json),
         Command::Locate(args) => locate::run(&args, cli.json),
         Command::Sim(args) => simulate::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),

@@ -96,6 +96,9 @@ pub struct SpineConfig {
     pub localize: LocalizeConfig,
 }
 
+/// The name under which a log keeps these settings.
+pub const SPINE_FILE: &str = "spine.toml";
+
 impl SpineConfig {
     /// The defaults, with what an overlay file says instead.
     pub fn load(overlay: Option<&Path>) -> Result<Self> {

@@ -14,12 +14,13 @@ use crate::cycle::{Cycle, Spine, SpineConfig};
 use crate::field_picture::{FieldPicture, beside, ink};
 use crate::home;
 use crate::locate::FOREIGN_POINT_STD;
-use crate::log::{Header, ImageMode, LogConfig, Pace, Recorder};
+use crate::log::{ImageMode, LogConfig};
 use crate::recording::Recording;
 use crate::sample::Sample;
 use crate::score;
 use crate::setup::Setup;
 use crate::simulation::Simulation;
+use crate::start_log::start_log;
 use crate::summary::{Summary, Tally};
 
 /// Show a minute of play against moving opponents, then the same on recorded images.
@@ -56,7 +57,8 @@ struct Outcome {
 pub fn run(args: &Args, json: bool) -> Result<()> {
     let scenario = home::find("config/scenarios/demo.toml")?;
     let sample = home::find("samples/sequence")?;
-    std::fs::create_dir_all(&args.out).with_context(|| format!("cannot make {}", args.out.display()))?;
+    std::fs::create_dir_all(&args.out)
+        .with_context(|| format!("cannot make {}", args.out.display()))?;
     let log = args.out.join("demo.mcap");
     let pictures = ["play.png", "recording.png"].map(|name| args.out.join(name));
 
@@ -64,11 +66,11 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
     let setup = simulation.setup()?;
     let config = SpineConfig::default();
-    let header = Header::new("demo", Some(seed))
-        .with_robot(&setup.robot, setup.camera.as_ref().map(|(_, map)| &**map))?
-        .with_spine(&config)?;
-    let log_config = LogConfig { images: ImageMode::Jpeg, ..LogConfig::default() };
-    let mut recorder = Recorder::create(&log, &header, &setup.field, Pace::Lockstep, &log_config)?;
+    let log_config = LogConfig {
+        images: ImageMode::Jpeg,
+        ..LogConfig::default()
+    };
+    let mut recorder = start_log(&log, "demo", Some(seed), (&setup, &config), &log_config)?;
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
     let play = Story::of(simulation, &setup, &config, |cycle| {
@@ -87,7 +89,15 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 
     let (play, recording) = (play.tally.summary(), seen.tally.summary());
     if json {
-        let outcome = Outcome { seed, simulated_s: duration, times_real_time, play, recording, log, pictures };
+        let outcome = Outcome {
+            seed,
+            simulated_s: duration,
+            times_real_time,
+            play,
+            recording,
+            log,
+            pictures,
+        };
         println!("{}", serde_json::to_string(&outcome)?);
         return Ok(());
     }
@@ -120,7 +130,12 @@ impl Story {
         mut also: impl FnMut(&Arc<Cycle>) -> Result<()>,
     ) -> Result<Self> {
         let mut spine = Spine::new(setup, config)?;
-        let mut story = Story { truth: Vec::new(), estimates: Vec::new(), tally: Tally::default(), shown: None };
+        let mut story = Story {
+            truth: Vec::new(),
+            estimates: Vec::new(),
+            tally: Tally::default(),
+            shown: None,
+        };
         for cycle in source.filter_map(|sample| spine.take(sample)) {
             let cycle = Arc::new(cycle);
             story.add(&cycle);
@@ -131,23 +146,29 @@ impl Story {
 
     fn add(&mut self, cycle: &Arc<Cycle>) {
         self.tally.add(cycle, score::cycle_error(cycle));
-        self.truth.extend(cycle.inputs.truth.as_ref().map(|truth| truth.pose.origin()));
-        self.estimates.extend(cycle.estimate.pose.map(|pose| pose.origin()));
+        self.truth
+            .extend(cycle.inputs.truth.as_ref().map(|truth| truth.pose.origin()));
+        self.estimates
+            .extend(cycle.estimate.pose.map(|pose| pose.origin()));
         let Some(seen) = &cycle.seen else { return };
         // A ball near by tells more in a picture than a few line points.
-        let richness = seen.line_points.len() + 40 * (seen.robots.len() + 2 * usize::from(seen.ball.is_some()));
+        let richness = seen.line_points.len()
+            + 40 * (seen.robots.len() + 2 * usize::from(seen.ball.is_some()));
         if self.shown.as_ref().is_none_or(|(most, _)| richness > *most) {
             self.shown = Some((richness, cycle.clone()));
         }
     }
 
     fn picture(&self, setup: &Setup) -> Result<Image> {
-        let mut field = FieldPicture::new(&setup.field, 1200).context("the field is too large to draw")?;
+        let mut field =
+            FieldPicture::new(&setup.field, 1200).context("the field is too large to draw")?;
         field.path(self.truth.iter().copied(), ink::truth(), 5.0);
         field.path(self.estimates.iter().copied(), ink::estimate(), 2.0);
         field.text(12, 10, "true path", ink::line());
         field.text(12, 30, "estimated path", ink::estimate());
-        let Some((_, cycle)) = &self.shown else { return Ok(field.finish()) };
+        let Some((_, cycle)) = &self.shown else {
+            return Ok(field.finish());
+        };
         let truth = cycle.inputs.truth.as_ref();
         if let Some(ball) = truth.and_then(|truth| truth.ball) {
             field.dot(ball, ink::ball(), 6.0);

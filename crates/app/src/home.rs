@@ -11,9 +11,13 @@ pub fn find(relative: &str) -> Result<PathBuf> {
     let executable = std::env::current_exe().ok();
     // target/release/mirrorball lies two folders below the one that has config/.
     let above = |path: Option<PathBuf>| {
-        path.map(|path| path.ancestors().map(Path::to_owned).collect::<Vec<_>>()).unwrap_or_default()
+        path.map(|path| path.ancestors().map(Path::to_owned).collect::<Vec<_>>())
+            .unwrap_or_default()
     };
-    let places = given.into_iter().chain(above(working)).chain(above(executable));
+    let places = given
+        .into_iter()
+        .chain(above(working))
+        .chain(above(executable));
     for place in places {
         let found = place.join(relative);
         if found.exists() {

@@ -39,7 +39,7 @@ pub struct Args {
 }
 
 /// Standard deviation taken for line points of another vision, which come without one, metres.
-const FOREIGN_POINT_STD: f32 = 0.04;
+pub const FOREIGN_POINT_STD: f32 = 0.04;
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {

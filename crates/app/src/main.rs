@@ -3,7 +3,9 @@
 mod annotate;
 mod cli;
 mod cycle;
+mod demo;
 mod field_picture;
+mod home;
 mod locate;
 mod log;
 mod outputs;
@@ -16,6 +18,7 @@ mod score;
 mod setup;
 mod simulate;
 mod simulation;
+mod start_log;
 mod summary;
 mod table;
 

@@ -5,12 +5,9 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
-use crate::cycle::{Spine, SpineConfig};
+use crate::cycle::{SPINE_FILE, Spine, SpineConfig};
 use crate::log::{self, Difference, End, Log, Verdict};
 use crate::setup::Setup;
-
-/// The name under which a log holds the settings of vision and localisation.
-pub const SPINE_FILE: &str = "spine.toml";
 
 /// Run a log once more: verify that it gives the same bits, or export it as a recording folder.
 #[derive(clap::Args)]

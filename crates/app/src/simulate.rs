@@ -1,15 +1,18 @@
 //! `mirrorball sim`: run a scenario as fast as it goes, and see how well the robot knew its place.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
 use serde::Serialize;
 
 use crate::cycle::{Spine, SpineConfig};
+use crate::log::{ImageMode, LogConfig, Recorder};
 use crate::outputs::Outputs;
 use crate::score;
 use crate::simulation::Simulation;
+use crate::start_log::start_log;
 use crate::summary::{Summary, Tally};
 use crate::table::{Written, seconds};
 
@@ -27,6 +30,12 @@ pub struct Args {
     /// Seconds to simulate, in place of the scenario's.
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
+    /// Record everything into a log (MCAP).
+    #[arg(long, value_name = "LOG")]
+    record: Option<PathBuf>,
+    /// How the log keeps images; only exact ones let `replay --verify` compute vision again.
+    #[arg(long, value_enum, default_value_t, requires = "record")]
+    images: ImageMode,
     /// Write the estimated poses (as `locate` does).
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -52,7 +61,8 @@ struct Outcome {
 pub fn run(args: &Args, json: bool) -> Result<()> {
     let simulation = Simulation::load(&args.scenario, args.seed, args.duration)?;
     let setup = simulation.setup()?;
-    let mut spine = Spine::new(&setup, &SpineConfig::load(args.config.as_deref())?)?;
+    let config = SpineConfig::load(args.config.as_deref())?;
+    let mut spine = Spine::new(&setup, &config)?;
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
     let mut outputs = Outputs::create(args.out.as_deref(), None, None)?;
     let header = "stamp_s,x_m,y_m,theta_rad";
@@ -61,10 +71,20 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         .as_deref()
         .map(|path| Written::create(path, header))
         .transpose()?;
+    let source = format!("sim {}", args.scenario.display());
+    let log_config = LogConfig {
+        images: args.images,
+        ..LogConfig::default()
+    };
+    let start = |path| start_log(path, &source, Some(seed), (&setup, &config), &log_config);
+    let mut recorder = args.record.as_deref().map(start).transpose()?;
     let mut tally = Tally::default();
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
-    for cycle in simulation.filter_map(|sample| spine.take(sample)) {
+    for cycle in simulation
+        .filter_map(|sample| spine.take(sample))
+        .map(Arc::new)
+    {
         tally.add(&cycle, score::cycle_error(&cycle));
         outputs.write(&cycle)?;
         if let (Some(file), Some(truth)) = (&mut truths, &cycle.inputs.truth) {
@@ -75,9 +95,13 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             ))?;
         }
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
+        if let Some(recorder) = &mut recorder {
+            recorder.cycle(cycle)?;
+        }
     }
     bar.finish_and_clear();
     outputs.finish()?;
+    recorder.map(Recorder::finish).transpose()?;
     truths.map_or(Ok(()), Written::finish)?;
     let times_real_time = duration / started.elapsed().as_secs_f64();
     let summary = tally.summary();

@@ -26,13 +26,12 @@ impl Simulation {
 
     /// What the simulated robot believes of itself: its file's map, or the one its mirror should have.
     pub fn setup(&self) -> Result<Setup> {
-        let robot_file = self.sim.scenario().robot.clone();
-        Setup::new(
-            &robot_file,
-            self.sim.robot().clone(),
-            self.sim.field().clone(),
-            None,
-        )
+        let scenario = self.sim.scenario();
+        let mut robot = self.sim.robot().clone();
+        if let Some(field) = &scenario.field {
+            robot.field.clone_from(field);
+        }
+        Setup::new(&scenario.robot, robot, self.sim.field().clone(), None)
     }
 
     /// The simulator.

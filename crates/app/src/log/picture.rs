@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use vision::image::Image;
 
 /// How a log keeps images.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum ImageMode {
     /// Every bit, so that replay can recompute vision too.
