@@ -1,10 +1,14 @@
 //! How does this camera really map the ground? Calibrations of the ground map, each with its residuals.
 
+mod correction;
+pub mod lines;
+mod lines_fit;
 mod polar_map;
 pub mod profile_fit;
 pub mod strip;
 mod strip_edges;
 
+pub use lines::{DriveImage, LinesCalibration, calibrate_lines};
 pub use profile_fit::{ProfileFit, fit_profile};
 pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
 

@@ -1,0 +1,247 @@
+//! Which ground does each pixel show? From the field's own lines while driving: no strip, poses unknown.
+//!
+//! A prior map (or a plain radial guess) is corrected by a smooth function of range and bearing so that the line
+//! points of all images fall onto the field's markings, each image at its own unknown pose and lean. The start is a
+//! search of the whole field under several scales, since a guess may be a fifth too long or too short.
+
+use localize::distance::{DistanceConfig, DistanceField};
+use localize::frame::At;
+use localize::matching::{MatchConfig, Matcher};
+use localize::sample::LinePoint;
+use localize::search::{Search, SearchConfig};
+use localize::{Field, Pose};
+
+use crate::calibrate::correction::{Basis, Correction};
+use crate::calibrate::lines_fit::{Fit, FitImage};
+use crate::calibrate::{CalibrationError, ImageResidual};
+use crate::camera::CameraConfig;
+use crate::config::VisionConfig;
+use crate::eyes::Eyes;
+use crate::ground_map::GroundMap;
+use crate::image::Image;
+
+/// One image of a drive.
+#[derive(Debug, Clone)]
+pub struct DriveImage {
+    /// Its file, for messages.
+    pub name: String,
+    /// What the camera showed.
+    pub image: Image,
+}
+
+/// The corrected map, and how well the images agree with it.
+#[derive(Debug, Clone)]
+pub struct LinesCalibration {
+    /// Pixel → ground.
+    pub map: GroundMap,
+    /// One an image; `rms_px` is of its inliers, in pixels on the ground.
+    pub images: Vec<ImageResidual>,
+    /// Where each used image was taken (or its half turn, which the markings do not tell apart).
+    pub poses: Vec<Option<Pose>>,
+    /// Root mean square of the inliers' distances from the markings, metres.
+    pub rms: f64,
+    /// Share of all used images' points that lie on markings.
+    pub inlier_share: f64,
+}
+
+/// Scales and powers under which the field is searched: a guess may be 30 % off, and straight where it should bend.
+const SCALES: [f64; 9] = [0.7, 0.77, 0.83, 0.9, 1.0, 1.1, 1.2, 1.3, 1.42];
+const POWERS: [f64; 3] = [-0.15, 0.0, 0.15];
+
+/// Images with fewer line points say too little.
+const FEWEST_POINTS: usize = 25;
+
+/// Fewer images cannot tell the map from their poses.
+const FEWEST_IMAGES: usize = 4;
+
+/// Most images used: a minute of driving, thinned out evenly.
+const IMAGES_MAX: usize = 60;
+
+/// An image is left out if fewer of its points lie on markings in the end.
+const INLIERS_MIN: f64 = 0.6;
+
+/// Calibrates the map from images anywhere on the field.
+///
+/// `start`: a prior map, may be a fifth off; `viewpoint_height`: of the mirror above the ground, metres.
+pub fn calibrate_lines(
+    camera: &CameraConfig,
+    start: &GroundMap,
+    field: &Field,
+    images: &[DriveImage],
+    vision: &VisionConfig,
+) -> Result<LinesCalibration, CalibrationError> {
+    let height = f64::from(vision.objects.viewpoint_height);
+    let distances = DistanceField::new(field, &DistanceConfig::default());
+    let mut map = start.clone();
+    let mut result = None;
+    // The second round sees with the corrected map: widths are right then, and no point is refused for them.
+    for round in 0..2 {
+        let seen = see(camera, &map, field, images, vision, round == 0)?;
+        let starts = starts(field, &distances, &seen, height, round == 0);
+        let mut fit = Fit::new(&distances, starts.0);
+        fit.images = starts.1;
+        fit.settle();
+        map = fit.correction.map(&map);
+        result = Some(conclude(map.clone(), images, &fit)?);
+    }
+    result.ok_or_else(|| CalibrationError::NoFit("no round was run".into()))
+}
+
+/// Line points of one image: where they are in the start map, and how large a pixel is there.
+struct SeenImage {
+    index: usize,
+    points: Vec<([f64; 2], f64, f64)>,
+}
+
+fn see(
+    camera: &CameraConfig,
+    map: &GroundMap,
+    field: &Field,
+    images: &[DriveImage],
+    vision: &VisionConfig,
+    guess: bool,
+) -> Result<Vec<SeenImage>, CalibrationError> {
+    let mut config = vision.clone();
+    if guess {
+        // A map that is a third off makes lines a third too narrow or too wide.
+        config.lines.width_min *= 0.6;
+        config.lines.width_max *= 1.4;
+    }
+    let named = |name: &str| {
+        let name = name.to_owned();
+        move |source| CalibrationError::Image { name, source }
+    };
+    let mut eyes =
+        Eyes::new(map, camera, field.config.line_width, config).map_err(named("the start map"))?;
+    let every = images.len().div_ceil(IMAGES_MAX).max(1);
+    let mut seen = Vec::new();
+    for (index, image) in images.iter().enumerate().step_by(every) {
+        eyes.forget_light();
+        let found = eyes.see(&image.image.frame()).map_err(named(&image.name))?;
+        let points = found
+            .line_points
+            .iter()
+            .map(|seen| {
+                let at = seen.point.at;
+                let std = (
+                    f64::from(seen.point.std_radial),
+                    f64::from(seen.point.std_tangential),
+                );
+                ([f64::from(at.x), f64::from(at.y)], std.0, std.1)
+            })
+            .collect();
+        seen.push(SeenImage { index, points });
+    }
+    Ok(seen)
+}
+
+/// The scale that explains all images best, and each image's poses under it.
+fn starts(
+    field: &Field,
+    distances: &DistanceField,
+    seen: &[SeenImage],
+    height: f64,
+    guess: bool,
+) -> (Correction, Vec<FitImage>) {
+    let mut search = Search::new(field, distances, SearchConfig::default());
+    // A guess is off by more than a frame's lean could repair: take frames for upright.
+    let mut matcher = Matcher::new(MatchConfig {
+        lean_std_deg: 0.0,
+        point_std_min: if guess { 0.08 } else { 0.02 },
+        ..MatchConfig::default()
+    });
+    let mut best: Option<(f64, Correction, Vec<Option<Pose>>)> = None;
+    let grid = SCALES
+        .iter()
+        .flat_map(|&scale| POWERS.iter().map(move |&power| (scale, power)));
+    for (scale, power) in grid.filter(|&(scale, power)| guess || scale == 1.0 && power == 0.0) {
+        let correction = Correction::scaled(height, scale, power);
+        let (mut sum, mut poses) = (0.0, Vec::new());
+        for image in seen {
+            let points: Vec<LinePoint> = image
+                .points
+                .iter()
+                .map(|(start, radial, tangential)| {
+                    let [x, y] = correction.ground(&Basis::new(*start), [0.0; 2]);
+                    LinePoint {
+                        at: At::new(x as f32, y as f32),
+                        std_radial: (scale * radial) as f32,
+                        std_tangential: (scale * tangential) as f32,
+                    }
+                })
+                .filter(|point| point.at.x.is_finite() && point.at.y.is_finite())
+                .collect();
+            let found = search.find(distances, &mut matcher, &points, None);
+            let top = found.iter().max_by(|a, b| a.score.total_cmp(&b.score));
+            sum += top.map_or(0.0, |top| f64::from(top.score) * points.len() as f64);
+            poses.push(top.map(|top| top.pose));
+        }
+        if best.as_ref().is_none_or(|(most, ..)| sum > *most) {
+            best = Some((sum, correction, poses));
+        }
+    }
+    let Some((_, correction, poses)) = best else {
+        return (Correction::none(height), Vec::new());
+    };
+    let images = seen
+        .iter()
+        .zip(poses)
+        .filter(|(image, _)| image.points.len() >= FEWEST_POINTS)
+        .filter_map(|(image, pose)| Some(FitImage::new(image.index, &image.points, pose?)))
+        .collect();
+    (correction, images)
+}
+
+fn conclude(
+    map: GroundMap,
+    images: &[DriveImage],
+    fit: &Fit<'_>,
+) -> Result<LinesCalibration, CalibrationError> {
+    let mut residuals: Vec<ImageResidual> = images
+        .iter()
+        .map(|image| ImageResidual {
+            name: image.name.clone(),
+            points: 0,
+            rms_px: f64::NAN,
+            left_out: Some("too few line points, or not needed".into()),
+        })
+        .collect();
+    let mut poses = vec![None; images.len()];
+    let (mut squares, mut inliers, mut points, mut used) = (0.0, 0.0, 0.0, 0);
+    for image in &fit.images {
+        let judged = fit.judge(image);
+        let residual = &mut residuals[image.index];
+        residual.points = image.points.len();
+        residual.rms_px = judged.rms_px;
+        let share = judged.inliers / image.points.len() as f64;
+        residual.left_out = (!image.used || share < INLIERS_MIN)
+            .then(|| format!("only {:.0} % of its points lie on markings", 100.0 * share));
+        if residual.left_out.is_none() {
+            used += 1;
+            poses[image.index] = Some(image.pose());
+            squares += judged.squares;
+            inliers += judged.inliers;
+            points += image.points.len() as f64;
+        }
+    }
+    if used < FEWEST_IMAGES {
+        let reasons: Vec<String> = residuals
+            .iter()
+            .filter_map(|image| Some(format!("{}: {}", image.name, image.left_out.as_ref()?)))
+            .take(3)
+            .collect();
+        return Err(CalibrationError::TooFewImages {
+            used,
+            given: images.len(),
+            wanted: FEWEST_IMAGES,
+            reasons: reasons.join("; "),
+        });
+    }
+    Ok(LinesCalibration {
+        map,
+        images: residuals,
+        poses,
+        rms: (squares / f64::max(inliers, 1.0)).sqrt(),
+        inlier_share: inliers / f64::max(points, 1.0),
+    })
+}
