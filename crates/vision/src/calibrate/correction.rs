@@ -137,11 +137,11 @@ impl Correction {
     pub(super) fn beliefs() -> Vec<(f64, Vec<(usize, f64)>)> {
         let mut beliefs = Vec::new();
         for group in 0..RANGE_HARMONICS + BEARING_HARMONICS {
-            // A guess may be 30 % off in range all around; around the circle a mirror differs by a tilt's few percent.
+            // A guess may be 30 % off in range all around; around the circle the lean below does most, a few percent are left.
             let (value, bend) = match group {
                 0 => (0.3, 0.06),
-                g if g < RANGE_HARMONICS => (0.05, 0.02),
-                _ => (0.03, 0.01),
+                g if g < RANGE_HARMONICS => (0.02, 0.005),
+                _ => (0.01, 0.003),
             };
             for k in 0..SPLINES {
                 let number = group * SPLINES + k;

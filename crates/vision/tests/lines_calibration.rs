@@ -1,0 +1,89 @@
+//! The field's own lines calibrate the map: poses unknown, the start a radial guess that is a fifth too long.
+
+use std::path::{Path, PathBuf};
+
+use localize::Field;
+use vision::calibrate::{CalibrationError, DriveImage, calibrate_lines};
+use vision::{CameraConfig, GroundMap, Image, VisionConfig};
+
+#[derive(serde::Deserialize)]
+struct Robot {
+    camera: CameraConfig,
+}
+
+fn folder(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../samples")
+        .join(name)
+}
+
+fn camera() -> CameraConfig {
+    let text = std::fs::read_to_string(folder("sequence").join("robot.toml")).expect("robot.toml");
+    toml::from_str::<Robot>(&text).expect("a robot").camera
+}
+
+fn images(numbers: impl Iterator<Item = usize>) -> Vec<DriveImage> {
+    numbers
+        .map(|number| {
+            let name = format!("frames/{number:03}.jpg");
+            DriveImage {
+                image: Image::load(&folder("sequence").join(&name)).expect("an image"),
+                name,
+            }
+        })
+        .collect()
+}
+
+fn off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+    let mut offs: Vec<f32> = (0..exact.height_px)
+        .flat_map(|v| (0..exact.width_px).map(move |u| (u, v)))
+        .filter_map(|(u, v)| {
+            let truth = exact.at(u, v)?;
+            let inside = (from..to).contains(&truth.distance());
+            Some(found.at(u, v)?.distance_to(truth)).filter(|_| inside)
+        })
+        .collect();
+    offs.sort_by(f32::total_cmp);
+    offs[offs.len() / 2]
+}
+
+#[test]
+fn a_drive_repairs_a_guess_that_is_a_fifth_too_long() {
+    let field = Field::load(&folder("sequence").join("field.toml")).expect("a field");
+    let exact = GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map");
+    let stretched = |values: &[f32]| values.iter().map(|value| 1.2 * value).collect();
+    let start = GroundMap {
+        x: stretched(&exact.x),
+        y: stretched(&exact.y),
+        ..exact.clone()
+    };
+    let images = images((0..20).step_by(2));
+    let found = calibrate_lines(&camera(), &start, &field, &images, &VisionConfig::default())
+        .expect("a map");
+    let (near, far) = (
+        off(&found.map, &exact, 0.0, 3.0),
+        off(&found.map, &exact, 3.0, 5.0),
+    );
+    assert!(near <= 0.02, "median {near} m inside 3 m");
+    assert!(far <= 0.06, "median {far} m from 3 to 5 m");
+}
+
+#[test]
+fn images_without_lines_are_named() {
+    let field = Field::load(&folder("sequence").join("field.toml")).expect("a field");
+    let exact = GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map");
+    let mut images = images(0..3);
+    for image in &mut images {
+        image
+            .image
+            .rgb
+            .chunks_exact_mut(3)
+            .for_each(|pixel| pixel.copy_from_slice(&[60, 140, 80]));
+    }
+    let refused = calibrate_lines(&camera(), &exact, &field, &images, &VisionConfig::default());
+    let message = match refused {
+        Err(error @ CalibrationError::TooFewImages { .. }) => error.to_string(),
+        other => panic!("{other:?}"),
+    };
+    assert!(message.contains("frames/000.jpg"), "{message}");
+}
