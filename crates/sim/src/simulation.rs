@@ -119,6 +119,8 @@ pub struct Sim {
     film: FilmConfig,
     /// Light set by hand, in place of the scenario's.
     light_level: Option<f32>,
+    /// A sector occluded by hand, degrees.
+    held_up: Option<(f32, f32)>,
     imu: Option<(ImuModel, Clock)>,
     compass: Option<(CompassModel, Clock)>,
     odometry: Clock,
@@ -232,6 +234,7 @@ impl Sim {
             renderer,
             film: scenario.film,
             light_level: None,
+            held_up: None,
             imu,
             compass,
             odometry: Clock::new(base.rate_hz.into()),
@@ -295,6 +298,11 @@ impl Sim {
     /// Sets the light's level by hand; `None` gives it back to the scenario.
     pub fn set_light(&mut self, level: Option<f32>) {
         self.light_level = level;
+    }
+
+    /// Hangs something black in the view until further notice: middle and whole width, degrees; `None` takes it away.
+    pub fn occlude(&mut self, sector_deg: Option<(f32, f32)>) {
+        self.held_up = sector_deg;
     }
 
     /// The camera's settings.
@@ -469,12 +477,9 @@ impl Sim {
             .occlusions
             .iter()
             .filter(|occlusion| occlusion.start <= time && time < occlusion.stop)
-            .map(|occlusion| {
-                (
-                    occlusion.direction_deg.to_radians(),
-                    occlusion.width_deg.to_radians(),
-                )
-            })
+            .map(|occlusion| (occlusion.direction_deg, occlusion.width_deg))
+            .chain(self.held_up)
+            .map(|(direction_deg, width_deg)| (direction_deg.to_radians(), width_deg.to_radians()))
             .collect();
         let look = &self.scenario.ball;
         let scene = Scene {

@@ -157,8 +157,8 @@ pub struct BodyConfig {
 impl Default for BodyConfig {
     fn default() -> Self {
         BodyConfig {
-            radius: 0.24,
-            height: 0.45,
+            radius: 0.22,
+            height: 0.35,
             camera_side: 0.03,
             rod_angles_deg: vec![60.0, 180.0, 300.0],
             rod_distance: 0.18,

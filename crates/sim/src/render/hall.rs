@@ -35,8 +35,8 @@ pub(super) struct Hall {
     rows: usize,
     /// Linear values of sRGB bytes.
     linear: [f32; 256],
-    /// Half extent of a field's own walls.
-    field_walls: Option<[f32; 2]>,
+    /// Half extent of a field's own walls, and half the width of the goals' mouths in them.
+    field_walls: Option<([f32; 2], f32)>,
     /// What stands about; places and directions in the field frame.
     pub(super) things: Vec<Solid>,
 }
@@ -53,10 +53,10 @@ impl Hall {
             columns,
             rows,
             linear: std::array::from_fn(|byte| decode(byte as u8)),
-            field_walls: field
-                .config
-                .walls
-                .then_some([field.config.length / 2.0, field.config.width / 2.0]),
+            field_walls: field.config.walls.then_some((
+                [field.config.length / 2.0, field.config.width / 2.0],
+                field.config.goal.width / 2.0,
+            )),
             things: things([carpet_x, carpet_y], rng),
         };
         hall.paint(rng);
@@ -151,14 +151,20 @@ impl Hall {
                 }
             }
         }
-        if let Some(half) = self.field_walls {
-            draw_field_walls(pose, half, rays, light);
+        if let Some((half, mouth)) = self.field_walls {
+            draw_field_walls(pose, half, mouth, rays, light);
         }
     }
 }
 
-/// The field's own walls, white, over whatever is behind them.
-fn draw_field_walls(pose: Pose, [hx, hy]: [f32; 2], rays: &Rays, light: &mut [Vec<f32>; 3]) {
+/// The field's own walls, white and open before the goals, over whatever is behind them.
+fn draw_field_walls(
+    pose: Pose,
+    [hx, hy]: [f32; 2],
+    mouth: f32,
+    rays: &Rays,
+    light: &mut [Vec<f32>; 3],
+) {
     let (sin, cos) = pose.theta.sin_cos();
     let white = WALL_PAINT.map(decode);
     let [red, green, blue] = light;
@@ -174,12 +180,18 @@ fn draw_field_walls(pose: Pose, [hx, hy]: [f32; 2], rays: &Rays, light: &mut [Ve
             let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
             let (from_x, from_y) = (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
             let (tx, ty) = (ray.towards[0][i], ray.towards[1][i]);
-            let way_x = way_to(hx, from_x, cos * tx - sin * ty);
-            let way_y = way_to(hy, from_y, sin * tx + cos * ty);
+            let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
+            let (way_x, way_y) = (way_to(hx, from_x, to_x), way_to(hy, from_y, to_y));
             let way = way_x.min(way_y).max(1e-3);
+            let closed = if way_x < way_y && (from_y + way * to_y).abs() < mouth {
+                0.0
+            } else {
+                1.0
+            };
             let z = ray.origin[2][i] + ray.slope[i] * way;
             let width = way * ray.slope_spacing[i] + 1e-3;
-            let covered = (z / width + 0.5).clamp(0.0, 1.0)
+            let covered = closed
+                * (z / width + 0.5).clamp(0.0, 1.0)
                 * ((FIELD_WALL - z) / width + 0.5).clamp(0.0, 1.0);
             // Two sides of the hall get a little less light.
             let facing = if way_x < way_y { 1.0 } else { 0.9 };

@@ -157,10 +157,15 @@ fn draw_runs(
                 oz[i] + slope[i] * chord.enters,
                 oz[i] + slope[i] * chord.leaves,
             );
-            let width = chord.enters * slope_spacing[i] + 1e-4;
-            let over_bottom = edge(z_in.max(z_out) - solid.bottom, width);
-            let covered = chord.covered * edge(solid.top - z_in.min(z_out), width) * over_bottom;
-            let cap = edge(z_in - solid.top, width);
+            // How far apart neighbouring rays are in height, where they go in and where they come out.
+            let per_way = slope_spacing[i];
+            let (w_in, w_out) = (chord.enters * per_way + 1e-4, chord.leaves * per_way + 1e-4);
+            let falls = slope[i] < 0.0;
+            let (low, w_low) = if falls { (z_out, w_out) } else { (z_in, w_in) };
+            let (high, w_high) = if falls { (z_in, w_in) } else { (z_out, w_out) };
+            let under_top = edge(solid.top - low, w_low);
+            let covered = chord.covered * under_top * edge(high - solid.bottom, w_high);
+            let cap = edge(z_in - solid.top, w_in);
             let side = chord.facing * (1.0 - cap);
             red[i] += covered * (side * solid.side[0] + cap * solid.cap[0] - red[i]);
             green[i] += covered * (side * solid.side[1] + cap * solid.cap[1] - green[i]);
