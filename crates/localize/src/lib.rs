@@ -8,6 +8,7 @@ pub mod config;
 pub mod distance;
 pub mod drive;
 pub mod estimate;
+pub mod experiment;
 pub mod field;
 pub mod filter;
 pub mod frame;

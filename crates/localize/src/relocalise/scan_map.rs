@@ -70,6 +70,10 @@ const NONE: u8 = 255;
 
 /// Cells compared at once.
 const LANES: usize = 64;
+/// The same for the local search: its rows are 21 cells.
+const LOCAL_LANES: usize = 24;
+/// Scan lines that put the blocks in order.
+const FIRST: usize = 16;
 /// Scan lines between two looks at whether a block of cells can still win.
 const STRIDE: usize = 12;
 /// Cells up to this part above the best error are finished, for the runners-up.
@@ -98,6 +102,8 @@ pub struct ScanMap {
     rows: usize,
     /// Bytes per layer: the cells, filled up to whole blocks.
     plane: usize,
+    /// Errors of eq. 5 by weight class and difference in steps.
+    errors: Vec<[u16; 256]>,
     x0: f32,
     y0: f32,
 }
@@ -196,12 +202,14 @@ impl ScanMap {
         let cells = |half: f32| ((half + config.outside) / config.cell).round();
         let (half_x, half_y) = (cells(field.length / 2.0), cells(field.width / 2.0));
         let (columns, rows) = (2 * half_x as usize + 1, 2 * half_y as usize + 1);
-        let plane = (columns * rows).div_ceil(LANES) * LANES;
+        // One block more, so that every row of the local search has its lanes.
+        let plane = (columns * rows).div_ceil(LANES) * LANES + LANES;
         ScanMap {
             layers: vec![NONE; plane * LAYERS],
             columns,
             rows,
             plane,
+            errors: errors(&config),
             x0: -half_x * config.cell,
             y0: -half_y * config.cell,
             config,
@@ -311,22 +319,6 @@ impl ScanMap {
         }
     }
 
-    /// Errors by weight class and difference in steps: eq. 5, near points weighing more.
-    fn errors(&self) -> Vec<[u16; 256]> {
-        let step = self.config.range / STEPS;
-        (0..=STEPS as usize / WEIGHT_STEP)
-            .map(|class| {
-                let range = (class * WEIGHT_STEP) as f32 * step;
-                let weight = 1.0 / (1.0 + (range / self.config.half_weight).powi(2));
-                std::array::from_fn(|difference| {
-                    let t = difference as f32 * step;
-                    let c = self.config.reach;
-                    (1000.0 * weight * (1.0 - c * c / (c * c + t * t))) as u16
-                })
-            })
-            .collect()
-    }
-
     /// The cells with the least error under `heading`, best first, at most `most` and `apart` metres apart.
     pub fn find(
         &self,
@@ -336,17 +328,30 @@ impl ScanMap {
         apart: f32,
     ) -> Vec<(f32, Pose)> {
         let seen = self.sort(points, heading);
-        let errors = self.errors();
+        let count = self.columns * self.rows;
+        // A few scan lines say which blocks to look at first; these then say how few of the others to finish.
+        let (some, rest) = seen.split_at(seen.len().min(FIRST));
+        let mut blocks: Vec<(u32, usize, [u32; LANES])> = (0..count)
+            .step_by(LANES)
+            .map(|block| {
+                let mut sums = [0; LANES];
+                self.add(some, block, &mut sums);
+                (sums.iter().copied().min().unwrap_or(0), block, sums)
+            })
+            .collect();
+        blocks.sort_unstable_by_key(|&(least, block, _)| (least, block));
         let mut best = u32::MAX;
         let mut cells: Vec<(u32, usize)> = Vec::new();
         let limit = |best: u32| (best as f32 * KEPT) as u32;
-        for block in (0..self.plane).step_by(LANES) {
-            let Some(sums) = self.compare(&seen, &errors, block, limit(best)) else {
+        for (least, block, sums) in blocks {
+            if least > limit(best) {
+                break;
+            }
+            let Some(sums) = self.finish(rest, block, sums, limit(best)) else {
                 continue;
             };
-            for (k, &sum) in sums.iter().enumerate() {
-                let cell = block + k;
-                if cell < self.columns * self.rows && sum <= limit(best) {
+            for (&sum, cell) in sums.iter().zip(block..count) {
+                if sum <= limit(best) {
                     best = best.min(sum);
                     cells.push((sum, cell));
                 }
@@ -360,71 +365,71 @@ impl ScanMap {
     /// The same in a square about `centre` (minho2016 VI: 4 m²), the best cell alone.
     pub fn find_near(&self, points: &[LinePoint], centre: Pose) -> Option<(f32, Pose)> {
         let seen = self.sort(points, centre.theta);
-        let errors = self.errors();
         let half = (self.config.local_half / self.config.cell) as i32;
         let middle = |at: f32, from: f32| ((at - from) / self.config.cell).round() as i32;
         let (column, row) = (middle(centre.x, self.x0), middle(centre.y, self.y0));
         let clamp = |value: i32, most: usize| value.clamp(0, most as i32 - 1) as usize;
-        let columns = clamp(column - half, self.columns)..=clamp(column + half, self.columns);
-        let rows = clamp(row - half, self.rows)..=clamp(row + half, self.rows);
+        let first = clamp(column - half, self.columns);
+        let last = clamp(column + half, self.columns);
         let mut best = (u32::MAX, 0);
-        for row in rows {
-            for column in columns.clone() {
-                let cell = row * self.columns + column;
-                let mut sum = 0;
-                for line in &seen {
-                    sum += self.error(line, &errors, cell);
-                    if sum > best.0 {
-                        break;
-                    }
+        // From the middle outwards: the best is probably found early, and the rest given up soon.
+        for off in (0..=half).flat_map(|off| [off, -off]) {
+            let row = row + off;
+            if row < 0 || row >= self.rows as i32 {
+                continue;
+            }
+            let from = row as usize * self.columns;
+            for start in (first..=last).step_by(LOCAL_LANES) {
+                let none = [0; LOCAL_LANES];
+                let Some(sums) = self.finish(&seen, from + start, none, best.0) else {
+                    continue;
+                };
+                for (&sum, column) in sums.iter().zip(start..=last) {
+                    best = best.min((sum, from + column));
                 }
-                best = best.min((sum, cell));
             }
         }
-        (!seen.is_empty()).then(|| {
+        (!seen.is_empty() && best.0 < u32::MAX).then(|| {
             let pose = self.pose(best.1, centre.theta);
             (best.0 as f32 / seen.len() as f32, pose)
         })
     }
 
-    fn error(&self, line: &Seen, errors: &[[u16; 256]], cell: usize) -> u32 {
-        let mut least = NONE;
-        for slot in 0..line.slots {
-            let steps = self.layers[(line.layer + slot) * self.plane + cell];
-            least = least.min(steps.abs_diff(line.steps));
-        }
-        u32::from(errors[line.errors][usize::from(least)])
-    }
-
-    /// Errors of a block of cells; none if all of them exceed the limit.
-    fn compare(
+    /// Adds the errors of all lines to those of a block of cells; none once all of them exceed the limit.
+    fn finish<const N: usize>(
         &self,
         seen: &[Seen],
-        errors: &[[u16; 256]],
         block: usize,
+        mut sums: [u32; N],
         limit: u32,
-    ) -> Option<[u32; LANES]> {
-        let mut sums = [0_u32; LANES];
+    ) -> Option<[u32; N]> {
         for lines in seen.chunks(STRIDE) {
-            for line in lines {
-                let mut least = [NONE; LANES];
-                for slot in 0..line.slots {
-                    let at = (line.layer + slot) * self.plane + block;
-                    let stored = self.layers[at..].first_chunk::<LANES>()?;
-                    for (least, &steps) in least.iter_mut().zip(stored) {
-                        *least = (*least).min(steps.abs_diff(line.steps));
-                    }
-                }
-                let errors = &errors[line.errors];
-                for (sum, least) in sums.iter_mut().zip(least) {
-                    *sum += u32::from(errors[usize::from(least)]);
-                }
-            }
+            self.add(lines, block, &mut sums);
             if sums.iter().all(|&sum| sum > limit) {
                 return None;
             }
         }
         Some(sums)
+    }
+
+    /// Adds the errors of some lines to those of a block of cells.
+    fn add<const N: usize>(&self, lines: &[Seen], block: usize, sums: &mut [u32; N]) {
+        for line in lines {
+            let mut least = [NONE; N];
+            for slot in 0..line.slots {
+                let at = (line.layer + slot) * self.plane + block;
+                let Some(stored) = self.layers[at..].first_chunk::<N>() else {
+                    continue;
+                };
+                for (least, &steps) in least.iter_mut().zip(stored) {
+                    *least = (*least).min(steps.abs_diff(line.steps));
+                }
+            }
+            let errors = &self.errors[line.errors];
+            for (sum, least) in sums.iter_mut().zip(least) {
+                *sum += u32::from(errors[usize::from(least)]);
+            }
+        }
     }
 
     fn distinct(
@@ -453,6 +458,22 @@ impl ScanMap {
             heading,
         )
     }
+}
+
+/// Errors by weight class and difference in steps: eq. 5, near points weighing more.
+fn errors(config: &ScanMapConfig) -> Vec<[u16; 256]> {
+    let step = config.range / STEPS;
+    (0..=STEPS as usize / WEIGHT_STEP)
+        .map(|class| {
+            let range = (class * WEIGHT_STEP) as f32 * step;
+            let weight = 1.0 / (1.0 + (range / config.half_weight).powi(2));
+            std::array::from_fn(|difference| {
+                let t = difference as f32 * step;
+                let c = config.reach;
+                (1000.0 * weight * (1.0 - c * c / (c * c + t * t))) as u16
+            })
+        })
+        .collect()
 }
 
 /// Steps of distance that share a weight.

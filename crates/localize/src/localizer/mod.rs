@@ -1,0 +1,290 @@
+//! Where is the robot now, and does it know? Tracking while the sights agree, suspicion when they do not, a search of
+//! the whole field when there is no pose, and several hypotheses while nothing has decided between them.
+//!
+//! Track → suspect → lost → relocalise follows nubot2013 4 (five cycles), with more evidence than its two thresholds:
+//! share of inliers, deviation from the prediction, the best pose of the whole field, the compass.
+
+mod relocate;
+mod report;
+mod track;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::candidates::Candidates;
+use crate::config::{CompassConfig, LocalizeConfig, Tracker};
+use crate::distance::DistanceField;
+use crate::estimate::{Estimate, Reason};
+use crate::field::Field;
+use crate::filter::Belief;
+use crate::frame::{Pose, wrap_angle};
+use crate::matching::Matcher;
+use crate::relocalise::Relocaliser;
+use crate::relocalise::scan_map::ScanMap;
+use crate::sample::{Compass, LinePoint, Odometry};
+use crate::search::Search;
+use crate::stamp::Stamp;
+
+/// Follows one robot over one field.
+#[derive(Debug, Clone)]
+pub struct Localizer {
+    config: LocalizeConfig,
+    distances: DistanceField,
+    search: Search,
+    relocaliser: Relocaliser,
+    /// For the tracker that needs it.
+    scan_map: Option<Box<ScanMap>>,
+    matcher: Matcher,
+    /// Variances of "somewhere on the field".
+    anywhere: Matrix3<f32>,
+    belief: Option<Belief>,
+    /// Up to when belief, rival and candidates have been moved.
+    reached: Stamp,
+    /// The last odometry sample and the rate of motion it showed (per second).
+    odometry: Option<(Stamp, [f32; 3])>,
+    /// No gap in the odometry since the last frame.
+    led: bool,
+    compass: Option<Compass>,
+    /// Log odds that the belief's half is right rather than the other one.
+    half_evidence: f32,
+    /// A pose that explains the points better than the belief, and in how many frames it did.
+    rival: Option<(Belief, u32)>,
+    /// Hypotheses that nothing has decided between yet; none while there is a belief.
+    candidates: Candidates,
+    /// Suspect frames in a row, by the rule of thresholds.
+    strikes: u32,
+    usual_share: f32,
+    checked: Stamp,
+    past: u32,
+}
+
+impl Localizer {
+    /// Builds the field's tables; knows nothing yet.
+    pub fn new(field: &Field, config: LocalizeConfig) -> Self {
+        let distances = DistanceField::new(field, &config.distance);
+        let search = Search::new(field, &distances, config.search.clone());
+        let relocaliser = Relocaliser::new(field, &distances, &config.relocalise);
+        let scan_map = (config.tracker == Tracker::ScanMap).then(|| match &relocaliser {
+            Relocaliser::ScanMap(map, _) => map.clone(),
+            _ => {
+                let config = config.relocalise.scan_map.clone();
+                Box::new(ScanMap::new(field, &distances, config))
+            }
+        });
+        let (half_x, half_y) = field.carpet_half_extent();
+        let turn = std::f32::consts::PI * std::f32::consts::PI / 3.0;
+        Localizer {
+            matcher: Matcher::new(config.matching.clone()),
+            distances,
+            search,
+            relocaliser,
+            scan_map,
+            anywhere: Matrix3::from_diagonal(&Vector3::new(
+                half_x * half_x / 3.0,
+                half_y * half_y / 3.0,
+                turn,
+            )),
+            belief: None,
+            reached: Stamp(i64::MIN),
+            odometry: None,
+            led: false,
+            compass: None,
+            half_evidence: 0.0,
+            rival: None,
+            candidates: Candidates::default(),
+            strikes: 0,
+            usual_share: 0.0,
+            checked: Stamp(i64::MIN),
+            past: 0,
+            config,
+        }
+    }
+
+    /// The configuration in use.
+    pub fn config(&self) -> &LocalizeConfig {
+        &self.config
+    }
+
+    /// The distance look-up, for drawing and for other matchers.
+    pub fn distances(&self) -> &DistanceField {
+        &self.distances
+    }
+
+    /// Memory held by the field's tables, bytes.
+    pub fn bytes(&self) -> usize {
+        let scan_map = self.scan_map.as_ref().map_or(0, |map| map.bytes());
+        self.distances.bytes() + self.search.bytes() + self.relocaliser.bytes() + scan_map
+    }
+
+    /// Particles of the relocaliser, if it has some.
+    pub fn particles(&self) -> &[Pose] {
+        self.relocaliser.particles()
+    }
+
+    /// Starts from a pose that is known (placed by hand, a team-mate's word), half included.
+    pub fn set_pose(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
+        self.forget();
+        self.belief = Some(Belief::new(pose, covariance, None, &self.config.filter));
+        self.half_evidence = self.config.compass.evidence_max;
+        self.reached = stamp;
+        self.checked = stamp;
+        self.led = true;
+    }
+
+    /// Moves the expected pose. Samples come in the order of their stamps, before the frame of the same stamp.
+    pub fn odometry(&mut self, sample: &Odometry) {
+        let motion = [sample.dx, sample.dy, sample.dtheta];
+        if motion.iter().any(|value| !value.is_finite()) {
+            self.led = false;
+            return;
+        }
+        let gap = self.config.mode.gap_max;
+        let Some((previous, _)) = self.odometry else {
+            self.odometry = Some((sample.stamp, [0.0; 3]));
+            // Its interval began at the last frame, if at all.
+            let seconds = self.reached.seconds_until(sample.stamp);
+            self.led = self.follows() && (0.0..=gap).contains(&seconds);
+            if self.led {
+                self.move_on(sample.stamp, motion, seconds as f32);
+            }
+            return;
+        };
+        let interval = previous.seconds_until(sample.stamp);
+        if interval <= 0.0 {
+            self.note_past();
+            return;
+        }
+        self.past = 0;
+        self.odometry = Some((sample.stamp, motion.map(|value| value / interval as f32)));
+        if interval > gap {
+            self.led = false;
+            return;
+        }
+        // A part of the interval may have been bridged already, for a frame between two samples.
+        let left = self.reached.seconds_until(sample.stamp).min(interval);
+        if left > 0.0 {
+            let part = (left / interval) as f32;
+            self.move_on(sample.stamp, motion.map(|value| value * part), left as f32);
+        }
+    }
+
+    /// Notes a compass reading; it decides the half of the field, and where a search begins.
+    pub fn compass(&mut self, sample: &Compass) {
+        if !sample.heading.is_finite() {
+            return;
+        }
+        self.compass = Some(*sample);
+        let config = &self.config.compass;
+        if let Some(belief) = &self.belief
+            && self.reached.seconds_until(sample.stamp).abs() <= config.age_max
+        {
+            let deviation = wrap_angle(belief.pose().theta - sample.heading);
+            self.half_evidence = (self.half_evidence + half_evidence(deviation, config))
+                .clamp(-config.evidence_max, config.evidence_max);
+        }
+    }
+
+    /// Takes a frame's line points to a pose. Points that are not finite are left out.
+    pub fn see(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
+        let points: Vec<LinePoint> = points.iter().filter(|point| sane(point)).copied().collect();
+        if self.follows() && self.reached.seconds_until(stamp) < 0.0 {
+            self.note_past();
+            if self.past > 0 {
+                return self.estimate(stamp, Some(Reason::FromThePast), None, Vec::new());
+            }
+        }
+        let led = self.leads_to(stamp);
+        if led {
+            self.bridge(stamp);
+        }
+        if !led || self.config.tracker == Tracker::None {
+            self.forget();
+        }
+        self.led = true;
+        self.reached = stamp;
+        let estimate = if self.belief.is_some() {
+            self.track(stamp, &points)
+        } else {
+            self.relocate(stamp, &points)
+        };
+        Estimate {
+            line_points: points.len(),
+            ..estimate
+        }
+    }
+
+    /// Is there anything that odometry moves?
+    fn follows(&self) -> bool {
+        self.belief.is_some() || !self.candidates.is_empty() || self.relocaliser.active()
+    }
+
+    /// Has odometry been reported without a gap from the last frame to this one?
+    fn leads_to(&self, stamp: Stamp) -> bool {
+        let gap = self.config.mode.gap_max;
+        self.led
+            && self.follows()
+            && self.reached.seconds_until(stamp) <= gap
+            && self
+                .odometry
+                .is_some_and(|(last, _)| last.seconds_until(stamp) <= gap)
+    }
+
+    /// Carries on from the last odometry sample to the frame, at the rate last reported.
+    fn bridge(&mut self, stamp: Stamp) {
+        let seconds = self.reached.seconds_until(stamp) as f32;
+        if seconds > 0.0 {
+            let rate = self.odometry.map_or([0.0; 3], |(_, rate)| rate);
+            self.move_on(stamp, rate.map(|value| value * seconds), seconds);
+        }
+    }
+
+    fn move_on(&mut self, stamp: Stamp, motion: [f32; 3], seconds: f32) {
+        self.reached = stamp;
+        let config = &self.config.filter;
+        let belief = self.belief.iter_mut();
+        let rival = self.rival.iter_mut().map(|(belief, _)| belief);
+        for one in belief.chain(rival).chain(self.candidates.beliefs()) {
+            one.predict(motion, seconds, config);
+        }
+        self.relocaliser.moved(motion);
+    }
+
+    /// A sample older than the last: left out, unless the source's clock was set back.
+    fn note_past(&mut self) {
+        self.past += 1;
+        if self.past >= self.config.mode.past_max {
+            self.past = 0;
+            self.forget();
+            self.odometry = None;
+            self.compass = None;
+            self.reached = Stamp(i64::MIN);
+        }
+    }
+
+    fn forget(&mut self) {
+        self.belief = None;
+        self.candidates.clear();
+        self.relocaliser.restart();
+        self.half_evidence = 0.0;
+        self.rival = None;
+        self.strikes = 0;
+    }
+}
+
+/// Log odds of one compass reading for the half in which the heading deviates by `deviation` from it.
+fn half_evidence(deviation: f32, config: &CompassConfig) -> f32 {
+    let std = config.std_deg.to_radians();
+    let other = std::f32::consts::PI - deviation.abs();
+    (0.5 * (other * other - deviation * deviation) / (std * std))
+        .clamp(-config.reading_max, config.reading_max)
+}
+
+/// Only points that a camera can have seen take part.
+fn sane(point: &LinePoint) -> bool {
+    let value = |value: f32| value.is_finite() && value.abs() < 100.0;
+    value(point.at.x)
+        && value(point.at.y)
+        && value(point.std_radial)
+        && value(point.std_tangential)
+        && point.std_radial >= 0.0
+        && point.std_tangential >= 0.0
+}

@@ -1,0 +1,88 @@
+//! What is said about a frame: the belief, or that there is none.
+
+use super::Localizer;
+use crate::estimate::{Estimate, Mode, Reason};
+use crate::filter::Belief;
+use crate::matching::Match;
+use crate::search::Hypothesis;
+use crate::stamp::Stamp;
+
+impl Localizer {
+    pub(super) fn half_known(&self) -> bool {
+        !self.search.symmetric() || self.half_evidence >= self.config.compass.known
+    }
+
+    /// The half turn of the belief, which explains the points as well.
+    fn other_half(&self, belief: &Belief, matched: Option<&Match>) -> Hypothesis {
+        let other = belief.half_turned();
+        // The compass's log odds; none heard is as likely as not.
+        let probability = 1.0 / (1.0 + self.half_evidence.exp());
+        Hypothesis {
+            pose: other.pose(),
+            covariance: other.covariance(),
+            score: matched.map_or(0.0, |matched| matched.score),
+            inlier_share: matched.map_or(0.0, |matched| matched.inlier_share),
+            residual: matched.map_or(0.0, |matched| matched.residual),
+            lean: matched.map_or([0.0; 2], |matched| matched.lean),
+            probability,
+        }
+    }
+
+    /// What the belief says, with what the frame's points made of it.
+    pub(super) fn estimate(
+        &self,
+        stamp: Stamp,
+        reason: Option<Reason>,
+        matched: Option<&Match>,
+        rivals: Vec<Hypothesis>,
+    ) -> Estimate {
+        let Some(belief) = &self.belief else {
+            return self.lost(stamp, reason.unwrap_or(Reason::Blind), rivals);
+        };
+        let half_known = self.half_known();
+        let mut runners_up = rivals;
+        if !half_known {
+            runners_up.insert(0, self.other_half(belief, matched));
+        }
+        Estimate {
+            stamp,
+            pose: Some(belief.pose()),
+            covariance: belief.covariance(),
+            mode: if half_known {
+                Mode::Tracking
+            } else {
+                Mode::Global
+            },
+            reason: reason.or((!half_known).then_some(Reason::Ambiguous)),
+            residual: matched.map_or(0.0, |matched| matched.residual),
+            inlier_share: matched.map_or(0.0, |matched| matched.inlier_share),
+            line_points: 0,
+            lean: matched.map_or([0.0; 2], |matched| matched.lean),
+            half_known,
+            odometry_scales: belief.scales(),
+            runners_up,
+        }
+    }
+
+    pub(super) fn lost(
+        &self,
+        stamp: Stamp,
+        reason: Reason,
+        runners_up: Vec<Hypothesis>,
+    ) -> Estimate {
+        Estimate {
+            stamp,
+            pose: None,
+            covariance: self.anywhere,
+            mode: Mode::Lost,
+            reason: Some(reason),
+            residual: 0.0,
+            inlier_share: runners_up.first().map_or(0.0, |best| best.inlier_share),
+            line_points: 0,
+            lean: [0.0; 2],
+            half_known: false,
+            odometry_scales: [1.0, 1.0],
+            runners_up,
+        }
+    }
+}
