@@ -119,8 +119,8 @@ impl BallSearch<'_> {
                     continue;
                 }
                 let (column, row) = (u as usize, v as usize);
-                let rgb = self.frame.rgb(column, row);
-                if self.table.class(rgb) == Class::BALL && visited.visit(row * width + column) {
+                let native = self.frame.native(column, row);
+                if self.table.class(native) == Class::BALL && visited.visit(row * width + column) {
                     region.push([u as u16, v as u16]);
                 }
             }

@@ -8,7 +8,8 @@ use crate::config::VisionConfig;
 use crate::error::VisionError;
 use crate::goals::{Goal, goals};
 use crate::ground_map::GroundMap;
-use crate::image::{Frame, PixelFormat};
+use crate::image::{Frame, PixelFormat, rgb_of_yuv, yuv_of_rgb};
+use crate::labels::ColourTable;
 use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points, thresholds};
 use crate::rays::{RaySight, Rays};
 use crate::read::Reader;
@@ -51,6 +52,7 @@ pub struct Eyes {
     rays: Rays,
     visited: Visited,
     centre_px: [f32; 2],
+    labelled: Option<ColourTable>,
     light: Option<Light>,
     values: Vec<u8>,
     classes: Vec<Class>,
@@ -132,8 +134,15 @@ impl Eyes {
             config,
             line_width,
             pattern,
+            labelled: None,
             light: None,
         })
+    }
+
+    /// Takes classes from a table learned from labels; brightness and noise are still learned from the images.
+    pub fn set_colours(&mut self, table: ColourTable) {
+        self.labelled = Some(table);
+        self.light = None;
     }
 
     /// The pixels that are read.
@@ -218,7 +227,16 @@ impl Eyes {
         if brightest <= self.config.colours.black_frame_level {
             return Err(black);
         }
-        let model = CarpetModel::learn(&near).ok_or(black)?;
+        let carpet: Vec<[u8; 3]> = match &self.labelled {
+            Some(table) => near
+                .iter()
+                .filter(|&&rgb| table.class(yuv_of_rgb(rgb)) == Class::CARPET)
+                .copied()
+                .collect(),
+            None => Vec::new(),
+        };
+        let model = CarpetModel::learn(if carpet.is_empty() { &near } else { &carpet });
+        let model = model.ok_or(black)?;
         let mut light = self.light_of(model, frame.format);
         let mut share = self.read(frame, &light);
         self.measure_noise(&mut light);
@@ -240,7 +258,12 @@ impl Eyes {
             .weights()
             .map(|weight| (256.0 * weight).round() as u32);
         Light {
-            table: NativeTable::new(|rgb| model.class(rgb, colours, ball)),
+            table: NativeTable::new(|native| match &self.labelled {
+                Some(table) if format.is_yuv() => table.class(native),
+                Some(table) => table.class(yuv_of_rgb(native)),
+                None if format.is_yuv() => model.class(rgb_of_yuv(native), colours, ball),
+                None => model.class(native, colours, ball),
+            }),
             weights: [r, g, 256 - r - g],
             noise: 0.0,
             carpet_share: 0.0,

@@ -14,6 +14,22 @@ pub enum PixelFormat {
     Bgr8,
     /// Brightness alone, 8 bits.
     Grey8,
+    /// Y U Y V for two pixels (4:2:2).
+    Yuyv,
+    /// U Y V Y for two pixels (4:2:2).
+    Uyvy,
+    /// U Y Y V Y Y for four pixels (4:1:1, as IEEE 1394 cameras send it).
+    Yuv411,
+    /// A plane of Y, then a plane of U V at half the columns and rows (4:2:0), rows of the same stride.
+    Nv12,
+    /// Colour filter with red in the first row's first column.
+    BayerRggb,
+    /// Colour filter with blue in the first row's first column.
+    BayerBggr,
+    /// Colour filter with green first, red second in the first row.
+    BayerGrbg,
+    /// Colour filter with green first, blue second in the first row.
+    BayerGbrg,
 }
 
 impl PixelFormat {
@@ -21,9 +37,46 @@ impl PixelFormat {
     pub fn row_bytes(self, width_px: usize) -> usize {
         match self {
             PixelFormat::Rgb8 | PixelFormat::Bgr8 => 3 * width_px,
-            PixelFormat::Grey8 => width_px,
+            PixelFormat::Yuyv | PixelFormat::Uyvy => 4 * width_px.div_ceil(2),
+            PixelFormat::Yuv411 => 6 * width_px.div_ceil(4),
+            PixelFormat::Grey8
+            | PixelFormat::Nv12
+            | PixelFormat::BayerRggb
+            | PixelFormat::BayerBggr
+            | PixelFormat::BayerGrbg
+            | PixelFormat::BayerGbrg => width_px,
         }
     }
+
+    /// True if the camera's channels are brightness and two chroma.
+    pub fn is_yuv(self) -> bool {
+        matches!(
+            self,
+            PixelFormat::Yuyv | PixelFormat::Uyvy | PixelFormat::Yuv411 | PixelFormat::Nv12
+        )
+    }
+}
+
+/// Red, green, blue of Y, U, V (ITU-R BT.601, full range, as JPEG and USB cameras send it).
+pub fn rgb_of_yuv([y, u, v]: [u8; 3]) -> [u8; 3] {
+    let (y, u, v) = (f32::from(y), f32::from(u) - 128.0, f32::from(v) - 128.0);
+    [
+        y + 1.402 * v,
+        y - 0.344_136 * u - 0.714_136 * v,
+        y + 1.772 * u,
+    ]
+    .map(|channel| channel.round().clamp(0.0, 255.0) as u8)
+}
+
+/// Y, U, V of red, green, blue; the inverse of [`rgb_of_yuv`].
+pub fn yuv_of_rgb([r, g, b]: [u8; 3]) -> [u8; 3] {
+    let [r, g, b] = [r, g, b].map(f32::from);
+    [
+        0.299 * r + 0.587 * g + 0.114 * b,
+        128.0 - 0.168_736 * r - 0.331_264 * g + 0.5 * b,
+        128.0 + 0.5 * r - 0.418_688 * g - 0.081_312 * b,
+    ]
+    .map(|channel| channel.round().clamp(0.0, 255.0) as u8)
 }
 
 /// One frame, borrowed from whoever holds its bytes.
@@ -64,7 +117,11 @@ impl<'a> Frame<'a> {
             });
         }
         let row = self.format.row_bytes(width_px);
-        let wanted = self.stride.max(row) * height_px.saturating_sub(1) + row;
+        let rows = match self.format {
+            PixelFormat::Nv12 => height_px + height_px.div_ceil(2),
+            _ => height_px,
+        };
+        let wanted = self.stride.max(row) * rows.saturating_sub(1) + row;
         if self.data.len() < wanted || self.stride < row {
             return Err(VisionError::Torn {
                 found: self.data.len(),
@@ -76,18 +133,54 @@ impl<'a> Frame<'a> {
 
     /// Red, green and blue of a pixel inside the frame.
     pub fn rgb(&self, column: usize, row: usize) -> [u8; 3] {
-        let start = row * self.stride;
-        match self.format {
-            PixelFormat::Rgb8 => {
-                let at = start + 3 * column;
-                [self.data[at], self.data[at + 1], self.data[at + 2]]
-            }
-            PixelFormat::Bgr8 => {
-                let at = start + 3 * column;
-                [self.data[at + 2], self.data[at + 1], self.data[at]]
-            }
-            PixelFormat::Grey8 => [self.data[start + column]; 3],
+        let native = self.native(column, row);
+        if self.format.is_yuv() {
+            rgb_of_yuv(native)
+        } else {
+            native
         }
+    }
+
+    /// A pixel's channels as the camera has them: Y, U, V of YUV formats, red, green, blue of all others.
+    #[inline]
+    pub fn native(&self, column: usize, row: usize) -> [u8; 3] {
+        let start = row * self.stride;
+        let at = |offset: usize| self.data[start + offset];
+        match self.format {
+            PixelFormat::Rgb8 => [at(3 * column), at(3 * column + 1), at(3 * column + 2)],
+            PixelFormat::Bgr8 => [at(3 * column + 2), at(3 * column + 1), at(3 * column)],
+            PixelFormat::Grey8 => [at(column); 3],
+            PixelFormat::Yuyv => {
+                let pair = 4 * (column / 2);
+                [at(2 * column), at(pair + 1), at(pair + 3)]
+            }
+            PixelFormat::Uyvy => {
+                let pair = 4 * (column / 2);
+                [at(2 * column + 1), at(pair), at(pair + 2)]
+            }
+            PixelFormat::Yuv411 => {
+                let four = 6 * (column / 4);
+                let place = [1, 2, 4, 5][column % 4];
+                [at(four + place), at(four), at(four + 3)]
+            }
+            PixelFormat::Nv12 => {
+                let chroma = (self.height_px + row / 2) * self.stride + (column & !1);
+                [at(column), self.data[chroma], self.data[chroma + 1]]
+            }
+            PixelFormat::BayerRggb => self.bayer(column, row, [0, 1, 2, 3]),
+            PixelFormat::BayerBggr => self.bayer(column, row, [3, 1, 2, 0]),
+            PixelFormat::BayerGrbg => self.bayer(column, row, [1, 0, 3, 2]),
+            PixelFormat::BayerGbrg => self.bayer(column, row, [2, 0, 3, 1]),
+        }
+    }
+
+    /// Red, green, blue of the 2 × 2 cell that holds a pixel; `order`: where red, both greens and blue are in it.
+    fn bayer(&self, column: usize, row: usize, order: [usize; 4]) -> [u8; 3] {
+        let column = (column & !1).min(self.width_px.saturating_sub(2));
+        let row = (row & !1).min(self.height_px.saturating_sub(2));
+        let at = |place: usize| self.data[(row + place / 2) * self.stride + column + place % 2];
+        let green = u16::from(at(order[1])) + u16::from(at(order[2]));
+        [at(order[0]), (green / 2) as u8, at(order[3])]
     }
 }
 
@@ -142,5 +235,62 @@ impl Image {
     /// The image as a frame.
     pub fn frame(&self) -> Frame<'_> {
         Frame::packed(self.width_px, self.height_px, PixelFormat::Rgb8, &self.rgb)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A 4 × 2 image of one colour in every format.
+    fn frames(rgb: [u8; 3]) -> Vec<(PixelFormat, usize, Vec<u8>)> {
+        let [r, g, b] = rgb;
+        let [y, u, v] = yuv_of_rgb(rgb);
+        let repeat = |bytes: &[u8], times: usize| bytes.repeat(times);
+        let bayer = |even: [u8; 2], odd: [u8; 2]| [repeat(&even, 2), repeat(&odd, 2)].concat();
+        vec![
+            (PixelFormat::Rgb8, 12, repeat(&[r, g, b], 8)),
+            (PixelFormat::Bgr8, 12, repeat(&[b, g, r], 8)),
+            (PixelFormat::Yuyv, 8, repeat(&[y, u, y, v], 4)),
+            (PixelFormat::Uyvy, 8, repeat(&[u, y, v, y], 4)),
+            (PixelFormat::Yuv411, 6, repeat(&[u, y, y, v, y, y], 2)),
+            (
+                PixelFormat::Nv12,
+                4,
+                [repeat(&[y], 8), repeat(&[u, v], 2)].concat(),
+            ),
+            (PixelFormat::BayerRggb, 4, bayer([r, g], [g, b])),
+            (PixelFormat::BayerBggr, 4, bayer([b, g], [g, r])),
+            (PixelFormat::BayerGrbg, 4, bayer([g, r], [b, g])),
+            (PixelFormat::BayerGbrg, 4, bayer([g, b], [r, g])),
+        ]
+    }
+
+    #[test]
+    fn every_format_gives_the_colour_that_was_put_in() {
+        for (format, stride, data) in frames([200, 90, 40]) {
+            let frame = Frame {
+                width_px: 4,
+                height_px: 2,
+                format,
+                stride,
+                data: &data,
+            };
+            frame.check(4, 2).expect("whole");
+            for (column, row) in [(0, 0), (1, 0), (2, 1), (3, 1)] {
+                let found = frame.rgb(column, row);
+                let off = found
+                    .iter()
+                    .zip([200u8, 90, 40])
+                    .map(|(a, b)| a.abs_diff(b))
+                    .max();
+                assert!(off <= Some(2), "{format:?} ({column}, {row}): {found:?}");
+            }
+            let torn = Frame {
+                data: &data[..data.len() - 1],
+                ..frame
+            };
+            assert!(torn.check(4, 2).is_err(), "{format:?}");
+        }
     }
 }

@@ -15,6 +15,7 @@ pub mod scan;
 
 pub mod carpet;
 pub mod colours;
+pub mod labels;
 
 mod read;
 
@@ -39,6 +40,7 @@ pub use error::VisionError;
 pub use eyes::{Eyes, Seen};
 pub use ground_map::GroundMap;
 pub use image::{Frame, Image, PixelFormat};
+pub use labels::ColourTable;
 pub use mirror::Profile;
 pub use optics::{Mount, Ray, RayTable};
 pub use robot::RobotConfig;

@@ -33,11 +33,11 @@ impl Reader {
     ) {
         let layout = (frame.format, frame.stride);
         if self.layout != Some(layout) {
-            let pixel = frame.format.row_bytes(1);
+            // Used where a pixel has bytes of its own.
             self.offsets = self
                 .places
                 .iter()
-                .map(|&[u, v]| (usize::from(v) * frame.stride + pixel * usize::from(u)) as u32)
+                .map(|&[u, v]| (usize::from(v) * frame.stride + 3 * usize::from(u)) as u32)
                 .collect();
             self.layout = Some(layout);
         }
@@ -59,15 +59,32 @@ impl Reader {
                     *class = table.class([a, b, c]);
                 }
             }
-            PixelFormat::Grey8 => {
-                for (&offset, (value, class)) in samples {
-                    let grey = frame.data[offset as usize];
-                    *value = grey;
-                    *class = table.class([grey; 3]);
+            _ => {
+                let chroma = frame.format.is_yuv().then(|| chroma_weights(weights));
+                for (&[u, v], (_, (value, class))) in self.places.iter().zip(samples) {
+                    let native = frame.native(usize::from(u), usize::from(v));
+                    *value = match chroma {
+                        Some([by_u, by_v]) => {
+                            let [y, u, v] = native.map(i32::from);
+                            let shift = by_u * (u - 128) + by_v * (v - 128);
+                            (y + (shift >> 8)).clamp(0, 255) as u8
+                        }
+                        None => weigh(weights, native),
+                    };
+                    *class = table.class(native);
                 }
             }
         }
     }
+}
+
+/// What U and V add to Y so that the sum is the weighted sum of red, green and blue (BT.601), of 256.
+fn chroma_weights([r, g, b]: [u32; 3]) -> [i32; 2] {
+    let [r, g, b] = [r, g, b].map(|weight| weight as f32);
+    [
+        (1.772 * b - 0.344_136 * g).round() as i32,
+        (1.402 * r - 0.714_136 * g).round() as i32,
+    ]
 }
 
 /// Three bytes from an offset; one load where a fourth byte follows.

@@ -99,3 +99,64 @@ fn torn_and_black_frames_are_refused() {
         Err(VisionError::Black { .. })
     ));
 }
+
+/// The image as a USB camera would send it.
+fn yuyv(image: &Image) -> Vec<u8> {
+    let frame = image.frame();
+    let mut data = Vec::new();
+    for v in 0..image.height_px {
+        for u in (0..image.width_px).step_by(2) {
+            let a = vision::image::yuv_of_rgb(frame.rgb(u, v));
+            let b = vision::image::yuv_of_rgb(frame.rgb(u + 1, v));
+            let mean = |i: usize| ((u16::from(a[i]) + u16::from(b[i])) / 2) as u8;
+            data.extend([a[0], mean(1), b[0], mean(2)]);
+        }
+    }
+    data
+}
+
+#[test]
+fn a_yuyv_camera_sees_the_lines_that_an_rgb_camera_sees() {
+    let image = image("000.jpg");
+    let data = yuyv(&image);
+    let frame = vision::Frame::packed(480, 480, vision::PixelFormat::Yuyv, &data);
+    let rgb = eyes().see(&image.frame()).expect("seen").line_points;
+    let yuv = eyes().see(&frame).expect("seen").line_points;
+    assert!(
+        yuv.len() * 10 >= rgb.len() * 9,
+        "{} of {}",
+        yuv.len(),
+        rgb.len()
+    );
+    let near = rgb.iter().filter(|a| {
+        yuv.iter()
+            .any(|b| a.point.at.distance_to(b.point.at) < 0.03)
+    });
+    let near = near.count();
+    assert!(near * 10 >= rgb.len() * 9, "{near} of {}", rgb.len());
+}
+
+#[test]
+fn labels_of_a_few_pixels_are_enough_to_see_lines() {
+    use vision::labels::{ColourTable, Label, TableKind};
+    let image = image("000.jpg");
+    let unlabelled = eyes().see(&image.frame()).expect("seen").line_points.len();
+    let label = |u, v, class: &str| Label {
+        rgb: image.frame().rgb(u, v),
+        class: class.to_owned(),
+    };
+    let labels = [
+        label(300, 200, "carpet"),
+        label(180, 150, "carpet"),
+        label(330, 330, "carpet"),
+        label(260, 118, "line"),
+    ];
+    let table = ColourTable::learn(&labels, TableKind::Yuv).expect("a table");
+    let mut eyes = eyes();
+    eyes.set_colours(table);
+    let labelled = eyes.see(&image.frame()).expect("seen").line_points.len();
+    assert!(
+        labelled * 10 >= unlabelled * 7,
+        "{labelled} of {unlabelled}"
+    );
+}
