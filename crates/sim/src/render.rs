@@ -4,6 +4,7 @@ mod cast;
 mod ground;
 mod hall;
 mod paint;
+mod plate;
 mod rays;
 mod solids;
 
@@ -19,9 +20,10 @@ use crate::film::{Film, FilmConfig, Pcg, RUN, decode};
 use crate::light::LightConfig;
 use crate::world::RobotState;
 use cast::{OwnBody, Stage};
-use ground::Ground;
+use ground::{Ground, Scratch};
 use hall::Hall;
-use rays::Rays;
+use plate::Plate;
+use rays::{Rays, Tile};
 
 /// What moves: where everything is at the time of an image.
 #[derive(Debug, Clone, Copy)]
@@ -76,8 +78,8 @@ pub struct Renderer {
     falloff: Vec<f32>,
     film: Film,
     pcg: Pcg,
-    /// Linear light of each ray, one plane a colour.
-    light: [Vec<f32>; 3],
+    plate: Plate,
+    scratch: Scratch,
 }
 
 impl Renderer {
@@ -112,7 +114,14 @@ impl Renderer {
             own: OwnBody::new(setting.body, camera.height.unwrap_or(0.0), &rays),
             light_on_floor: setting.light.clone(),
             goals: setting.field.config.clone(),
-            light: [0; 3].map(|_| vec![0.0; rays.count()]),
+            plate: Plate::new(
+                rays.tiles
+                    .iter()
+                    .map(|tile| tile.rays.len())
+                    .max()
+                    .unwrap_or(0),
+            ),
+            scratch: Scratch::new(),
             pcg: Pcg::new(&mut rng),
             rays,
             ground,
@@ -129,61 +138,59 @@ impl Renderer {
 
     /// Renders into `rgb`: three bytes a pixel, row by row.
     pub fn render(&mut self, scene: &Scene, film: &FilmConfig, rgb: &mut Vec<u8>) {
-        self.ground.shade(scene.pose, &mut self.light);
-        self.hall.shade(scene.pose, &self.rays, &mut self.light);
-        let stage = Stage::new(scene, &self.goals, &self.hall, &self.light_on_floor);
-        stage.draw(&self.rays, &self.ground, &mut self.light);
-        self.own.draw(&mut self.light);
-        for &(middle, width) in scene.occlusions {
-            self.occlude(middle, width);
-        }
         rgb.resize(3 * self.width_px * self.height_px, 0);
-        self.develop(scene.lamp, film, rgb);
-    }
-
-    fn occlude(&mut self, middle: f32, width: f32) {
-        let inside = (width / 2.0).min(std::f32::consts::PI).cos();
-        let (sin, cos) = middle.sin_cos();
-        for run in self.rays.sector(middle - width / 2.0, middle + width / 2.0) {
-            for ray in run {
-                if cos * self.rays.towards_x[ray] + sin * self.rays.towards_y[ray] >= inside {
-                    for (plane, dark) in self.light.iter_mut().zip(HOOD) {
-                        plane[ray] = dark;
-                    }
-                }
-            }
-        }
-    }
-
-    fn develop(&mut self, lamp: [f32; 3], film: &FilmConfig, rgb: &mut [u8]) {
         let (pixels, _) = rgb.as_chunks_mut::<3>();
-        let mut bytes = [[0u8; RUN]; 3];
-        let mut scale = [0f32; RUN];
-        let mut start = 0;
-        while start < self.rays.count() {
-            let count = RUN.min(self.rays.count() - start);
-            let run = start..start + count;
-            for (scale, falloff) in scale.iter_mut().zip(&self.falloff[run.clone()]) {
-                *scale = 1.0 - film.vignetting * falloff;
+        let stage = Stage::new(
+            scene,
+            &self.goals,
+            &self.hall,
+            &self.light_on_floor,
+            &self.rays,
+        );
+        let Renderer {
+            rays,
+            plate,
+            scratch,
+            ..
+        } = self;
+        for (index, tile) in rays.tiles.iter().enumerate() {
+            plate.hold(tile);
+            self.ground.shade(scene.pose, index, tile, scratch, plate);
+            self.hall.shade(scene.pose, rays, tile, plate);
+            stage.draw(rays, tile, &self.ground, plate);
+            self.own.draw(tile, plate);
+            for &(middle, width) in scene.occlusions {
+                occlude(middle, width, rays, tile, plate);
             }
-            let light = [0, 1, 2].map(|colour| &self.light[colour][run.clone()]);
-            self.film.develop(
-                film,
-                light,
-                lamp,
-                &scale[..count],
-                &mut self.pcg,
-                &mut bytes,
-            );
-            for (i, &pixel) in self.rays.pixel[run].iter().enumerate() {
-                pixels[pixel as usize] = [bytes[0][i], bytes[1][i], bytes[2][i]];
+            let mut bytes = [[0u8; RUN]; 3];
+            let mut scale = [0f32; RUN];
+            for start in tile.rays.clone().step_by(RUN) {
+                let run = start..(start + RUN).min(tile.rays.end);
+                for (scale, falloff) in scale.iter_mut().zip(&self.falloff[run.clone()]) {
+                    *scale = 1.0 - film.vignetting * falloff;
+                }
+                let light = plate.run(&run).map(|plane| &*plane);
+                self.film.develop(
+                    film,
+                    light,
+                    scene.lamp,
+                    &scale[..run.len()],
+                    &mut self.pcg,
+                    &mut bytes,
+                );
+                print(&rays.pixel[run], &bytes, pixels);
             }
-            start += count;
         }
+        self.develop_blank(scene.lamp, film, pixels);
+    }
+
+    /// The pixels around the mirror: dark, with the sensor's noise.
+    fn develop_blank(&mut self, lamp: [f32; 3], film: &FilmConfig, pixels: &mut [[u8; 3]]) {
+        let mut bytes = [[0u8; RUN]; 3];
         let dark = HOOD.map(|part| [part; RUN]);
-        scale.fill(1.0 - film.vignetting);
+        let scale = [1.0 - film.vignetting; RUN];
         for run in self.rays.blank.chunks(RUN) {
-            let light = [0, 1, 2].map(|colour| &dark[colour][..run.len()]);
+            let light = dark.each_ref().map(|plane| &plane[..run.len()]);
             self.film.develop(
                 film,
                 light,
@@ -192,8 +199,27 @@ impl Renderer {
                 &mut self.pcg,
                 &mut bytes,
             );
-            for (i, &pixel) in run.iter().enumerate() {
-                pixels[pixel as usize] = [bytes[0][i], bytes[1][i], bytes[2][i]];
+            print(run, &bytes, pixels);
+        }
+    }
+}
+
+/// Puts developed bytes where their pixels are.
+fn print(run: &[u32], [red, green, blue]: &[[u8; RUN]; 3], pixels: &mut [[u8; 3]]) {
+    for (((&pixel, &red), &green), &blue) in run.iter().zip(red).zip(green).zip(blue) {
+        pixels[pixel as usize] = [red, green, blue];
+    }
+}
+
+/// Blackens a sector: its middle and whole width, radians.
+fn occlude(middle: f32, width: f32, rays: &Rays, tile: &Tile, plate: &mut Plate) {
+    let inside = (width / 2.0).min(std::f32::consts::PI).cos();
+    let (sin, cos) = middle.sin_cos();
+    let reach = rays.sector(middle - width / 2.0, middle + width / 2.0);
+    for run in rays.within(&reach, tile) {
+        for ray in run {
+            if cos * rays.towards_x[ray] + sin * rays.towards_y[ray] >= inside {
+                plate.blend(ray, 1.0, HOOD);
             }
         }
     }

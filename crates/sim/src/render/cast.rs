@@ -6,8 +6,9 @@ use vision::robot::BodyConfig;
 
 use super::ground::Ground;
 use super::hall::Hall;
-use super::rays::Rays;
-use super::solids::{Lamp, Outline, Piece, Screen, Solid, Sphere, draw, draw_shadow, draw_solid};
+use super::plate::Plate;
+use super::rays::{Rays, Reach, Tile};
+use super::solids::{Brush, Lamp, Outline, Piece, Screen, Shadow, Solid, Sphere};
 use super::{Scene, linear};
 use crate::light::LightConfig;
 use crate::scenario::Team;
@@ -21,7 +22,10 @@ const NET: [f32; 2] = [0.12, 0.008];
 /// Everything upright, from far to near, and the shadows on the floor.
 pub(super) struct Stage {
     pieces: Vec<(f32, Piece)>,
-    shadows: Vec<(f32, f32, f32)>,
+    shadows: Vec<Shadow>,
+    /// The rays of each piece and of each shadow.
+    piece_reach: Vec<Reach>,
+    shadow_reach: Vec<Reach>,
     lamp: Lamp,
 }
 
@@ -37,6 +41,7 @@ impl Stage {
         field: &FieldConfig,
         hall: &Hall,
         light: &LightConfig,
+        rays: &Rays,
     ) -> Self {
         let robot_from_field = scene.pose.inverse();
         let (sin, cos) = robot_from_field.theta.sin_cos();
@@ -44,6 +49,8 @@ impl Stage {
         let stage = Stage {
             pieces: Vec::new(),
             shadows: Vec::new(),
+            piece_reach: Vec::new(),
+            shadow_reach: Vec::new(),
             lamp: [cos * lx - sin * ly, sin * lx + cos * ly],
         };
         let mut builder = Builder {
@@ -64,15 +71,31 @@ impl Stage {
         let mut stage = builder.stage;
         // Stable: parts of one robot keep their order, from the ground up.
         stage.pieces.sort_by(|a, b| b.0.total_cmp(&a.0));
+        stage.piece_reach = stage
+            .pieces
+            .iter()
+            .map(|(_, piece)| piece.reach(rays))
+            .collect();
+        stage.shadow_reach = stage
+            .shadows
+            .iter()
+            .map(|shadow| shadow.reach(rays))
+            .collect();
         stage
     }
 
-    pub(super) fn draw(&self, rays: &Rays, ground: &Ground, light: &mut [Vec<f32>; 3]) {
-        for &(x, y, radius) in &self.shadows {
-            draw_shadow(x, y, radius, rays, ground, light);
+    /// Draws a tile: shadows on the floor, then everything from far to near.
+    pub(super) fn draw(&self, rays: &Rays, tile: &Tile, ground: &Ground, plate: &mut Plate) {
+        let brush = Brush {
+            rays,
+            tile,
+            lamp: self.lamp,
+        };
+        for (shadow, reach) in self.shadows.iter().zip(&self.shadow_reach) {
+            shadow.draw(reach, &brush, ground, plate);
         }
-        for (_, piece) in &self.pieces {
-            draw(piece, rays, self.lamp, light);
+        for ((_, piece), reach) in self.pieces.iter().zip(&self.piece_reach) {
+            piece.draw(reach, &brush, plate);
         }
     }
 }
@@ -139,7 +162,11 @@ impl Builder<'_> {
         for piece in &mut self.stage.pieces[count - 5..] {
             piece.0 = at.distance();
         }
-        self.stage.shadows.push((at.x, at.y, side * 1.2));
+        self.stage.shadows.push(Shadow {
+            x: at.x,
+            y: at.y,
+            radius: side * 1.2,
+        });
     }
 
     fn ball(&mut self, x: f32, y: f32, radius: f32, colour: [f32; 3]) {
@@ -154,7 +181,11 @@ impl Builder<'_> {
         self.stage
             .pieces
             .push((at.distance(), Piece::Sphere(sphere)));
-        self.stage.shadows.push((at.x, at.y, radius * 0.9));
+        self.stage.shadows.push(Shadow {
+            x: at.x,
+            y: at.y,
+            radius: radius * 0.9,
+        });
     }
 
     /// Posts and crossbar with a net, or a box of coloured walls.
@@ -254,14 +285,26 @@ const ROD_HEIGHT: f32 = 3.0;
 impl OwnBody {
     pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &Rays) -> Self {
         let solids = own_solids(body, camera_height);
+        let (tile, lamp) = (rays.whole(), [0.0, 1.0]);
+        let brush = Brush {
+            rays,
+            tile: &tile,
+            lamp,
+        };
         // Drawn over black and over white, the two tell how much of the scene is left.
-        let mut over = [0.0, 1.0].map(|level| [0; 3].map(|_| vec![level; rays.count()]));
-        for light in &mut over {
-            for solid in &solids {
-                draw_solid(solid, rays, [0.0, 1.0], light);
+        let mut over = [0.0, 1.0].map(|level| {
+            let mut plate = Plate::new(rays.count());
+            plate.hold(&tile);
+            for plane in plate.run(&tile.rays) {
+                plane.fill(level);
             }
-        }
-        let [black, white] = over;
+            for solid in &solids {
+                let piece = Piece::Solid(*solid);
+                piece.draw(&piece.reach(rays), &brush, &mut plate);
+            }
+            plate
+        });
+        let [black, white] = over.each_mut().map(|plate| plate.run(&tile.rays));
         let veil = (0..rays.count())
             .filter_map(|ray| {
                 let left = white[0][ray] - black[0][ray];
@@ -272,10 +315,15 @@ impl OwnBody {
         OwnBody { veil }
     }
 
-    pub(super) fn draw(&self, light: &mut [Vec<f32>; 3]) {
-        for (ray, left, adds) in &self.veil {
-            let ray = *ray as usize;
-            for (plane, adds) in light.iter_mut().zip(adds) {
+    pub(super) fn draw(&self, tile: &Tile, plate: &mut Plate) {
+        let first = self
+            .veil
+            .partition_point(|veil| (veil.0 as usize) < tile.rays.start);
+        let inside = |veil: &&(u32, f32, [f32; 3])| (veil.0 as usize) < tile.rays.end;
+        let mut planes = plate.run(&tile.rays);
+        for (ray, left, adds) in self.veil[first..].iter().take_while(inside) {
+            let ray = *ray as usize - tile.rays.start;
+            for (plane, adds) in planes.iter_mut().zip(adds) {
                 plane[ray] = plane[ray] * left + adds;
             }
         }

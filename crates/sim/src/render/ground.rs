@@ -6,7 +6,8 @@ use localize::field::Field;
 use localize::frame::Pose;
 
 use super::paint::{FINEST, Paint, Texture, index_of};
-use super::rays::Rays;
+use super::plate::Plate;
+use super::rays::{Rays, Tile};
 use crate::film::{RUN, decode};
 use crate::light::LightConfig;
 
@@ -51,22 +52,19 @@ struct Taps {
     x: Vec<f32>,
     y: Vec<f32>,
     /// For which ray, counted from its tile's first.
-    ray: Vec<u16>,
-    runs: Vec<Run>,
+    ray: Vec<u32>,
+    /// The lookups of each tile.
+    tiles: Vec<Vec<Run>>,
 }
 
 /// Lookups in one texture for rays of one tile.
 struct Run {
-    tile: usize,
     start: usize,
     count: usize,
     level: usize,
     /// What each of them counts for its ray, over the largest byte.
     share: f32,
 }
-
-/// Rays of a tile: their light stays in the nearest cache.
-const TILE: usize = 4096;
 
 /// The short and the long side of a footprint, and the direction of the long one.
 struct Footprint {
@@ -114,7 +112,7 @@ impl Ground {
             .unzip();
         // No paint is farther from the robot than from corner to corner.
         let reach = 2.0 * half_x.hypot(half_y);
-        let taps = Taps::new(&footprints, &paint, &x, &y, reach);
+        let taps = Taps::new(rays, &footprints, &paint, &x, &y, reach);
         Ground {
             taps,
             sharpness: footprints
@@ -130,52 +128,57 @@ impl Ground {
         }
     }
 
-    /// Writes the floor's light (linear, per colour) for every ray.
-    pub(super) fn shade(&self, pose: Pose, light: &mut [Vec<f32>; 3]) {
-        let (sin, cos) = pose.theta.sin_cos();
-        let mut scratch = Scratch::new();
-        let mut white = [0f32; TILE];
-        let mut run = 0;
-        for tile in 0..self.x.len().div_ceil(TILE) {
-            white.fill(0.0);
-            while let Some(next) = self.taps.runs.get(run).filter(|run| run.tile == tile) {
-                let taps = next.start..next.start + next.count;
-                let place = scratch.place(
-                    pose,
-                    sin,
-                    cos,
-                    &self.taps.x[taps.clone()],
-                    &self.taps.y[taps.clone()],
-                );
-                place.look_up(&self.paint.levels[next.level], Channel::A);
-                for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.a) {
-                    white[usize::from(*ray) % TILE] += next.share * value;
-                }
-                run += 1;
-            }
-            let end = ((tile + 1) * TILE).min(self.x.len());
-            let mut start = tile * TILE;
-            while start < end {
-                let rays = start..(start + RUN).min(end);
-                let white = &white[start - tile * TILE..][..rays.len()];
-                self.compose(pose, (sin, cos), rays.clone(), white, &mut scratch, light);
-                start = rays.end;
+    /// Writes the floor's light (linear, per colour) for the rays of a tile, `index` of the tiles.
+    pub(super) fn shade(
+        &self,
+        pose: Pose,
+        index: usize,
+        tile: &Tile,
+        scratch: &mut Scratch,
+        plate: &mut Plate,
+    ) {
+        let turn = pose.theta.sin_cos();
+        let mut white = std::mem::take(&mut scratch.white);
+        white.clear();
+        white.resize(tile.rays.len(), 0.0);
+        for run in &self.taps.tiles[index] {
+            let taps = run.start..run.start + run.count;
+            scratch.place(
+                pose,
+                turn,
+                &self.taps.x[taps.clone()],
+                &self.taps.y[taps.clone()],
+            );
+            scratch.look_up(&self.paint.levels[run.level], Channel::A);
+            for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.a) {
+                white[*ray as usize] += run.share * value;
             }
         }
+        for (start, white) in tile.rays.clone().step_by(RUN).zip(white.chunks(RUN)) {
+            self.compose(
+                pose,
+                turn,
+                start..start + white.len(),
+                white,
+                scratch,
+                plate,
+            );
+        }
+        scratch.white = white;
     }
 
     /// Mixes floor, carpet and paint under the light there is.
     fn compose(
         &self,
         pose: Pose,
-        (sin, cos): (f32, f32),
+        turn: (f32, f32),
         rays: Range<usize>,
         white: &[f32],
         scratch: &mut Scratch,
-        light: &mut [Vec<f32>; 3],
+        plate: &mut Plate,
     ) {
         let count = rays.len().min(RUN);
-        let scratch = scratch.place(pose, sin, cos, &self.x[rays.clone()], &self.y[rays.clone()]);
+        let scratch = scratch.place(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
         scratch.look_up(&self.light, Channel::A);
         match &self.gloss {
             Some(texture) => scratch.look_up(texture, Channel::B),
@@ -197,12 +200,13 @@ impl Ground {
             inside[i] = inside_x * inside_y;
         }
         let white = &white[..count];
-        for (plane, ((carpet, paint), floor)) in light
-            .iter_mut()
+        for (plane, ((carpet, paint), floor)) in plate
+            .run(&rays)
+            .into_iter()
             .zip(CARPET.into_iter().zip(PAINT).zip(FLOOR))
         {
             let (carpet, paint, floor) = (decode(carpet), decode(paint), decode(floor));
-            let out = &mut plane[rays.clone()][..count];
+            let out = &mut plane[..count];
             for i in 0..count {
                 let on_carpet = carpet + white[i] * (paint - carpet);
                 let albedo = floor + inside[i] * (on_carpet - floor);
@@ -213,55 +217,61 @@ impl Ground {
 }
 
 impl Taps {
-    fn new(footprints: &[Footprint], paint: &Paint, x: &[f32], y: &[f32], reach: f32) -> Self {
+    fn new(
+        rays: &Rays,
+        footprints: &[Footprint],
+        paint: &Paint,
+        x: &[f32],
+        y: &[f32],
+        reach: f32,
+    ) -> Self {
         let mut taps = Taps::default();
-        for (tile, footprints) in footprints.chunks(TILE).enumerate() {
-            let mut sorted: Vec<(usize, usize, usize)> = footprints
-                .iter()
-                .enumerate()
-                .filter(|(ray, _)| x[tile * TILE + ray].hypot(y[tile * TILE + ray]) < reach)
-                .map(|(ray, footprint)| {
-                    let (count, side) = footprint.taps();
+        for tile in &rays.tiles {
+            let mut sorted: Vec<(usize, usize, usize)> = tile
+                .rays
+                .clone()
+                .filter(|&ray| x[ray].hypot(y[ray]) < reach)
+                .map(|ray| {
+                    let (count, side) = footprints[ray].taps();
                     (paint.level(side), count, ray)
                 })
                 .collect();
             sorted.sort_unstable();
+            let mut runs: Vec<Run> = Vec::new();
             for (level, count, ray) in sorted {
-                let (long, towards) = (footprints[ray].long, footprints[ray].towards);
+                let Footprint { long, towards, .. } = footprints[ray];
                 for tap in 0..count {
                     let along = ((tap as f32 + 0.5) / count as f32 - 0.5) * long;
-                    taps.push_run(tile, level, 1.0 / (255.0 * count as f32));
-                    taps.x.push(x[tile * TILE + ray] + along * towards.0);
-                    taps.y.push(y[tile * TILE + ray] + along * towards.1);
-                    taps.ray.push(ray as u16);
+                    lengthen(&mut runs, taps.x.len(), level, 1.0 / (255.0 * count as f32));
+                    taps.x.push(x[ray] + along * towards.0);
+                    taps.y.push(y[ray] + along * towards.1);
+                    taps.ray.push((ray - tile.rays.start) as u32);
                 }
             }
+            taps.tiles.push(runs);
         }
         taps
     }
+}
 
-    /// Lengthens the last run by one, or starts the next.
-    fn push_run(&mut self, tile: usize, level: usize, share: f32) {
-        if let Some(run) = self.runs.last_mut()
-            && (run.tile, run.level, run.share) == (tile, level, share)
-            && run.count < RUN
-        {
-            run.count += 1;
-            return;
-        }
-        self.runs.push(Run {
-            tile,
-            start: self.x.len(),
+/// Lengthens the last run by the lookup `next`, or starts another.
+fn lengthen(runs: &mut Vec<Run>, next: usize, level: usize, share: f32) {
+    match runs.last_mut() {
+        Some(run) if (run.level, run.share) == (level, share) && run.count < RUN => run.count += 1,
+        _ => runs.push(Run {
+            start: next,
             count: 1,
             level,
             share,
-        });
+        }),
     }
 }
 
 /// What a run of lookups needs between its loops.
-struct Scratch {
+pub(super) struct Scratch {
     count: usize,
+    /// White paint of each ray of a tile.
+    white: Vec<f32>,
     /// Field coordinates, metres.
     x: [f32; RUN],
     y: [f32; RUN],
@@ -280,10 +290,11 @@ enum Channel {
 }
 
 impl Scratch {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let zero = [0.0; RUN];
         Scratch {
             count: 0,
+            white: Vec::new(),
             x: zero,
             y: zero,
             inside: zero,
@@ -296,7 +307,7 @@ impl Scratch {
     }
 
     /// Takes points of the robot frame to the field.
-    fn place(&mut self, pose: Pose, sin: f32, cos: f32, x: &[f32], y: &[f32]) -> &mut Self {
+    fn place(&mut self, pose: Pose, (sin, cos): (f32, f32), x: &[f32], y: &[f32]) -> &mut Self {
         self.count = x.len().min(y.len()).min(RUN);
         let count = self.count;
         let (x, y) = (&x[..count], &y[..count]);

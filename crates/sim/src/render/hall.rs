@@ -8,7 +8,8 @@ use localize::frame::Pose;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::rays::Rays;
+use super::plate::Plate;
+use super::rays::{Rays, Tile};
 use super::solids::{Outline, Solid};
 use crate::film::{RUN, decode, encode};
 
@@ -94,7 +95,7 @@ impl Hall {
     }
 
     /// Draws the walls over every ray that meets them above the floor; without branches, eight rays at once.
-    pub(super) fn shade(&self, pose: Pose, rays: &Rays, light: &mut [Vec<f32>; 3]) {
+    pub(super) fn shade(&self, pose: Pose, rays: &Rays, tile: &Tile, plate: &mut Plate) {
         let (sin, cos) = pose.theta.sin_cos();
         let [hx, hy] = self.half;
         let (per_cell, most_column, most_row) = (
@@ -104,7 +105,7 @@ impl Hall {
         );
         let (mut cell, mut covered) = ([0u32; RUN], [0f32; RUN]);
         let mut seen = [[0f32; RUN]; 3];
-        for bin in rays.bins() {
+        for bin in rays.bins(tile) {
             let first = first_beyond(pose, rays, &bin, self.half);
             for run in runs(first..bin.end) {
                 let (ray, count) = (rays.run(&run), run.len().min(RUN));
@@ -142,17 +143,15 @@ impl Hall {
                     seen[1][i] = self.linear[usize::from(green)];
                     seen[2][i] = self.linear[usize::from(blue)];
                 }
-                for (plane, seen) in light.iter_mut().zip(&seen) {
-                    for ((out, seen), covered) in
-                        plane[run.clone()].iter_mut().zip(seen).zip(&covered)
-                    {
+                for (plane, seen) in plate.run(&run).into_iter().zip(&seen) {
+                    for ((out, seen), covered) in plane.iter_mut().zip(seen).zip(&covered) {
                         *out += covered * (seen - *out);
                     }
                 }
             }
         }
         if let Some((half, mouth)) = self.field_walls {
-            draw_field_walls(pose, half, mouth, rays, light);
+            draw_field_walls(pose, half, mouth, (rays, tile), plate);
         }
     }
 }
@@ -162,20 +161,15 @@ fn draw_field_walls(
     pose: Pose,
     [hx, hy]: [f32; 2],
     mouth: f32,
-    rays: &Rays,
-    light: &mut [Vec<f32>; 3],
+    (rays, tile): (&Rays, &Tile),
+    plate: &mut Plate,
 ) {
     let (sin, cos) = pose.theta.sin_cos();
     let white = WALL_PAINT.map(decode);
-    let [red, green, blue] = light;
-    for bin in rays.bins() {
+    for bin in rays.bins(tile) {
         let run = first_beyond(pose, rays, &bin, [hx, hy])..bin.end;
         let ray = rays.run(&run);
-        let (red, green, blue) = (
-            &mut red[run.clone()],
-            &mut green[run.clone()],
-            &mut blue[run],
-        );
+        let [red, green, blue] = plate.run(&run);
         for i in 0..ray.slope.len() {
             let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
             let (from_x, from_y) = (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);

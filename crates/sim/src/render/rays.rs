@@ -10,6 +10,8 @@ use vision::{Ray, RayTable};
 
 /// Azimuth bins in a turn: about as wide as a pixel at the rim of a 480 × 480 image is at half its radius.
 const BINS: usize = 720;
+/// A tile takes bins until it has so many rays: their light fills half a near cache of 512 KiB with all that it needs.
+const TILE: usize = 4096;
 /// Rays steeper than this (height over way) go straight down for all that matters here.
 const STEEPEST: f32 = 1e4;
 
@@ -32,6 +34,8 @@ pub(crate) struct Rays {
     pub(crate) spacing: Vec<f32>,
     /// Slope between this ray and the next pixel's, blurred.
     pub(crate) slope_spacing: Vec<f32>,
+    /// Bins in groups, each of a few thousand rays.
+    pub(super) tiles: Vec<Tile>,
     /// Pixels without a ray.
     pub(crate) blank: Vec<u32>,
     /// Largest horizontal distance of an origin from the axis, metres.
@@ -40,6 +44,23 @@ pub(crate) struct Rays {
     aside: f32,
     lowest: f32,
     pub(super) highest: f32,
+}
+
+/// Neighbouring bins that are rendered together.
+#[derive(Debug, Clone)]
+pub(super) struct Tile {
+    bins: Range<usize>,
+    /// The rays of those bins.
+    pub(super) rays: Range<usize>,
+}
+
+/// Which rays may meet an object: some bins, counter-clockwise from the first, and in each a run of slopes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reach {
+    first: usize,
+    count: usize,
+    low: f32,
+    high: f32,
 }
 
 /// A run of `Rays`; every slice has the run's length.
@@ -90,6 +111,14 @@ impl Rays {
             rays.lowest = rays.lowest.min(ray.origin[2]);
             rays.highest = rays.highest.max(ray.origin[2]);
         }
+        let mut first = 0;
+        for bin in 1..=BINS {
+            let count = rays.starts[bin] - rays.starts[first];
+            if count >= TILE || bin == BINS {
+                rays.tiles.push(rays.tile(first..bin));
+                first = bin;
+            }
+        }
         rays
     }
 
@@ -108,20 +137,43 @@ impl Rays {
         self.pixel.len()
     }
 
-    /// The rays of each bin.
-    pub(crate) fn bins(&self) -> impl Iterator<Item = Range<usize>> + '_ {
-        self.starts.windows(2).map(|ends| ends[0]..ends[1])
+    /// The tile of some bins.
+    fn tile(&self, bins: Range<usize>) -> Tile {
+        let rays = self.starts[bins.start]..self.starts[bins.end];
+        Tile { bins, rays }
     }
 
-    /// Runs of rays that may meet what lies within `radius` of (x, y) and between two heights; some beside it too.
-    pub(crate) fn around(
+    /// All rays as one tile.
+    pub(super) fn whole(&self) -> Tile {
+        self.tile(0..BINS)
+    }
+
+    /// The rays of each bin of a tile.
+    pub(super) fn bins(&self, tile: &Tile) -> impl Iterator<Item = Range<usize>> + '_ {
+        tile.bins
+            .clone()
+            .map(|bin| self.starts[bin]..self.starts[bin + 1])
+    }
+
+    /// The runs of a tile's rays that are within reach.
+    pub(super) fn within(
         &self,
-        x: f32,
-        y: f32,
-        radius: f32,
-        bottom: f32,
-        top: f32,
+        reach: &Reach,
+        tile: &Tile,
     ) -> impl Iterator<Item = Range<usize>> + '_ {
+        let reach = *reach;
+        let inside = move |bin: &usize| (bin + BINS - reach.first) % BINS < reach.count;
+        tile.bins.clone().filter(inside).map(move |bin| {
+            let start = self.starts[bin];
+            let slopes = &self.slope[start..self.starts[bin + 1]];
+            let first = slopes.partition_point(|&slope| slope < reach.low);
+            let last = slopes.partition_point(|&slope| slope <= reach.high);
+            start + first..start + last.max(first)
+        })
+    }
+
+    /// The rays that may meet what lies within `radius` of (x, y) and between two heights; some beside it too.
+    pub(super) fn around(&self, x: f32, y: f32, radius: f32, bottom: f32, top: f32) -> Reach {
         let distance = x.hypot(y);
         // A ray may pass up to `aside` beside what its azimuth says.
         let wide = radius + self.aside;
@@ -138,23 +190,24 @@ impl Rays {
         let up = top - self.lowest;
         let low = if down < 0.0 { down / near } else { down / far };
         let high = if up < 0.0 { up / far } else { up / near };
-        self.sector(middle - half, middle + half).map(move |bin| {
-            let slopes = &self.slope[bin.clone()];
-            let first = slopes.partition_point(|&slope| slope < low - 0.02 - 0.02 * low.abs());
-            let last = slopes.partition_point(|&slope| slope <= high + 0.02 + 0.02 * high.abs());
-            bin.start + first..bin.start + last.max(first)
-        })
+        Reach {
+            low: low - 0.02 - 0.02 * low.abs(),
+            high: high + 0.02 + 0.02 * high.abs(),
+            ..self.sector(middle - half, middle + half)
+        }
     }
 
-    /// The bins between two azimuths (counter-clockwise), with one more on either side.
-    pub(crate) fn sector(&self, from: f32, to: f32) -> impl Iterator<Item = Range<usize>> + '_ {
+    /// All rays between two azimuths (counter-clockwise), and the bins on either side.
+    pub(super) fn sector(&self, from: f32, to: f32) -> Reach {
         let width = TAU / BINS as f32;
         let first = (from / width).floor() as i64 - 1;
-        let count = (((to - from) / width).ceil() as i64 + 3).min(BINS as i64);
-        (first..first + count).map(|bin| {
-            let bin = bin.rem_euclid(BINS as i64) as usize;
-            self.starts[bin]..self.starts[bin + 1]
-        })
+        let count = ((to - from) / width).ceil().max(0.0) as usize + 3;
+        Reach {
+            first: first.rem_euclid(BINS as i64) as usize,
+            count: count.min(BINS),
+            low: f32::NEG_INFINITY,
+            high: f32::INFINITY,
+        }
     }
 }
 

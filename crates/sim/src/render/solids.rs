@@ -1,7 +1,8 @@
 //! What stands in the view? Cylinders, boxes, balls and nets, drawn over what lies behind them with soft edges.
 
 use super::ground::Ground;
-use super::rays::{RayRun, Rays};
+use super::plate::Plate;
+use super::rays::{RayRun, Rays, Reach, Tile};
 
 /// Something upright: the same outline from bottom to top; robot frame.
 #[derive(Debug, Clone, Copy)]
@@ -82,17 +83,40 @@ struct Beside {
     width: f32,
 }
 
-pub(super) fn draw(piece: &Piece, rays: &Rays, lamp: Lamp, light: &mut [Vec<f32>; 3]) {
-    match piece {
-        Piece::Solid(solid) => draw_solid(solid, rays, lamp, light),
-        Piece::Sphere(sphere) => draw_sphere(sphere, rays, light),
-        Piece::Screen(screen) => draw_screen(screen, rays, light),
-    }
+/// Where and through which rays a piece is drawn.
+pub(super) struct Brush<'a> {
+    pub(super) rays: &'a Rays,
+    pub(super) tile: &'a Tile,
+    pub(super) lamp: Lamp,
 }
 
-fn blend(light: &mut [Vec<f32>; 3], ray: usize, part: f32, colour: [f32; 3]) {
-    for (plane, colour) in light.iter_mut().zip(colour) {
-        plane[ray] += part * (colour - plane[ray]);
+impl Piece {
+    /// The rays that may meet it.
+    pub(super) fn reach(&self, rays: &Rays) -> Reach {
+        match self {
+            Piece::Solid(solid) => {
+                let radius = match solid.outline {
+                    Outline::Circle { radius } => radius,
+                    Outline::Box { half, .. } => half[0].hypot(half[1]),
+                };
+                rays.around(solid.x, solid.y, radius, solid.bottom, solid.top)
+            }
+            Piece::Sphere(ball) => rays.around(ball.x, ball.y, ball.radius, 0.0, 2.0 * ball.radius),
+            Piece::Screen(Screen { from, to, top, .. }) => {
+                let (mx, my) = ((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
+                let half = (to[0] - from[0]).hypot(to[1] - from[1]) / 2.0;
+                rays.around(mx, my, half, 0.0, *top)
+            }
+        }
+    }
+
+    /// Draws it over what is behind it.
+    pub(super) fn draw(&self, reach: &Reach, brush: &Brush, plate: &mut Plate) {
+        match self {
+            Piece::Solid(solid) => draw_solid(solid, reach, brush, plate),
+            Piece::Sphere(sphere) => draw_sphere(sphere, reach, brush, plate),
+            Piece::Screen(screen) => draw_screen(screen, reach, brush, plate),
+        }
     }
 }
 
@@ -102,16 +126,16 @@ fn edge(inside: f32, width: f32) -> f32 {
     (inside / width + 0.5).clamp(0.0, 1.0)
 }
 
-pub(super) fn draw_solid(solid: &Solid, rays: &Rays, lamp: Lamp, light: &mut [Vec<f32>; 3]) {
+fn draw_solid(solid: &Solid, reach: &Reach, brush: &Brush, plate: &mut Plate) {
+    let lamp = brush.lamp;
     match solid.outline {
-        Outline::Circle { radius } => draw_runs(solid, radius, rays, light, |beside| {
+        Outline::Circle { radius } => draw_runs(solid, reach, brush, plate, |beside| {
             chord_of_circle(radius, lamp, beside)
         }),
         Outline::Box { half, cos, sin } => {
-            let radius = half[0].hypot(half[1]);
             // The lamp in the box's own axes.
             let lamp = [cos * lamp[0] + sin * lamp[1], cos * lamp[1] - sin * lamp[0]];
-            draw_runs(solid, radius, rays, light, |beside| {
+            draw_runs(solid, reach, brush, plate, |beside| {
                 chord_of_box(half, (sin, cos), lamp, beside)
             });
         }
@@ -122,25 +146,20 @@ pub(super) fn draw_solid(solid: &Solid, rays: &Rays, lamp: Lamp, light: &mut [Ve
 #[inline(always)]
 fn draw_runs(
     solid: &Solid,
-    radius: f32,
-    rays: &Rays,
-    light: &mut [Vec<f32>; 3],
+    reach: &Reach,
+    brush: &Brush,
+    plate: &mut Plate,
     chord: impl Fn(Beside) -> Chord,
 ) {
-    let [red, green, blue] = light;
-    for run in rays.around(solid.x, solid.y, radius, solid.bottom, solid.top) {
+    for run in brush.rays.within(reach, brush.tile) {
+        let [red, green, blue] = plate.run(&run);
         let RayRun {
             origin: [ox, oy, oz],
             towards: [tx, ty],
             slope,
             spacing,
             slope_spacing,
-        } = rays.run(&run);
-        let (red, green, blue) = (
-            &mut red[run.clone()],
-            &mut green[run.clone()],
-            &mut blue[run],
-        );
+        } = brush.rays.run(&run);
         for i in 0..slope.len() {
             let (dx, dy) = (solid.x - ox[i], solid.y - oy[i]);
             let along = dx * tx[i] + dy * ty[i];
@@ -237,8 +256,9 @@ fn chord_of_box(half: [f32; 2], (sin, cos): (f32, f32), lamp: Lamp, beside: Besi
     }
 }
 
-fn draw_sphere(ball: &Sphere, rays: &Rays, light: &mut [Vec<f32>; 3]) {
-    for run in rays.around(ball.x, ball.y, ball.radius, 0.0, 2.0 * ball.radius) {
+fn draw_sphere(ball: &Sphere, reach: &Reach, brush: &Brush, plate: &mut Plate) {
+    let rays = brush.rays;
+    for run in rays.within(reach, brush.tile) {
         for ray in run {
             let slope = rays.slope[ray];
             let scale = 1.0 / (1.0 + slope * slope).sqrt();
@@ -271,8 +291,7 @@ fn draw_sphere(ball: &Sphere, rays: &Rays, light: &mut [Vec<f32>; 3]) {
             // Light from above, some back from the carpet, a highlight on top.
             let bright = 0.52 + 0.5 * up.clamp(-1.0, 1.0);
             let shine = 0.35 * (up - 0.82).max(0.0) / 0.18;
-            blend(
-                light,
+            plate.blend(
                 ray,
                 covered,
                 ball.colour
@@ -282,14 +301,11 @@ fn draw_sphere(ball: &Sphere, rays: &Rays, light: &mut [Vec<f32>; 3]) {
     }
 }
 
-fn draw_screen(screen: &Screen, rays: &Rays, light: &mut [Vec<f32>; 3]) {
+fn draw_screen(screen: &Screen, reach: &Reach, brush: &Brush, plate: &mut Plate) {
+    let rays = brush.rays;
     let (ex, ey) = (screen.to[0] - screen.from[0], screen.to[1] - screen.from[1]);
     let length = ex.hypot(ey).max(1e-6);
-    let (mx, my) = (
-        (screen.from[0] + screen.to[0]) / 2.0,
-        (screen.from[1] + screen.to[1]) / 2.0,
-    );
-    for run in rays.around(mx, my, length / 2.0, 0.0, screen.top) {
+    for run in rays.within(reach, brush.tile) {
         for ray in run {
             let (dx, dy) = (
                 screen.from[0] - rays.origin_x[ray],
@@ -318,7 +334,7 @@ fn draw_screen(screen: &Screen, rays: &Rays, light: &mut [Vec<f32>; 3]) {
                 1.0 - (1.0 - cords(along, mesh, cord, across))
                     * (1.0 - cords(height, mesh, cord, rise))
             });
-            blend(light, ray, covered * solid, screen.colour);
+            plate.blend(ray, covered * solid, screen.colour);
         }
     }
 }
@@ -332,32 +348,34 @@ fn cords(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
     ((cord / 2.0 + width / 2.0 - off) / width).clamp(0.0, (cord / width).min(1.0))
 }
 
-/// Darkens the floor about something that stands there: half the light in its middle, none lost at twice its radius.
-pub(super) fn draw_shadow(
-    x: f32,
-    y: f32,
-    radius: f32,
-    rays: &Rays,
-    ground: &Ground,
-    light: &mut [Vec<f32>; 3],
-) {
-    let far = 2.0 * radius;
-    let per_square = 1.0 / (far * far);
-    let [red, green, blue] = light;
-    for run in rays.around(x, y, far, 0.0, 0.0) {
-        let (at_x, at_y) = (&ground.x[run.clone()], &ground.y[run.clone()]);
-        let (red, green, blue) = (
-            &mut red[run.clone()],
-            &mut green[run.clone()],
-            &mut blue[run],
-        );
-        for i in 0..at_x.len() {
-            let (dx, dy) = (at_x[i] - x, at_y[i] - y);
-            let inside = (1.0 - (dx * dx + dy * dy) * per_square).max(0.0);
-            let left = 1.0 - 0.5 * inside * inside;
-            red[i] *= left;
-            green[i] *= left;
-            blue[i] *= left;
+/// Something's shadow on the floor: half the light in its middle, none lost at twice its radius.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shadow {
+    pub(super) x: f32,
+    pub(super) y: f32,
+    pub(super) radius: f32,
+}
+
+impl Shadow {
+    /// The rays that may meet it.
+    pub(super) fn reach(&self, rays: &Rays) -> Reach {
+        rays.around(self.x, self.y, 2.0 * self.radius, 0.0, 0.0)
+    }
+
+    /// Darkens the floor.
+    pub(super) fn draw(&self, reach: &Reach, brush: &Brush, ground: &Ground, plate: &mut Plate) {
+        let per_square = 0.25 / (self.radius * self.radius);
+        for run in brush.rays.within(reach, brush.tile) {
+            let [red, green, blue] = plate.run(&run);
+            let (at_x, at_y) = (&ground.x[run.clone()], &ground.y[run]);
+            for i in 0..at_x.len() {
+                let (dx, dy) = (at_x[i] - self.x, at_y[i] - self.y);
+                let inside = (1.0 - (dx * dx + dy * dy) * per_square).max(0.0);
+                let left = 1.0 - 0.5 * inside * inside;
+                red[i] *= left;
+                green[i] *= left;
+                blue[i] *= left;
+            }
         }
     }
 }
