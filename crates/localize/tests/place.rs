@@ -320,6 +320,26 @@ fn a_frame_from_the_past_is_refused_and_a_clock_set_back_is_accepted() {
 }
 
 #[test]
+fn a_camera_slower_than_odometry_costs_nothing() {
+    let mut localizer = localizer();
+    let frames: Vec<_> = drive(13, DriveConfig::default()).take(120).collect();
+    for (k, now) in frames.iter().enumerate() {
+        localizer.odometry(&now.odometry);
+        localizer.compass(&now.compass);
+        // The frame that arrives was taken two samples ago.
+        let Some(frame) = k.checked_sub(2).map(|k| &frames[k]) else {
+            continue;
+        };
+        let estimate = localizer.see(frame.stamp, &frame.points);
+        if k > 30 {
+            assert_eq!(estimate.mode, Mode::Tracking, "frame {k}");
+            let pose = estimate.pose.expect("a pose");
+            assert!(position_error(pose, frame.truth) < 0.05, "frame {k}");
+        }
+    }
+}
+
+#[test]
 fn odometry_with_a_gap_leads_to_nothing() {
     let mut localizer = localizer();
     let mut frames = drive(11, DriveConfig::default());

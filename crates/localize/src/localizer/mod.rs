@@ -55,7 +55,31 @@ pub struct Localizer {
     usual_share: f32,
     checked: Stamp,
     past: u32,
+    /// As it was after the last frame: a frame that comes later than odometry of its time goes on from here.
+    base: Option<Box<Base>>,
+    /// Moves since then.
+    moves: Vec<Move>,
 }
+
+/// What odometry moves, at one time.
+#[derive(Debug, Clone)]
+struct Base {
+    reached: Stamp,
+    belief: Option<Belief>,
+    rival: Option<(Belief, u32)>,
+    candidates: Candidates,
+}
+
+/// A motion in the robot frame (metres, metres, radians) between two times.
+#[derive(Debug, Clone, Copy)]
+struct Move {
+    from: Stamp,
+    to: Stamp,
+    motion: [f32; 3],
+}
+
+/// Most moves kept for a late frame: a second of odometry at 1 kHz.
+const MOVES_MAX: usize = 1000;
 
 impl Localizer {
     /// Builds the field's tables; knows nothing yet.
@@ -95,6 +119,8 @@ impl Localizer {
             usual_share: 0.0,
             checked: Stamp(i64::MIN),
             past: 0,
+            base: None,
+            moves: Vec::new(),
             config,
         }
     }
@@ -130,7 +156,8 @@ impl Localizer {
         self.led = true;
     }
 
-    /// Moves the expected pose. Samples come in the order of their stamps, before the frame of the same stamp.
+    /// Moves the expected pose. Samples come in the order of their stamps, before the frame of
+    /// the same stamp; a frame may come later than newer odometry.
     pub fn odometry(&mut self, sample: &Odometry) {
         let motion = [sample.dx, sample.dy, sample.dtheta];
         if motion.iter().any(|value| !value.is_finite()) {
@@ -144,7 +171,7 @@ impl Localizer {
             let seconds = self.reached.seconds_until(sample.stamp);
             self.led = self.follows() && (0.0..=gap).contains(&seconds);
             if self.led {
-                self.move_on(sample.stamp, motion, seconds as f32);
+                self.move_on(sample.stamp, motion);
             }
             return;
         };
@@ -163,7 +190,7 @@ impl Localizer {
         let left = self.reached.seconds_until(sample.stamp).min(interval);
         if left > 0.0 {
             let part = (left / interval) as f32;
-            self.move_on(sample.stamp, motion.map(|value| value * part), left as f32);
+            self.move_on(sample.stamp, motion.map(|value| value * part));
         }
     }
 
@@ -186,6 +213,7 @@ impl Localizer {
     /// Takes a frame's line points to a pose. Points that are not finite are left out.
     pub fn see(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
         let points: Vec<LinePoint> = points.iter().filter(|point| sane(point)).copied().collect();
+        let later = self.go_back(stamp);
         if self.follows() && self.reached.seconds_until(stamp) < 0.0 {
             self.note_past();
             if self.past > 0 {
@@ -206,10 +234,60 @@ impl Localizer {
         } else {
             self.relocate(stamp, &points)
         };
+        self.moves.clear();
+        self.base = self.follows().then(|| {
+            Box::new(Base {
+                reached: self.reached,
+                belief: self.belief.clone(),
+                rival: self.rival.clone(),
+                candidates: self.candidates.clone(),
+            })
+        });
+        for one in later {
+            self.shift(one);
+        }
         Estimate {
             line_points: points.len(),
             ..estimate
         }
+    }
+
+    /// For a frame that is older than the odometry heard since (cameras are slow): back to the last frame, forward to
+    /// this one; the moves after it are returned.
+    fn go_back(&mut self, stamp: Stamp) -> Vec<Move> {
+        let Some(base) = self
+            .base
+            .take_if(|base| base.reached <= stamp && stamp < self.reached)
+        else {
+            return Vec::new();
+        };
+        self.reached = base.reached;
+        self.belief = base.belief;
+        self.rival = base.rival;
+        self.candidates = base.candidates;
+        let mut later = Vec::new();
+        for one in std::mem::take(&mut self.moves) {
+            let (all, part) = (
+                one.from.seconds_until(one.to),
+                one.from.seconds_until(stamp),
+            );
+            let part = (part / all).clamp(0.0, 1.0) as f32;
+            if part > 0.0 {
+                self.shift(Move {
+                    to: one.to.min(stamp),
+                    motion: one.motion.map(|value| value * part),
+                    ..one
+                });
+            }
+            if part < 1.0 {
+                later.push(Move {
+                    from: one.from.max(stamp),
+                    motion: one.motion.map(|value| value * (1.0 - part)),
+                    ..one
+                });
+            }
+        }
+        later
     }
 
     /// Is there anything that odometry moves?
@@ -233,19 +311,34 @@ impl Localizer {
         let seconds = self.reached.seconds_until(stamp) as f32;
         if seconds > 0.0 {
             let rate = self.odometry.map_or([0.0; 3], |(_, rate)| rate);
-            self.move_on(stamp, rate.map(|value| value * seconds), seconds);
+            self.move_on(stamp, rate.map(|value| value * seconds));
         }
     }
 
-    fn move_on(&mut self, stamp: Stamp, motion: [f32; 3], seconds: f32) {
-        self.reached = stamp;
+    fn move_on(&mut self, stamp: Stamp, motion: [f32; 3]) {
+        self.shift(Move {
+            from: self.reached,
+            to: stamp,
+            motion,
+        });
+        self.relocaliser.moved(motion);
+    }
+
+    /// Moves belief, rival and candidates, and notes it for a late frame.
+    fn shift(&mut self, one: Move) {
+        self.reached = one.to;
         let config = &self.config.filter;
+        let seconds = one.from.seconds_until(one.to) as f32;
         let belief = self.belief.iter_mut();
         let rival = self.rival.iter_mut().map(|(belief, _)| belief);
-        for one in belief.chain(rival).chain(self.candidates.beliefs()) {
-            one.predict(motion, seconds, config);
+        for belief in belief.chain(rival).chain(self.candidates.beliefs()) {
+            belief.predict(one.motion, seconds, config);
         }
-        self.relocaliser.moved(motion);
+        if self.moves.len() >= MOVES_MAX {
+            self.moves.clear();
+            self.base = None;
+        }
+        self.moves.push(one);
     }
 
     /// A sample older than the last: left out, unless the source's clock was set back.
@@ -267,6 +360,8 @@ impl Localizer {
         self.half_evidence = 0.0;
         self.rival = None;
         self.strikes = 0;
+        self.base = None;
+        self.moves.clear();
     }
 }
 
