@@ -9,24 +9,32 @@ use bench_top::{event, until};
 use hw::config::CameraDevice;
 use hw::{Camera, Event, Inbox, State};
 
-/// The fake camera; `None` where Aravis' tools are not installed.
-fn switch_on() -> Option<Child> {
-    Command::new("arv-fake-gv-camera-0.8")
-        .args(["-i", "127.0.0.1"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .ok()
+/// The fake camera, switched on until it is dropped.
+struct Fake(Child);
+
+impl Fake {
+    /// `None` where Aravis' tools are not installed.
+    fn switch_on() -> Option<Self> {
+        Command::new("arv-fake-gv-camera-0.8")
+            .args(["-i", "127.0.0.1"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .ok()
+            .map(Fake)
+    }
 }
 
-fn switch_off(mut fake: Child) {
-    fake.kill().expect("killed");
-    fake.wait().expect("ended");
+impl Drop for Fake {
+    fn drop(&mut self) {
+        self.0.kill().expect("killed");
+        self.0.wait().expect("ended");
+    }
 }
 
 #[test]
 fn a_genicam_camera_streams_and_comes_back() {
-    let Some(fake) = switch_on() else {
+    let Some(fake) = Fake::switch_on() else {
         eprintln!("skipped: arv-fake-gv-camera-0.8 (aravis-tools) is not installed");
         return;
     };
@@ -44,7 +52,11 @@ fn a_genicam_camera_streams_and_comes_back() {
     let frame = || {
         event(&inbox, "a frame", |event| match event {
             Event::Frame(frame) => Some(frame),
-            _ => None,
+            // Why there is none stands in the test's output.
+            other => {
+                eprintln!("{other:?}");
+                None
+            }
         })
     };
     let (first, second) = (frame(), frame());
@@ -53,15 +65,15 @@ fn a_genicam_camera_streams_and_comes_back() {
         (256, 128, 256 * 128)
     );
     assert!(second.stamp > first.stamp && second.sequence > first.sequence);
-    switch_off(fake);
+    drop(fake);
     until("the word that it is gone", || {
         (camera.health().state != State::Running).then_some(())
     });
-    let fake = switch_on().expect("as before");
+    let fake = Fake::switch_on().expect("as before");
     while inbox.take(std::time::Duration::ZERO).is_some() {}
     frame();
     until("running again", || {
         (camera.health().state == State::Running).then_some(())
     });
-    switch_off(fake);
+    drop(fake);
 }

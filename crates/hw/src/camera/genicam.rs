@@ -1,6 +1,9 @@
 //! How do industrial cameras hand over frames? GigE Vision and USB3 Vision through Aravis.
 
-use aravis::{Auto, BufferStatus, CameraExt, CameraExtManual, DeviceError, StreamExt, glib};
+use aravis::{
+    AcquisitionMode, Auto, BufferStatus, CameraExt, CameraExtManual, DeviceError, GvStreamOption,
+    StreamExt, glib,
+};
 use localize::Stamp;
 
 use super::Settings;
@@ -81,10 +84,19 @@ impl GenICam {
         let offset = |sensor: i32, size: i32| ((sensor - size) / 2) & !1;
         let (x, y) = (offset(sensor_width, width), offset(sensor_height, height));
         camera.set_region(x, y, width, height).map_err(failed)?;
+        camera
+            .set_acquisition_mode(AcquisitionMode::Continuous)
+            .map_err(failed)?;
+        // A trigger that another program left on would keep the camera waiting; one without triggers has none to clear.
+        let _no_triggers = camera.clear_triggers();
         if camera.is_frame_rate_available().map_err(failed)? {
             camera
                 .set_frame_rate(f64::from(device.rate_hz))
                 .map_err(failed)?;
+        }
+        if camera.is_gv_device() {
+            // Root would get a packet socket, which hears nothing on loopback and in containers; a UDP socket always works.
+            camera.gv_set_stream_options(GvStreamOption::PACKET_SOCKET_DISABLED);
         }
         let stream = camera.create_stream().map_err(failed)?;
         let payload = camera.payload().map_err(failed)? as usize;
