@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{demo, locate, recover, replay, simulate};
+use crate::{bench, demo, locate, recover, replay, simulate};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -29,6 +29,7 @@ enum Command {
     Sim(simulate::Args),
     Replay(replay::Args),
     Recover(recover::Args),
+    Bench(bench::Args),
 }
 
 /// Runs the command line of this process.
@@ -48,6 +49,7 @@ pub fn run() -> ExitCode {
         Command::Locate(args) => locate::run(&args, cli.json),
         Command::Sim(args) => simulate::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),
+        Command::Bench(args) => bench::run(&args, cli.json),
         Command::Recover(args) => recover::run(&args, cli.json),
     };
     match result {

@@ -1,6 +1,7 @@
 //! Mirrorball: eyes and a sense of place for soccer robots with an omnidirectional mirror.
 
 mod annotate;
+mod bench;
 mod cli;
 mod cycle;
 mod demo;

@@ -167,6 +167,23 @@ impl Eyes {
 
     /// Everything that a frame shows; the first frame, and one in quite another light, is learned from first.
     pub fn see(&mut self, frame: &Frame<'_>) -> Result<Seen, VisionError> {
+        let (light, sights, mut seen) = self.adapt(frame)?;
+        self.find_lines(frame, &light, &mut seen);
+        self.find_objects(frame, &light, &sights, &mut seen);
+        self.light = Some(light);
+        Ok(seen)
+    }
+
+    /// As [`Eyes::see`], but for line points alone: what localisation needs.
+    pub fn see_lines(&mut self, frame: &Frame<'_>) -> Result<Seen, VisionError> {
+        let (light, _, mut seen) = self.adapt(frame)?;
+        self.find_lines(frame, &light, &mut seen);
+        self.light = Some(light);
+        Ok(seen)
+    }
+
+    /// Segments the frame under the light known so far, or learned from it.
+    fn adapt(&mut self, frame: &Frame<'_>) -> Result<(Light, Vec<RaySight>, Seen), VisionError> {
         frame.check(self.map.width_px, self.map.height_px)?;
         let mut seen = Seen::default();
         let light = self
@@ -190,10 +207,7 @@ impl Eyes {
         };
         seen.carpet_share = share;
         let sights = self.sights(frame, &light, &mut seen);
-        self.find_lines(frame, &light, &mut seen);
-        self.find_objects(frame, &light, &sights, &mut seen);
-        self.light = Some(light);
-        Ok(seen)
+        Ok((light, sights, seen))
     }
 
     /// Fills `values` and `classes`; returns the share of samples that are carpet.

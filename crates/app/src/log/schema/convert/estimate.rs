@@ -18,6 +18,7 @@ names!(reason_name, reason_named: Reason {
     NothingFits = "nothing fits",
     Ambiguous = "ambiguous",
     FromThePast = "from the past",
+    Searching = "searching",
 });
 pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
     let Estimate {
