@@ -152,3 +152,109 @@ impl Default for CompassConfig {
         }
     }
 }
+
+/// A value that no localisation can work with.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{key} = {value}: must be between {least} and {most}")]
+pub struct ConfigError {
+    /// The key, with its section.
+    pub key: &'static str,
+    /// Its value.
+    pub value: f32,
+    /// Least that works.
+    pub least: f32,
+    /// Most that works.
+    pub most: f32,
+}
+
+impl LocalizeConfig {
+    /// Refuses sizes that would divide by zero or fill the memory; to be called on what a user wrote.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let (search, matching) = (&self.search, &self.matching);
+        let relocalise = &self.relocalise;
+        for (key, value, least, most) in [
+            ("distance.cell", self.distance.cell, 0.01, 0.5),
+            ("distance.margin", self.distance.margin, 0.0, 20.0),
+            ("matching.reach_sigmas", matching.reach_sigmas, 0.5, 20.0),
+            ("matching.point_std_min", matching.point_std_min, 0.001, 1.0),
+            (
+                "matching.viewpoint_height",
+                matching.viewpoint_height,
+                0.05,
+                5.0,
+            ),
+            ("matching.lean_std_deg", matching.lean_std_deg, 0.0, 10.0),
+            ("search.cell", search.cell, 0.02, 1.0),
+            (
+                "search.heading_step_deg",
+                search.heading_step_deg,
+                0.2,
+                20.0,
+            ),
+            ("search.outside", search.outside, 0.0, 10.0),
+            ("search.range_max", search.range_max, 1.0, 40.0),
+            ("search.reach", search.reach, 0.01, 2.0),
+            ("search.points_max", search.points_max as f32, 10.0, 4000.0),
+            ("compass.std_deg", self.compass.std_deg, 0.1, 180.0),
+            ("relocalise.hough.pixel", relocalise.hough.pixel, 0.001, 0.1),
+            (
+                "relocalise.hough.step_deg",
+                relocalise.hough.step_deg,
+                0.1,
+                10.0,
+            ),
+            (
+                "relocalise.scan_map.cell",
+                relocalise.scan_map.cell,
+                0.05,
+                1.0,
+            ),
+            (
+                "relocalise.scan_map.range",
+                relocalise.scan_map.range,
+                1.0,
+                20.0,
+            ),
+            ("relocalise.heading.bin", relocalise.heading.bin, 0.01, 2.0),
+            (
+                "relocalise.heading.step_deg",
+                relocalise.heading.step_deg,
+                0.1,
+                20.0,
+            ),
+        ] {
+            if !(value >= least && value <= most) {
+                return Err(ConfigError {
+                    key,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_pass_the_check_and_a_cell_of_nothing_does_not() {
+        for name in crate::presets::PRESETS {
+            let config = LocalizeConfig::preset(name).expect("a preset");
+            assert_eq!(config.check(), Ok(()));
+        }
+        let mut config = LocalizeConfig::default();
+        config.search.cell = 0.0;
+        let message = config.check().expect_err("no cells").to_string();
+        assert!(message.starts_with("search.cell = 0"), "{message}");
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused() {
+        assert!(toml::from_str::<LocalizeConfig>("[search]\ncel = 0.1").is_err());
+        assert!(toml::from_str::<LocalizeConfig>("[search]\ncell = 0.2").is_ok());
+    }
+}
