@@ -12,19 +12,18 @@ mod stream;
 #[cfg(test)]
 mod tests;
 mod verify;
+mod writer;
 
-use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
-pub use export::{Exported, export};
+pub use export::export;
 pub use header::Header;
-pub use picture::{Encoded, ImageMode};
-pub use queue::Dropped;
-pub use read::{Log, Logged};
-pub use record::{Recorder, Written};
-pub use recover::{Recovered, recover};
+pub use picture::ImageMode;
+pub use read::Log;
+pub use record::Recorder;
+pub use recover::recover;
 pub use stream::End;
-pub use verify::{Difference, Verdict, compare, verify};
+pub use verify::{Difference, Verdict, verify};
 
 /// How a log is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -62,26 +61,4 @@ pub enum Pace {
     Live,
     /// The run: a simulation or a recording loses nothing.
     Lockstep,
-}
-
-/// How much a line of /log matters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
-    /// As it should be.
-    Info,
-    /// The run goes on without something.
-    Warning,
-    /// Something failed.
-    Error,
-}
-
-/// A line for /log.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Note {
-    /// When.
-    pub stamp: Stamp,
-    /// How much it matters.
-    pub level: Level,
-    /// What happened.
-    pub text: String,
 }

@@ -6,13 +6,8 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use super::Pace;
 use crate::cycle::Cycle;
 
-/// One thing to write.
-pub(super) enum Entry {
-    /// A cycle, and its number since the start of the run (dropped ones count).
-    Cycle(u64, Arc<Cycle>),
-    /// A line for /log.
-    Note(super::Note),
-}
+/// A cycle, and its number since the start of the run (dropped ones count).
+type Entry = (u64, Arc<Cycle>);
 
 /// What was dropped for want of time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -21,8 +16,6 @@ pub struct Dropped {
     pub images: u64,
     /// Whole cycles.
     pub cycles: u64,
-    /// Lines for /log.
-    pub notes: u64,
 }
 
 impl Dropped {
@@ -122,7 +115,7 @@ impl Queue {
 impl State {
     fn drop_oldest_image(&mut self) {
         let holder = self.entries.iter_mut().find(|entry| holds_image(entry));
-        if let Some(Entry::Cycle(_, cycle)) = holder {
+        if let Some((_, cycle)) = holder {
             Arc::make_mut(cycle).inputs.image = None;
             self.images -= 1;
             self.dropped.images += 1;
@@ -130,17 +123,13 @@ impl State {
     }
 
     fn drop_oldest(&mut self) {
-        match self.entries.pop_front() {
-            Some(Entry::Cycle(_, cycle)) => {
-                self.images -= usize::from(cycle.inputs.image.is_some());
-                self.dropped.cycles += 1;
-            }
-            Some(Entry::Note(_)) => self.dropped.notes += 1,
-            None => {}
+        if let Some(entry) = self.entries.pop_front() {
+            self.images -= usize::from(holds_image(&entry));
+            self.dropped.cycles += 1;
         }
     }
 }
 
-fn holds_image(entry: &Entry) -> bool {
-    matches!(entry, Entry::Cycle(_, cycle) if cycle.inputs.image.is_some())
+fn holds_image((_, cycle): &Entry) -> bool {
+    cycle.inputs.image.is_some()
 }

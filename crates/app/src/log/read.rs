@@ -95,11 +95,6 @@ impl Log {
         self.stream.end()
     }
 
-    /// The stamp of the last cycle read.
-    pub fn until(&self) -> Option<Stamp> {
-        self.until
-    }
-
     fn advance(&mut self) -> Result<Option<Logged>> {
         loop {
             let record = match self.first.take() {

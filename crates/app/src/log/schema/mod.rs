@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context as _, Result, anyhow};
-use foxglove::messages::log::Level as LogLevel;
+pub(crate) use foxglove::messages::log::Level;
 use foxglove::messages::{
     CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud, PoseInFrame, PosesInFrame,
     SceneUpdate, Timestamp,
@@ -30,7 +30,6 @@ use prost::Message;
 use file::LogFile;
 
 use super::picture::{Encoded, ImageMode};
-use super::{Level, Note};
 
 /// The form of what our own topics and records hold; a log of another form is refused.
 pub(crate) const FORMAT: u32 = 1;
@@ -124,20 +123,15 @@ impl Sink {
     }
 
     /// Logs a line for people.
-    pub(crate) fn note(&self, note: &Note) {
-        let level = match note.level {
-            Level::Info => LogLevel::Info,
-            Level::Warning => LogLevel::Warning,
-            Level::Error => LogLevel::Error,
-        };
-        let message = Log {
-            timestamp: timestamp(note.stamp),
+    pub(crate) fn note(&self, stamp: Stamp, level: Level, message: String) {
+        let line = Log {
+            timestamp: timestamp(stamp),
             level: level as i32,
-            message: note.text.clone(),
+            message,
             name: ABOUT.to_owned(),
             ..Log::default()
         };
-        self.log.log_at(&message, note.stamp);
+        self.log.log_at(&line, stamp);
     }
 
     /// Writes a metadata record.

@@ -107,3 +107,12 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
         lean: pair(&hypothesis.lean)?,
     })
 }
+
+/// The estimate's mode and reason in words.
+pub(crate) fn mode_and_reason(estimate: &Estimate) -> String {
+    let mode = mode_name(estimate.mode);
+    estimate.reason.map_or_else(
+        || mode.to_owned(),
+        |reason| format!("{mode}: {}", reason_name(reason)),
+    )
+}

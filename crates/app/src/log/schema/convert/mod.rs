@@ -9,7 +9,7 @@ use localize::sample::{Compass, Imu, LinePoint, Odometry};
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 
-pub(crate) use estimate::{estimate_from_wire, estimate_to_wire};
+pub(crate) use estimate::{estimate_from_wire, estimate_to_wire, mode_and_reason};
 pub(crate) use seen::{ball_to_wire, robot_to_wire, seen_from_wire, seen_to_wire};
 
 use super::wire;

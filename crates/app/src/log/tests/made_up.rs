@@ -1,0 +1,223 @@
+//! Cycles of arbitrary values to log, and the short ways to log and read them.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use localize::estimate::{Estimate, Mode, Reason};
+use localize::frame::At;
+use localize::sample::{Compass, Imu, LinePoint, Odometry};
+use localize::search::Hypothesis;
+use localize::{Field, Pose, Stamp};
+use nalgebra::Matrix3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use vision::ball::Ball;
+use vision::eyes::Seen;
+use vision::goals::{Goal, GoalKind};
+use vision::image::Image;
+use vision::line_points::{Refusal, RefusedRun, SeenLinePoint};
+use vision::robots::{Marker, Robot};
+
+use crate::cycle::{Cycle, Inputs, Timings};
+use crate::log::read::Logged;
+use crate::log::record::Written;
+use crate::log::{Header, Log, LogConfig, Pace, Recorder};
+use crate::sample::Truth;
+
+pub(super) fn field() -> Field {
+    Field::load(&sample_folder().join("field.toml")).expect("a field")
+}
+
+pub(super) fn sample_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence")
+}
+
+/// Arbitrary values, zeros of both signs and the smallest number among them.
+struct Any(ChaCha8Rng);
+
+impl Any {
+    fn value(&mut self) -> f32 {
+        match self.0.random_range(0..8) {
+            0 => -0.0,
+            1 => 0.0,
+            2 => f32::from_bits(1),
+            _ => self.0.random_range(-3.0_f32..3.0),
+        }
+    }
+
+    fn values<const N: usize>(&mut self) -> [f32; N] {
+        [(); N].map(|()| self.value())
+    }
+
+    fn at<F>(&mut self) -> At<F> {
+        At::new(self.value(), self.value())
+    }
+
+    fn pose(&mut self) -> Pose {
+        Pose::new(self.value(), self.value(), self.value())
+    }
+
+    fn matrix(&mut self) -> Matrix3<f32> {
+        Matrix3::from_fn(|_, _| self.value())
+    }
+
+    fn inputs(&mut self, stamp: Stamp) -> Inputs {
+        let mut odometry = || {
+            let [dx, dy, dtheta] = self.values();
+            Odometry {
+                stamp,
+                dx,
+                dy,
+                dtheta,
+            }
+        };
+        Inputs {
+            odometry: vec![odometry(), odometry(), odometry()],
+            compass: vec![Compass {
+                stamp,
+                heading: self.value(),
+            }],
+            imu: vec![Imu {
+                stamp,
+                acceleration: self.values(),
+                rate: self.values(),
+            }],
+            truth: Some(Truth {
+                stamp,
+                pose: self.pose(),
+                ball: Some(self.at()),
+                robots: vec![self.at()],
+            }),
+            image: None,
+        }
+    }
+
+    fn seen(&mut self, number: u64) -> Seen {
+        let mut line_point = || SeenLinePoint {
+            point: LinePoint {
+                at: self.at(),
+                std_radial: 0.01,
+                std_tangential: -0.0,
+            },
+            at_px: [1.5, 2.5],
+            contrast: self.value(),
+            width: self.value(),
+        };
+        let line_points = (0..50).map(|_| line_point()).collect();
+        Seen {
+            line_points,
+            refused: vec![RefusedRun {
+                at_px: self.values(),
+                reason: Refusal::BeyondCarpet,
+            }],
+            ball: Some(Ball {
+                at: self.at(),
+                covariance: self.values(),
+                on_ground: true,
+                score: self.value(),
+                at_px: self.values(),
+                pixels: 99,
+            }),
+            robots: vec![Robot {
+                at: self.at(),
+                edge: self.at(),
+                covariance: self.values(),
+                width: self.value(),
+                marker: number.is_multiple_of(2).then_some(Marker::Magenta),
+                score: self.value(),
+                at_px: self.values(),
+            }],
+            goals: vec![Goal {
+                kind: GoalKind::Post,
+                at: self.at(),
+                covariance: self.values(),
+                width: self.value(),
+                score: self.value(),
+                at_px: self.values(),
+            }],
+            carpet_end: vec![self.value(), f32::INFINITY],
+            carpet_share: self.value(),
+            learned: number == 0,
+        }
+    }
+
+    fn estimate(&mut self, stamp: Stamp, number: u64) -> Estimate {
+        let lost = number.is_multiple_of(3);
+        Estimate {
+            stamp,
+            pose: (!lost).then(|| self.pose()),
+            covariance: self.matrix(),
+            mode: [Mode::Lost, Mode::Tracking, Mode::Global][number as usize % 3],
+            reason: lost.then_some(Reason::NothingFits),
+            residual: self.value(),
+            inlier_share: self.value(),
+            line_points: 50,
+            lean: self.values(),
+            half_known: number.is_multiple_of(2),
+            odometry_scales: self.values(),
+            runners_up: vec![Hypothesis {
+                pose: self.pose(),
+                covariance: self.matrix(),
+                score: self.value(),
+                inlier_share: self.value(),
+                residual: self.value(),
+                lean: self.values(),
+                probability: self.value(),
+            }],
+        }
+    }
+}
+
+/// A cycle of arbitrary values, the same for the same number.
+pub(super) fn cycle(number: u64) -> Cycle {
+    let mut any = Any(ChaCha8Rng::seed_from_u64(number));
+    let stamp = Stamp(33_333_333 * number as i64);
+    let seen = any.seen(number);
+    Cycle {
+        stamp,
+        inputs: Inputs {
+            image: Some(Arc::new(picture(number))),
+            ..any.inputs(stamp)
+        },
+        points: seen.line_points.iter().map(|seen| seen.point).collect(),
+        seen: Some(seen),
+        estimate: any.estimate(stamp, number),
+        fault: None,
+        timings: Timings {
+            see_ms: 0.25,
+            localize_ms: 0.0625,
+        },
+    }
+}
+
+pub(super) fn picture(number: u64) -> Image {
+    let mut rng = ChaCha8Rng::seed_from_u64(number);
+    Image {
+        width_px: 64,
+        height_px: 48,
+        rgb: (0..3 * 64 * 48).map(|_| rng.random()).collect(),
+    }
+}
+
+pub(super) fn record(path: &Path, count: u64, config: &LogConfig) -> Written {
+    let header = Header::new("test", Some(7)).with_file("robot.toml", "field = \"field.toml\"\n");
+    let mut recorder =
+        Recorder::create(path, &header, &field(), Pace::Lockstep, config).expect("a recorder");
+    for number in 0..count {
+        recorder.cycle(Arc::new(cycle(number))).expect("taken");
+    }
+    recorder.finish().expect("written")
+}
+
+pub(super) fn read(path: &Path) -> Vec<Logged> {
+    Log::open(path)
+        .expect("a log")
+        .collect::<anyhow::Result<_>>()
+        .expect("cycles")
+}
+
+/// The error of a log that cannot be read to its end, as the user sees it.
+pub(super) fn complaint(path: &Path) -> String {
+    let read = Log::open(path).and_then(|log| log.collect::<anyhow::Result<Vec<_>>>());
+    format!("{:#}", read.map(|_| ()).expect_err("an error"))
+}

@@ -1,0 +1,6 @@
+//! Claims about the log as a whole: what goes in comes out, from whole, killed and damaged files.
+
+mod broken;
+mod kept;
+mod made_up;
+mod queue;
