@@ -119,8 +119,10 @@ impl BallSearch<'_> {
                     continue;
                 }
                 let (column, row) = (u as usize, v as usize);
-                let native = self.frame.native(column, row);
-                if self.table.class(native) == Class::BALL && visited.visit(row * width + column) {
+                // Once visited a pixel's class is known: in the region, or not of it.
+                if visited.visit(row * width + column)
+                    && self.table.class(self.frame.native(column, row)) == Class::BALL
+                {
                     region.push([u as u16, v as u16]);
                 }
             }
@@ -170,7 +172,8 @@ impl BallSearch<'_> {
         }
         let half_expected = half(range);
         let [u, v] = [u_sum, v_sum].map(|sum| sum / region.len() as f32);
-        if self.beyond_carpet([u, v], range) {
+        let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
+        if self.beyond_carpet(angle / std::f32::consts::TAU, range) {
             return None;
         }
         let part = (far - near) / (2.0 * half_expected);
@@ -212,17 +215,17 @@ impl BallSearch<'_> {
     }
 
     /// Does the carpet end before the ball's middle on both its sides? Then it is something behind the carpet.
-    fn beyond_carpet(&self, [u, v]: [f32; 2], range: f32) -> bool {
-        let turns = |angle: f32| (angle / std::f32::consts::TAU).rem_euclid(1.0);
-        let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
-        let half = (self.config.ball_radius / range).min(1.0).asin();
+    ///
+    /// `turns`: its direction about the mirror's axis; `range`: its distance, metres.
+    pub(crate) fn beyond_carpet(&self, turns: f32, range: f32) -> bool {
+        let half = self.config.ball_radius / (std::f32::consts::TAU * range);
         let count = self.carpet_end.len();
-        let end = |angle: f32, outward: usize| {
-            let place = turns(angle) * count as f32;
+        let end = |turns: f32, outward: usize| {
+            let place = turns.rem_euclid(1.0) * count as f32;
             self.carpet_end[(place as usize + outward) % count]
         };
-        // One ray past each side of the ball.
-        let end = end(angle - half, count - 1).max(end(angle + half, 2));
+        // One ray past each side of the ball; its height hides carpet, so its far side may seem to lie farther out.
+        let end = end(turns - half, count - 1).max(end(turns + half, 2));
         range > 1.02 * end
     }
 }

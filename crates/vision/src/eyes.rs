@@ -351,7 +351,10 @@ impl Eyes {
         };
         let seeds = self.pattern.samples.iter().zip(&self.classes);
         let seeds = seeds
-            .filter(|&(_, &class)| class == Class::BALL)
+            .filter(|&(sample, &class)| {
+                // The near part of a ball seems to lie no farther than it is.
+                class == Class::BALL && !search.beyond_carpet(sample.turns, sample.range / 1.5)
+            })
             .map(|(sample, _)| [sample.u, sample.v]);
         seen.ball = search.best(seeds, &mut self.visited);
     }
