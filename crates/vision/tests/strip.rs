@@ -183,3 +183,22 @@ fn an_image_without_the_strip_is_named_and_left_out() {
         1
     );
 }
+
+#[test]
+fn rods_are_masked_and_floor_is_not() {
+    let images: Vec<Image> = images().into_iter().map(|image| image.image).collect();
+    let camera = camera();
+    let mask = vision::calibrate::calibrate_mask(&camera, &images).expect("a mask");
+    let free = |u: usize, v: usize| mask[v * camera.width_px + u];
+    // A rod goes straight down from the middle.
+    assert!((320..460).filter(|&v| free(239, v)).count() < 15);
+    let floor = (60..420)
+        .step_by(3)
+        .flat_map(|v| (60..420).step_by(3).map(move |u| (u, v)));
+    let (mut seen, mut all) = (0, 0);
+    for (u, v) in floor {
+        all += 1;
+        seen += usize::from(free(u, v));
+    }
+    assert!(seen * 100 >= all * 94, "{seen} of {all}");
+}

@@ -3,12 +3,14 @@
 mod correction;
 pub mod lines;
 mod lines_fit;
+pub mod mask;
 mod polar_map;
 pub mod profile_fit;
 pub mod strip;
 mod strip_edges;
 
 pub use lines::{DriveImage, LinesCalibration, calibrate_lines};
+pub use mask::calibrate_mask;
 pub use profile_fit::{ProfileFit, fit_profile};
 pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
 
