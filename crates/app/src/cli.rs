@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{bench, demo, locate, recover, replay, simulate};
+use crate::{bench, calibrate, demo, locate, recover, replay, simulate};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -29,6 +29,7 @@ enum Command {
     Sim(simulate::Args),
     Replay(replay::Args),
     Recover(recover::Args),
+    Calibrate(calibrate::Args),
     Bench(bench::Args),
 }
 
@@ -49,6 +50,7 @@ pub fn run() -> ExitCode {
         Command::Locate(args) => locate::run(&args, cli.json),
         Command::Sim(args) => simulate::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),
+        Command::Calibrate(args) => calibrate::run(&args, cli.json),
         Command::Bench(args) => bench::run(&args, cli.json),
         Command::Recover(args) => recover::run(&args, cli.json),
     };

@@ -100,14 +100,49 @@ pub struct SpineConfig {
 pub const SPINE_FILE: &str = "spine.toml";
 
 impl SpineConfig {
-    /// The defaults, with what an overlay file says instead.
-    pub fn load(overlay: Option<&Path>) -> Result<Self> {
+    /// Every stage as that paper has it, or the default.
+    pub fn preset(name: &str) -> Result<Self> {
+        let localize =
+            LocalizeConfig::preset(name).with_context(|| format!("there is no preset {name:?}"))?;
+        let mut vision = VisionConfig::default();
+        let scan = &mut vision.scan;
+        match name {
+            // lima2001 4.4: 36 circles about the robot.
+            "lima2001" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (0, 0, 36),
+            // minho2016 III: 72 radial lines and 36 spirals each way.
+            "minho2016" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (72, 36, 0),
+            // nubot2013 4: 72 radial lines.
+            "nubot2013" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (72, 0, 0),
+            _ => {}
+        }
+        Ok(SpineConfig { vision, localize })
+    }
+
+    /// A preset, with what an overlay file says instead.
+    pub fn load(preset: &str, overlay: Option<&Path>) -> Result<Self> {
+        let base = SpineConfig::preset(preset)?;
         let Some(path) = overlay else {
-            return Ok(SpineConfig::default());
+            return Ok(base);
         };
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
-        toml::from_str(&text).with_context(|| path.display().to_string())
+        // Alone first: an unknown key or a wrong type is named with its line.
+        toml::from_str::<SpineConfig>(&text).with_context(|| path.display().to_string())?;
+        let mut merged = toml::Table::try_from(&base)?;
+        merge(&mut merged, toml::from_str(&text)?);
+        merged
+            .try_into()
+            .with_context(|| path.display().to_string())
+    }
+}
+
+/// Puts every value of `over` in the place of `base`'s, table by table.
+fn merge(base: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
+            (_, value) => drop(base.insert(key, value)),
+        }
     }
 }
 

@@ -33,6 +33,9 @@ pub struct Args {
     /// Also write ball, robots and goals: stamp_s,kind,x_m,y_m,std_m,score in the robot frame.
     #[arg(long, value_name = "FILE")]
     seen: Option<PathBuf>,
+    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
+    preset: String,
     /// Change settings of vision and localisation by a TOML overlay.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
@@ -47,7 +50,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let setup = Setup::load(&args.dir.join("robot.toml"), args.map.as_deref())?;
     let recording = Recording::open(&args.dir, FOREIGN_POINT_STD)?;
     let truth = recording.truth.clone();
-    let mut spine = Spine::new(&setup, &SpineConfig::load(args.config.as_deref())?)?;
+    let mut spine = Spine::new(
+        &setup,
+        &SpineConfig::load(&args.preset, args.config.as_deref())?,
+    )?;
     let out = args
         .out
         .clone()

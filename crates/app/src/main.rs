@@ -2,6 +2,7 @@
 
 mod annotate;
 mod bench;
+mod calibrate;
 mod cli;
 mod cycle;
 mod demo;

@@ -121,7 +121,7 @@ fn verify(log: Log) -> Result<Verdict> {
     log.header().write_files(folder.path())?;
     let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
     let settings = folder.path().join(SPINE_FILE);
-    let config = SpineConfig::load(settings.exists().then_some(&*settings))?;
+    let config = SpineConfig::load("default", settings.exists().then_some(&*settings))?;
     let mut spine = Spine::new(&setup, &config)?;
     let bar = crate::progress::bar(0, "cycles");
     let verdict = log::verify(log, |sample| {

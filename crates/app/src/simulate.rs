@@ -42,6 +42,9 @@ pub struct Args {
     /// Write the true poses: stamp_s,x_m,y_m,theta_rad.
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
+    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
+    preset: String,
     /// Change settings of vision and localisation by a TOML overlay.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
@@ -61,7 +64,7 @@ struct Outcome {
 pub fn run(args: &Args, json: bool) -> Result<()> {
     let simulation = Simulation::load(&args.scenario, args.seed, args.duration)?;
     let setup = simulation.setup()?;
-    let config = SpineConfig::load(args.config.as_deref())?;
+    let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
     let mut spine = Spine::new(&setup, &config)?;
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
     let mut outputs = Outputs::create(args.out.as_deref(), None, None)?;
