@@ -1,5 +1,7 @@
 """Mirrorball in Python: mirrors for soccer robots, designed, judged and drawn; the optics are the robot's own."""
 
+# Inside the executable the compiled half is there before this package; only this makes it an attribute.
+from mirrorball import _core as _core
 from mirrorball._core import (
     Camera,
     Field,

@@ -3,6 +3,14 @@
 use pyo3::prelude::*;
 use vision::CameraConfig;
 
+/// The number that was written: 0.6, not the 0.600000024 that 32 bits make of it.
+fn as_written(value: f32) -> f64 {
+    value
+        .to_string()
+        .parse()
+        .unwrap_or_else(|_| f64::from(value))
+}
+
 /// A pinhole camera looking straight up into the mirror, as `[camera]` of robot.toml states it.
 #[pyclass(frozen, module = "mirrorball._core")]
 pub(crate) struct Camera(pub(crate) CameraConfig);
@@ -52,14 +60,14 @@ impl Camera {
 
     /// Focal length, pixels.
     #[getter]
-    fn focal_px(&self) -> Option<f32> {
-        self.0.focal_px
+    fn focal_px(&self) -> Option<f64> {
+        self.0.focal_px.map(as_written)
     }
 
     /// Pinhole above the ground, metres.
     #[getter]
-    fn pinhole_height_m(&self) -> Option<f32> {
-        self.0.height
+    fn pinhole_height_m(&self) -> Option<f64> {
+        self.0.height.map(as_written)
     }
 
     /// Where the mirror's axis meets the image (right, down), pixels.
@@ -82,8 +90,8 @@ impl Camera {
 
     /// The mirror's rim in the image, pixels from the centre.
     #[getter]
-    fn outer_radius_px(&self) -> Option<f32> {
-        self.0.outer_radius_px
+    fn outer_radius_px(&self) -> Option<f64> {
+        self.0.outer_radius_px.map(as_written)
     }
 }
 

@@ -1,6 +1,7 @@
 //! The compiled half of the Python package: the crates' own optics, handed over as numpy arrays. Conversions only.
 
 mod camera;
+pub mod embedded;
 mod errors;
 mod profile;
 mod rays;

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::{bench, calibrate, demo, locate, recover, replay, simulate};
+use crate::{bench, calibrate, demo, locate, mirror, recover, replay, script, simulate};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -31,6 +31,8 @@ enum Command {
     Recover(recover::Args),
     Calibrate(calibrate::Args),
     Bench(bench::Args),
+    Mirror(mirror::Args),
+    Script(script::Args),
 }
 
 /// Runs the command line of this process.
@@ -53,6 +55,8 @@ pub fn run() -> ExitCode {
         Command::Calibrate(args) => calibrate::run(&args, cli.json),
         Command::Bench(args) => bench::run(&args, cli.json),
         Command::Recover(args) => recover::run(&args, cli.json),
+        Command::Mirror(args) => mirror::run(&args, cli.json),
+        Command::Script(args) => script::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

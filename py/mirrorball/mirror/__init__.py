@@ -25,6 +25,7 @@ from mirrorball.mirror.readymade import READYMADE, lima2001, minho_like, nubot20
 from mirrorball.mirror.reporting import Report, camera_for, report
 from mirrorball.mirror.segment import Segment
 from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
+from mirrorball.mirror.viewing import portrait, view
 from mirrorball.mirror.wishes import (
     Heights,
     MaxDiameter,
@@ -75,12 +76,14 @@ __all__ = [
     "monte_carlo",
     "nubot2013",
     "optimise",
+    "portrait",
     "read_dxf",
     "read_stl",
     "reflect",
     "report",
     "slope_towards",
     "sphere_cone_1999",
+    "view",
     "write_csv",
     "write_dxf",
     "write_step",

@@ -192,7 +192,7 @@ class _Problem:
         return -np.log(np.maximum(np.abs(found.curvature[::5]) * wish.radius_m, 1e-3))
 
     def _resolution(self, wish: Resolution, found: _Candidate) -> Array:
-        distance = np.geomspace(max(wish.from_m, 1e-3), wish.to_m, 16)
+        distance = np.geomspace(max(wish.from_m, 1e-3), wish.to_m, 48)
         if wish.direction == "tangential":
             px_per_m = self.focal_px * np.interp(distance, found.ground, found.t) / distance
         else:

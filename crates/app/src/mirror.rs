@@ -1,0 +1,195 @@
+//! How is a mirror designed without writing Python? A TOML design in; profile, report, picture or workshop files out.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, anyhow};
+use clap::{Subcommand, ValueEnum};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{IntoPyDict, PyDict};
+
+use crate::python;
+
+/// Design mirrors, judge them before they are cut, see through them, and hand them to the workshop.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example: mirrorball mirror report lima2001 --out out/lima2001 --mirrors 1000\n\
+                  A DESIGN is a TOML file (see config/mirrors) or the name of a ready-made one: lima2001,\n\
+                  sphere_cone_1999, nubot2013, minho_like."
+)]
+pub(crate) struct Args {
+    /// A Python interpreter, or the folder of a virtual environment (default: $VIRTUAL_ENV, else the build's).
+    #[arg(long, value_name = "PATH", global = true)]
+    python: Option<PathBuf>,
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// Compute the profile, or find the best one for wishes, and write it as CSV.
+    #[command(
+        after_help = "Example: mirrorball mirror design config/mirrors/wishes.toml --out mirror.csv"
+    )]
+    Design {
+        /// TOML file or ready-made name.
+        design: String,
+        /// The profile: radius_m,height_m.
+        #[arg(long, default_value = "mirror.csv")]
+        out: PathBuf,
+    },
+    /// Draw what the mirror shows, how sharply, and how much its errors cost: figures and one HTML page.
+    #[command(
+        after_help = "Example: mirrorball mirror report nubot2013 --out out/nubot2013 --mirrors 1000"
+    )]
+    Report {
+        /// TOML file or ready-made name.
+        design: String,
+        /// Folder for the figures and index.html.
+        #[arg(long)]
+        out: PathBuf,
+        /// Imperfect mirrors to try against the tolerances; 0 for none.
+        #[arg(long, default_value_t = 0)]
+        mirrors: u32,
+        /// Seed of their errors.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// Render what a robot with this mirror would see.
+    #[command(
+        after_help = "Example: mirrorball mirror render minho_like --pose=-3,1,30 --ball=-1,0 --out view.png"
+    )]
+    Render {
+        /// TOML file or ready-made name.
+        design: String,
+        /// PNG to write.
+        #[arg(long, default_value = "view.png")]
+        out: PathBuf,
+        /// field.toml; the league's 18 × 12 m if left out.
+        #[arg(long)]
+        field: Option<PathBuf>,
+        /// The robot's x and y (metres) and heading (degrees).
+        #[arg(
+            long,
+            value_delimiter = ',',
+            num_args = 1,
+            default_value = "0,0,0",
+            allow_hyphen_values = true
+        )]
+        pose: Vec<f64>,
+        /// A ball's x and y, metres.
+        #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
+        ball: Option<Vec<f64>>,
+    },
+    /// Write files for the workshop and say how far each lies from the design.
+    #[command(
+        after_help = "Example: mirrorball mirror export lima2001 --out out/workshop --formats csv,dxf,stl"
+    )]
+    Export {
+        /// TOML file or ready-made name.
+        design: String,
+        /// Folder to write to.
+        #[arg(long)]
+        out: PathBuf,
+        /// Which files.
+        #[arg(long, value_delimiter = ',', default_values_t = [Format::Csv, Format::Dxf, Format::Stl])]
+        formats: Vec<Format>,
+    },
+}
+
+/// Files that workshops read.
+#[derive(Clone, Copy, ValueEnum)]
+enum Format {
+    Csv,
+    Dxf,
+    Stl,
+    Step,
+}
+
+impl std::fmt::Display for Format {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Format::Csv => "csv",
+            Format::Dxf => "dxf",
+            Format::Stl => "stl",
+            Format::Step => "step",
+        })
+    }
+}
+
+/// Carries one subcommand out; `json` prints its one result object instead of lines to read.
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
+    python::start(args.python.as_deref())?;
+    let outcome = Python::attach(|py| {
+        call(py, &args.what, json)
+            .map(|text| println!("{text}"))
+            .map_err(|error| explained(py, &error))
+    });
+    python::finish();
+    outcome
+}
+
+fn call(py: Python<'_>, what: &What, json: bool) -> PyResult<String> {
+    let commands = py.import("mirrorball.mirror.command")?;
+    let text = |path: &Path| path.display().to_string();
+    let options = PyDict::new(py);
+    let (name, design) = match what {
+        What::Design { design, out } => {
+            options.set_item("out", text(out))?;
+            ("design", design)
+        }
+        What::Report {
+            design,
+            out,
+            mirrors,
+            seed,
+        } => {
+            options.update(
+                &[("mirrors", u64::from(*mirrors)), ("seed", *seed)]
+                    .into_py_dict(py)?
+                    .as_mapping(),
+            )?;
+            options.set_item("out", text(out))?;
+            ("report", design)
+        }
+        What::Render {
+            design,
+            out,
+            field,
+            pose,
+            ball,
+        } => {
+            options.set_item("out", text(out))?;
+            options.set_item("field", field.as_deref().map(text))?;
+            options.set_item("pose", pose)?;
+            options.set_item("ball", ball.as_ref())?;
+            ("render", design)
+        }
+        What::Export {
+            design,
+            out,
+            formats,
+        } => {
+            options.set_item("out", text(out))?;
+            let formats: Vec<String> = formats.iter().map(Format::to_string).collect();
+            options.set_item("formats", formats)?;
+            ("export", design)
+        }
+    };
+    let result = commands.getattr(name)?.call((design,), Some(&options))?;
+    let words = if json { "as_json" } else { "as_text" };
+    commands.getattr(words)?.call1((result,))?.extract()
+}
+
+/// What the user did wrong is said in a line; anything else is our fault and keeps its traceback.
+fn explained(py: Python<'_>, error: &PyErr) -> anyhow::Error {
+    if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+        return anyhow!("interrupted");
+    }
+    let expected =
+        error.is_instance_of::<PyValueError>(py) || error.is_instance_of::<PyOSError>(py);
+    if !expected {
+        python::print_traceback(py, error);
+    }
+    anyhow!("{}", error.value(py))
+}

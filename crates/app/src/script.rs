@@ -1,0 +1,69 @@
+//! Can a Python file use the robot's own optics without installing anything? Runs it inside, with `import mirrorball`.
+
+use std::path::PathBuf;
+
+use anyhow::{Result, bail, ensure};
+use pyo3::exceptions::{PyKeyboardInterrupt, PySystemExit};
+use pyo3::prelude::*;
+
+use crate::python;
+
+/// Run a Python file in which `import mirrorball` gives this very program's optics, renderer and mirror design.
+///
+/// The interpreter is that of --python, else of $VIRTUAL_ENV, else the one that mirrorball was built with.
+#[derive(clap::Args)]
+#[command(after_help = "Example: mirrorball script py/examples/lima2001.py --out out/lima2001.png")]
+pub(crate) struct Args {
+    /// An interpreter, or the folder of a virtual environment.
+    #[arg(long, value_name = "PATH")]
+    python: Option<PathBuf>,
+    /// The file to run.
+    file: PathBuf,
+    /// What the file sees in `sys.argv`.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<String>,
+}
+
+/// Runs the file as `__main__`. What it prints is its own; an exception leaves its traceback on standard error.
+pub(crate) fn run(args: &Args) -> Result<()> {
+    ensure!(args.file.is_file(), "{}: no such file", args.file.display());
+    python::start(args.python.as_deref())?;
+    let outcome = Python::attach(|py| execute(py, args).or_else(|error| told(py, &error)));
+    python::finish();
+    outcome
+}
+
+fn execute(py: Python<'_>, args: &Args) -> PyResult<()> {
+    let sys = py.import("sys")?;
+    let mut argv = vec![args.file.display().to_string()];
+    argv.extend(args.arguments.iter().cloned());
+    sys.setattr("argv", argv)?;
+    // A script's neighbours can be imported, as with any Python.
+    if let Some(folder) = args.file.parent() {
+        sys.getattr("path")?
+            .call_method1("insert", (0, folder.display().to_string()))?;
+    }
+    let run = py.import("runpy")?.getattr("run_path")?;
+    run.call1((args.file.display().to_string(), py.None(), "__main__"))
+        .map(drop)
+}
+
+/// What is left to say once Python has said its part.
+fn told(py: Python<'_>, error: &PyErr) -> Result<()> {
+    if error.is_instance_of::<PySystemExit>(py) {
+        let code = error.value(py).getattr("code")?;
+        if code.is_none() {
+            return Ok(());
+        }
+        match code.extract::<i64>() {
+            Ok(0) => return Ok(()),
+            Ok(number) => bail!("the script ended with code {number}"),
+            Err(_) => bail!("{code}"),
+        }
+    }
+    if error.is_instance_of::<PyKeyboardInterrupt>(py) {
+        bail!("interrupted");
+    }
+    python::print_traceback(py, error);
+    bail!("the script failed")
+}

@@ -1,0 +1,164 @@
+"""What do `mirrorball mirror`'s subcommands do? Each takes a design's name or file and gives one result to print."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+
+from mirrorball._core import Field
+from mirrorball.mirror.building import Mirror
+from mirrorball.mirror.files import Plan, load
+from mirrorball.mirror.judging import judge
+from mirrorball.mirror.reporting import report as write_report
+from mirrorball.mirror.viewing import view
+from mirrorball.mirror.workshop import Export, write_csv, write_dxf, write_step, write_stl
+
+Result = dict[str, Any]
+
+WRITERS: dict[str, Callable[[Mirror, Path], Export]] = {
+    "csv": write_csv,
+    "dxf": write_dxf,
+    "stl": write_stl,
+    "step": write_step,
+}
+"""Formats that `export` knows."""
+
+
+def design(source: str, *, out: str) -> Result:
+    """Write the profile as the robot reads it."""
+    plan = load(source)
+    _folder(Path(out).parent)
+    export = write_csv(plan.mirror, out)
+    return {**_summary(plan), "profile": str(export.path)}
+
+
+def report(source: str, *, out: str, mirrors: int, seed: int) -> Result:
+    """Write figures and page."""
+    plan = load(source)
+    written = write_report(
+        plan.mirror,
+        folder=out,
+        camera=plan.camera,
+        lens=plan.lens,
+        reach_m=plan.reach_m,
+        tolerances=plan.tolerances,
+        mirrors=mirrors,
+        seed=seed,
+    )
+    result = {**_summary(plan), "page": str(written.page)}
+    if written.errors is not None:
+        errors = written.errors
+        result["errors"] = [
+            {
+                "distance_m": float(errors.distance_m[index]),
+                "radial_rms_m": float(errors.radial_rms_m[index]),
+                "tangential_rms_m": float(errors.tangential_rms_m[index]),
+            }
+            for index in range(3, errors.distance_m.size, 4)
+        ]
+    return result
+
+
+def render(source: str, *, out: str, field: str | None, pose: Sequence[float], ball: Sequence[float] | None) -> Result:
+    """Write the image that a robot with this mirror would take."""
+    if len(pose) != 3:
+        raise ValueError(f"--pose needs x,y,heading, not {len(pose)} numbers")
+    if ball is not None and len(ball) != 2:
+        raise ValueError(f"--ball needs x,y, not {len(ball)} numbers")
+    plan = load(source)
+    image = view(
+        plan.mirror,
+        camera=plan.camera,
+        field=Field(field),
+        pose=(pose[0], pose[1], math.radians(pose[2])),
+        ball=None if ball is None else (ball[0], ball[1]),
+    )
+    _folder(Path(out).parent)
+    matplotlib.image.imsave(out, image)
+    return {"mirror": plan.mirror.name, "image": out, "width_px": image.shape[1], "height_px": image.shape[0]}
+
+
+def export(source: str, *, out: str, formats: Sequence[str]) -> Result:
+    """Write the workshop's files, each with its deviation."""
+    plan = load(source)
+    folder = _folder(Path(out))
+    files = []
+    for name in formats:
+        try:
+            written = WRITERS[name](plan.mirror, folder / f"{plan.mirror.name}.{name}")
+        except ImportError as error:
+            raise ValueError(f"{name} needs cadquery-ocp-novtk: pip install it into this environment") from error
+        files.append({"file": str(written.path), "deviation_m": written.deviation_m})
+    return {"mirror": plan.mirror.name, "files": files}
+
+
+def as_json(result: Result) -> str:
+    """Give one line, for programs; what is not a number is null."""
+    return json.dumps(result, ensure_ascii=False, allow_nan=False)
+
+
+def as_text(result: Result) -> str:
+    """Give lines, for people."""
+    lines = []
+    for key, value in result.items():
+        rows = value if isinstance(value, list) and value and isinstance(value[0], dict) else None
+        if rows is None:
+            lines.append(f"{key}: {_told(value)}")
+        else:
+            lines.append(f"{key}:")
+            lines.extend("  " + ", ".join(f"{name} {_told(entry)}" for name, entry in row.items()) for row in rows)
+    return "\n".join(lines)
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        return ", ".join(_told(entry) for entry in value) or "none"
+    return "–" if value is None else str(value)
+
+
+def _folder(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _number(value: float) -> float | None:
+    # To the micrometre: parts are traced a billionth inside their ends.
+    return round(float(value), 6) if np.isfinite(value) else None
+
+
+def _summary(plan: Plan) -> Result:
+    mirror = plan.mirror
+    judged = judge(mirror, focal_px=plan.camera.focal_px, lens=plan.lens, reach_m=plan.reach_m)
+    views = iter(judged.views)
+    parts = []
+    for segment in mirror.segments:
+        view = next(views) if segment.reflects else None
+        parts.append(
+            {
+                "part": segment.part,
+                "until_t": segment.t_to,
+                "until_radius_m": segment.t_to * segment.end()[0],
+                "ground_from_m": None if view is None else _number(view.ground_m[0]),
+                "ground_to_m": None if view is None else _number(view.ground_m[-1]),
+            }
+        )
+    result: Result = {
+        "mirror": mirror.name,
+        "diameter_m": 2.0 * mirror.radius_m,
+        "smallest_curvature_radius_m": _number(judged.smallest_curvature_radius_m),
+        "blind_m": [f"{low:.3f} to {high:.3f}" for low, high in judged.blind_m],
+        "parts": parts,
+    }
+    if plan.optimised is not None:
+        result["share"] = plan.optimised.share
+        result["wishes"] = [{"wish": str(wish), "met": met} for wish, met in plan.optimised.met]
+        result["conflicts"] = [str(wish) for wish in plan.optimised.conflicts]
+    return result

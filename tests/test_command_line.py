@@ -1,0 +1,145 @@
+"""Does the executable run Python, and design mirrors for those who do not write it?"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mirrorball import Profile
+from mirrorball.mirror import lima2001
+
+ROOT = Path(__file__).parents[1]
+PROGRAM = ROOT / "target/release/mirrorball"
+
+
+def mirrorball(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """The environment of these tests, unless the test says otherwise."""
+    whole = {**os.environ, "VIRTUAL_ENV": sys.prefix, **environment}
+    return subprocess.run([PROGRAM, *map(str, arguments)], capture_output=True, text=True, env=whole, timeout=120)
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "script.py"
+    path.write_text(text)
+    return path
+
+
+def test_a_script_gets_the_carried_package_its_arguments_and_the_environment(tmp_path: Path) -> None:
+    (tmp_path / "neighbour.py").write_text("word = 'here'\n")
+    script = written(
+        tmp_path,
+        "import sys, mirrorball, mirrorball._core, mirrorball.mirror, neighbour, numpy\n"
+        "from mirrorball.mirror import lima2001\n"
+        "print(__name__, sys.argv[1:], sys.prefix, mirrorball.__spec__.origin, neighbour.word)\n"
+        "print(mirrorball.Profile is mirrorball._core.Profile, type(lima2001().profile()).__module__)\n",
+    )
+    done = mirrorball("script", script, "one", "--two")
+    assert done.returncode == 0, done.stderr
+    first, second = done.stdout.splitlines()
+    assert first == f"__main__ ['one', '--two'] {sys.prefix} <mirrorball>/mirrorball.py here"
+    assert second == "True mirrorball._core"
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "words"),
+    [
+        ("print('fine')\n", 0, ""),
+        ("raise SystemExit\n", 0, ""),
+        ("raise SystemExit(0)\n", 0, ""),
+        ("raise SystemExit(3)\n", 1, "code 3"),
+        ("import sys; sys.exit('no mirror')\n", 1, "no mirror"),
+        ("1 / 0\n", 1, "ZeroDivisionError"),
+        # The lines of what the executable carries are shown too.
+        ("from mirrorball.mirror import design\ndesign([], pinhole_height_m=1, apex_above_pinhole_m=1)\n", 1, "if not parts"),
+        ("import atexit; atexit.register(lambda: print('bye', flush=False))\n", 0, ""),
+    ],
+)
+def test_the_end_of_a_script_is_the_end_of_the_command(text: str, code: int, words: str, tmp_path: Path) -> None:
+    if words == "if not parts":
+        text, words = text, "at least one part"
+    done = mirrorball("script", written(tmp_path, text))
+    assert (done.returncode, words in done.stderr) == (code, True), done.stderr
+    if "bye" in text:
+        assert done.stdout == "bye\n"
+
+
+def test_interrupting_a_script_ends_it_quietly(tmp_path: Path) -> None:
+    script = written(tmp_path, "import time\nprint('up', flush=True)\ntime.sleep(60)\n")
+    with subprocess.Popen([PROGRAM, "script", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                          env={**os.environ, "VIRTUAL_ENV": sys.prefix}) as running:  # fmt: skip
+        assert running.stdout is not None
+        assert running.stdout.readline() == "up\n"
+        begin = time.monotonic()
+        running.send_signal(signal.SIGINT)
+        _, errors = running.communicate(timeout=30)
+    assert running.returncode == 1 and errors.strip() == "mirrorball: interrupted"
+    assert time.monotonic() - begin < 30
+
+
+def test_an_environment_that_is_none_is_named(tmp_path: Path) -> None:
+    script = written(tmp_path, "")
+    for done in (mirrorball("script", "--python", tmp_path, script), mirrorball("script", script, VIRTUAL_ENV=str(tmp_path))):
+        assert done.returncode == 1 and str(tmp_path) in done.stderr and "no interpreter" in done.stderr
+    assert mirrorball("script", "--python", sys.prefix, script, VIRTUAL_ENV=str(tmp_path)).returncode == 0
+    assert mirrorball("script", tmp_path / "none.py").returncode == 1
+    assert mirrorball("script").returncode == 2
+
+
+def test_an_environment_of_another_python_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/python3").touch()
+    (tmp_path / "pyvenv.cfg").write_text("version = 3.4.10\n")
+    done = mirrorball("script", "--python", tmp_path, written(tmp_path, ""))
+    assert done.returncode == 1 and "Python 3.4.10" in done.stderr
+
+
+def test_design_writes_a_profile_and_says_what_it_is(tmp_path: Path) -> None:
+    done = mirrorball("mirror", "design", ROOT / "config/mirrors/lima2001.toml", "--out", tmp_path / "m.csv", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert [part["part"] for part in result["parts"]][-1] == "planar"
+    assert result["parts"][-1]["ground_to_m"] == pytest.approx(0.51)
+    profile = Profile.load(tmp_path / "m.csv")
+    assert profile.radius_m[-1] == pytest.approx(lima2001().radius_m, abs=1e-9)
+
+
+def test_report_render_and_export_write_their_files(tmp_path: Path) -> None:
+    done = mirrorball("mirror", "report", "nubot2013", "--out", tmp_path / "report", "--mirrors", "50", "--json")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "report/index.html").is_file() and len(json.loads(done.stdout)["errors"]) > 5
+    assert "/100" in done.stderr and "mirror/s" in done.stderr
+    done = mirrorball("mirror", "render", "minho_like", "--pose=-3,1,30", "--ball=-1,0", "--out", tmp_path / "view.png")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "view.png").read_bytes()[:4] == b"\x89PNG"
+    done = mirrorball("mirror", "export", "lima2001", "--out", tmp_path, "--formats", "csv,dxf,stl", "--json")
+    assert done.returncode == 0, done.stderr
+    for entry in json.loads(done.stdout)["files"]:
+        assert Path(entry["file"]).is_file() and 0.0 < entry["deviation_m"] < 1.1e-5
+
+
+def test_wishes_are_answered_on_the_command_line(tmp_path: Path) -> None:
+    done = mirrorball("mirror", "design", ROOT / "config/mirrors/wishes.toml", "--out", tmp_path / "m.csv", "--json")
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert result["share"] > 1.0 and result["conflicts"] == [] and len(result["wishes"]) == 4
+    assert np.isfinite(result["smallest_curvature_radius_m"]) and result["smallest_curvature_radius_m"] >= 0.0039
+
+
+def test_a_wrong_design_is_told_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text("apex = 0.2\n")
+    done = mirrorball("mirror", "design", tmp_path / "bad.toml")
+    assert done.returncode == 1
+    assert done.stderr.strip() == f"mirrorball: {tmp_path / 'bad.toml'}: the file needs 'camera'"
+
+
+@pytest.mark.parametrize("name", ["lima2001", "sphere_cone_1999", "nubot2013", "minho_like"])
+def test_examples_draw_their_picture(name: str, tmp_path: Path) -> None:
+    done = mirrorball("script", ROOT / f"py/examples/{name}.py", "--out", tmp_path / "picture.png")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "picture.png").stat().st_size > 50_000
