@@ -9,8 +9,11 @@ export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 run: setup
 	cargo run --release --locked -- demo
 
+# Python's tests import the package as it lies here, its compiled half from the same build.
 test: setup
+	cargo build --release --locked --workspace
 	cargo test --release --locked --workspace
+	ln -sfn ../../target/release/lib_core.so py/mirrorball/_core.so
 	$(VENV)/bin/python -m pytest
 
 lint: setup
@@ -18,6 +21,7 @@ lint: setup
 	cargo clippy --release --locked --workspace --all-targets -- -D warnings
 	$(VENV)/bin/ruff check py tests
 	$(VENV)/bin/ruff format --check py tests
+	$(VENV)/bin/mypy
 
 bench: setup
 	cargo bench --workspace

@@ -1,6 +1,6 @@
 //! `mirrorball demo`: a minute of play in the simulator, then a recording of another's, with pictures and a log.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 

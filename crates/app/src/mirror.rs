@@ -145,7 +145,7 @@ fn call(py: Python<'_>, what: &What, json: bool) -> PyResult<String> {
             seed,
         } => {
             options.update(
-                &[("mirrors", u64::from(*mirrors)), ("seed", *seed)]
+                [("mirrors", u64::from(*mirrors)), ("seed", *seed)]
                     .into_py_dict(py)?
                     .as_mapping(),
             )?;

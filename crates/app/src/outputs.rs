@@ -35,7 +35,6 @@ impl Outputs {
     }
 
     /// Adds a cycle's rows.
-
     pub fn write(&mut self, cycle: &Cycle) -> Result<()> {
         let stamp = seconds(cycle.stamp);
         if let Some(file) = &mut self.poses {

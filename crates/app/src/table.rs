@@ -94,7 +94,7 @@ impl<'a> Row<'a> {
     /// The field as a finite number.
     pub fn number(&self, column: &str) -> Result<f64> {
         let text = self.text(column)?;
-        let value: f64 = text.parse().map_err(|_| {
+        let value: f64 = text.parse().map_err(|_: std::num::ParseFloatError| {
             anyhow::anyhow!("{}: {column} = {text:?} is not a number", self.place())
         })?;
         ensure!(

@@ -88,7 +88,7 @@ pub fn verify(mut log: Log, mut take: impl FnMut(Sample) -> Option<Cycle>) -> Re
 /// The first difference in what was computed, in the order of the stages; timings are no part of it.
 ///
 /// What vision saw is compared where both cycles hold it.
-pub fn compare(recorded: &Cycle, computed: &Cycle) -> Option<Difference> {
+pub(super) fn compare(recorded: &Cycle, computed: &Cycle) -> Option<Difference> {
     let difference = |what: &str, recorded: String, computed: String, stamp: Stamp| {
         Some(Difference {
             stamp,

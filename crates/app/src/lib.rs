@@ -1,0 +1,36 @@
+//! The executable's rooms, in the order in which a sample meets them: a source, the spine, what watches it, and the
+//! commands that join them.
+
+pub mod home;
+pub mod sample;
+pub mod setup;
+pub mod table;
+
+pub mod recording;
+pub mod simulation;
+
+pub mod cycle;
+
+pub mod log;
+pub mod start_log;
+
+pub mod annotate;
+pub mod field_picture;
+pub mod outputs;
+pub mod progress;
+pub mod score;
+pub mod summary;
+
+pub mod python;
+
+pub mod bench;
+pub mod calibrate;
+pub mod demo;
+pub mod locate;
+pub mod mirror;
+pub mod recover;
+pub mod replay;
+pub mod script;
+pub mod simulate;
+
+pub mod cli;
