@@ -95,7 +95,7 @@ def _section(figure: Figure, heading: str, path: Path) -> str:
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mirrorball"}):
         figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
     pixels = io.BytesIO()
-    figure.savefig(pixels, format="png", pil_kwargs={"compress_level": 4})
+    figure.savefig(pixels, format="png", pil_kwargs={"compress_level": 1})
     path.with_suffix(".png").write_bytes(pixels.getvalue())
     inline = base64.b64encode(pixels.getvalue()).decode("ascii")
     return f'<h2>{html.escape(heading)}</h2>\n<img alt="{html.escape(heading)}" src="data:image/png;base64,{inline}">'

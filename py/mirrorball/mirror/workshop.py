@@ -11,9 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import ezdxf
 import numpy as np
-from ezdxf import units
 
 from mirrorball.mirror.building import Mirror
 from mirrorball.mirror.law import Array
@@ -43,6 +41,10 @@ def write_csv(mirror: Mirror, path: str | Path, *, step_m: float = 1e-4) -> Expo
 
 def write_dxf(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7) -> Export:
     """The meridian as polylines in millimetres, one layer for each part, chords no further off than `deviation_m`."""
+    # Loading it costs a third of a second, which only drawings should pay.
+    import ezdxf
+    from ezdxf import units
+
     path = Path(path)
     drawing = ezdxf.new("R2010", units=units.MM)
     space = drawing.modelspace()
@@ -108,6 +110,8 @@ def read_stl(path: str | Path) -> Array:
 
 def read_dxf(path: str | Path) -> list[Array]:
     """The polylines of a drawing that `write_dxf` made: radius and height above the pinhole, metres."""
+    import ezdxf
+
     space = ezdxf.readfile(path).modelspace()
     return [np.array(line.get_points("xy")) / MM for line in space.query("LWPOLYLINE")]
 
