@@ -137,8 +137,13 @@ pub struct CompassConfig {
     pub known: f32,
     /// Most evidence one reading gives: a magnet beside the robot lies for a while.
     pub reading_max: f32,
-    /// Most evidence kept, so that a lasting contradiction is heard.
+    /// Most evidence kept, so that a lasting contradiction is heard; from there on the half is well established.
     pub evidence_max: f32,
+    /// A compass lives that kept its deviation while the robot turned this far, degrees; only such a one may overturn a
+    /// half that is well established. More than three deviations to each side, which a stuck one may seem to keep.
+    pub alive_turn_deg: f32,
+    /// A reading's noise averages out in this time, seconds.
+    pub noise_time: f32,
 }
 
 impl Default for CompassConfig {
@@ -149,6 +154,8 @@ impl Default for CompassConfig {
             known: 2.0,
             reading_max: 2.5,
             evidence_max: 10.0,
+            alive_turn_deg: 90.0,
+            noise_time: 0.3,
         }
     }
 }

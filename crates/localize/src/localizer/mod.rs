@@ -4,6 +4,7 @@
 //! Track → suspect → lost → relocalise follows nubot2013 4 (five cycles), with more evidence than its two thresholds:
 //! share of inliers, deviation from the prediction, the best pose of the whole field, the compass.
 
+mod half;
 mod relocate;
 mod report;
 mod track;
@@ -11,18 +12,20 @@ mod track;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::candidates::Candidates;
-use crate::config::{CompassConfig, LocalizeConfig, Tracker};
+use crate::config::{LocalizeConfig, Tracker};
 use crate::distance::DistanceField;
 use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
 use crate::filter::Belief;
-use crate::frame::{Pose, wrap_angle};
+use crate::frame::Pose;
 use crate::matching::Matcher;
 use crate::relocalise::Relocaliser;
 use crate::relocalise::scan_map::ScanMap;
 use crate::sample::{Compass, LinePoint, Odometry};
 use crate::search::Search;
 use crate::stamp::Stamp;
+
+use half::HalfEvidence;
 
 /// Follows one robot over one field.
 #[derive(Debug, Clone)]
@@ -44,8 +47,7 @@ pub struct Localizer {
     /// No gap in the odometry since the last frame.
     led: bool,
     compass: Option<Compass>,
-    /// Log odds that the belief's half is right rather than the other one.
-    half_evidence: f32,
+    half: HalfEvidence,
     /// A pose that explains the points better than the belief, and in how many frames it did.
     rival: Option<(Belief, u32)>,
     /// Hypotheses that nothing has decided between yet; none while there is a belief.
@@ -112,7 +114,7 @@ impl Localizer {
             odometry: None,
             led: false,
             compass: None,
-            half_evidence: 0.0,
+            half: HalfEvidence::default(),
             rival: None,
             candidates: Candidates::default(),
             strikes: 0,
@@ -150,7 +152,7 @@ impl Localizer {
     pub fn set_pose(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
         self.forget();
         self.belief = Some(Belief::new(pose, covariance, None, &self.config.filter));
-        self.half_evidence = self.config.compass.evidence_max;
+        self.half = HalfEvidence::told(&self.config.compass);
         self.reached = stamp;
         self.checked = stamp;
         self.led = true;
@@ -204,9 +206,8 @@ impl Localizer {
         if let Some(belief) = &self.belief
             && self.reached.seconds_until(sample.stamp).abs() <= config.age_max
         {
-            let deviation = wrap_angle(belief.pose().theta - sample.heading);
-            self.half_evidence = (self.half_evidence + half_evidence(deviation, config))
-                .clamp(-config.evidence_max, config.evidence_max);
+            self.half
+                .hear(sample.stamp, belief.pose().theta, sample.heading, config);
         }
     }
 
@@ -357,20 +358,12 @@ impl Localizer {
         self.belief = None;
         self.candidates.clear();
         self.relocaliser.restart();
-        self.half_evidence = 0.0;
+        self.half = HalfEvidence::default();
         self.rival = None;
         self.strikes = 0;
         self.base = None;
         self.moves.clear();
     }
-}
-
-/// Log odds of one compass reading for the half in which the heading deviates by `deviation` from it.
-fn half_evidence(deviation: f32, config: &CompassConfig) -> f32 {
-    let std = config.std_deg.to_radians();
-    let other = std::f32::consts::PI - deviation.abs();
-    (0.5 * (other * other - deviation * deviation) / (std * std))
-        .clamp(-config.reading_max, config.reading_max)
 }
 
 /// Only points that a camera can have seen take part.

@@ -1,6 +1,7 @@
 //! Where is the robot, when nothing leads there? The whole field, and the hypotheses that earlier frames left.
 
 use super::Localizer;
+use super::half::HalfEvidence;
 use crate::candidates::Evidence;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::relocalise::Sight;
@@ -86,11 +87,12 @@ impl Localizer {
             self.belief = Some(belief.clone());
             self.candidates.clear();
             self.relocaliser.restart();
-            self.half_evidence = if folded {
+            let odds = if folded {
                 0.0
             } else {
                 self.config.compass.known
             };
+            self.half = HalfEvidence::with_odds(odds);
             self.usual_share = estimate.inlier_share;
             self.checked = stamp;
             self.rival = None;

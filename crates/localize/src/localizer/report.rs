@@ -9,14 +9,14 @@ use crate::stamp::Stamp;
 
 impl Localizer {
     pub(super) fn half_known(&self) -> bool {
-        !self.search.symmetric() || self.half_evidence >= self.config.compass.known
+        !self.search.symmetric() || self.half.odds() >= self.config.compass.known
     }
 
     /// The half turn of the belief, which explains the points as well.
     fn other_half(&self, belief: &Belief, matched: Option<&Match>) -> Hypothesis {
         let other = belief.half_turned();
         // The compass's log odds; none heard is as likely as not.
-        let probability = 1.0 / (1.0 + self.half_evidence.exp());
+        let probability = 1.0 / (1.0 + self.half.odds().exp());
         Hypothesis {
             pose: other.pose(),
             covariance: other.covariance(),

@@ -23,10 +23,10 @@ impl Localizer {
             return self.coast(stamp, belief);
         }
         let contradicted =
-            self.search.symmetric() && self.half_evidence <= -self.config.compass.known;
+            self.search.symmetric() && self.half.odds() <= -self.config.compass.known;
         if contradicted {
             belief = belief.half_turned();
-            self.half_evidence = -self.half_evidence;
+            self.half.half_turned();
         }
         if self.config.tracker == Tracker::ScanMap {
             return self.track_by_scan_map(stamp, belief, points);
