@@ -20,7 +20,7 @@ use crate::play::{Play, THINKING};
 use crate::render::{Renderer, Scene, Setting};
 use crate::scenario::{FaultKind, Scenario, ScenarioError};
 use crate::sensors::{CompassModel, ImuModel};
-use crate::world::{BallState, RobotState, STEP, STEP_SECONDS, World};
+use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, World};
 
 /// What a sensor says, or what is true.
 #[derive(Debug, Clone, PartialEq)]
@@ -126,7 +126,7 @@ pub struct Sim {
     odometry: Clock,
     camera: Clock,
     thinking: Clock,
-    steps: u64,
+    steps: i64,
     next_kidnap: usize,
     next_push: usize,
     /// Sum of accelerations since the last IMU sample, and of how many steps.
@@ -153,7 +153,7 @@ impl Clock {
     /// True once a tick: when the time for it has come.
     fn due(&mut self, time: f64) -> bool {
         // Half a step early or late is as near as steps allow.
-        let due = time + STEP_SECONDS / 2.0 >= self.ticks as f64 / self.rate_hz;
+        let due = time + f64::from(STEP) / 2.0 >= self.ticks as f64 / self.rate_hz;
         self.ticks += u64::from(due);
         due
     }
@@ -272,7 +272,12 @@ impl Sim {
 
     /// Seconds since the start.
     pub fn time(&self) -> f64 {
-        self.steps as f64 * STEP_SECONDS
+        self.stamp().seconds()
+    }
+
+    /// Time since the start: a whole number of steps.
+    fn stamp(&self) -> Stamp {
+        Stamp(self.steps * STEP_NANOSECONDS)
     }
 
     /// Takes over from the scenario's path; `None` gives it back.
@@ -318,7 +323,7 @@ impl Sim {
     /// What is true now.
     pub fn truth(&self) -> Truth {
         Truth {
-            stamp: Stamp::from_seconds(self.time()),
+            stamp: self.stamp(),
             robot: self.world.robot(),
             ball: self.world.ball(),
             others: self.world.others().collect(),
@@ -385,7 +390,7 @@ impl Sim {
     /// Reads every sensor whose time has come: motion first, then truth and image.
     fn sense(&mut self) {
         let time = self.time();
-        let stamp = Stamp::from_seconds(time);
+        let stamp = self.stamp();
         if self.odometry.due(time) {
             self.sense_wheels(stamp);
         }
@@ -509,7 +514,7 @@ impl Iterator for Sim {
     /// The next sample; none once the scenario's duration is over.
     fn next(&mut self) -> Option<Sample> {
         let end = Stamp::from_seconds(self.scenario.duration);
-        if self.ready.is_empty() && self.time() > self.scenario.duration {
+        if self.ready.is_empty() && self.stamp() > end {
             return None;
         }
         let sample = self.next_sample();

@@ -11,9 +11,9 @@ use crate::base::{Base, Twist};
 use crate::scenario::{BallConfig, Scenario, Team};
 
 /// Length of a step, seconds: at 12 m/s a ball moves a tenth of its diameter.
-pub const STEP: f32 = STEP_SECONDS as f32;
-/// The same for the clock, which must not inherit f32's rounding.
-pub(crate) const STEP_SECONDS: f64 = 0.002;
+pub const STEP: f32 = (STEP_NANOSECONDS as f64 * 1e-9) as f32;
+/// The same for the clock: whole nanoseconds, so that stamps never drift or round.
+pub(crate) const STEP_NANOSECONDS: i64 = 2_000_000;
 
 /// Mass of each of the other robots, kilograms (the league allows 40).
 const OTHER_MASS: f32 = 35.0;

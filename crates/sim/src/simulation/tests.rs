@@ -49,6 +49,16 @@ fn samples_come_in_time_order_at_their_rates() {
 }
 
 #[test]
+fn stamps_are_whole_steps_however_long_it_runs() {
+    let mut sim = small(|_| {});
+    sim.steps = 8_467;
+    assert_eq!(sim.truth().stamp, Stamp(16_934_000_000));
+    assert_eq!(sim.time(), 16.934);
+    let mut stamps = small(|scenario| scenario.frame_rate_hz = 1.0);
+    assert!(stamps.all(|sample| sample.stamp().0 % STEP_NANOSECONDS == 0));
+}
+
+#[test]
 fn a_kidnap_changes_our_pose_and_nobody_elses() {
     let kidnap = Kidnap {
         time: 0.5,
