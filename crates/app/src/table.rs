@@ -94,9 +94,10 @@ impl<'a> Row<'a> {
     /// The field as a finite number.
     pub fn number(&self, column: &str) -> Result<f64> {
         let text = self.text(column)?;
-        let value: f64 = text.parse().map_err(|_: std::num::ParseFloatError| {
-            anyhow::anyhow!("{}: {column} = {text:?} is not a number", self.place())
-        })?;
+        let value: f64 = text
+            .parse()
+            .ok()
+            .with_context(|| format!("{}: {column} = {text:?} is not a number", self.place()))?;
         ensure!(
             value.is_finite(),
             "{}: {column} = {text} is not finite",
