@@ -60,7 +60,18 @@ impl NativeTable {
     /// The class of a pixel by its three channels.
     #[inline]
     pub fn class(&self, [a, b, c]: [u8; 3]) -> Class {
-        let index = usize::from(a >> 2) << 12 | usize::from(b >> 2) << 6 | usize::from(c >> 2);
-        self.classes[index]
+        self.at(NativeTable::cell(u32::from_le_bytes([a, b, c, 0])))
+    }
+
+    /// Cell of a pixel whose first channel is in the lowest byte; the highest byte does not matter.
+    #[inline]
+    pub(crate) fn cell(pixel: u32) -> u32 {
+        (pixel & 0xfc) << 10 | (pixel & 0xfc00) >> 4 | pixel >> 18 & 0x3f
+    }
+
+    /// The class of a cell.
+    #[inline]
+    pub(crate) fn at(&self, cell: u32) -> Class {
+        self.classes[cell as usize & ((1 << 18) - 1)]
     }
 }

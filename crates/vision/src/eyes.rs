@@ -48,6 +48,7 @@ pub struct Eyes {
     config: VisionConfig,
     line_width: f32,
     pattern: ScanPattern,
+    /// Reads the pattern's samples and then the rays'.
     reader: Reader,
     rays: Rays,
     visited: Visited,
@@ -122,10 +123,15 @@ impl Eyes {
                 reason: "no pixel of the map shows ground within range",
             });
         }
+        let rays = Rays::new(map, camera, mask, config.scan.range_min, &config.objects);
+        let lines = pattern.samples.iter().map(|s| [s.u, s.v]);
+        let places: Vec<[u16; 2]> = lines
+            .chain(rays.samples.iter().map(|s| [s.u, s.v]))
+            .collect();
         Ok(Eyes {
             map: map.clone(),
-            reader: Reader::new(pattern.samples.iter().map(|s| [s.u, s.v]).collect()),
-            rays: Rays::new(map, camera, mask, config.scan.range_min, &config.objects),
+            reader: Reader::new(&places),
+            rays,
             visited: Visited::default(),
             centre_px: camera.centre_px,
             values: vec![0; pattern.samples.len()],
@@ -206,19 +212,23 @@ impl Eyes {
             }
         };
         seen.carpet_share = share;
-        let sights = self.sights(frame, &light, &mut seen);
+        let sights = self.sights(&mut seen);
         Ok((light, sights, seen))
     }
 
-    /// Fills `values` and `classes`; returns the share of samples that are carpet.
+    /// Fills `values` and the classes of pattern and rays; returns the share of samples that are carpet.
     fn read(&mut self, frame: &Frame<'_>, light: &Light) -> f32 {
-        self.reader.read(
-            frame,
-            &light.table,
-            light.weights,
-            &mut self.values,
-            &mut self.classes,
-        );
+        let readings = self.reader.read(frame, &light.table, light.weights);
+        let (lines, rays) = readings.split_at(self.values.len());
+        for (value, reading) in self.values.iter_mut().zip(lines) {
+            *value = reading.0;
+        }
+        for (class, reading) in self.classes.iter_mut().zip(lines) {
+            *class = reading.1;
+        }
+        for (class, reading) in self.rays.classes.iter_mut().zip(rays) {
+            *class = reading.1;
+        }
         let carpet: u32 = self
             .classes
             .iter()
@@ -255,7 +265,7 @@ impl Eyes {
         let mut share = self.read(frame, &light);
         self.measure_noise(&mut light);
         let mut seen = Seen::default();
-        self.sights(frame, &light, &mut seen);
+        self.sights(&mut seen);
         self.find_lines(frame, &light, &mut seen);
         if let Some(white) = white_of(frame, &seen) {
             light = self.light_of(light.model.with_white(white, light.noise), frame.format);
@@ -325,8 +335,7 @@ impl Eyes {
     }
 
     /// Follows the rays to the carpet's end.
-    fn sights(&mut self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) -> Vec<RaySight> {
-        self.rays.read(frame, &light.table);
+    fn sights(&self, seen: &mut Seen) -> Vec<RaySight> {
         let sights = self.rays.sights(&self.config.objects);
         seen.carpet_end = sights.iter().map(|sight| sight.end).collect();
         sights
@@ -368,7 +377,6 @@ impl Eyes {
         };
         let judge = Judge {
             frame,
-            map: &self.map,
             model: &light.model,
             config: &self.config.lines,
             line_width: self.line_width,

@@ -9,10 +9,9 @@ use localize::sample::LinePoint;
 use crate::carpet::CarpetModel;
 use crate::colours::Class;
 use crate::config::LineConfig;
-use crate::ground_map::GroundMap;
 use crate::image::Frame;
 use crate::runs::{Run, peaks};
-use crate::scan::{ScanPattern, ScanSample, ground_per_px};
+use crate::scan::{ScanPattern, ScanSample};
 
 /// Why a run is no line point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +66,6 @@ pub(crate) struct Reading<'a> {
 /// What a run is judged by.
 pub(crate) struct Judge<'a> {
     pub(crate) frame: &'a Frame<'a>,
-    pub(crate) map: &'a GroundMap,
     pub(crate) model: &'a CarpetModel,
     pub(crate) config: &'a LineConfig,
     pub(crate) line_width: f32,
@@ -207,14 +205,11 @@ impl Judge<'_> {
         if beyond_carpet(self.carpet_end, sample) {
             return Err(Refusal::BeyondCarpet);
         }
-        let (radial, tangential) =
-            ground_per_px(self.map, usize::from(sample.u), usize::from(sample.v))
-                .ok_or(Refusal::BeyondCarpet)?;
         Ok(SeenLinePoint {
             point: LinePoint {
                 at: At::new(ground[0], ground[1]),
-                std_radial: self.config.position_std_px * radial,
-                std_tangential: self.config.position_std_px * tangential,
+                std_radial: self.config.position_std_px * sample.radial_px,
+                std_tangential: self.config.position_std_px * sample.tangential_px,
             },
             at_px: line.at_px(middle),
             contrast: run.contrast,

@@ -3,11 +3,9 @@
 use std::f32::consts::TAU;
 
 use crate::camera::CameraConfig;
-use crate::colours::{Class, NativeTable};
+use crate::colours::Class;
 use crate::config::ObjectConfig;
 use crate::ground_map::GroundMap;
-use crate::image::Frame;
-use crate::read::Reader;
 
 /// A sample of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,9 +24,8 @@ pub(crate) struct Rays {
     pub(crate) samples: Vec<RaySample>,
     /// Where each ray starts in `samples`, and one past the last.
     pub(crate) starts: Vec<usize>,
+    /// What was read, one a sample.
     pub(crate) classes: Vec<Class>,
-    values: Vec<u8>,
-    reader: Reader,
 }
 
 /// What one ray shows.
@@ -89,8 +86,6 @@ impl Rays {
         }
         Rays {
             classes: vec![Class::OTHER; samples.len()],
-            values: vec![0; samples.len()],
-            reader: Reader::new(samples.iter().map(|s| [s.u, s.v]).collect()),
             samples,
             starts,
         }
@@ -98,17 +93,6 @@ impl Rays {
 
     pub(crate) fn count(&self) -> usize {
         self.starts.len() - 1
-    }
-
-    pub(crate) fn read(&mut self, frame: &Frame<'_>, table: &NativeTable) {
-        // Rays need no brightness; the green channel is as good as any.
-        self.reader.read(
-            frame,
-            table,
-            [0, 256, 0],
-            &mut self.values,
-            &mut self.classes,
-        );
     }
 
     /// Follows each ray to the carpet's end.

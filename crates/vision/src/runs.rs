@@ -62,7 +62,16 @@ impl Walk {
         let least = block.iter().fold(u8::MAX, |a, &b| a.min(b));
         let most = block.iter().fold(0, |a, &b| a.max(b));
         if self.rising {
-            return most <= self.high && self.high - least < threshold;
+            let high = self.high.max(most);
+            if high - least >= threshold {
+                return false;
+            }
+            if most > self.high
+                && let Some(place) = block.iter().position(|&value| value == most)
+            {
+                (self.high, self.high_at) = (most, start + place);
+            }
+            return true;
         }
         let low = self.low.min(least);
         if most.saturating_sub(low) >= threshold {

@@ -45,6 +45,8 @@ pub struct ScanSample {
     pub range: f32,
     /// Ground that the pixel covers along the direction from the robot, metres.
     pub radial_px: f32,
+    /// Ground that the pixel covers across that direction, metres.
+    pub tangential_px: f32,
     /// Direction from the mirror's axis in the image, turns from image right towards image up, in [0, 1).
     pub turns: f32,
 }
@@ -193,7 +195,7 @@ impl Builder<'_> {
         if !(self.config.range_min..=self.config.range_max).contains(&range) {
             return None;
         }
-        let (radial, _) = ground_per_px(self.map, column, row)?;
+        let (radial, tangential) = ground_per_px(self.map, column, row)?;
         if radial > self.radial_px_max {
             return None;
         }
@@ -204,6 +206,7 @@ impl Builder<'_> {
             ground: [ground.x, ground.y],
             range,
             radial_px: radial,
+            tangential_px: tangential,
             turns: (angle / TAU).rem_euclid(1.0),
         })
     }
