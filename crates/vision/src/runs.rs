@@ -59,8 +59,7 @@ struct Walk {
 impl Walk {
     /// Takes a whole block at once if no peak can begin or end in it.
     fn passes(&mut self, block: &[u8; BLOCK], start: usize, threshold: u8) -> bool {
-        let least = block.iter().fold(u8::MAX, |a, &b| a.min(b));
-        let most = block.iter().fold(0, |a, &b| a.max(b));
+        let (least, most) = extremes(block);
         if self.rising {
             let high = self.high.max(most);
             if high - least >= threshold {
@@ -91,27 +90,79 @@ impl Walk {
         range: std::ops::Range<usize>,
         found: &mut impl FnMut(Run),
     ) {
-        for index in range {
-            let (value, threshold) = (values[index], thresholds[index]);
+        let (values_here, thresholds) = (&values[..range.end], &thresholds[..range.end]);
+        let mut index = range.start;
+        while index < range.end {
             if self.rising {
-                if value > self.high {
-                    (self.high, self.high_at) = (value, index);
-                } else if self.high - value >= threshold {
-                    if let Some(run) = run(values, self.left_valley, self.high_at, threshold) {
-                        found(run);
-                    }
-                    self.rising = false;
-                    (self.low, self.low_at) = (value, index);
+                let Some(fall) = self.fall(values_here, thresholds, index) else {
+                    return;
+                };
+                if let Some(run) = run(values, self.left_valley, self.high_at, thresholds[fall]) {
+                    found(run);
                 }
-            } else if value < self.low {
-                (self.low, self.low_at) = (value, index);
-            } else if value - self.low >= threshold {
+                self.rising = false;
+                (self.low, self.low_at) = (values[fall], fall);
+                index = fall + 1;
+            } else {
+                let Some(rise) = self.rise(values_here, thresholds, index) else {
+                    return;
+                };
                 self.rising = true;
                 self.left_valley = self.low_at;
-                (self.high, self.high_at) = (value, index);
+                (self.high, self.high_at) = (values[rise], rise);
+                index = rise + 1;
             }
         }
     }
+
+    /// The first sample that lies by its threshold below the highest so far.
+    fn fall(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
+        let (mut high, mut high_at) = (self.high, self.high_at);
+        let samples = values[start..].iter().zip(&thresholds[start..]);
+        let mut fall = None;
+        for (index, (&value, &threshold)) in (start..).zip(samples) {
+            if high.saturating_sub(value) >= threshold {
+                fall = Some(index);
+                break;
+            }
+            high_at = if value > high { index } else { high_at };
+            high = high.max(value);
+        }
+        (self.high, self.high_at) = (high, high_at);
+        fall
+    }
+
+    /// The first sample that lies by its threshold above the lowest so far.
+    fn rise(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
+        let (mut low, mut low_at) = (self.low, self.low_at);
+        let samples = values[start..].iter().zip(&thresholds[start..]);
+        let mut rise = None;
+        for (index, (&value, &threshold)) in (start..).zip(samples) {
+            if value.saturating_sub(low) >= threshold {
+                rise = Some(index);
+                break;
+            }
+            low_at = if value < low { index } else { low_at };
+            low = low.min(value);
+        }
+        (self.low, self.low_at) = (low, low_at);
+        rise
+    }
+}
+
+/// Least and greatest of a block.
+///
+/// Halved again and again: a fold in order becomes a chain of branches, halves become vector instructions.
+#[inline]
+fn extremes(block: &[u8; BLOCK]) -> (u8, u8) {
+    let (mut least, mut most) = (*block, *block);
+    for half in [8, 4, 2, 1] {
+        for index in 0..half {
+            least[index] = least[index].min(least[index + half]);
+            most[index] = most[index].max(most[index + half]);
+        }
+    }
+    (least[0], most[0])
 }
 
 fn run(values: &[u8], left_valley: usize, peak: usize, threshold: u8) -> Option<Run> {
