@@ -79,24 +79,35 @@ const NOISES: usize = 1 << 14;
 pub(crate) const RUN: usize = 256;
 /// Steps of the linear scale: fine enough that sRGB's steepest part moves by less than one byte.
 const TONES: usize = 4096;
+/// Entries of the tone table: a power of two, so that a mask stands for a check.
+const TONE_TABLE: usize = 8192;
+/// Pixels developed once an image from which all those around the mirror are taken.
+const DARK: usize = 4096;
 /// Linear value of full white.
 const WHITE: f32 = 1.0;
 
 /// Turns linear light into sRGB bytes.
 pub(crate) struct Film {
     noise: Vec<f32>,
-    /// sRGB byte of each linear step.
-    tone: Vec<u8>,
+    /// sRGB byte of each linear step; full white beyond the last.
+    tone: Box<[u8; TONE_TABLE]>,
+    /// Pixels that see the dark around the mirror, each with noise of its own.
+    dark: Vec<[u8; 3]>,
 }
+
+/// Tones of a run of pixels, one plane a colour: places in the tone table.
+pub(crate) type Tones = [[u16; RUN]; 3];
 
 impl Film {
     pub(crate) fn new(rng: &mut ChaCha8Rng) -> Self {
-        let tone = (0..=TONES)
-            .map(|step| encode(step as f32 / TONES as f32))
-            .collect();
+        let mut tone = Box::new([u8::MAX; TONE_TABLE]);
+        for (step, byte) in tone[..=TONES].iter_mut().enumerate() {
+            *byte = encode(step as f32 / TONES as f32);
+        }
         Film {
             noise: (0..NOISES + 3 * RUN).map(|_| normal(rng)).collect(),
             tone,
+            dark: vec![[0; 3]; DARK + RUN],
         }
     }
 
@@ -109,7 +120,7 @@ impl Film {
         lamp: [f32; 3],
         scale: &[f32],
         rng: &mut Pcg,
-        bytes: &mut [[u8; RUN]; 3],
+        tones: &mut Tones,
     ) {
         let count = scale.len().min(RUN);
         let start = rng.draw() as usize % NOISES;
@@ -122,22 +133,55 @@ impl Film {
             let read2 = read * read;
             let noise = &self.noise[start + colour * RUN..][..count];
             let light = &light[colour][..count];
-            let mut steps = [0u16; RUN];
+            let tones = &mut tones[colour][..count];
             for i in 0..count {
                 let value = (light[i] + config.haze) * scale[i] * exposed;
                 let noisy = value + noise[i] * (value * shot + read2).sqrt();
                 let step = (noisy * (TONES as f32 / WHITE)).clamp(0.0, TONES as f32);
                 // Adding 2²³ leaves the rounded number in the lowest bits; a cast would check for NaN.
-                steps[i] = ((step + 8_388_608.0).to_bits() & 0x1fff) as u16;
-            }
-            let tone: &[u8; TONES + 1] = match self.tone[..].try_into() {
-                Ok(tone) => tone,
-                Err(_) => return,
-            };
-            for i in 0..count {
-                bytes[colour][i] = tone[usize::from(steps[i]).min(TONES)];
+                tones[i] = (step + 8_388_608.0).to_bits() as u16;
             }
         }
+    }
+
+    /// Puts a developed run where its pixels are.
+    pub(crate) fn print(&self, run: &[u32], tones: &Tones, pixels: &mut [[u8; 3]]) {
+        let [red, green, blue] = tones;
+        for (((&pixel, &red), &green), &blue) in run.iter().zip(red).zip(green).zip(blue) {
+            pixels[pixel as usize] = [
+                self.tone[usize::from(red) & (TONE_TABLE - 1)],
+                self.tone[usize::from(green) & (TONE_TABLE - 1)],
+                self.tone[usize::from(blue) & (TONE_TABLE - 1)],
+            ];
+        }
+    }
+
+    /// Develops pixels that all see `light`: each run of them is a stretch of one strip, read from another place.
+    pub(crate) fn fill(
+        &mut self,
+        config: &FilmConfig,
+        (light, lamp, scale): ([f32; 3], [f32; 3], f32),
+        rng: &mut Pcg,
+        blank: &[u32],
+        pixels: &mut [[u8; 3]],
+    ) {
+        let (light, scale) = (light.map(|part| [part; RUN]), [scale; RUN]);
+        let places: [u32; RUN] = std::array::from_fn(|place| place as u32);
+        let mut tones = [[0; RUN]; 3];
+        let mut dark = std::mem::take(&mut self.dark);
+        for strip in dark[..DARK].chunks_exact_mut(RUN) {
+            let light = light.each_ref().map(|plane| &plane[..]);
+            self.develop(config, light, lamp, &scale, rng, &mut tones);
+            self.print(&places, &tones, strip);
+        }
+        dark.copy_within(..RUN, DARK);
+        for run in blank.chunks(RUN) {
+            let start = rng.draw() as usize % DARK;
+            for (&pixel, shown) in run.iter().zip(&dark[start..start + RUN]) {
+                pixels[pixel as usize] = *shown;
+            }
+        }
+        self.dark = dark;
     }
 }
 
@@ -202,7 +246,9 @@ mod tests {
         };
         let mut spread = |level: f32| {
             let light = [level; RUN];
-            let (mut sum, mut square, mut bytes) = (0.0, 0.0, [[0; RUN]; 3]);
+            let (mut sum, mut square, mut tones) = (0.0, 0.0, [[0; RUN]; 3]);
+            let places: Vec<u32> = (0..RUN as u32).collect();
+            let mut pixels = [[0; 3]; RUN];
             for _ in 0..200 {
                 film.develop(
                     &config,
@@ -210,9 +256,10 @@ mod tests {
                     [1.0; 3],
                     &[1.0; RUN],
                     &mut pcg,
-                    &mut bytes,
+                    &mut tones,
                 );
-                for &byte in &bytes[1] {
+                film.print(&places, &tones, &mut pixels);
+                for &[_, byte, _] in &pixels {
                     let value = f64::from(decode(byte));
                     sum += value;
                     square += value * value;

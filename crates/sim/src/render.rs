@@ -162,7 +162,7 @@ impl Renderer {
             for &(middle, width) in scene.occlusions {
                 occlude(middle, width, rays, tile, plate);
             }
-            let mut bytes = [[0u8; RUN]; 3];
+            let mut tones = [[0; RUN]; 3];
             let mut scale = [0f32; RUN];
             for start in tile.rays.clone().step_by(RUN) {
                 let run = start..(start + RUN).min(tile.rays.end);
@@ -176,38 +176,15 @@ impl Renderer {
                     scene.lamp,
                     &scale[..run.len()],
                     &mut self.pcg,
-                    &mut bytes,
+                    &mut tones,
                 );
-                print(&rays.pixel[run], &bytes, pixels);
+                self.film.print(&rays.pixel[run], &tones, pixels);
             }
         }
-        self.develop_blank(scene.lamp, film, pixels);
-    }
-
-    /// The pixels around the mirror: dark, with the sensor's noise.
-    fn develop_blank(&mut self, lamp: [f32; 3], film: &FilmConfig, pixels: &mut [[u8; 3]]) {
-        let mut bytes = [[0u8; RUN]; 3];
-        let dark = HOOD.map(|part| [part; RUN]);
-        let scale = [1.0 - film.vignetting; RUN];
-        for run in self.rays.blank.chunks(RUN) {
-            let light = dark.each_ref().map(|plane| &plane[..run.len()]);
-            self.film.develop(
-                film,
-                light,
-                lamp,
-                &scale[..run.len()],
-                &mut self.pcg,
-                &mut bytes,
-            );
-            print(run, &bytes, pixels);
-        }
-    }
-}
-
-/// Puts developed bytes where their pixels are.
-fn print(run: &[u32], [red, green, blue]: &[[u8; RUN]; 3], pixels: &mut [[u8; 3]]) {
-    for (((&pixel, &red), &green), &blue) in run.iter().zip(red).zip(green).zip(blue) {
-        pixels[pixel as usize] = [red, green, blue];
+        // The pixels around the mirror: dark, with the sensor's noise.
+        let dark = (HOOD, scene.lamp, 1.0 - film.vignetting);
+        self.film
+            .fill(film, dark, &mut self.pcg, &rays.blank, pixels);
     }
 }
 

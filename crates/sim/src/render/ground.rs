@@ -15,6 +15,8 @@ use crate::light::LightConfig;
 const FARTHEST: f32 = 60.0;
 /// Most lookups along a stretched footprint.
 const MOST_TAPS: usize = 6;
+/// Most lookups of a run: few enough that many runs meet no paint.
+const TAP_RUN: usize = 128;
 /// How far beyond the carpet light is told apart, metres.
 const LIGHT_BEYOND: f32 = 4.0;
 /// Cell of the light's texture, metres: light changes slowly.
@@ -45,7 +47,7 @@ pub(super) struct Ground {
 }
 
 /// Lookups in the paint: one a ray, or several along a stretched footprint; in tiles of neighbouring rays, and within
-/// a tile by texture, so that long runs of lookups read one small part of one texture.
+/// a tile by texture and distance, so that a run of lookups reads one small part of one texture.
 #[derive(Default)]
 struct Taps {
     /// Where, robot frame.
@@ -64,6 +66,54 @@ struct Run {
     level: usize,
     /// What each of them counts for its ray, over the largest byte.
     share: f32,
+    bounds: Bounds,
+}
+
+/// A box around points of the robot frame: its middle, a unit vector along its first side, and half its sides.
+#[derive(Default)]
+struct Bounds {
+    centre: [f32; 2],
+    axis: [f32; 2],
+    half: [f32; 2],
+}
+
+impl Bounds {
+    /// Around all of the points, its first side towards their mean.
+    fn around(x: &[f32], y: &[f32]) -> Self {
+        let (sum_x, sum_y) = (x.iter().sum::<f32>(), y.iter().sum::<f32>());
+        let length = sum_x.hypot(sum_y).max(1e-9);
+        let axis = [sum_x / length, sum_y / length];
+        let (mut least, mut most) = ([f32::MAX; 2], [f32::MIN; 2]);
+        for (x, y) in x.iter().zip(y) {
+            let at = [x * axis[0] + y * axis[1], y * axis[0] - x * axis[1]];
+            for side in 0..2 {
+                least[side] = least[side].min(at[side]);
+                most[side] = most[side].max(at[side]);
+            }
+        }
+        let [along, across] = [0, 1].map(|side| (least[side] + most[side]) / 2.0);
+        Bounds {
+            centre: [
+                along * axis[0] - across * axis[1],
+                along * axis[1] + across * axis[0],
+            ],
+            axis,
+            half: [0, 1].map(|side| (most[side] - least[side]) / 2.0),
+        }
+    }
+
+    /// Whether a texture may be other than nought somewhere inside, seen from a pose.
+    fn any_in(&self, texture: &Texture, pose: Pose, (sin, cos): (f32, f32)) -> bool {
+        let [x, y] = self.centre;
+        let centre = [pose.x + cos * x - sin * y, pose.y + sin * x + cos * y];
+        let along_x = (cos * self.axis[0] - sin * self.axis[1]).abs();
+        let along_y = (sin * self.axis[0] + cos * self.axis[1]).abs();
+        let half = [
+            self.half[0] * along_x + self.half[1] * along_y,
+            self.half[0] * along_y + self.half[1] * along_x,
+        ];
+        texture.any_within(centre, half)
+    }
 }
 
 /// The short and the long side of a footprint, and the direction of the long one.
@@ -142,6 +192,11 @@ impl Ground {
         white.clear();
         white.resize(tile.rays.len(), 0.0);
         for run in &self.taps.tiles[index] {
+            // Most of a field is bare.
+            let texture = &self.paint.levels[run.level];
+            if !run.bounds.any_in(texture, pose, turn) {
+                continue;
+            }
             let taps = run.start..run.start + run.count;
             scratch.place(
                 pose,
@@ -149,7 +204,7 @@ impl Ground {
                 &self.taps.x[taps.clone()],
                 &self.taps.y[taps.clone()],
             );
-            scratch.look_up(&self.paint.levels[run.level], Channel::A);
+            scratch.look_up(texture, Channel::A);
             for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.a) {
                 white[*ray as usize] += run.share * value;
             }
@@ -227,16 +282,21 @@ impl Taps {
     ) -> Self {
         let mut taps = Taps::default();
         for tile in &rays.tiles {
+            let distance = |ray: usize| x[ray].hypot(y[ray]);
             let mut sorted: Vec<(usize, usize, usize)> = tile
                 .rays
                 .clone()
-                .filter(|&ray| x[ray].hypot(y[ray]) < reach)
+                .filter(|&ray| distance(ray) < reach)
                 .map(|ray| {
                     let (count, side) = footprints[ray].taps();
                     (paint.level(side), count, ray)
                 })
                 .collect();
-            sorted.sort_unstable();
+            // By distance, so that a run lies close together: where there is no paint, it is passed over.
+            sorted.sort_by(|a, b| {
+                let near = distance(a.2).total_cmp(&distance(b.2));
+                (a.0, a.1).cmp(&(b.0, b.1)).then(near).then(a.2.cmp(&b.2))
+            });
             let mut runs: Vec<Run> = Vec::new();
             for (level, count, ray) in sorted {
                 let Footprint { long, towards, .. } = footprints[ray];
@@ -248,6 +308,10 @@ impl Taps {
                     taps.ray.push((ray - tile.rays.start) as u32);
                 }
             }
+            for run in &mut runs {
+                let within = run.start..run.start + run.count;
+                run.bounds = Bounds::around(&taps.x[within.clone()], &taps.y[within]);
+            }
             taps.tiles.push(runs);
         }
         taps
@@ -257,12 +321,15 @@ impl Taps {
 /// Lengthens the last run by the lookup `next`, or starts another.
 fn lengthen(runs: &mut Vec<Run>, next: usize, level: usize, share: f32) {
     match runs.last_mut() {
-        Some(run) if (run.level, run.share) == (level, share) && run.count < RUN => run.count += 1,
+        Some(run) if (run.level, run.share) == (level, share) && run.count < TAP_RUN => {
+            run.count += 1
+        }
         _ => runs.push(Run {
             start: next,
             count: 1,
             level,
             share,
+            bounds: Bounds::default(),
         }),
     }
 }

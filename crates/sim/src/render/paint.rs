@@ -29,6 +29,8 @@ pub(super) struct Texture {
     pub(super) rows: usize,
     /// Corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1); see `index` for their order.
     pub(super) cells: Vec<u32>,
+    /// How many blocks of cells left of and below each corner of blocks are not all nought.
+    filled: Vec<u32>,
 }
 
 impl Texture {
@@ -43,6 +45,7 @@ impl Texture {
             columns,
             rows,
             cells: Vec::new(),
+            filled: Vec::new(),
         };
         let grid: Vec<u8> = (0..rows * columns)
             .map(|index| {
@@ -72,6 +75,35 @@ impl Texture {
                     u32::from_le_bytes(corners);
             }
         }
+        self.count_filled();
+    }
+
+    fn count_filled(&mut self) {
+        let stride = self.blocks() as usize + 1;
+        self.filled = vec![0; stride * (self.rows.div_ceil(4) + 1)];
+        for (index, block) in self.cells.chunks_exact(16).enumerate() {
+            let (column, row) = (index % (stride - 1), index / (stride - 1));
+            let corner = row * stride + column;
+            let left = self.filled[corner + stride] + self.filled[corner + 1];
+            self.filled[corner + stride + 1] =
+                left - self.filled[corner] + u32::from(block.iter().any(|&cell| cell != 0));
+        }
+    }
+
+    /// Whether any lookup within ± half of a point of the field may be other than nought.
+    pub(super) fn any_within(&self, centre: [f32; 2], half: [f32; 2]) -> bool {
+        let stride = self.blocks() as usize + 1;
+        // A cell to spare: lookups round.
+        let block = |metres: f32, spare: f32, most: usize| {
+            ((metres * self.per_metre + spare).max(0.0) as usize).min(most - 1) / 4
+        };
+        let (x, y) = (centre[0] - self.left, centre[1] - self.bottom);
+        let left = block(x - half[0], -1.0, self.columns);
+        let right = block(x + half[0], 1.0, self.columns) + 1;
+        let bottom = block(y - half[1], -1.0, self.rows) * stride;
+        let top = (block(y + half[1], 1.0, self.rows) + 1) * stride;
+        let below = self.filled[bottom + right] - self.filled[bottom + left];
+        self.filled[top + right] - self.filled[top + left] > below
     }
 
     /// Blocks of four columns in a row of blocks.

@@ -161,15 +161,28 @@ impl Rays {
         reach: &Reach,
         tile: &Tile,
     ) -> impl Iterator<Item = Range<usize>> + '_ {
-        let reach = *reach;
-        let inside = move |bin: &usize| (bin + BINS - reach.first) % BINS < reach.count;
-        tile.bins.clone().filter(inside).map(move |bin| {
-            let start = self.starts[bin];
-            let slopes = &self.slope[start..self.starts[bin + 1]];
-            let first = slopes.partition_point(|&slope| slope < reach.low);
-            let last = slopes.partition_point(|&slope| slope <= reach.high);
-            start + first..start + last.max(first)
-        })
+        let Reach {
+            first,
+            count,
+            low,
+            high,
+        } = *reach;
+        let bins = tile.bins.clone();
+        // The reach may run past the last bin and on from bin nought.
+        [0, BINS]
+            .into_iter()
+            .flat_map(move |turn| {
+                let from = first.max(bins.start + turn) - turn;
+                let to = (first + count).min(bins.end + turn).max(turn) - turn;
+                from..to
+            })
+            .map(move |bin| {
+                let start = self.starts[bin];
+                let slopes = &self.slope[start..self.starts[bin + 1]];
+                let from = slopes.partition_point(|&slope| slope < low);
+                let more = slopes[from..].partition_point(|&slope| slope <= high);
+                start + from..start + from + more
+            })
     }
 
     /// The rays that may meet what lies within `radius` of (x, y) and between two heights; some beside it too.

@@ -302,50 +302,67 @@ fn draw_sphere(ball: &Sphere, reach: &Reach, brush: &Brush, plate: &mut Plate) {
 }
 
 fn draw_screen(screen: &Screen, reach: &Reach, brush: &Brush, plate: &mut Plate) {
-    let rays = brush.rays;
+    match screen.mesh {
+        Some([mesh, cord]) => draw_screen_runs(screen, reach, brush, plate, |at, width| {
+            1.0 - (1.0 - cords(at[0], mesh, cord, width[0]))
+                * (1.0 - cords(at[1], mesh, cord, width[1]))
+        }),
+        None => draw_screen_runs(screen, reach, brush, plate, |_, _| 1.0),
+    }
+}
+
+/// Draws a screen over every ray that may meet it; without branches, so that eight rays go at once. `solid`: how much
+/// of a footprint the screen fills, by its place along and up the screen and by its sides.
+#[inline(always)]
+fn draw_screen_runs(
+    screen: &Screen,
+    reach: &Reach,
+    brush: &Brush,
+    plate: &mut Plate,
+    solid: impl Fn([f32; 2], [f32; 2]) -> f32,
+) {
     let (ex, ey) = (screen.to[0] - screen.from[0], screen.to[1] - screen.from[1]);
     let length = ex.hypot(ey).max(1e-6);
-    for run in rays.within(reach, brush.tile) {
-        for ray in run {
-            let (dx, dy) = (
-                screen.from[0] - rays.origin_x[ray],
-                screen.from[1] - rays.origin_y[ray],
-            );
-            let (tx, ty) = (rays.towards_x[ray], rays.towards_y[ray]);
-            let cross = tx * ey - ty * ex;
-            if cross.abs() < 1e-6 {
-                continue;
-            }
-            let way = (dx * ey - dy * ex) / cross;
-            if way <= 0.0 {
-                continue;
-            }
-            let along = (dx * ty - dy * tx) / cross * length;
-            let height = rays.origin_z[ray] + rays.slope[ray] * way;
+    let colour = screen.colour;
+    for run in brush.rays.within(reach, brush.tile) {
+        let [red, green, blue] = plate.run(&run);
+        let RayRun {
+            origin: [ox, oy, oz],
+            towards: [tx, ty],
+            slope,
+            spacing,
+            slope_spacing,
+        } = brush.rays.run(&run);
+        for i in 0..slope.len() {
+            let (dx, dy) = (screen.from[0] - ox[i], screen.from[1] - oy[i]);
+            let cross = tx[i] * ey - ty[i] * ex;
+            // A ray along the screen misses it.
+            let per_cross = 1.0 / cross.abs().max(1e-6).copysign(cross);
+            let way = (dx * ey - dy * ex) * per_cross;
+            let ahead = if way > 0.0 { 1.0 } else { 0.0 };
+            let way = way.max(0.0);
+            let along = (dx * ty[i] - dy * tx[i]) * per_cross * length;
+            let height = oz[i] + slope[i] * way;
             // Seen at a slant the screen's own metres are longer.
-            let across = way * rays.spacing[ray] * length / cross.abs() + 1e-4;
-            let rise = way * rays.slope_spacing[ray] + 1e-4;
+            let across = way * spacing[i] * length * per_cross.abs() + 1e-4;
+            let rise = way * slope_spacing[i] + 1e-4;
             let inside = edge(along, across) * edge(length - along, across);
-            let covered = inside * edge(screen.top - height, rise) * edge(height, rise);
-            if covered <= 0.0 {
-                continue;
-            }
-            let solid = screen.mesh.map_or(1.0, |[mesh, cord]| {
-                1.0 - (1.0 - cords(along, mesh, cord, across))
-                    * (1.0 - cords(height, mesh, cord, rise))
-            });
-            plate.blend(ray, covered * solid, screen.colour);
+            let covered = ahead * inside * edge(screen.top - height, rise) * edge(height, rise);
+            let part = covered * solid([along, height], [across, rise]);
+            red[i] += part * (colour[0] - red[i]);
+            green[i] += part * (colour[1] - green[i]);
+            blue[i] += part * (colour[2] - blue[i]);
         }
     }
 }
 
 /// The part of a footprint that cords of a net cover.
+#[inline(always)]
 fn cords(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
-    if width >= mesh {
-        return cord / mesh;
-    }
-    let off = (at / mesh - (at / mesh).round()).abs() * mesh;
-    ((cord / 2.0 + width / 2.0 - off) / width).clamp(0.0, (cord / width).min(1.0))
+    let meshes = at / mesh;
+    let off = (meshes - meshes.round_ties_even()).abs() * mesh;
+    let fine = ((cord / 2.0 + width / 2.0 - off) / width).clamp(0.0, (cord / width).min(1.0));
+    if width >= mesh { cord / mesh } else { fine }
 }
 
 /// Something's shadow on the floor: half the light in its middle, none lost at twice its radius.
