@@ -42,15 +42,17 @@ pub(crate) struct BallSearch<'a> {
 /// Pixels that were visited, kept between frames so that no frame allocates a whole image.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Visited {
-    stamps: Vec<u32>,
-    stamp: u32,
+    /// One byte a pixel: a frame's whole plane stays in a core's cache.
+    stamps: Vec<u8>,
+    stamp: u8,
 }
 
 impl Visited {
     /// Forgets all pixels of an image.
     fn begin(&mut self, pixels: usize) {
-        if self.stamps.len() != pixels || self.stamp == u32::MAX {
-            self.stamps = vec![0; pixels];
+        if self.stamps.len() != pixels || self.stamp == u8::MAX {
+            self.stamps.clear();
+            self.stamps.resize(pixels, 0);
             self.stamp = 0;
         }
         self.stamp += 1;
@@ -135,7 +137,7 @@ impl BallSearch<'_> {
             return None;
         }
         let height = config.viewpoint_height;
-        let mut angles = Vec::with_capacity(region.len());
+        let mut ranges = Vec::with_capacity(region.len());
         let [mut x, mut y, mut u_sum, mut v_sum] = [0.0f32; 4];
         for &[u, v] in region {
             u_sum += f32::from(u);
@@ -146,18 +148,24 @@ impl BallSearch<'_> {
             let range = ground.distance();
             x += ground.x / range;
             y += ground.y / range;
-            angles.push((range / height).atan());
+            ranges.push(range);
         }
         let length = x.hypot(y);
-        if angles.len() * 3 < region.len() || length <= 0.0 {
+        if ranges.len() * 3 < region.len() || length <= 0.0 {
             return None;
         }
         let [ex, ey] = [x / length, y / length];
-        angles.sort_by(f32::total_cmp);
-        let near = angles[angles.len() / 50];
-        let far = angles[angles.len() - 1 - angles.len() / 50];
+        let mapped = ranges.len();
+        // The angle grows with the range, so ranges are ranked and two of them made angles.
+        let outliers = ranges.len() / 50;
+        let mut angle = |rank: usize| {
+            let (_, range, _) = ranges.select_nth_unstable_by(rank, f32::total_cmp);
+            (*range / height).atan()
+        };
+        let near = angle(outliers);
+        let far = angle(mapped - 1 - outliers);
         // A ball cut by the horizon or by something before it shows its near edge truly, else its middle.
-        let whole = angles.len() == region.len();
+        let whole = mapped == region.len();
         let centre_height = height - config.ball_radius;
         let half = |range: f32| (config.ball_radius / range.hypot(centre_height)).asin();
         let mut middle = (near + far) / 2.0;
