@@ -39,8 +39,9 @@ impl PixelFormat {
             PixelFormat::Rgb8 | PixelFormat::Bgr8 => 3 * width_px,
             PixelFormat::Yuyv | PixelFormat::Uyvy => 4 * width_px.div_ceil(2),
             PixelFormat::Yuv411 => 6 * width_px.div_ceil(4),
+            // Chroma comes in pairs, also beside a last odd column.
+            PixelFormat::Nv12 => 2 * width_px.div_ceil(2),
             PixelFormat::Grey8
-            | PixelFormat::Nv12
             | PixelFormat::BayerRggb
             | PixelFormat::BayerBggr
             | PixelFormat::BayerGrbg
@@ -176,9 +177,13 @@ impl<'a> Frame<'a> {
 
     /// Red, green, blue of the 2 × 2 cell that holds a pixel; `order`: where red, both greens and blue are in it.
     fn bayer(&self, column: usize, row: usize, order: [usize; 4]) -> [u8; 3] {
-        let column = (column & !1).min(self.width_px.saturating_sub(2));
-        let row = (row & !1).min(self.height_px.saturating_sub(2));
-        let at = |place: usize| self.data[(row + place / 2) * self.stride + column + place % 2];
+        // The last column or row of an odd size has no cell of its own: the cell before it is the nearest whole one.
+        let first = |at: usize, size: usize| (at & !1).min((size & !1).saturating_sub(2));
+        let (column, row) = (first(column, self.width_px), first(row, self.height_px));
+        let at = |place: usize| {
+            let below = (row + place / 2).min(self.height_px - 1);
+            self.data[below * self.stride + (column + place % 2).min(self.width_px - 1)]
+        };
         let green = u16::from(at(order[1])) + u16::from(at(order[2]));
         [at(order[0]), (green / 2) as u8, at(order[3])]
     }

@@ -1,0 +1,108 @@
+//! Do the eyes take whatever a camera delivers? Grey images, odd sizes, every pixel format, maps with little ground.
+
+use std::path::Path;
+
+use vision::image::{Frame, PixelFormat};
+use vision::{
+    CameraConfig, Eyes, GroundMap, Image, Mount, Profile, VisionConfig, VisionError, optics,
+};
+
+#[derive(serde::Deserialize)]
+struct Robot {
+    camera: CameraConfig,
+}
+
+const FORMATS: [PixelFormat; 11] = [
+    PixelFormat::Rgb8,
+    PixelFormat::Bgr8,
+    PixelFormat::Grey8,
+    PixelFormat::Yuyv,
+    PixelFormat::Uyvy,
+    PixelFormat::Yuv411,
+    PixelFormat::Nv12,
+    PixelFormat::BayerRggb,
+    PixelFormat::BayerBggr,
+    PixelFormat::BayerGrbg,
+    PixelFormat::BayerGbrg,
+];
+
+fn camera() -> (std::path::PathBuf, CameraConfig) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
+    let text = std::fs::read_to_string(folder.join("robot.toml")).expect("robot.toml");
+    let robot: Robot = toml::from_str(&text).expect("a robot");
+    (folder, robot.camera)
+}
+
+#[test]
+fn lines_are_seen_without_colour() {
+    let (folder, camera) = camera();
+    let profile = Profile::load(&folder.join("mirror.csv")).expect("a profile");
+    let map = optics::trace_rays(&camera, &profile, &Mount::default())
+        .expect("rays")
+        .ground_map();
+    let image = Image::load(&folder.join("frames/000.jpg")).expect("an image");
+    let mut eyes = Eyes::new(&map, &camera, 0.125, VisionConfig::default()).expect("eyes");
+    let coloured = eyes.see(&image.frame()).expect("seen").line_points;
+    let grey: Vec<u8> = image
+        .rgb
+        .chunks_exact(3)
+        .map(|rgb| (rgb.iter().map(|&c| u32::from(c)).sum::<u32>() / 3) as u8)
+        .collect();
+    let frame = Frame::packed(image.width_px, image.height_px, PixelFormat::Grey8, &grey);
+    let seen = eyes.see(&frame).expect("seen").line_points;
+    // Most points of the coloured image are found again at the same places.
+    let found = coloured.iter().filter(|point| {
+        seen.iter()
+            .any(|other| other.point.at.distance_to(point.point.at) < 0.05)
+    });
+    assert!(2 * found.count() > coloured.len());
+}
+
+#[test]
+fn no_size_format_or_map_makes_the_eyes_panic() {
+    let (_, camera) = camera();
+    let mut seen = 0;
+    for (width_px, height_px) in [(1, 1), (2, 3), (9, 7), (33, 64), (61, 45)] {
+        let centre_px = [width_px as f32 / 2.0, height_px as f32 / 2.0];
+        let camera = CameraConfig {
+            width_px,
+            height_px,
+            centre_px,
+            outer_radius_px: None,
+            ..camera.clone()
+        };
+        // Ground in every pixel, in a corner, and in single pixels.
+        for every in [1, 2, 5] {
+            let place = |index: usize| {
+                let (u, v) = (index % width_px, index / width_px);
+                let at = [u as f32 - centre_px[0], centre_px[1] - v as f32].map(|a| 0.08 * a);
+                if index.is_multiple_of(every) || u < width_px / every && v < height_px / every {
+                    at
+                } else {
+                    [f32::NAN; 2]
+                }
+            };
+            let indices = 0..width_px * height_px;
+            let map = GroundMap {
+                width_px,
+                height_px,
+                x: indices.clone().map(|index| place(index)[0]).collect(),
+                y: indices.map(|index| place(index)[1]).collect(),
+            };
+            let Ok(mut eyes) = Eyes::new(&map, &camera, 0.125, VisionConfig::default()) else {
+                continue;
+            };
+            for format in FORMATS {
+                let bytes = format.row_bytes(width_px) * (height_px + height_px.div_ceil(2));
+                let data: Vec<u8> = (0..bytes as u32)
+                    .map(|index| (index.wrapping_mul(2_654_435_761) >> 24) as u8)
+                    .collect();
+                match eyes.see(&Frame::packed(width_px, height_px, format, &data)) {
+                    Ok(_) => seen += 1,
+                    Err(error) => assert!(matches!(error, VisionError::Black { .. }), "{error}"),
+                }
+            }
+        }
+    }
+    assert!(seen > 20, "{seen} frames were seen at all");
+}
