@@ -130,9 +130,18 @@ impl SpineConfig {
         toml::from_str::<SpineConfig>(&text).with_context(|| path.display().to_string())?;
         let mut merged = toml::Table::try_from(&base)?;
         merge(&mut merged, toml::from_str(&text)?);
-        merged
+        let config: SpineConfig = merged
             .try_into()
-            .with_context(|| path.display().to_string())
+            .with_context(|| path.display().to_string())?;
+        config
+            .vision
+            .check()
+            .with_context(|| path.display().to_string())?;
+        config
+            .localize
+            .check()
+            .with_context(|| path.display().to_string())?;
+        Ok(config)
     }
 }
 
@@ -160,19 +169,28 @@ const LIGHT_MEMORY: f64 = 1.0;
 impl Spine {
     /// Builds every table that the stages need.
     pub fn new(setup: &Setup, config: &SpineConfig) -> Result<Self> {
-        let eyes = match &setup.camera {
-            Some((camera, map)) => Some(Eyes::new(
-                map,
-                camera,
-                setup.field.config.line_width,
-                config.vision.clone(),
-            )?),
+        let SpineConfig {
+            mut vision,
+            mut localize,
+        } = config.clone();
+        // A profile knows better than a setting how high the mirror hangs.
+        if let Some(height) = setup.viewpoint_height {
+            vision.objects.viewpoint_height = height;
+            localize.matching.viewpoint_height = height;
+        }
+        let mut eyes = match &setup.camera {
+            Some((camera, map)) => {
+                let line_width = setup.field.config.line_width;
+                Some(Eyes::new(map, camera, line_width, vision)?)
+            }
             None => None,
         };
-        let localizer = Localizer::new(&setup.field, config.localize.clone());
+        if let (Some(eyes), Some(colours)) = (&mut eyes, &setup.colours) {
+            eyes.set_colours(colours.clone());
+        }
         Ok(Spine {
             eyes,
-            localizer,
+            localizer: Localizer::new(&setup.field, localize),
             inputs: Inputs::default(),
             last_sight: None,
         })

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::Field;
+use vision::labels::{ColourTable, TableKind, load_labels};
 use vision::robot::RobotConfig;
 use vision::{CameraConfig, GroundMap, Mount, Profile, optics};
 
@@ -16,6 +17,10 @@ pub struct Setup {
     pub field: Field,
     /// Camera and ground map; a recording of line points has none.
     pub camera: Option<(CameraConfig, Arc<GroundMap>)>,
+    /// Colours learned from labels; without, vision learns them from the images.
+    pub colours: Option<ColourTable>,
+    /// Height of the mirror above the ground, metres, where its profile says it.
+    pub viewpoint_height: Option<f32>,
 }
 
 impl Setup {
@@ -42,12 +47,43 @@ impl Setup {
             )),
             None => None,
         };
+        let viewpoint_height = match &robot.mirror {
+            Some(mirror) => Some(viewpoint_height(&Profile::load(&mirror.profile)?)),
+            None => None,
+        };
         Ok(Setup {
+            colours: colours(robot_file, &robot)?,
             robot,
             field,
             camera,
+            viewpoint_height,
         })
     }
+}
+
+/// Where the view of the floor comes from: the mirror half way out.
+fn viewpoint_height(profile: &Profile) -> f32 {
+    let (inner, outer) = profile.radii();
+    profile.height_and_slope((inner + outer) / 2.0).0 as f32
+}
+
+/// The saved table, or one learned from labels (those that robot.toml names, or labels.csv beside it).
+fn colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourTable>> {
+    if let Some(saved) = &robot.colours {
+        return Ok(Some(ColourTable::load(saved)?));
+    }
+    let beside = robot_file.with_file_name("labels.csv");
+    let Some(path) = robot
+        .labels
+        .clone()
+        .or_else(|| beside.exists().then_some(beside))
+    else {
+        return Ok(None);
+    };
+    let table = ColourTable::learn(&load_labels(&path)?, TableKind::Yuv);
+    Ok(Some(table.with_context(|| {
+        format!("{}: has no label", path.display())
+    })?))
 }
 
 /// The map a robot measures with: the one given, else its calibrated one, else the one its mirror should have.

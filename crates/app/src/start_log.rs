@@ -21,7 +21,7 @@ pub fn start_log(
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let settings = toml::to_string(config).context("cannot write the settings")?;
     let header = Header::new(source, seed)
-        .with_robot(&setup.robot, map)?
+        .with_robot(&setup.robot, map, setup.colours.as_ref())?
         .with_file(SPINE_FILE, settings);
     Recorder::create(path, &header, &setup.field, Pace::Lockstep, log_config)
 }

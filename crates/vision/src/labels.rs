@@ -3,7 +3,6 @@
 //! lima2001 3.1: a table over (U, V); minho2016 III: a table over all 24 bits of (Y, U, V), 16 MiB. Both come from the
 //! same labels: each class is a normal distribution, widened by what a camera's noise and a change of light do.
 
-use std::io::Write;
 use std::path::Path;
 
 use nalgebra::{Matrix3, Vector3};
@@ -194,6 +193,19 @@ impl ColourTable {
         self.names.get(usize::from(class.0)).map(String::as_str)
     }
 
+    /// The table as its file's bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let names = self.names.join("\n");
+        let kind = u32::from(self.kind == TableKind::Yuv);
+        let mut bytes = MAGIC.to_vec();
+        for number in [VERSION, kind, names.len() as u32] {
+            bytes.extend(number.to_le_bytes());
+        }
+        bytes.extend(names.as_bytes());
+        bytes.extend(&self.classes);
+        bytes
+    }
+
     /// Writes the table; the file appears whole or not at all.
     pub fn save(&self, path: &Path) -> Result<(), VisionError> {
         let refuse = |error: std::io::Error| VisionError::File {
@@ -201,16 +213,7 @@ impl ColourTable {
             reason: error.to_string(),
         };
         let partial = path.with_extension("part");
-        let mut file = std::fs::File::create(&partial).map_err(refuse)?;
-        let names = self.names.join("\n");
-        let kind = u32::from(self.kind == TableKind::Yuv);
-        file.write_all(MAGIC).map_err(refuse)?;
-        for number in [VERSION, kind, names.len() as u32] {
-            file.write_all(&number.to_le_bytes()).map_err(refuse)?;
-        }
-        file.write_all(names.as_bytes()).map_err(refuse)?;
-        file.write_all(&self.classes).map_err(refuse)?;
-        drop(file);
+        std::fs::write(&partial, self.to_bytes()).map_err(refuse)?;
         std::fs::rename(&partial, path).map_err(refuse)
     }
 

@@ -20,6 +20,8 @@ pub struct RobotConfig {
     pub map: Option<MapConfig>,
     /// Labelled pixels to learn colours from: a CSV of file,u,v,class.
     pub labels: Option<PathBuf>,
+    /// A saved colour table, in place of labels.
+    pub colours: Option<PathBuf>,
     /// Wheels.
     pub base: Option<BaseConfig>,
     /// Inertial unit.
@@ -218,6 +220,7 @@ impl RobotConfig {
         let files = [
             Some(&mut robot.field),
             robot.labels.as_mut(),
+            robot.colours.as_mut(),
             robot.map.as_mut().map(|map| &mut map.file),
             robot.mirror.as_mut().map(|mirror| &mut mirror.profile),
         ];

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use vision::GroundMap;
+use vision::labels::ColourTable;
 use vision::robot::{MapConfig, RobotConfig};
 
 use super::picture::ImageMode;
@@ -48,7 +49,13 @@ impl Header {
     /// Adds robot.toml with the files that it names, under the names they have in a recording folder.
     ///
     /// `map`: what vision measures with, whichever it came from; replay measures with its very bits.
-    pub fn with_robot(self, robot: &RobotConfig, map: Option<&GroundMap>) -> Result<Self> {
+    /// `colours`: the table it learned from labels, if it did.
+    pub fn with_robot(
+        self,
+        robot: &RobotConfig,
+        map: Option<&GroundMap>,
+        colours: Option<&ColourTable>,
+    ) -> Result<Self> {
         let read = |path: &Path| {
             std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
         };
@@ -65,9 +72,11 @@ impl Header {
         own.map = map.map(|_| MapConfig {
             file: "map.npz".into(),
         });
-        if let Some(labels) = &mut own.labels {
-            header = header.with_file("labels.csv", read(labels)?);
-            *labels = "labels.csv".into();
+        // The labels' images stay where they are; what was learned from them goes along.
+        own.labels = None;
+        own.colours = colours.map(|_| "colours.table".into());
+        if let Some(colours) = colours {
+            header = header.with_file("colours.table", colours.to_bytes());
         }
         Ok(header.with_file("robot.toml", toml::to_string(&own)?))
     }

@@ -150,7 +150,7 @@ fn recorded_and_verified(images: ImageMode) -> Verdict {
     let setup = Setup::load(&sample_folder().join("robot.toml"), None).expect("a setup");
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new("test", None)
-        .with_robot(&setup.robot, map)
+        .with_robot(&setup.robot, map, None)
         .expect("a header");
     let config = LogConfig {
         images,
