@@ -21,6 +21,7 @@ use sim::world::RobotState;
 use vision::image::Image;
 use vision::{Eyes, Profile};
 
+use crate::arguments::WrongArguments;
 use crate::cycle::{Spine, SpineConfig};
 use crate::home;
 use crate::sample::Sample;
@@ -104,6 +105,9 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     report
         .figures
         .retain(|figure| figure.name.contains(&args.only));
+    if report.figures.is_empty() {
+        return Err(WrongArguments(format!("no figure's name contains {:?}", args.only)).into());
+    }
     if json {
         println!("{}", serde_json::to_string(&report)?);
         return Ok(());

@@ -4,11 +4,13 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
+use crate::arguments::WrongArguments;
 use crate::{bench, calibrate, demo, locate, mirror, recover, replay, script, simulate};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
 #[command(
+    name = "mirrorball",
     version,
     max_term_width = 100,
     subcommand_required = true,
@@ -62,7 +64,7 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("mirrorball: {error:#}");
-            ExitCode::FAILURE
+            ExitCode::from(if error.is::<WrongArguments>() { 2 } else { 1 })
         }
     }
 }

@@ -10,6 +10,7 @@ use serde::Serialize;
 use vision::image::Image;
 
 use crate::annotate::annotated;
+use crate::arguments;
 use crate::cycle::{Cycle, Spine, SpineConfig};
 use crate::field_picture::{FieldPicture, beside, ink};
 use crate::home;
@@ -34,7 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Seconds to play.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Where log and pictures go.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]

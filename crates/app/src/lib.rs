@@ -1,6 +1,7 @@
 //! The executable's rooms, in the order in which a sample meets them: a source, the spine, what watches it, and the
 //! commands that join them.
 
+pub mod arguments;
 pub mod home;
 pub mod sample;
 pub mod setup;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 
+use crate::arguments::{self, WrongArguments};
 use crate::cycle::{Spine, SpineConfig};
 use crate::outputs::Outputs;
 use crate::recording::Recording;
@@ -46,7 +47,9 @@ pub const FOREIGN_POINT_STD: f32 = 0.04;
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
-    ensure!(args.dir.is_dir(), "{} is not a folder", args.dir.display());
+    if !args.dir.is_dir() {
+        return Err(WrongArguments(format!("{} is not a folder", args.dir.display())).into());
+    }
     let setup = Setup::load(&args.dir.join("robot.toml"), args.map.as_deref())?;
     let recording = Recording::open(&args.dir, FOREIGN_POINT_STD)?;
     let truth = recording.truth.clone();
@@ -58,6 +61,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         .out
         .clone()
         .unwrap_or_else(|| args.dir.join("poses.csv"));
+    arguments::distinct([Some(&*out), args.points.as_deref(), args.seen.as_deref()])?;
     let mut outputs = Outputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let mut tally = Tally::default();
     let bar = crate::progress::bar(recording.frames() as u64, "frames");
@@ -82,5 +86,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         summary.print();
         println!("poses: {}", out.display());
     }
+    ensure!(
+        summary.unreadable < summary.frames,
+        "{}: no frame could be used",
+        args.dir.display()
+    );
     Ok(())
 }

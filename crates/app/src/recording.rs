@@ -157,7 +157,12 @@ fn optional(folder: &Path, name: &str, wanted: &[&str]) -> Result<Option<Table>>
 }
 
 fn stamp(row: Row<'_>) -> Result<Stamp> {
-    Ok(Stamp::from_seconds(row.number("stamp_s")?))
+    let seconds = row.number("stamp_s")?;
+    // What fits into nanoseconds: 292 years to both sides.
+    if seconds.abs() > 9e9 {
+        bail!("{}: stamp_s = {seconds} is no time", row.place());
+    }
+    Ok(Stamp::from_seconds(seconds))
 }
 
 fn floats<const N: usize>(row: Row<'_>, columns: [&str; N]) -> Result<[f32; N]> {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
 use crate::log;
@@ -30,6 +30,11 @@ struct Summary {
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
     let recovered = log::recover(&args.log, &args.out)?;
+    if recovered.messages == 0 {
+        std::fs::remove_file(&args.out)
+            .with_context(|| format!("cannot remove {}", args.out.display()))?;
+        bail!("{}: no message can be saved from it", args.log.display());
+    }
     let summary = Summary {
         messages: recovered.messages,
         until_s: recovered.until.map(localize::Stamp::seconds),

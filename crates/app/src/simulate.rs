@@ -7,6 +7,7 @@ use std::time::Instant;
 use anyhow::Result;
 use serde::Serialize;
 
+use crate::arguments;
 use crate::cycle::{Spine, SpineConfig};
 use crate::log::{ImageMode, LogConfig, Recorder};
 use crate::outputs::Outputs;
@@ -28,7 +29,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Seconds to simulate, in place of the scenario's.
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Record everything into a log (MCAP).
     #[arg(long, value_name = "LOG")]
@@ -62,6 +63,11 @@ struct Outcome {
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
+    arguments::distinct([
+        args.record.as_deref(),
+        args.out.as_deref(),
+        args.truth.as_deref(),
+    ])?;
     let simulation = Simulation::load(&args.scenario, args.seed, args.duration)?;
     let setup = simulation.setup()?;
     let config = SpineConfig::load(&args.preset, args.config.as_deref())?;

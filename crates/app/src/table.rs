@@ -115,21 +115,30 @@ impl<'a> Row<'a> {
 /// A CSV that appears whole under its name, or not at all.
 pub struct Written {
     path: PathBuf,
-    partial: PathBuf,
+    /// Where it grows until it is whole; none for a pipe or device, which takes lines as they come.
+    partial: Option<PathBuf>,
     out: BufWriter<File>,
 }
 
 impl Written {
-    /// Starts the file with its header line.
+    /// Starts the file with its header line. A link is followed; a pipe or device is written straight to.
     pub fn create(path: &Path, header: &str) -> Result<Self> {
+        let path = path
+            .canonicalize()
+            .unwrap_or_else(|_: std::io::Error| path.to_owned());
         let name = path
             .file_name()
             .with_context(|| format!("{} names no file", path.display()))?;
-        let partial = path.with_file_name(format!(".{}.part", name.to_string_lossy()));
-        let file =
-            File::create(&partial).with_context(|| format!("cannot write {}", path.display()))?;
+        let stream = path.exists() && !path.is_file();
+        let partial =
+            (!stream).then(|| path.with_file_name(format!(".{}.part", name.to_string_lossy())));
+        let file = match &partial {
+            Some(partial) => File::create(partial),
+            None => std::fs::OpenOptions::new().write(true).open(&path),
+        };
+        let file = file.with_context(|| format!("cannot write {}", path.display()))?;
         let mut written = Written {
-            path: path.to_owned(),
+            path,
             partial,
             out: BufWriter::new(file),
         };
@@ -147,15 +156,20 @@ impl Written {
         self.out
             .flush()
             .with_context(|| format!("cannot write {}", self.path.display()))?;
-        std::fs::rename(&self.partial, &self.path)
-            .with_context(|| format!("cannot write {}", self.path.display()))
+        match &self.partial {
+            Some(partial) => std::fs::rename(partial, &self.path)
+                .with_context(|| format!("cannot write {}", self.path.display())),
+            None => Ok(()),
+        }
     }
 }
 
 impl Drop for Written {
     fn drop(&mut self) {
         // Gone already where `finish` renamed it; a failure here leaves a hidden .part file and nothing else.
-        let _ = std::fs::remove_file(&self.partial);
+        if let Some(partial) = &self.partial {
+            let _ = std::fs::remove_file(partial);
+        }
     }
 }
 

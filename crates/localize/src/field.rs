@@ -325,8 +325,13 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
         ("width", config.width),
         ("line_width", config.line_width),
     ] {
-        if !(value.is_finite() && value > 0.0) {
-            return refuse(key, value, "must be a positive number of metres");
+        // The largest football pitch is 120 m long; tables grow with the area.
+        if !(value > 0.0 && value <= 200.0) {
+            return refuse(
+                key,
+                value,
+                "must be a positive number of metres, at most 200",
+            );
         }
     }
     for (key, value, limit, reason) in limited_sizes(config) {

@@ -200,6 +200,13 @@ pub struct Image {
     pub rgb: Vec<u8>,
 }
 
+/// A decoder fills up what a cut file lacks with grey, which would pass for a picture.
+fn is_cut_jpeg(bytes: &[u8]) -> bool {
+    // Some writers pad behind the end mark.
+    let tail = &bytes[bytes.len().saturating_sub(4096)..];
+    bytes.starts_with(&[0xff, 0xd8]) && !tail.windows(2).any(|pair| pair == [0xff, 0xd9])
+}
+
 impl Image {
     /// Decodes a PNG or JPEG file.
     pub fn load(path: &Path) -> Result<Self, VisionError> {
@@ -207,8 +214,11 @@ impl Image {
             path: path.to_owned(),
             reason,
         };
-        let reader = image::ImageReader::open(path)
-            .map_err(|error| refuse(error.to_string()))?
+        let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+        if is_cut_jpeg(&bytes) {
+            return Err(refuse("is cut off: a JPEG without its end".to_owned()));
+        }
+        let reader = image::ImageReader::new(std::io::Cursor::new(bytes))
             .with_guessed_format()
             .map_err(|error| refuse(error.to_string()))?;
         let decoded = reader

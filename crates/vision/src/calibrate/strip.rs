@@ -142,8 +142,8 @@ fn check(strip: &Strip) -> Result<(), CalibrationError> {
             return Err(CalibrationError::Value { key, value, reason });
         }
     }
-    if strip.bars < 4 {
-        let (value, reason) = (strip.bars as f64, "at least four bars are needed");
+    if !(4..=1000).contains(&strip.bars) {
+        let (value, reason) = (strip.bars as f64, "between 4 and 1000 bars are wanted");
         return Err(CalibrationError::Value {
             key: "bars",
             value,
