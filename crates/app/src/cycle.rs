@@ -9,7 +9,7 @@ use localize::Stamp;
 use localize::config::LocalizeConfig;
 use localize::estimate::Estimate;
 use localize::localizer::Localizer;
-use localize::sample::{Compass, Imu, LinePoint, Odometry};
+use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
 use serde::{Deserialize, Serialize};
 use vision::config::VisionConfig;
 use vision::eyes::{Eyes, Seen};
@@ -46,6 +46,8 @@ pub struct Inputs {
     pub compass: Vec<Compass>,
     /// Inertial readings, in order.
     pub imu: Vec<Imu>,
+    /// What the motors were told, in order.
+    pub commands: Vec<Command>,
     /// The latest truth; no stage sees it.
     pub truth: Option<Truth>,
     /// The image, if there is one.
@@ -53,7 +55,8 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// What arrived, but the frame, in the order of its stamps; of one stamp, what moved before where it points.
+    /// What arrived, but the frame, in the order of its stamps; of one stamp, what was wanted and felt before what came
+    /// of it, and what moved before where it points.
     ///
     /// A cycle is a function of its inputs alone, so the order in which threads delivered them must not matter.
     pub fn in_order(&self) -> Vec<Sample> {
@@ -66,12 +69,20 @@ impl Inputs {
             .iter()
             .map(|one| (one.stamp, Sample::Compass(*one)));
         let imu = self.imu.iter().map(|one| (one.stamp, Sample::Imu(*one)));
+        let commands = self
+            .commands
+            .iter()
+            .map(|one| (one.stamp, Sample::Command(*one)));
         let truth = self
             .truth
             .iter()
             .map(|one| (one.stamp, Sample::Truth(one.clone())));
-        let mut samples: Vec<(Stamp, Sample)> =
-            odometry.chain(compass).chain(imu).chain(truth).collect();
+        let mut samples: Vec<(Stamp, Sample)> = commands
+            .chain(imu)
+            .chain(odometry)
+            .chain(compass)
+            .chain(truth)
+            .collect();
         samples.sort_by_key(|(stamp, _)| *stamp);
         samples.into_iter().map(|(_, sample)| sample).collect()
     }
@@ -202,6 +213,7 @@ impl Spine {
             Sample::Odometry(odometry) => self.inputs.odometry.push(odometry),
             Sample::Compass(compass) => self.inputs.compass.push(compass),
             Sample::Imu(imu) => self.inputs.imu.push(imu),
+            Sample::Command(command) => self.inputs.commands.push(command),
             Sample::Truth(truth) => self.inputs.truth = Some(truth),
             Sample::Frame(frame) => return Some(self.turn(frame)),
         }
@@ -233,7 +245,7 @@ impl Spine {
             match sample {
                 Sample::Odometry(odometry) => self.localizer.odometry(&odometry),
                 Sample::Compass(compass) => self.localizer.compass(&compass),
-                Sample::Imu(_) | Sample::Truth(_) | Sample::Frame(_) => {}
+                Sample::Imu(_) | Sample::Command(_) | Sample::Truth(_) | Sample::Frame(_) => {}
             }
         }
         let estimate = self.localizer.see(stamp, &points);

@@ -93,6 +93,7 @@ impl Recording {
                     dx,
                     dy,
                     dtheta,
+                    slip: 0.0,
                 };
                 events.push(Event {
                     stamp: odometry.stamp,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use localize::Pose;
 use localize::Stamp;
 use localize::frame::{At, FieldFrame};
-use localize::sample::{Compass, Imu, LinePoint, Odometry};
+use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
 use vision::image::Image;
 
 /// Where things truly were.
@@ -30,6 +30,8 @@ pub enum Sample {
     Compass(Compass),
     /// From the inertial unit.
     Imu(Imu),
+    /// What the motors are told.
+    Command(Command),
     /// For scoring alone; no stage sees it.
     Truth(Truth),
     /// A frame: it ends a cycle.

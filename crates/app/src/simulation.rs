@@ -57,6 +57,7 @@ impl Iterator for Simulation {
             Simulated::Odometry(odometry) => Sample::Odometry(odometry),
             Simulated::Imu(imu) => Sample::Imu(imu),
             Simulated::Compass(compass) => Sample::Compass(compass),
+            Simulated::Command(command) => Sample::Command(command),
             Simulated::Truth(truth) => Sample::Truth(Truth {
                 stamp: truth.stamp,
                 pose: truth.robot.pose,

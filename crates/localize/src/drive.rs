@@ -177,6 +177,7 @@ impl<R: Rng> Iterator for Drive<R> {
                 dx,
                 dy,
                 dtheta,
+                slip: 0.0,
             },
             compass: Compass {
                 stamp,

@@ -24,7 +24,9 @@ impl Twist {
     /// The motion that this constant velocity makes in one unit of time, as it ends in the frame where it began.
     ///
     /// The robot turns on an arc: the translation is the integral of R(θ̇t)·(x, y).
-    pub fn odometry(self, stamp: Stamp) -> Odometry {
+    ///
+    /// `slip`: see [`Odometry::slip`].
+    pub fn odometry(self, stamp: Stamp, slip: f32) -> Odometry {
         // sin θ/θ and (1 − cos θ)/θ; their series below 1e-3 err by less than an f32 resolves.
         let (along, across) = if self.theta.abs() < 1e-3 {
             (1.0 - self.theta * self.theta / 6.0, self.theta / 2.0)
@@ -40,6 +42,16 @@ impl Twist {
             dx: along * self.x - across * self.y,
             dy: across * self.x + along * self.y,
             dtheta: self.theta,
+            slip,
+        }
+    }
+
+    /// Every part multiplied.
+    pub fn scaled(self, factor: f32) -> Twist {
+        Twist {
+            x: factor * self.x,
+            y: factor * self.y,
+            theta: factor * self.theta,
         }
     }
 }
@@ -161,11 +173,23 @@ impl Omni {
         if !(share < 1.0) {
             return twist;
         }
-        Twist {
-            x: share * twist.x,
-            y: share * twist.y,
-            theta: share * twist.theta,
+        twist.scaled(share)
+    }
+
+    /// Force (N along x and y) and torque (N m) on the robot when each wheel's rim pushes the ground by so many N.
+    pub fn wrench(&self, pushes: impl Iterator<Item = f32>) -> [f32; 3] {
+        let mut sum = [0.0_f32; 3];
+        for (row, push) in self.wheel_from_robot.iter().zip(pushes) {
+            for (sum, part) in sum.iter_mut().zip(row) {
+                *sum += self.radius * part * push;
+            }
         }
+        sum
+    }
+
+    /// Radius of the wheels, metres.
+    pub fn radius(&self) -> f32 {
+        self.radius
     }
 }
 
@@ -220,6 +244,22 @@ mod tests {
     }
 
     #[test]
+    fn pushes_of_the_rims_do_the_work_that_the_motion_takes() {
+        let base = omni(&[60.0, 180.0, 300.0]).expect("a base");
+        let twist = Twist {
+            x: 0.7,
+            y: -0.4,
+            theta: 1.5,
+        };
+        let pushes = [10.0, -4.0, 7.0];
+        let rims = base.wheel_speeds(twist).map(|speed| 0.05 * speed);
+        let wheels: f32 = rims.zip(pushes).map(|(rim, push)| rim * push).sum();
+        let [fx, fy, torque] = base.wrench(pushes.into_iter());
+        let body = fx * twist.x + fy * twist.y + torque * twist.theta;
+        assert!((wheels - body).abs() < 1e-4, "{wheels} {body}");
+    }
+
+    #[test]
     fn wheels_that_cannot_drive_everywhere_are_refused() {
         assert_eq!(omni(&[0.0, 120.0]), Err(OmniError::TooFew(2)));
         assert_eq!(omni(&[0.0, 0.0, 0.0]), Err(OmniError::Degenerate));
@@ -253,7 +293,7 @@ mod tests {
             y: 0.0,
             theta: std::f32::consts::PI,
         }
-        .odometry(Stamp(0));
+        .odometry(Stamp(0), 0.0);
         assert!(end.dx.abs() < 1e-6 && (end.dy - 2.0 / std::f32::consts::PI).abs() < 1e-6);
         let nearly_straight = Twist {
             x: 1.0,
@@ -265,8 +305,8 @@ mod tests {
             ..nearly_straight
         };
         let (below, above) = (
-            nearly_straight.odometry(Stamp(0)),
-            beyond.odometry(Stamp(0)),
+            nearly_straight.odometry(Stamp(0), 0.0),
+            beyond.odometry(Stamp(0), 0.0),
         );
         assert!((below.dx - above.dx).abs() < 1e-6 && (below.dy - above.dy).abs() < 2e-6);
     }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::frame::{At, RobotFrame};
+use crate::omni::Twist;
 use crate::stamp::Stamp;
 
 /// A point of the ground that vision takes for the centre of a line, robot frame.
@@ -27,6 +28,17 @@ pub struct Odometry {
     pub dy: f32,
     /// Counter-clockwise, radians.
     pub dtheta: f32,
+    /// What no motion explains of the wheels' ways, root mean square, metres; 0 where three wheels cannot tell.
+    pub slip: f32,
+}
+
+/// What the motors are told: a velocity in the robot frame, valid until the next.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Command {
+    /// From when on.
+    pub stamp: Stamp,
+    /// The wanted velocity.
+    pub twist: Twist,
 }
 
 /// The compass's heading of the robot on the field.

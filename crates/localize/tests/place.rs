@@ -43,6 +43,7 @@ fn still(seconds: f64) -> Odometry {
         dx: 0.0,
         dy: 0.0,
         dtheta: 0.0,
+        slip: 0.0,
     }
 }
 

@@ -1,35 +1,21 @@
 //! What do the wheels do? An omnidirectional base: wheel speeds, traction with slip, and what the encoders count.
 
-use nalgebra::{DMatrix, Vector2, Vector3};
+use localize::omni::{Omni, OmniError, Twist};
+use localize::sample::Odometry;
+use localize::stamp::Stamp;
+use nalgebra::Vector3;
 use vision::robot::BaseConfig;
 
 use crate::scenario::WheelConfig;
 
-/// A velocity in the robot frame: m/s forward, m/s to the left, rad/s counter-clockwise.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Twist {
-    /// Forward, m/s.
-    pub vx: f32,
-    /// To the left, m/s.
-    pub vy: f32,
-    /// Counter-clockwise, rad/s.
-    pub omega: f32,
-}
-
-impl Twist {
-    fn vector(self) -> Vector3<f32> {
-        Vector3::new(self.vx, self.vy, self.omega)
-    }
-}
-
 /// Wheels, motors and encoders.
 #[derive(Debug, Clone)]
 pub struct Base {
-    /// Direction each wheel rolls in, robot frame, and its lever about the centre (metres).
+    /// The wheels as the robot file believes them.
+    omni: Omni,
     wheels: Vec<Wheel>,
-    /// Robot-frame twist from rim speeds as the robot file believes (least squares).
-    twist_from_rims: DMatrix<f32>,
-    nominal_radius: f32,
+    /// Of the wheels from the centre, metres.
+    lever: f32,
     ticks_per_turn: f32,
     speed_max: f32,
     acceleration_max: f32,
@@ -42,142 +28,107 @@ pub struct Base {
 
 #[derive(Debug, Clone, Copy)]
 struct Wheel {
-    roll: Vector2<f32>,
-    lever: f32,
-    /// Real radius, metres.
-    radius: f32,
+    /// Real radius over the robot file's.
+    scale: f32,
     /// Angle turned since the start, radians; f64 since ticks are counted over hours.
     turned: f64,
     counted: i64,
 }
 
-/// Force and torque of all wheels on the robot, robot frame.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Drive {
-    /// N along the robot's x and y.
-    pub force: [f32; 2],
-    /// N m counter-clockwise.
-    pub torque: f32,
-}
-
 const GRAVITY: f32 = 9.81;
 
 impl Base {
-    /// A base at rest. Wheel i at angle a_i rolls along (−sin a_i, cos a_i) (MATH.md 5).
-    pub fn new(config: &BaseConfig, real: &WheelConfig) -> Self {
-        let wheels: Vec<Wheel> = config
+    /// A base at rest (MATH.md 5); wheels that cannot drive everywhere are refused.
+    pub fn new(config: &BaseConfig, real: &WheelConfig) -> Result<Self, OmniError> {
+        let angles: Vec<f32> = config
             .wheel_angles_deg
             .iter()
-            .enumerate()
-            .map(|(index, angle_deg)| {
-                let (sin, cos) = angle_deg.to_radians().sin_cos();
-                let last = real.radius_scale.len().saturating_sub(1);
-                let scale = real
+            .map(|angle_deg| angle_deg.to_radians())
+            .collect();
+        let omni = Omni::new(&angles, config.wheel_radius, config.wheel_distance)?;
+        let last = real.radius_scale.len().saturating_sub(1);
+        let wheels = (0..angles.len())
+            .map(|index| Wheel {
+                scale: real
                     .radius_scale
                     .get(index.min(last))
                     .copied()
-                    .unwrap_or(1.0);
-                Wheel {
-                    roll: Vector2::new(-sin, cos),
-                    lever: config.wheel_distance,
-                    radius: config.wheel_radius * scale,
-                    turned: 0.0,
-                    counted: 0,
-                }
+                    .unwrap_or(1.0),
+                turned: 0.0,
+                counted: 0,
             })
             .collect();
-        let rims_from_twist = DMatrix::from_fn(wheels.len(), 3, |row, column| match column {
-            2 => wheels[row].lever,
-            axis => wheels[row].roll[axis],
-        });
-        // Wheels in fewer than two directions leave one motion unseen: it is then reported as none.
-        let twist_from_rims = rims_from_twist
-            .pseudo_inverse(1e-6)
-            .unwrap_or_else(|_| DMatrix::zeros(3, wheels.len()));
-        let weight_each = config.mass * GRAVITY / wheels.len() as f32;
-        Base {
+        let weight_each = config.mass * GRAVITY / angles.len() as f32;
+        Ok(Base {
+            omni,
             wheels,
-            twist_from_rims,
-            nominal_radius: config.wheel_radius,
+            lever: config.wheel_distance,
             ticks_per_turn: config.ticks_per_turn,
             speed_max: config.speed_max,
             acceleration_max: config.acceleration_max,
             push_max: real.traction * weight_each,
             grip: real.grip,
             followed: Twist::default(),
-        }
-    }
-
-    /// Rim speeds (m/s) that a twist asks of the wheels.
-    pub fn rim_speeds(&self, twist: Twist) -> impl Iterator<Item = f32> + '_ {
-        self.wheels.iter().map(move |wheel| {
-            wheel.roll.x * twist.vx + wheel.roll.y * twist.vy + wheel.lever * twist.omega
         })
     }
 
     /// Turns the motors towards a wanted twist for `step` seconds and pushes the carpet, given the real motion.
-    pub fn drive(&mut self, wanted: Twist, real: Twist, step: f32) -> Drive {
+    ///
+    /// Force (N along the robot's x and y) and torque (N m) of all wheels on the robot.
+    pub fn drive(&mut self, wanted: Twist, real: Twist, step: f32) -> [f32; 3] {
         self.follow(wanted, step);
-        let mut drive = Drive::default();
-        let rims: Vec<f32> = self.rim_speeds(self.followed).collect();
-        let ground: Vec<f32> = self.rim_speeds(real).collect();
-        for ((wheel, rim), ground) in self.wheels.iter_mut().zip(rims).zip(ground) {
-            // The controller turns the wheel as if it had the radius of the robot file.
-            let real_rim = rim * wheel.radius / self.nominal_radius;
-            wheel.turned += f64::from(rim / self.nominal_radius * step);
-            let push = (self.grip * (real_rim - ground)).clamp(-self.push_max, self.push_max);
-            drive.force[0] += push * wheel.roll.x;
-            drive.force[1] += push * wheel.roll.y;
-            drive.torque += push * wheel.lever;
+        let radius = self.omni.radius();
+        let turns = self.omni.wheel_speeds(self.followed);
+        for (wheel, turn) in self.wheels.iter_mut().zip(turns) {
+            wheel.turned += f64::from(turn * step);
         }
-        drive
+        let turns = self.omni.wheel_speeds(self.followed);
+        let ground = self.omni.wheel_speeds(real);
+        let pushes = self
+            .wheels
+            .iter()
+            .zip(turns.zip(ground))
+            .map(|(wheel, (turn, ground))| {
+                // The controller turns the wheel as if it had the radius of the robot file.
+                let slip = radius * (turn * wheel.scale - ground);
+                (self.grip * slip).clamp(-self.push_max, self.push_max)
+            });
+        self.omni.wrench(pushes)
     }
 
     /// The motors' ramp: acceleration and wheel speed are limited, the direction of motion is kept.
     fn follow(&mut self, wanted: Twist, step: f32) {
-        let fastest = self
-            .rim_speeds(wanted)
-            .fold(0.0f32, |most, rim| most.max(rim.abs()));
-        let within = if fastest > self.speed_max {
-            self.speed_max / fastest
-        } else {
-            1.0
-        };
-        let target = wanted.vector() * within;
-        let change = target - self.followed.vector();
-        let lever = self.wheels.first().map_or(1.0, |wheel| wheel.lever);
-        let size = Vector3::new(change.x, change.y, change.z * lever).norm();
+        let target = self.omni.limited(wanted, self.speed_max);
+        let now = self.followed;
+        let change = Vector3::new(target.x - now.x, target.y - now.y, target.theta - now.theta);
+        let size = Vector3::new(change.x, change.y, change.z * self.lever).norm();
         let most = self.acceleration_max * step;
         let part = if size > most { most / size } else { 1.0 };
-        let next = self.followed.vector() + change * part;
         self.followed = Twist {
-            vx: next.x,
-            vy: next.y,
-            omega: next.z,
+            x: now.x + part * change.x,
+            y: now.y + part * change.y,
+            theta: now.theta + part * change.z,
         };
     }
 
-    /// Robot-frame motion (metres, metres, radians) that the encoders counted since the last call; least squares
-    /// over all wheels. `stuck` names a wheel whose encoder does not count.
-    pub fn count(&mut self, stuck: Option<usize>) -> [f32; 3] {
+    /// What the encoders counted since the last call, as the robot file believes its wheels. `stuck` names a wheel whose
+    /// encoder does not count.
+    pub fn count(&mut self, stamp: Stamp, stuck: Option<usize>) -> Odometry {
         let tick = f64::from(std::f32::consts::TAU / self.ticks_per_turn);
-        let radius = self.nominal_radius;
-        let ways = self.wheels.iter_mut().enumerate().map(|(index, wheel)| {
-            let total = (wheel.turned / tick).floor() as i64;
-            let ticks = total - wheel.counted;
-            wheel.counted = total;
-            let heard = if stuck == Some(index) { 0 } else { ticks };
-            (heard as f64 * tick) as f32 * radius
-        });
-        let ways = nalgebra::DVector::from_iterator(self.twist_from_rims.ncols(), ways);
-        let motion = &self.twist_from_rims * ways;
-        // A turn during the motion bends it: half the turn is the mean heading (exact for constant twists to θ²).
-        let (sin, cos) = (motion[2] / 2.0).sin_cos();
-        [
-            cos * motion[0] - sin * motion[1],
-            sin * motion[0] + cos * motion[1],
-            motion[2],
-        ]
+        let turns: Vec<f32> = self
+            .wheels
+            .iter_mut()
+            .enumerate()
+            .map(|(index, wheel)| {
+                let total = (wheel.turned / tick).floor() as i64;
+                let ticks = total - wheel.counted;
+                wheel.counted = total;
+                let heard = if stuck == Some(index) { 0 } else { ticks };
+                (heard as f64 * tick) as f32
+            })
+            .collect();
+        let (motion, slip) = self.omni.twist(&turns);
+        motion.odometry(stamp, slip)
     }
 
     /// Stops the motors at once, as when the robot is lifted.
@@ -196,7 +147,7 @@ mod tests {
             ticks_per_turn: 1e6,
             ..BaseConfig::default()
         };
-        Base::new(&config, &WheelConfig::default())
+        Base::new(&config, &WheelConfig::default()).expect("a base")
     }
 
     /// Drives for a second on rails: the robot moves exactly as its motors want.
@@ -207,7 +158,7 @@ mod tests {
             for _ in 0..5 {
                 base.drive(twist, twist, 0.002);
             }
-            let [dx, dy, dtheta] = base.count(None);
+            let Odometry { dx, dy, dtheta, .. } = base.count(Stamp(0), None);
             let (sin, cos) = theta.sin_cos();
             x += cos * dx - sin * dy;
             y += sin * dx + cos * dy;
@@ -219,16 +170,16 @@ mod tests {
     #[test]
     fn encoders_of_three_and_four_wheels_add_up_to_the_arc_driven() {
         let twist = Twist {
-            vx: 1.0,
-            vy: -0.5,
-            omega: 1.2,
+            x: 1.0,
+            y: -0.5,
+            theta: 1.2,
         };
         // Exact integral of a constant twist over one second.
-        let (sin, cos) = twist.omega.sin_cos();
+        let (sin, cos) = twist.theta.sin_cos();
         let wanted = [
-            (twist.vx * sin - twist.vy * (1.0 - cos)) / twist.omega,
-            (twist.vx * (1.0 - cos) + twist.vy * sin) / twist.omega,
-            twist.omega,
+            (twist.x * sin - twist.y * (1.0 - cos)) / twist.theta,
+            (twist.x * (1.0 - cos) + twist.y * sin) / twist.theta,
+            twist.theta,
         ];
         for angles in [&[60.0, 180.0, 300.0][..], &[45.0, 135.0, 225.0, 315.0]] {
             let found = counted_after_a_second(base(angles), twist);
@@ -242,26 +193,23 @@ mod tests {
     fn a_wheel_pushes_no_more_than_its_grip_on_the_carpet() {
         let mut base = base(&[60.0, 180.0, 300.0]);
         let shoved = Twist {
-            vx: 3.0,
+            x: 3.0,
             ..Twist::default()
         };
-        let drive = base.drive(Twist::default(), shoved, 0.002);
+        let force = base.drive(Twist::default(), shoved, 0.002);
         let weight = 30.0 * GRAVITY;
         // Two of three wheels roll partly along x: 2·sin 60° of a third of the weight each.
         let wanted = -0.7 * weight / 3.0 * 2.0 * 60f32.to_radians().sin();
-        assert!(
-            (drive.force[0] - wanted).abs() < 0.5,
-            "{} {wanted}",
-            drive.force[0]
-        );
+        assert!((force[0] - wanted).abs() < 0.5, "{} {wanted}", force[0]);
         // Locked wheels that slide count nothing.
-        assert_eq!(base.count(None), [0.0; 3]);
+        let counted = base.count(Stamp(0), None);
+        assert_eq!((counted.dx, counted.dy, counted.dtheta), (0.0, 0.0, 0.0));
     }
 
     #[test]
     fn a_stuck_encoder_loses_its_part_of_the_motion() {
         let twist = Twist {
-            vx: 1.0,
+            x: 1.0,
             ..Twist::default()
         };
         let mut base = base(&[60.0, 180.0, 300.0]);
@@ -270,7 +218,7 @@ mod tests {
             base.drive(twist, twist, 0.002);
         }
         // Two of three wheels carry x; without one of them half of it is left, and a turn that never was.
-        let [dx, _, dtheta] = base.count(Some(0));
+        let Odometry { dx, dtheta, .. } = base.count(Stamp(0), Some(0));
         assert!((dx - 0.05).abs() < 0.004, "half of 0.1 m, found {dx}");
         assert!(dtheta.abs() > 0.1, "{dtheta}");
     }

@@ -1,9 +1,9 @@
 //! Where should our robot go now? Along the scenario's path, from where it truly is, around who is in the way.
 
 use localize::frame::{Pose, wrap_angle};
+use localize::omni::Twist;
 use nalgebra::Vector2;
 
-use crate::base::Twist;
 use crate::scenario::PathConfig;
 
 /// A waypoint counts as passed at this distance, metres.
@@ -81,9 +81,9 @@ impl Follower {
         let (sin, cos) = pose.theta.sin_cos();
         let turn_rate = self.path.turn_rate_deg.to_radians();
         Twist {
-            vx: cos * wanted.x + sin * wanted.y,
-            vy: -sin * wanted.x + cos * wanted.y,
-            omega: (wrap_angle(target.theta - pose.theta) * 2.0).clamp(-turn_rate, turn_rate),
+            x: cos * wanted.x + sin * wanted.y,
+            y: -sin * wanted.x + cos * wanted.y,
+            theta: (wrap_angle(target.theta - pose.theta) * 2.0).clamp(-turn_rate, turn_rate),
         }
     }
 
@@ -95,9 +95,9 @@ impl Follower {
             .rev()
             .find(|command| command.time <= time);
         past.map_or(Twist::default(), |command| Twist {
-            vx: command.vx,
-            vy: command.vy,
-            omega: command.turn_deg.to_radians(),
+            x: command.vx,
+            y: command.vy,
+            theta: command.turn_deg.to_radians(),
         })
     }
 }

@@ -14,6 +14,5 @@ mod sensors;
 pub mod simulation;
 pub mod world;
 
-pub use base::Twist;
 pub use scenario::Scenario;
 pub use simulation::{Image, Sample, Sim, SimError, Truth};

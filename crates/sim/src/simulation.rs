@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use localize::field::{Field, FieldError};
 use localize::frame::{At, FieldFrame, Pose};
-use localize::sample::{Compass, Imu, Odometry};
+use localize::omni::{OmniError, Twist};
+use localize::sample::{Command, Compass, Imu, Odometry};
 use localize::stamp::Stamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +14,6 @@ use vision::mirror::ProfileError;
 use vision::optics::OpticsError;
 use vision::{CameraConfig, Profile, RobotConfig};
 
-use crate::base::Twist;
 use crate::drive::Follower;
 use crate::film::FilmConfig;
 use crate::play::{Play, THINKING};
@@ -31,6 +31,8 @@ pub enum Sample {
     Imu(Imu),
     /// Compass.
     Compass(Compass),
+    /// What the motors are told, whenever odometry is due.
+    Command(Command),
     /// What is true at the time of an image; it comes just before the image.
     Truth(Truth),
     /// The camera.
@@ -44,6 +46,7 @@ impl Sample {
             Sample::Odometry(odometry) => odometry.stamp,
             Sample::Imu(imu) => imu.stamp,
             Sample::Compass(compass) => compass.stamp,
+            Sample::Command(command) => command.stamp,
             Sample::Truth(truth) => truth.stamp,
             Sample::Image(image) => image.stamp,
         }
@@ -96,6 +99,14 @@ pub enum SimError {
         /// What is wrong.
         source: OpticsError,
     },
+    /// The wheels are no base.
+    #[error("{}: base.wheel_angles_deg: {source}", path.display())]
+    Base {
+        /// The robot file.
+        path: PathBuf,
+        /// What is wrong.
+        source: OmniError,
+    },
     /// Something that a simulation needs is not in the robot file.
     #[error("{}: a simulated robot needs {what}", path.display())]
     Missing {
@@ -115,6 +126,8 @@ pub struct Sim {
     play: Play,
     follower: Follower,
     commanded: Option<Twist>,
+    /// What the motors were told last.
+    wanted: Twist,
     renderer: Renderer,
     film: FilmConfig,
     /// Light set by hand, in place of the scenario's.
@@ -213,7 +226,12 @@ impl Sim {
         let (mut chance_play, mut chance_sensors) = (stream(2), stream(3));
         let start = scenario.start.pose();
         let (play, places) = Play::new(&field, &scenario.others, start, &mut chance_play);
-        let world = World::new(&field, &base, &body, &scenario, &places);
+        let world = World::new(&field, &base, &body, &scenario, &places).map_err(|source| {
+            SimError::Base {
+                path: scenario.robot.clone(),
+                source,
+            }
+        })?;
         let imu = robot.imu.as_ref().map(|config| {
             (
                 ImuModel::new(config, &mut chance_sensors),
@@ -231,6 +249,7 @@ impl Sim {
             play,
             follower: Follower::new(scenario.path.clone()),
             commanded: None,
+            wanted: Twist::default(),
             renderer,
             film: scenario.film,
             light_level: None,
@@ -379,6 +398,7 @@ impl Sim {
                 self.follower.wanted(time, STEP, pose, others)
             }
         };
+        self.wanted = wanted;
         self.world.step(wanted);
         let [ax, ay] = self.world.acceleration();
         self.shaken.0[0] += f64::from(ax);
@@ -414,14 +434,13 @@ impl Sim {
 
     fn sense_wheels(&mut self, stamp: Stamp) {
         let stuck = self.failing(FaultKind::WheelStuck).map(|fault| fault.wheel);
-        let [dx, dy, dtheta] = self.world.count_wheels(stuck);
+        let odometry = self.world.count_wheels(stamp, stuck);
+        self.ready.push_back(Sample::Command(Command {
+            stamp,
+            twist: self.wanted,
+        }));
         if self.failing(FaultKind::OdometrySilent).is_none() {
-            self.ready.push_back(Sample::Odometry(Odometry {
-                stamp,
-                dx,
-                dy,
-                dtheta,
-            }));
+            self.ready.push_back(Sample::Odometry(odometry));
         }
     }
 

@@ -2,12 +2,15 @@
 
 use localize::field::Field;
 use localize::frame::{At, FieldFrame, Pose};
+use localize::omni::{OmniError, Twist};
+use localize::sample::Odometry;
+use localize::stamp::Stamp;
 use nalgebra::Vector2;
 use rapier2d::prelude::*;
 use vision::robot::{BaseConfig, BodyConfig};
 
 use crate::ball::RollingLaw;
-use crate::base::{Base, Twist};
+use crate::base::Base;
 use crate::scenario::{BallConfig, Scenario, Team};
 
 /// Length of a step, seconds: at 12 m/s a ball moves a tenth of its diameter.
@@ -77,14 +80,15 @@ pub struct BallState {
 }
 
 impl World {
-    /// Puts everything where the scenario says; `others` are poses and teams of the other robots.
+    /// Puts everything where the scenario says; `others` are poses and teams of the other robots. Wheels that cannot
+    /// drive everywhere are refused.
     pub fn new(
         field: &Field,
         base: &BaseConfig,
         body: &BodyConfig,
         scenario: &Scenario,
         others: &[(Pose, Team)],
-    ) -> Self {
+    ) -> Result<Self, OmniError> {
         let mut physics = PhysicsWorld::new();
         physics.gravity = Vector::ZERO;
         physics.integration_parameters.dt = STEP;
@@ -117,14 +121,14 @@ impl World {
             .ball
             .present
             .then(|| insert_ball(&mut physics, &scenario.ball));
-        World {
+        Ok(World {
             physics,
             robot,
             others,
             ball,
-            base: Base::new(base, &scenario.wheels),
+            base: Base::new(base, &scenario.wheels)?,
             last_acceleration: Vector2::zeros(),
-        }
+        })
     }
 
     /// Moves everything by one `STEP`; our robot's motors follow `wanted` (robot frame).
@@ -153,17 +157,16 @@ impl World {
         let (sin, cos) = state.pose.theta.sin_cos();
         let [vx, vy] = state.velocity;
         let real = Twist {
-            vx: cos * vx + sin * vy,
-            vy: -sin * vx + cos * vy,
-            omega: state.omega,
+            x: cos * vx + sin * vy,
+            y: -sin * vx + cos * vy,
+            theta: state.omega,
         };
-        let drive = self.base.drive(wanted, real, STEP);
-        let [fx, fy] = drive.force;
+        let [fx, fy, torque] = self.base.drive(wanted, real, STEP);
         let body = &mut self.physics.bodies[self.robot];
         body.reset_forces(true);
         body.reset_torques(true);
         body.add_force(Vector::new(cos * fx - sin * fy, sin * fx + cos * fy), true);
-        body.add_torque(drive.torque, true);
+        body.add_torque(torque, true);
     }
 
     fn drive_other(&mut self, index: usize) {
@@ -207,9 +210,9 @@ impl World {
         [self.last_acceleration.x, self.last_acceleration.y]
     }
 
-    /// What the encoders counted since the last call (robot frame: metres, metres, radians).
-    pub fn count_wheels(&mut self, stuck: Option<usize>) -> [f32; 3] {
-        self.base.count(stuck)
+    /// What the encoders counted since the last call.
+    pub fn count_wheels(&mut self, stamp: Stamp, stuck: Option<usize>) -> Odometry {
+        self.base.count(stamp, stuck)
     }
 
     /// Wanted velocity of another robot, field frame (m/s, m/s, rad/s).

@@ -145,6 +145,11 @@ impl Writer {
                 .compass
                 .log_at(&convert::compass_to_wire(sample), sample.stamp);
         }
+        for sample in &cycle.inputs.commands {
+            self.sink
+                .command
+                .log_at(&convert::command_to_wire(sample), sample.stamp);
+        }
         if let Some(truth) = &cycle.inputs.truth {
             self.sink
                 .truth

@@ -118,7 +118,7 @@ impl Odometer {
             return Moved::Began;
         }
         let (motion, slip) = self.omni.twist(&turned);
-        Moved::By(motion.odometry(stamp), slip)
+        Moved::By(motion.odometry(stamp, slip), slip)
     }
 }
 

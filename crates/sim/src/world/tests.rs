@@ -11,7 +11,7 @@ fn world_with(scenario: &str) -> World {
     let text = format!("robot = \"r\"\nduration = 1.0\n{scenario}");
     let scenario: Scenario = toml::from_str(&text).expect("a scenario");
     let (base, body) = (BaseConfig::default(), BodyConfig::default());
-    World::new(&field(), &base, &body, &scenario, &[])
+    World::new(&field(), &base, &body, &scenario, &[]).expect("a world")
 }
 
 fn ball_world(ball: &str) -> World {
@@ -80,16 +80,16 @@ fn the_robot_reaches_the_wanted_twist_and_its_encoders_tell_the_way() {
     let mut world =
         world_with("start = { x = -6.0, y = -3.0, theta_deg = 30.0 }\n[ball]\npresent = false");
     let wanted = Twist {
-        vx: 1.5,
-        vy: 0.5,
-        omega: 0.4,
+        x: 1.5,
+        y: 0.5,
+        theta: 0.4,
     };
     let mut counted = world.robot().pose;
     let start = counted;
     for step in 1..=1500 {
         world.step(wanted);
         if step % 5 == 0 {
-            let [dx, dy, dtheta] = world.count_wheels(None);
+            let Odometry { dx, dy, dtheta, .. } = world.count_wheels(Stamp(0), None);
             counted = counted * localize::Tf::new(dx, dy, dtheta);
         }
     }
@@ -114,15 +114,16 @@ fn wheels_that_accelerate_harder_than_they_grip_count_more_than_the_way() {
             acceleration_max,
             ..BaseConfig::default()
         };
-        let mut world = World::new(&field(), &base, &BodyConfig::default(), &scenario, &[]);
+        let mut world =
+            World::new(&field(), &base, &BodyConfig::default(), &scenario, &[]).expect("a world");
         let wanted = Twist {
-            vx: 3.0,
+            x: 3.0,
             ..Twist::default()
         };
         let mut counted = 0.0;
         for _ in 0..400 {
             world.step(wanted);
-            counted += world.count_wheels(None)[0];
+            counted += world.count_wheels(Stamp(0), None).dx;
         }
         counted - (world.robot().pose.x + 6.0)
     };
@@ -141,7 +142,7 @@ fn a_push_moves_the_robot_and_its_wheels_miss_most_of_it() {
     let mut counted = 0.0;
     for _ in 0..500 {
         world.step(Twist::default());
-        counted += world.count_wheels(None)[0];
+        counted += world.count_wheels(Stamp(0), None).dx;
     }
     assert!(world.robot().pose.x > 0.2, "{}", world.robot().pose.x);
     assert!(counted.abs() < 0.02, "{counted}");
@@ -157,5 +158,6 @@ fn a_kidnap_moves_our_robot_alone() {
         pose.origin().distance_to(At::new(5.0, -3.0)) < 1e-6 && (pose.theta - 1.0).abs() < 1e-6
     );
     assert_eq!(world.ball(), ball);
-    assert_eq!(world.count_wheels(None), [0.0; 3]);
+    let counted = world.count_wheels(Stamp(0), None);
+    assert_eq!((counted.dx, counted.dy, counted.dtheta), (0.0, 0.0, 0.0));
 }

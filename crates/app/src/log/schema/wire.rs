@@ -30,6 +30,21 @@ pub(crate) struct Odometry {
     pub(crate) dy: f32,
     #[prost(float, required)]
     pub(crate) dtheta: f32,
+    #[prost(float, required)]
+    pub(crate) slip: f32,
+}
+
+/// `localize::sample::Command`: what the motors were told, m/s and rad/s, robot frame.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Command {
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, required)]
+    pub(crate) theta: f32,
 }
 
 /// `localize::sample::Compass`: heading on the field, radians.
@@ -167,4 +182,6 @@ pub(crate) struct Cycle {
     pub(crate) see_ms: f32,
     #[prost(float, required)]
     pub(crate) localize_ms: f32,
+    #[prost(message, repeated)]
+    pub(crate) commands: Vec<Command>,
 }

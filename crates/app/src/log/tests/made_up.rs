@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use localize::estimate::{Estimate, Mode, Reason};
 use localize::frame::At;
-use localize::sample::{Compass, Imu, LinePoint, Odometry};
+use localize::omni::Twist;
+use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
 use localize::search::Hypothesis;
 use localize::{Field, Pose, Stamp};
 use nalgebra::Matrix3;
@@ -63,12 +64,13 @@ impl Any {
 
     fn inputs(&mut self, stamp: Stamp) -> Inputs {
         let mut odometry = || {
-            let [dx, dy, dtheta] = self.values();
+            let [dx, dy, dtheta, slip] = self.values();
             Odometry {
                 stamp,
                 dx,
                 dy,
                 dtheta,
+                slip,
             }
         };
         Inputs {
@@ -81,6 +83,14 @@ impl Any {
                 stamp,
                 acceleration: self.values(),
                 rate: self.values(),
+            }],
+            commands: vec![Command {
+                stamp,
+                twist: Twist {
+                    x: self.value(),
+                    y: self.value(),
+                    theta: self.value(),
+                },
             }],
             truth: Some(Truth {
                 stamp,

@@ -5,7 +5,8 @@ mod seen;
 
 use anyhow::{Context, Result, bail};
 use localize::frame::At;
-use localize::sample::{Compass, Imu, LinePoint, Odometry};
+use localize::omni::Twist;
+use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 
@@ -47,6 +48,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         odometry,
         compass,
         imu,
+        commands,
         truth,
         image: _,
     } = inputs;
@@ -64,6 +66,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         fault: fault.clone(),
         see_ms: timings.see_ms,
         localize_ms: timings.localize_ms,
+        commands: commands.iter().map(command_to_wire).collect(),
     }
 }
 
@@ -74,6 +77,15 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
         dx: one.dx,
         dy: one.dy,
         dtheta: one.dtheta,
+        slip: one.slip,
+    };
+    let command = |one: wire::Command| Command {
+        stamp: Stamp(one.stamp_ns),
+        twist: Twist {
+            x: one.x,
+            y: one.y,
+            theta: one.theta,
+        },
     };
     let compass = |one: wire::Compass| Compass {
         stamp: Stamp(one.stamp_ns),
@@ -90,6 +102,7 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
             odometry: cycle.odometry.into_iter().map(odometry).collect(),
             compass: cycle.compass.into_iter().map(compass).collect(),
             imu: cycle.imu.into_iter().map(imu).collect(),
+            commands: cycle.commands.into_iter().map(command).collect(),
             truth: cycle.truth.map(truth_from_wire).transpose()?,
             image: None,
         },
@@ -110,6 +123,7 @@ pub(crate) fn odometry_to_wire(
         dx,
         dy,
         dtheta,
+        slip,
     }: &Odometry,
 ) -> wire::Odometry {
     wire::Odometry {
@@ -117,6 +131,17 @@ pub(crate) fn odometry_to_wire(
         dx,
         dy,
         dtheta,
+        slip,
+    }
+}
+
+pub(crate) fn command_to_wire(&Command { stamp, twist }: &Command) -> wire::Command {
+    let Twist { x, y, theta } = twist;
+    wire::Command {
+        stamp_ns: stamp.0,
+        x,
+        y,
+        theta,
     }
 }
 
