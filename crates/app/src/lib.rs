@@ -11,9 +11,11 @@ pub mod recording;
 pub mod simulation;
 
 pub mod cycle;
+pub mod feed;
 
 pub mod log;
 pub mod start_log;
+pub mod stream;
 
 pub mod annotate;
 pub mod field_picture;

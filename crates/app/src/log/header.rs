@@ -9,7 +9,7 @@ use vision::labels::ColourTable;
 use vision::robot::{MapConfig, RobotConfig};
 
 use super::picture::ImageMode;
-use super::schema::{ABOUT, FORMAT};
+use super::schema::{ABOUT, FORMAT, wire};
 
 /// What a log starts with.
 #[derive(Debug, Clone, PartialEq)]
@@ -105,8 +105,40 @@ impl Header {
         Ok(())
     }
 
+    /// The message with which a live stream greets.
+    pub(crate) fn to_message(&self) -> wire::About {
+        let file = |(name, content): (&String, &Vec<u8>)| wire::File {
+            name: name.clone(),
+            content: content.clone().into(),
+        };
+        wire::About {
+            metadata: self
+                .metadata()
+                .into_iter()
+                .map(|(key, value)| wire::Entry { key, value })
+                .collect(),
+            files: self.files.iter().map(file).collect(),
+        }
+    }
+
+    /// Reads the greeting of the stream at `place`; one of another form is refused.
+    pub(crate) fn from_message(about: wire::About, place: &Path) -> Result<Self> {
+        let metadata = about
+            .metadata
+            .into_iter()
+            .map(|entry| (entry.key, entry.value));
+        let files = about
+            .files
+            .into_iter()
+            .map(|file| (file.name, file.content.into()));
+        Ok(Header {
+            files: files.collect(),
+            ..Header::from_metadata(&metadata.collect(), place)?
+        })
+    }
+
     /// The metadata record; the files go as attachments.
-    pub(super) fn metadata(&self) -> BTreeMap<String, String> {
+    pub(crate) fn metadata(&self) -> BTreeMap<String, String> {
         let seed = self.seed.map_or_else(String::new, |seed| seed.to_string());
         [
             ("format", FORMAT.to_string()),
@@ -120,7 +152,7 @@ impl Header {
     }
 
     /// Reads the metadata record of the log at `path`; one of another form is refused.
-    pub(super) fn from_metadata(values: &BTreeMap<String, String>, path: &Path) -> Result<Self> {
+    pub(crate) fn from_metadata(values: &BTreeMap<String, String>, path: &Path) -> Result<Self> {
         let value = |key: &str| {
             values
                 .get(key)

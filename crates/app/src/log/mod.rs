@@ -2,15 +2,15 @@
 
 mod export;
 mod header;
-mod picture;
-mod queue;
-mod read;
+pub(crate) mod messages;
+pub(crate) mod picture;
+pub(crate) mod read;
 mod record;
 mod recover;
-mod schema;
+pub(crate) mod schema;
 mod stream;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 mod verify;
 mod writer;
 
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 pub use export::export;
 pub use header::Header;
 pub use picture::ImageMode;
-pub use read::Log;
+pub use read::{Log, Logged};
 pub use record::Recorder;
 pub use recover::recover;
 pub use stream::End;

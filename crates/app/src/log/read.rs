@@ -23,16 +23,71 @@ pub struct Log {
     /// What the reader met first behind the header.
     first: Option<Record<'static>>,
     topics: HashMap<u16, Topic>,
-    image: Option<(u64, Encoded)>,
+    assembler: Assembler,
     until: Option<Stamp>,
     failed: bool,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Topic {
+/// What the messages of a topic are to a reader.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Topic {
+    /// Everything of a cycle but its image.
     Cycle,
+    /// The image of the cycle that follows.
     Image,
+    /// For viewers: the cycle says it too.
     Other,
+}
+
+impl Topic {
+    /// What a topic of that name is.
+    pub(crate) fn named(name: &str) -> Self {
+        match name {
+            CYCLE_TOPIC => Topic::Cycle,
+            IMAGE_TOPIC => Topic::Image,
+            _ => Topic::Other,
+        }
+    }
+}
+
+/// Puts cycles together from messages, those of a log and those of a live stream alike.
+#[derive(Default)]
+pub(crate) struct Assembler {
+    image: Option<(u64, Encoded)>,
+}
+
+impl Assembler {
+    /// Takes a message; a cycle's is the last of its cycle.
+    pub(crate) fn message(
+        &mut self,
+        topic: Topic,
+        log_time: u64,
+        data: &[u8],
+    ) -> Result<Option<Logged>> {
+        match topic {
+            Topic::Image => self.image = Some((log_time, picture_from_bytes(data)?)),
+            Topic::Cycle => return self.cycle(log_time, data).map(Some),
+            Topic::Other => {}
+        }
+        Ok(None)
+    }
+
+    fn cycle(&mut self, log_time: u64, data: &[u8]) -> Result<Logged> {
+        let message = wire::Cycle::decode(data)?;
+        let index = message.index;
+        // A recovered log may have lost an image with the chunk before its cycle's, a slow viewer either.
+        let image = self
+            .image
+            .take()
+            .filter(|(time, _)| *time == log_time)
+            .map(|(_, image)| image);
+        let cycle = convert::cycle_from_wire(message)?;
+        Ok(Logged {
+            index,
+            cycle,
+            image,
+        })
+    }
 }
 
 /// A cycle as it was recorded.
@@ -79,7 +134,7 @@ impl Log {
             stream,
             first,
             topics: HashMap::new(),
-            image: None,
+            assembler: Assembler::default(),
             until: None,
             failed: false,
         })
@@ -110,42 +165,21 @@ impl Log {
             };
             match record {
                 Record::Channel(channel) => {
-                    let topic = match channel.topic.as_str() {
-                        CYCLE_TOPIC => Topic::Cycle,
-                        IMAGE_TOPIC => Topic::Image,
-                        _ => Topic::Other,
-                    };
-                    self.topics.insert(channel.id, topic);
+                    self.topics.insert(channel.id, Topic::named(&channel.topic));
                 }
-                Record::Message { header, data } => match self.topics.get(&header.channel_id) {
-                    Some(Topic::Image) => {
-                        self.image = Some((header.log_time, picture_from_bytes(&data)?));
+                Record::Message { header, data } => {
+                    let Some(topic) = self.topics.get(&header.channel_id) else {
+                        bail!("a message without a channel");
+                    };
+                    let logged = self.assembler.message(*topic, header.log_time, &data)?;
+                    if let Some(logged) = logged {
+                        self.until = Some(logged.cycle.stamp);
+                        return Ok(Some(logged));
                     }
-                    Some(Topic::Cycle) => return self.cycle(header.log_time, &data).map(Some),
-                    Some(Topic::Other) => {}
-                    None => bail!("a message without a channel"),
-                },
+                }
                 _ => {}
             }
         }
-    }
-
-    fn cycle(&mut self, log_time: u64, data: &[u8]) -> Result<Logged> {
-        let message = wire::Cycle::decode(data)?;
-        let index = message.index;
-        let image = self
-            .image
-            .take()
-            .filter(|(time, _)| *time == log_time)
-            .map(|(_, image)| image);
-        // A recovered log may have lost an image with the chunk before its cycle's.
-        let cycle = convert::cycle_from_wire(message)?;
-        self.until = Some(cycle.stamp);
-        Ok(Logged {
-            index,
-            cycle,
-            image,
-        })
     }
 }
 

@@ -8,10 +8,11 @@ use anyhow::{Result, anyhow, bail};
 use localize::Field;
 
 use super::header::Header;
-use super::queue::{Dropped, Queue};
 use super::writer::Writer;
 use super::{LogConfig, Pace};
 use crate::cycle::Cycle;
+use crate::feed::Dropped;
+use crate::feed::queue::Queue;
 
 /// What a recorder wrote.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Which topics does a log have, in which schemas? The one place that knows foxglove's SDK.
 //!
-//! A channel is logged to once; whatever sinks its context has (a file here) get the message.
+//! A channel is logged to once; whatever sinks its context has (a file, viewers) get the message.
 
 pub(crate) mod annotate;
 pub(crate) mod convert;
@@ -14,6 +14,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use anyhow::{Context as _, Result, anyhow};
+pub(crate) use foxglove::Context;
 pub(crate) use foxglove::messages::log::Level;
 use foxglove::messages::{
     CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud, PoseInFrame, PosesInFrame,
@@ -21,7 +22,7 @@ use foxglove::messages::{
 };
 use foxglove::prost_types::FileDescriptorSet;
 use foxglove::{
-    Channel, Context, Encode, McapAttachment, McapCompression, McapWriteOptions, McapWriterHandle,
+    Channel, Encode, McapAttachment, McapCompression, McapWriteOptions, McapWriterHandle,
     PartialMetadata, RawChannel, Schema,
 };
 use localize::Stamp;
@@ -37,18 +38,16 @@ pub(crate) const FORMAT: u32 = 1;
 pub(crate) const ABOUT: &str = "mirrorball";
 /// Topic of [`wire::Cycle`], all that replay needs.
 pub(crate) const CYCLE_TOPIC: &str = "/cycle";
+/// Topic of [`wire::About`], with which a live stream greets whoever subscribes.
+pub(crate) const ABOUT_TOPIC: &str = "/about";
 /// Topic of the images.
 pub(crate) const IMAGE_TOPIC: &str = "/camera/image";
 
 /// A chunk is closed at this size; with the image that goes beyond it, it stays below 1 MiB for usual cameras.
 const CHUNK_BYTES: u64 = 384 * 1024;
 
-/// The file and its channels.
-pub(crate) struct Sink {
-    /// Joins channels and file for as long as it lives.
-    _context: Arc<Context>,
-    file: McapWriterHandle<LogFile>,
-    fault: Arc<OnceLock<String>>,
+/// The channels of a run; they reach whatever sinks their context has.
+pub(crate) struct Topics {
     image: Shown<CompressedImage>,
     pub(crate) annotations: Shown<ImageAnnotations>,
     pub(crate) line_points: Shown<PointCloud>,
@@ -69,48 +68,34 @@ pub(crate) struct Sink {
     log: Shown<Log>,
 }
 
-impl Sink {
-    /// Starts a log file; one that is there is replaced.
-    pub(crate) fn create(path: &Path) -> Result<Self> {
-        let fault = Arc::new(OnceLock::new());
-        let file = LogFile::create(path, fault.clone())
-            .with_context(|| format!("cannot write {}", path.display()))?;
-        // A seeking writer would leave a chunk without its length when it is killed.
-        let options = McapWriteOptions::new()
-            .profile(ABOUT)
-            .compression(Some(McapCompression::Zstd))
-            .compression_level(1)
-            .compression_threads(0)
-            .chunk_size(Some(CHUNK_BYTES))
-            .disable_seeking(true);
-        let context = Context::new();
-        let file = context
-            .mcap_writer_with_options(options)
-            .create(file)
-            .map_err(|error| anyhow!("cannot write {}: {error}", path.display()))?;
-        Ok(Sink {
-            file,
-            fault,
-            image: Shown::new(&context, IMAGE_TOPIC),
-            annotations: Shown::new(&context, "/camera/annotations"),
-            line_points: Shown::new(&context, "/vision/line_points"),
-            ball: Own::new(&context, "/vision/ball")?,
-            robots: Own::new(&context, "/vision/robots")?,
-            sensors: Own::new(&context, "/vision/sensors")?,
-            odometry: Own::new(&context, "/odometry")?,
-            imu: Own::new(&context, "/imu")?,
-            compass: Own::new(&context, "/compass")?,
-            command: Own::new(&context, "/command")?,
-            pose: Shown::new(&context, "/pose"),
-            particles: Shown::new(&context, "/pose/particles"),
-            truth: Shown::new(&context, "/truth/pose"),
-            frames: Shown::new(&context, "/tf"),
-            field_lines: Shown::new(&context, "/field/lines"),
-            scene: Shown::new(&context, "/field/scene"),
-            cycle: Own::new(&context, CYCLE_TOPIC)?,
-            log: Shown::new(&context, "/log"),
-            _context: context,
+impl Topics {
+    /// Every channel of a run, in a context.
+    pub(crate) fn new(context: &Arc<Context>) -> Result<Self> {
+        Ok(Topics {
+            image: Shown::new(context, IMAGE_TOPIC),
+            annotations: Shown::new(context, "/camera/annotations"),
+            line_points: Shown::new(context, "/vision/line_points"),
+            ball: Own::new(context, "/vision/ball")?,
+            robots: Own::new(context, "/vision/robots")?,
+            sensors: Own::new(context, "/vision/sensors")?,
+            odometry: Own::new(context, "/odometry")?,
+            imu: Own::new(context, "/imu")?,
+            compass: Own::new(context, "/compass")?,
+            command: Own::new(context, "/command")?,
+            pose: Shown::new(context, "/pose"),
+            particles: Shown::new(context, "/pose/particles"),
+            truth: Shown::new(context, "/truth/pose"),
+            frames: Shown::new(context, "/tf"),
+            field_lines: Shown::new(context, "/field/lines"),
+            scene: Shown::new(context, "/field/scene"),
+            cycle: Own::new(context, CYCLE_TOPIC)?,
+            log: Shown::new(context, "/log"),
         })
+    }
+
+    /// True if somebody takes images: packing them is most of the work.
+    pub(crate) fn image_is_wanted(&self) -> bool {
+        self.image.0.has_sinks()
     }
 
     /// Logs an image as it is packed.
@@ -134,6 +119,43 @@ impl Sink {
             ..Log::default()
         };
         self.log.log_at(&line, stamp);
+    }
+}
+
+/// A log's file.
+pub(crate) struct Sink {
+    /// Joins channels and file for as long as it lives.
+    _context: Arc<Context>,
+    file: McapWriterHandle<LogFile>,
+    fault: Arc<OnceLock<String>>,
+}
+
+impl Sink {
+    /// Starts a log file with its channels; one that is there is replaced.
+    pub(crate) fn create(path: &Path) -> Result<(Self, Topics)> {
+        let fault = Arc::new(OnceLock::new());
+        let file = LogFile::create(path, fault.clone())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        // A seeking writer would leave a chunk without its length when it is killed.
+        let options = McapWriteOptions::new()
+            .profile(ABOUT)
+            .compression(Some(McapCompression::Zstd))
+            .compression_level(1)
+            .compression_threads(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            .disable_seeking(true);
+        let context = Context::new();
+        let file = context
+            .mcap_writer_with_options(options)
+            .create(file)
+            .map_err(|error| anyhow!("cannot write {}: {error}", path.display()))?;
+        let topics = Topics::new(&context)?;
+        let sink = Sink {
+            file,
+            fault,
+            _context: context,
+        };
+        Ok((sink, topics))
     }
 
     /// Writes a metadata record.
@@ -198,7 +220,8 @@ pub(crate) struct Own<M> {
 }
 
 impl<M: Message + Encode> Own<M> {
-    fn new(context: &Arc<Context>, topic: &str) -> Result<Self> {
+    /// Opens the channel of a topic.
+    pub(crate) fn new(context: &Arc<Context>, topic: &str) -> Result<Self> {
         let channel = context
             .channel_builder(topic)
             .message_encoding("protobuf")

@@ -5,6 +5,7 @@
 //! bits. Whoever changes a message raises [`super::FORMAT`].
 
 use foxglove::Encode;
+use prost::bytes::Bytes;
 
 pub(crate) use super::wire_seen::{Ball, Goal, Robot, Robots, Seen, Sensors};
 
@@ -184,4 +185,31 @@ pub(crate) struct Cycle {
     pub(crate) localize_ms: f32,
     #[prost(message, repeated)]
     pub(crate) commands: Vec<Command>,
+}
+
+/// A file that a run works with, under its name in a recording folder.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct File {
+    #[prost(string)]
+    pub(crate) name: String,
+    #[prost(bytes = "bytes")]
+    pub(crate) content: Bytes,
+}
+
+/// A line of the metadata record.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Entry {
+    #[prost(string)]
+    pub(crate) key: String,
+    #[prost(string)]
+    pub(crate) value: String,
+}
+
+/// What a log keeps as metadata and attachments, for those who watch a run live.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct About {
+    #[prost(message, repeated)]
+    pub(crate) metadata: Vec<Entry>,
+    #[prost(message, repeated)]
+    pub(crate) files: Vec<File>,
 }

@@ -25,11 +25,11 @@ use crate::log::record::Written;
 use crate::log::{Header, Log, LogConfig, Pace, Recorder};
 use crate::sample::Truth;
 
-pub(super) fn field() -> Field {
+pub(crate) fn field() -> Field {
     Field::load(&sample_folder().join("field.toml")).expect("a field")
 }
 
-pub(super) fn sample_folder() -> PathBuf {
+pub(crate) fn sample_folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence")
 }
 
@@ -179,7 +179,7 @@ impl Any {
 }
 
 /// A cycle of arbitrary values, the same for the same number.
-pub(super) fn cycle(number: u64) -> Cycle {
+pub(crate) fn cycle(number: u64) -> Cycle {
     let mut any = Any(ChaCha8Rng::seed_from_u64(number));
     let stamp = Stamp(33_333_333 * number as i64);
     let seen = any.seen(number);
@@ -200,7 +200,7 @@ pub(super) fn cycle(number: u64) -> Cycle {
     }
 }
 
-pub(super) fn picture(number: u64) -> Image {
+pub(crate) fn picture(number: u64) -> Image {
     let mut rng = ChaCha8Rng::seed_from_u64(number);
     Image {
         width_px: 64,
@@ -209,7 +209,7 @@ pub(super) fn picture(number: u64) -> Image {
     }
 }
 
-pub(super) fn record(path: &Path, count: u64, config: &LogConfig) -> Written {
+pub(crate) fn record(path: &Path, count: u64, config: &LogConfig) -> Written {
     let header = Header::new("test", Some(7)).with_file("robot.toml", "field = \"field.toml\"\n");
     let mut recorder =
         Recorder::create(path, &header, &field(), Pace::Lockstep, config).expect("a recorder");
@@ -219,7 +219,7 @@ pub(super) fn record(path: &Path, count: u64, config: &LogConfig) -> Written {
     recorder.finish().expect("written")
 }
 
-pub(super) fn read(path: &Path) -> Vec<Logged> {
+pub(crate) fn read(path: &Path) -> Vec<Logged> {
     Log::open(path)
         .expect("a log")
         .collect::<anyhow::Result<_>>()
@@ -227,7 +227,7 @@ pub(super) fn read(path: &Path) -> Vec<Logged> {
 }
 
 /// The error of a log that cannot be read to its end, as the user sees it.
-pub(super) fn complaint(path: &Path) -> String {
+pub(crate) fn complaint(path: &Path) -> String {
     let read = Log::open(path).and_then(|log| log.collect::<anyhow::Result<Vec<_>>>());
     format!("{:#}", read.map(|_| ()).expect_err("an error"))
 }

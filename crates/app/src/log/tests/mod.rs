@@ -2,5 +2,4 @@
 
 mod broken;
 mod kept;
-mod made_up;
-mod queue;
+pub(crate) mod made_up;

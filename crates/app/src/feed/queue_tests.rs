@@ -1,10 +1,10 @@
-//! Who waits and what is dropped when the disk is slow.
+//! Who waits and what is dropped when whoever takes is slow.
 
 use std::sync::Arc;
 
-use super::made_up::cycle;
+use super::queue::{Dropped, Queue};
 use crate::log::Pace;
-use crate::log::queue::{Dropped, Queue};
+use crate::log::tests::made_up::cycle;
 
 #[test]
 fn a_full_live_queue_drops_images_before_cycles_and_counts_them() {

@@ -1,13 +1,14 @@
-//! What waits to be written? A bounded queue between the spine and the writer: it drops or it waits, as told.
+//! What waits to be taken? A bounded queue of cycles between the spine and one who watches: it drops or it waits, as told.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
-use super::Pace;
 use crate::cycle::Cycle;
+use crate::log::Pace;
 
 /// A cycle, and its number since the start of the run (dropped ones count).
-type Entry = (u64, Arc<Cycle>);
+pub(crate) type Entry = (u64, Arc<Cycle>);
 
 /// What was dropped for want of time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -25,6 +26,17 @@ impl Dropped {
     }
 }
 
+/// Why there is no cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Nothing {
+    /// None came in time.
+    #[error("no cycle yet")]
+    Yet,
+    /// The run has ended.
+    #[error("the run has ended")]
+    Ever,
+}
+
 #[derive(Default)]
 struct State {
     entries: VecDeque<Entry>,
@@ -34,7 +46,7 @@ struct State {
 }
 
 /// The queue itself; one side pushes, the other pops.
-pub(super) struct Queue {
+pub(crate) struct Queue {
     state: Mutex<State>,
     changed: Condvar,
     pace: Pace,
@@ -44,7 +56,7 @@ pub(super) struct Queue {
 
 impl Queue {
     /// A queue of at most so many entries, of which at most so many hold an image.
-    pub(super) fn new(pace: Pace, most_images: usize, most_entries: usize) -> Self {
+    pub(crate) fn new(pace: Pace, most_images: usize, most_entries: usize) -> Self {
         Queue {
             state: Mutex::default(),
             changed: Condvar::new(),
@@ -55,7 +67,7 @@ impl Queue {
     }
 
     /// Adds an entry: at live pace by dropping the oldest of a full queue, images first; in lockstep by waiting.
-    pub(super) fn push(&self, entry: Entry) {
+    pub(crate) fn push(&self, entry: Entry) {
         let mut state = self.lock();
         let has_image = holds_image(&entry);
         if self.pace == Pace::Lockstep {
@@ -86,22 +98,38 @@ impl Queue {
     }
 
     /// The oldest entry and what was dropped since the last call; none when the queue is closed and empty.
-    pub(super) fn pop(&self) -> Option<(Entry, Dropped)> {
+    pub(crate) fn pop(&self) -> Option<(Entry, Dropped)> {
         let waiting = |state: &mut State| state.entries.is_empty() && !state.closed;
         let mut state = self
             .changed
             .wait_while(self.lock(), waiting)
             .unwrap_or_else(PoisonError::into_inner);
-        let entry = state.entries.pop_front()?;
-        state.images -= usize::from(holds_image(&entry));
-        let dropped = std::mem::take(&mut state.dropped);
+        let popped = state.pop();
         drop(state);
         self.changed.notify_all();
-        Some((entry, dropped))
+        popped
+    }
+
+    /// As [`Queue::pop`], but waits no longer than `patience`.
+    pub(crate) fn pop_within(&self, patience: Duration) -> Result<(Entry, Dropped), Nothing> {
+        let waiting = |state: &mut State| state.entries.is_empty() && !state.closed;
+        let (mut state, _) = self
+            .changed
+            .wait_timeout_while(self.lock(), patience, waiting)
+            .unwrap_or_else(PoisonError::into_inner);
+        let popped = state.pop();
+        let nothing = if state.closed {
+            Nothing::Ever
+        } else {
+            Nothing::Yet
+        };
+        drop(state);
+        self.changed.notify_all();
+        popped.ok_or(nothing)
     }
 
     /// Takes no more entries; those that wait are still popped.
-    pub(super) fn close(&self) {
+    pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
@@ -113,6 +141,12 @@ impl Queue {
 }
 
 impl State {
+    fn pop(&mut self) -> Option<(Entry, Dropped)> {
+        let entry = self.entries.pop_front()?;
+        self.images -= usize::from(holds_image(&entry));
+        Some((entry, std::mem::take(&mut self.dropped)))
+    }
+
     fn drop_oldest_image(&mut self) {
         let holder = self.entries.iter_mut().find(|entry| holds_image(entry));
         if let Some((_, cycle)) = holder {
