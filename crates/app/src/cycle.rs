@@ -8,13 +8,17 @@ use anyhow::{Context, Result};
 use localize::Stamp;
 use localize::config::LocalizeConfig;
 use localize::estimate::Estimate;
+use localize::field::GoalColour;
 use localize::localizer::Localizer;
-use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
+use localize::relocalise::scan_map::Origin;
+use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
 use serde::{Deserialize, Serialize};
 use vision::config::VisionConfig;
 use vision::eyes::{Eyes, Seen};
+use vision::goals::GoalKind;
 use vision::image::Image;
 
+use crate::home;
 use crate::sample::{Content, Frame, Sample, Truth};
 use crate::setup::Setup;
 
@@ -201,7 +205,7 @@ impl Spine {
         }
         Ok(Spine {
             eyes,
-            localizer: Localizer::new(&setup.field, localize),
+            localizer: localizer(setup, localize),
             inputs: Inputs::default(),
             last_sight: None,
         })
@@ -224,6 +228,7 @@ impl Spine {
         let stamp = frame.stamp;
         let started = Instant::now();
         let mut inputs = std::mem::take(&mut self.inputs);
+        let mut goals = Vec::new();
         let (seen, points, fault) = match frame.content {
             Content::Image(image) => {
                 let looked = self.look(stamp, &image);
@@ -231,12 +236,19 @@ impl Spine {
                 match looked {
                     Ok(seen) => {
                         let points = seen.line_points.iter().map(|seen| seen.point).collect();
+                        goals = goal_sights(&seen);
                         (Some(seen), points, None)
                     }
                     Err(error) => (None, Vec::new(), Some(error)),
                 }
             }
-            Content::Points(points) => (None, points, None),
+            Content::Found {
+                points,
+                goals: found,
+            } => {
+                goals = found;
+                (None, points, None)
+            }
             Content::Unreadable(reason) => (None, Vec::new(), Some(reason)),
         };
         let see_ms = milliseconds(started);
@@ -248,6 +260,7 @@ impl Spine {
                 Sample::Imu(_) | Sample::Command(_) | Sample::Truth(_) | Sample::Frame(_) => {}
             }
         }
+        self.localizer.goals(stamp, &goals);
         let estimate = self.localizer.see(stamp, &points);
         let timings = Timings {
             see_ms,
@@ -277,6 +290,54 @@ impl Spine {
         }
         eyes.see(&image.frame()).map_err(|error| error.to_string())
     }
+}
+
+/// A localizer on the setup's field, its scan map from the cache if it needs one.
+fn localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
+    let Some(folder) = home::cache() else {
+        return Localizer::new(&setup.field, config);
+    };
+    let (localizer, origin) = Localizer::cached(&setup.field, config, &folder);
+    let megabytes = localizer.bytes() as f64 / 1e6;
+    let folder = folder.display();
+    match origin {
+        None | Some(Origin::Read) => {}
+        Some(Origin::Built) => {
+            eprintln!(
+                "built the field's scan map and kept it in {folder} ({megabytes:.0} MB of tables in all)"
+            );
+        }
+        Some(Origin::Rebuilt) => {
+            eprintln!(
+                "the field's scan map in {folder} is damaged or of another version: built it anew"
+            );
+        }
+        Some(Origin::NotKept(reason)) => {
+            eprintln!("built the field's scan map, but it is not kept: {reason}");
+        }
+    }
+    localizer
+}
+
+/// The goals that tell the halves of the field apart, as localisation wants them.
+pub fn goal_sights(seen: &Seen) -> Vec<GoalSight> {
+    seen.goals
+        .iter()
+        .filter_map(|goal| {
+            let colour = match goal.kind {
+                GoalKind::Blue => GoalColour::Blue,
+                GoalKind::Yellow => GoalColour::Yellow,
+                GoalKind::Post => return None,
+            };
+            let [var_xx, _, var_yy] = goal.covariance;
+            Some(GoalSight {
+                colour,
+                at: goal.at,
+                std: (var_xx + var_yy).sqrt(),
+                width: goal.width,
+            })
+        })
+        .collect()
 }
 
 fn milliseconds(since: Instant) -> f32 {

@@ -4,6 +4,18 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
+/// Where tables that take long to build are kept from run to run: `$MIRRORBALL_CACHE`, else the user's cache folder;
+/// none where there is no user.
+pub fn cache() -> Option<PathBuf> {
+    let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+    if let Some(given) = named("MIRRORBALL_CACHE") {
+        return Some(given.into());
+    }
+    let folder = named("XDG_CACHE_HOME").map(PathBuf::from);
+    let folder = folder.or_else(|| Some(PathBuf::from(named("HOME")?).join(".cache")))?;
+    Some(folder.join("mirrorball"))
+}
+
 /// Finds a file or folder that comes with Mirrorball, as `config/scenarios/demo.toml`.
 pub fn find(relative: &str) -> Result<PathBuf> {
     let given = std::env::var_os("MIRRORBALL_HOME").map(PathBuf::from);

@@ -138,7 +138,10 @@ impl Iterator for Recording {
             Kind::Odometry(odometry) => return Some(Sample::Odometry(odometry)),
             Kind::Compass(compass) => return Some(Sample::Compass(compass)),
             Kind::Truth(truth) => return Some(Sample::Truth(truth)),
-            Kind::Points(points) => Content::Points(points),
+            Kind::Points(points) => Content::Found {
+                points,
+                goals: Vec::new(),
+            },
             Kind::Image(path) => match Image::load(&path) {
                 Ok(image) => Content::Image(Arc::new(image)),
                 Err(error) => Content::Unreadable(error.to_string()),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use localize::Pose;
 use localize::Stamp;
 use localize::frame::{At, FieldFrame};
-use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
+use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
 use vision::image::Image;
 
 /// Where things truly were.
@@ -52,8 +52,13 @@ pub struct Frame {
 pub enum Content {
     /// An image for our own vision.
     Image(Arc<Image>),
-    /// Line points that another vision (or an earlier run) found.
-    Points(Vec<LinePoint>),
+    /// What another vision (or an earlier run) found.
+    Found {
+        /// Line points.
+        points: Vec<LinePoint>,
+        /// Goals by their colours.
+        goals: Vec<GoalSight>,
+    },
     /// A frame that could not be read; the cycle runs on without sight.
     Unreadable(String),
 }

@@ -5,8 +5,9 @@ use nalgebra::{Matrix3, Vector3};
 use crate::distance::DistanceField;
 use crate::filter::{Belief, FilterConfig};
 use crate::frame::{Pose, wrap_angle};
+use crate::goals::ColouredGoals;
 use crate::matching::Matcher;
-use crate::sample::LinePoint;
+use crate::sample::{GoalSight, LinePoint};
 use crate::search::{HeadingPrior, Hypothesis, Search, half_turn};
 
 /// Most hypotheses kept.
@@ -37,6 +38,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) distances: &'a DistanceField,
     pub(crate) points: &'a [LinePoint],
     pub(crate) prior: Option<HeadingPrior>,
+    /// Goals that tell the halves apart, and what was seen of them.
+    pub(crate) goals: (&'a ColouredGoals, &'a [GoalSight]),
     /// Poses stand for their half turns too.
     pub(crate) folded: bool,
     /// By how much the points' joint likelihood is tempered.
@@ -123,7 +126,7 @@ impl Candidates {
             self.all.push(Candidate {
                 belief: Belief::new(pose, &hypothesis.covariance, None, config),
                 hypothesis: hypothesis.clone(),
-                weight: start - evidence.share * cost - turned(pose.theta, evidence.prior),
+                weight: start - evidence.share * cost - evidence.against(pose),
             });
         }
         self.normalise();
@@ -154,28 +157,30 @@ impl Candidate {
         evidence: &Evidence,
         config: &FilterConfig,
     ) {
-        if let Some(prior) = evidence.prior {
-            let turned = wrap_angle(self.belief.pose().theta - prior.heading).abs();
-            if search.symmetric() && turned > std::f32::consts::FRAC_PI_2 {
-                self.belief = self.belief.half_turned();
-            }
+        let pose = self.belief.pose();
+        if search.symmetric() && evidence.against(pose) > evidence.against(half_turn(pose)) {
+            self.belief = self.belief.half_turned();
         }
         let spread = self.belief.position_std() + 3.0 * self.belief.heading_std();
         let expected = self.belief.expected();
         let matched = matcher.fuse(evidence.distances, evidence.points, expected, spread);
         self.belief
             .absorb(matched.pose, &matched.covariance, config);
-        self.weight -= evidence.share * (matched.cost + 0.5 * matched.strain)
-            + turned(matched.pose.theta, evidence.prior);
+        self.weight -=
+            evidence.share * (matched.cost + 0.5 * matched.strain) + evidence.against(matched.pose);
         self.hypothesis = Hypothesis::of(&matched);
     }
 }
 
-/// What the compass has against a heading (negative log likelihood).
-fn turned(heading: f32, prior: Option<HeadingPrior>) -> f32 {
-    prior.map_or(0.0, |prior| {
-        0.5 * (wrap_angle(heading - prior.heading) / prior.std).powi(2)
-    })
+impl Evidence<'_> {
+    /// What compass and goals have against a pose (negative log likelihood).
+    fn against(&self, pose: Pose) -> f32 {
+        let by_compass = self.prior.map_or(0.0, |prior| {
+            0.5 * (wrap_angle(pose.theta - prior.heading) / prior.std).powi(2)
+        });
+        let (goals, sights) = self.goals;
+        by_compass + goals.cost(pose, sights)
+    }
 }
 
 /// From pose b to pose a, headings on the circle.

@@ -133,6 +133,7 @@ pub fn find(
             distances: &distances,
             points: &points,
             prior: compass.then_some(HeadingPrior { heading, std }),
+            goals: &[],
             alone: true,
         };
         let found = relocaliser.find(&mut search, &mut matcher, &sight);

@@ -12,6 +12,7 @@ pub mod experiment;
 pub mod field;
 pub mod filter;
 pub mod frame;
+mod goals;
 pub mod heading;
 pub mod localizer;
 pub mod matching;

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::field::GoalColour;
 use crate::frame::{At, RobotFrame};
 use crate::omni::Twist;
 use crate::stamp::Stamp;
@@ -15,6 +16,19 @@ pub struct LinePoint {
     pub std_radial: f32,
     /// Standard deviation across that direction, metres.
     pub std_tangential: f32,
+}
+
+/// A goal that vision saw by its colour, robot frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GoalSight {
+    /// Its colour.
+    pub colour: GoalColour,
+    /// Where the middle of what is seen of it meets the ground, metres.
+    pub at: At<RobotFrame>,
+    /// Standard deviation of that in its worst direction, metres.
+    pub std: f32,
+    /// How wide it is seen, metres.
+    pub width: f32,
 }
 
 /// Motion of the robot since the previous odometry sample, in the robot frame at that sample.

@@ -1,15 +1,15 @@
 //! Each paper's way of finding the place from nothing does find it, on the field its paper had.
 
 use localize::drive::{Drive, DriveConfig, anywhere, normal, see};
-use localize::field::GoalColour;
 use localize::frame::wrap_angle;
 use localize::matching::Matcher;
 use localize::presets::PRESETS;
-use localize::relocalise::hough::{GoalLook, settle};
-use localize::relocalise::scan_map::{ScanMap, ScanMapConfig};
+use localize::relocalise::hough::settle;
+use localize::relocalise::scan_map::{Origin, ScanMap, ScanMapConfig};
 use localize::relocalise::{RelocaliseConfig, Relocaliser, RelocaliserKind, Sight};
+use localize::sample::GoalSight;
 use localize::search::{HeadingPrior, Search, half_turn};
-use localize::{At, DistanceField, Field, FieldFrame, LocalizeConfig, Localizer, Pose};
+use localize::{At, DistanceField, Field, FieldFrame, LocalizeConfig, Localizer, Pose, Stamp};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -45,6 +45,7 @@ fn found(by: RelocaliserKind, field: &Field, compass: bool, count: usize) -> usi
             distances: &distances,
             points: &points,
             prior: compass.then_some(HeadingPrior { heading, std }),
+            goals: &[],
             alone: true,
         };
         let all = relocaliser.find(&mut search, &mut matcher, &sight);
@@ -141,31 +142,120 @@ fn a_stored_scan_map_is_read_back_and_refused_for_another_field_or_pattern() {
     };
     assert_eq!(ScanMap::from_bytes(&bytes, &small, &turned), None);
     let last = bytes.len() - 1;
+    assert_eq!(ScanMap::from_bytes(&bytes[..last], &small, &config), None);
     bytes[last] ^= 1;
     assert_eq!(ScanMap::from_bytes(&bytes, &small, &config), None);
 }
 
 #[test]
-fn goal_colours_decide_the_half_turn_and_green_takes_the_next_maximum() {
+fn a_map_is_kept_and_a_damaged_or_unwritable_file_costs_only_the_time_to_build() {
+    let field = field("msl_2001.toml");
+    let distances = DistanceField::new(&field, &LocalizeConfig::default().distance);
+    let config = ScanMapConfig {
+        cell: 0.5,
+        ..ScanMapConfig::default()
+    };
+    let fresh = ScanMap::new(&field, &distances, config.clone());
+    let folder = tempfile::tempdir().expect("a folder");
+    let cached = |folder: &std::path::Path| {
+        let (map, origin) = ScanMap::cached(folder, &field, &distances, config.clone());
+        assert_eq!(map, fresh);
+        origin
+    };
+    // The folder is made when there is none.
+    let inside = folder.path().join("maps");
+    assert_eq!(cached(&inside), Origin::Built);
+    assert_eq!(cached(&inside), Origin::Read);
+    let files: Vec<_> = std::fs::read_dir(&inside).expect("files").collect();
+    let [file] = &files[..] else {
+        panic!("{files:?}")
+    };
+    let file = file.as_ref().expect("a file").path();
+    std::fs::write(&file, b"MBSCAN, but cut off").expect("written");
+    assert_eq!(cached(&inside), Origin::Rebuilt);
+    assert_eq!(cached(&inside), Origin::Read);
+    // A file stands where the folder should be.
+    let Origin::NotKept(reason) = cached(&file) else {
+        panic!("kept in a file")
+    };
+    assert!(reason.contains("scan_map_"), "{reason}");
+}
+
+/// What vision reports of the 2001 field's goals from `truth`: the middle of each goal's foot at the back of its box.
+fn goals_seen(field: &Field, truth: Pose) -> Vec<GoalSight> {
+    let [ahead, behind] = field.config.goal.colours;
+    let back = field.length / 2.0 + 0.5 * field.config.goal.depth;
+    [(ahead, back), (behind, -back)]
+        .into_iter()
+        .map(|(colour, x)| {
+            let at = truth.inverse() * At::<FieldFrame>::new(x, 0.1);
+            GoalSight {
+                colour,
+                at,
+                std: 0.05 + 0.05 * at.distance(),
+                width: 1.7,
+            }
+        })
+        .collect()
+}
+
+#[test]
+fn goal_colours_decide_the_half_turn_and_anything_else_takes_the_next_maximum() {
     let field = field("msl_2001.toml");
     let truth = Pose::new(1.0, 0.5, 0.4);
-    // What the image shows around the true pose: blue behind +x, yellow behind −x, carpet between.
-    let look = |at| {
-        let at: At<FieldFrame> = truth * at;
-        let inside = at.y.abs() < field.config.goal.width / 2.0;
-        match at.x {
-            x if x > field.length / 2.0 && inside => GoalLook::Goal(GoalColour::Blue),
-            x if x < -field.length / 2.0 && inside => GoalLook::Goal(GoalColour::Yellow),
-            x if x.abs() < field.length / 2.0 => GoalLook::Carpet,
-            _ => GoalLook::Other,
-        }
-    };
-    assert_eq!(settle(&field, &[truth], &look), Some(truth));
-    let other = settle(&field, &[half_turn(truth)], &look).expect("settled");
+    let seen = goals_seen(&field, truth);
+    assert_eq!(settle(&field, &[truth], &seen), Some(truth));
+    let other = settle(&field, &[half_turn(truth)], &seen).expect("settled");
     assert!(near(other, truth));
     let wrong = Pose::new(1.0, 0.5, 0.4 + std::f32::consts::FRAC_PI_2);
-    assert_eq!(settle(&field, &[wrong, truth], &look), Some(truth));
-    assert_eq!(settle(&field, &[wrong], &look), None);
+    assert_eq!(settle(&field, &[wrong, truth], &seen), Some(truth));
+    assert_eq!(settle(&field, &[wrong], &seen), None);
+    assert_eq!(settle(&field, &[truth], &[]), None);
+}
+
+#[test]
+fn coloured_goals_tell_the_half_where_no_compass_does() {
+    let field = field("msl_2001.toml");
+    for by in [RelocaliserKind::Exact, RelocaliserKind::Hough] {
+        let mut config = LocalizeConfig::default();
+        config.relocalise.by = by;
+        let mut localizer = Localizer::new(&field, config);
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let (mut right, mut silently_wrong) = (0, 0);
+        for k in 0..40 {
+            let truth = anywhere(&field, &mut rng);
+            let points = see(&field, &DriveConfig::default(), truth, &mut rng);
+            let stamp = Stamp::from_seconds(f64::from(k) * 40.0);
+            localizer.goals(stamp, &goals_seen(&field, truth));
+            let estimate = localizer.see(stamp, &points);
+            let there = estimate.pose.is_some_and(|pose| near(pose, truth));
+            right += usize::from(there && estimate.half_known);
+            silently_wrong += usize::from(!there && estimate.half_known);
+        }
+        assert!(
+            right >= 36 && silently_wrong == 0,
+            "{by:?}: {right}, {silently_wrong}"
+        );
+    }
+}
+
+#[test]
+fn coloured_goals_turn_a_tracked_pose_that_lies_in_the_wrong_half() {
+    let field = field("msl_2001.toml");
+    let mut localizer = Localizer::new(&field, LocalizeConfig::default());
+    let mut frames = Drive::new(&field, DriveConfig::default(), ChaCha8Rng::seed_from_u64(6));
+    let first = frames.next().expect("endless");
+    let certain = nalgebra::Matrix3::identity() * 1e-3;
+    localizer.set_pose(first.stamp, half_turn(first.truth), &certain);
+    let mut last = None;
+    for frame in frames.take(60) {
+        localizer.odometry(&frame.odometry);
+        localizer.goals(frame.stamp, &goals_seen(&field, frame.truth));
+        let estimate = localizer.see(frame.stamp, &frame.points);
+        last = Some((estimate, frame.truth));
+    }
+    let (estimate, truth) = last.expect("frames");
+    assert!(estimate.half_known && near(estimate.pose.expect("a pose"), truth));
 }
 
 #[test]

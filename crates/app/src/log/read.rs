@@ -12,7 +12,7 @@ use super::header::Header;
 use super::picture::{Encoded, ImageMode};
 use super::schema::{ABOUT, CYCLE_TOPIC, IMAGE_TOPIC, convert, picture_from_bytes, wire};
 use super::stream::{End, Stream};
-use crate::cycle::Cycle;
+use crate::cycle::{Cycle, goal_sights};
 use crate::sample::{Content, Frame, Sample};
 
 /// A log that is being read; iterate for its cycles.
@@ -217,7 +217,15 @@ impl Logged {
         let content = match (exact, &self.cycle.fault) {
             (Some(image), _) => Content::Image(image.decode()?.into()),
             (None, Some(fault)) => Content::Unreadable(fault.clone()),
-            (None, None) => Content::Points(self.cycle.points.clone()),
+            (None, None) => Content::Found {
+                points: self.cycle.points.clone(),
+                goals: self
+                    .cycle
+                    .seen
+                    .as_ref()
+                    .map(goal_sights)
+                    .unwrap_or_default(),
+            },
         };
         samples.push(Sample::Frame(Frame {
             stamp: self.cycle.stamp,

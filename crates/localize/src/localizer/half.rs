@@ -17,6 +17,9 @@ pub(super) struct HalfEvidence {
     watch: Option<Watch>,
 }
 
+/// Part of a frame's evidence by goals that counts: neighbouring frames show the same goal in the same light.
+const GOAL_SHARE: f32 = 0.2;
+
 /// How the belief's heading minus the compass's behaves: constant if the compass lives, whatever its offset.
 #[derive(Debug, Clone, Copy)]
 struct Watch {
@@ -53,6 +56,14 @@ impl HalfEvidence {
     /// Log odds that the belief's half is right.
     pub(super) fn odds(&self) -> f32 {
         self.odds
+    }
+
+    /// Coloured goals were seen, with these log odds for the belief's half.
+    pub(super) fn sees_goals(&mut self, odds: f32, config: &CompassConfig) {
+        let most = config.reading_max;
+        self.odds = (self.odds + GOAL_SHARE * odds.clamp(-most, most))
+            .clamp(-config.evidence_max, config.evidence_max);
+        self.established |= self.odds >= config.evidence_max;
     }
 
     /// The belief went to the other half.

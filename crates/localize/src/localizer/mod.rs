@@ -9,6 +9,9 @@ mod relocate;
 mod report;
 mod track;
 
+use std::path::Path;
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Vector3};
 
 use crate::candidates::Candidates;
@@ -18,10 +21,11 @@ use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
 use crate::filter::Belief;
 use crate::frame::Pose;
+use crate::goals::ColouredGoals;
 use crate::matching::Matcher;
-use crate::relocalise::Relocaliser;
-use crate::relocalise::scan_map::ScanMap;
-use crate::sample::{Compass, LinePoint, Odometry};
+use crate::relocalise::scan_map::{Origin, ScanMap};
+use crate::relocalise::{Relocaliser, RelocaliserKind};
+use crate::sample::{Compass, GoalSight, LinePoint, Odometry};
 use crate::search::Search;
 use crate::stamp::Stamp;
 
@@ -34,8 +38,8 @@ pub struct Localizer {
     distances: DistanceField,
     search: Search,
     relocaliser: Relocaliser,
-    /// For the tracker that needs it.
-    scan_map: Option<Box<ScanMap>>,
+    /// For the relocaliser or the tracker that needs it.
+    scan_map: Option<Arc<ScanMap>>,
     matcher: Matcher,
     /// Variances of "somewhere on the field".
     anywhere: Matrix3<f32>,
@@ -47,6 +51,9 @@ pub struct Localizer {
     /// No gap in the odometry since the last frame.
     led: bool,
     compass: Option<Compass>,
+    coloured: ColouredGoals,
+    /// Goals that the frame of this stamp shows.
+    goals: Option<(Stamp, Vec<GoalSight>)>,
     half: HalfEvidence,
     /// A pose that explains the points better than the belief, and in how many frames it did.
     rival: Option<(Belief, u32)>,
@@ -84,21 +91,43 @@ struct Move {
 const MOVES_MAX: usize = 1000;
 
 impl Localizer {
-    /// Builds the field's tables; knows nothing yet.
+    /// Builds the field's tables, in parallel; knows nothing yet.
     pub fn new(field: &Field, config: LocalizeConfig) -> Self {
+        Localizer::build(field, config, None).0
+    }
+
+    /// The same with a folder where a scan map, which takes a second to build, is kept from run to run; says where it
+    /// came from if the configuration needs one.
+    pub fn cached(field: &Field, config: LocalizeConfig, folder: &Path) -> (Self, Option<Origin>) {
+        Localizer::build(field, config, Some(folder))
+    }
+
+    fn build(
+        field: &Field,
+        config: LocalizeConfig,
+        folder: Option<&Path>,
+    ) -> (Self, Option<Origin>) {
         let distances = DistanceField::new(field, &config.distance);
-        let search = Search::new(field, &distances, config.search.clone());
-        let relocaliser = Relocaliser::new(field, &distances, &config.relocalise);
-        let scan_map = (config.tracker == Tracker::ScanMap).then(|| match &relocaliser {
-            Relocaliser::ScanMap(map, _) => map.clone(),
-            _ => {
-                let config = config.relocalise.scan_map.clone();
-                Box::new(ScanMap::new(field, &distances, config))
-            }
-        });
+        let by = config.relocalise.by;
+        let needed = by == RelocaliserKind::ScanMap || config.tracker == Tracker::ScanMap;
+        let scan_map = || {
+            let config = config.relocalise.scan_map.clone();
+            needed.then(|| match folder {
+                Some(folder) => {
+                    let (map, origin) = ScanMap::cached(folder, field, &distances, config);
+                    (Arc::new(map), Some(origin))
+                }
+                None => (Arc::new(ScanMap::new(field, &distances, config)), None),
+            })
+        };
+        let search = || Search::new(field, &distances, config.search.clone());
+        let (search, scan_map) = rayon::join(search, scan_map);
+        let (scan_map, origin) = scan_map.unzip();
+        let relocaliser =
+            Relocaliser::with_map(field, &distances, &config.relocalise, scan_map.as_ref());
         let (half_x, half_y) = field.carpet_half_extent();
         let turn = std::f32::consts::PI * std::f32::consts::PI / 3.0;
-        Localizer {
+        let localizer = Localizer {
             matcher: Matcher::new(config.matching.clone()),
             distances,
             search,
@@ -114,6 +143,8 @@ impl Localizer {
             odometry: None,
             led: false,
             compass: None,
+            coloured: ColouredGoals::new(field),
+            goals: None,
             half: HalfEvidence::default(),
             rival: None,
             candidates: Candidates::default(),
@@ -124,7 +155,8 @@ impl Localizer {
             base: None,
             moves: Vec::new(),
             config,
-        }
+        };
+        (localizer, origin.flatten())
     }
 
     /// The configuration in use.
@@ -209,6 +241,22 @@ impl Localizer {
             self.half
                 .hear(sample.stamp, belief.pose().theta, sample.heading, config);
         }
+    }
+
+    /// Notes the goals that the frame of this stamp shows, before its line points are seen; where their colours differ,
+    /// they decide the half of the field too.
+    pub fn goals(&mut self, stamp: Stamp, sights: &[GoalSight]) {
+        let sane = |sight: &&GoalSight| {
+            let sizes = [sight.at.x, sight.at.y, sight.std, sight.width];
+            sizes.iter().all(|value| value.is_finite()) && sight.std >= 0.0
+        };
+        self.goals = Some((stamp, sights.iter().filter(sane).copied().collect()));
+    }
+
+    /// The goals noted for a frame.
+    fn goals_of(&mut self, stamp: Stamp) -> Vec<GoalSight> {
+        let noted = self.goals.take().filter(|(of, _)| *of == stamp);
+        noted.map_or_else(Vec::new, |(_, sights)| sights)
     }
 
     /// Takes a frame's line points to a pose. Points that are not finite are left out.

@@ -22,6 +22,7 @@ impl Localizer {
 
     /// Looks for the pose on the whole field, together with the hypotheses that earlier frames left.
     pub(super) fn relocate(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
+        let goals = self.goals_of(stamp);
         let mode = &self.config.mode;
         if points.len() < mode.points_min {
             return self.lost(stamp, Reason::FewPoints, Vec::new());
@@ -31,6 +32,7 @@ impl Localizer {
             distances: &self.distances,
             points,
             prior,
+            goals: &goals,
             alone: self.odometry.is_none(),
         };
         let found = self
@@ -39,7 +41,10 @@ impl Localizer {
         if found.is_empty() && self.relocaliser.active() {
             return self.lost(stamp, Reason::Searching, found);
         }
-        let folded = prior.is_none() && self.search.symmetric();
+        let known = self.config.compass.known;
+        let tell = |pose| self.coloured.odds(pose, &goals).abs() >= known;
+        let told = prior.is_some() || found.iter().any(|one| tell(one.pose));
+        let folded = self.search.symmetric() && !told;
         let count = points.len() as f32;
         let fits = found.first().is_some_and(|best| {
             best.inlier_share >= mode.found_share_min
@@ -55,6 +60,7 @@ impl Localizer {
             distances: &self.distances,
             points,
             prior,
+            goals: (&self.coloured, &goals),
             folded,
             share: self.config.search.evidence_share * (used / count).min(1.0),
         };

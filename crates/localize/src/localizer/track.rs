@@ -19,6 +19,9 @@ impl Localizer {
         let Some(mut belief) = self.belief.take() else {
             return self.relocate(stamp, points);
         };
+        let goals = self.goals_of(stamp);
+        let odds = self.coloured.odds(belief.pose(), &goals);
+        self.half.sees_goals(odds, &self.config.compass);
         if points.len() < self.config.mode.points_min {
             return self.coast(stamp, belief);
         }

@@ -7,9 +7,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::field::{Field, GoalColour, Marking};
-use crate::frame::{At, Pose, RobotFrame, wrap_angle};
-use crate::sample::LinePoint;
+use crate::field::{Field, Marking};
+use crate::frame::{At, Pose, wrap_angle};
+use crate::goals::colour_at;
+use crate::sample::{GoalSight, LinePoint};
 use crate::search::{HeadingPrior, half_turn};
 
 /// The Hough transform and its correlation.
@@ -66,17 +67,6 @@ impl Default for HoughConfig {
             maxima: 5,
         }
     }
-}
-
-/// What the image shows at a point inside a goal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum GoalLook {
-    /// The carpet's green.
-    Carpet,
-    /// A goal's colour.
-    Goal(GoalColour),
-    /// Anything else: a robot, the unknown.
-    Other,
 }
 
 /// A straight line: normal direction (radians, in [0, π)) and signed distance from the robot, metres.
@@ -144,6 +134,11 @@ impl Hough {
             half_y: field.width / 2.0 + field.config.border,
             config,
         }
+    }
+
+    /// Memory held, bytes.
+    pub fn bytes(&self) -> usize {
+        self.accumulator.len() * size_of::<i16>()
     }
 
     /// Poses that put the lines seen onto lines of the field, best first; with a prior only those on its side of a
@@ -382,17 +377,16 @@ impl Hough {
 }
 
 /// The goal test (lima2001 4.5): walks through `candidates` (best first) and looks at points inside the goal nearest
-/// to each. The goal's own colour confirms; the other goal's gives the half turn; carpet green means the next maximum.
-/// None if no candidate is confirmed.
-pub fn settle(
-    field: &Field,
-    candidates: &[Pose],
-    look: &dyn Fn(At<RobotFrame>) -> GoalLook,
-) -> Option<Pose> {
+/// to each. The goal's own colour confirms; the other goal's gives the half turn; carpet green, or anything else,
+/// means the next maximum. None if no candidate is confirmed, or if the goals look alike.
+pub fn settle(field: &Field, candidates: &[Pose], goals: &[GoalSight]) -> Option<Pose> {
     let goal = &field.config.goal;
+    let [ahead, behind] = goal.colours;
+    if ahead == behind {
+        return None;
+    }
     candidates.iter().find_map(|&pose| {
         let side = if pose.x >= 0.0 { 1.0 } else { -1.0 };
-        let [ahead, behind] = goal.colours;
         let (own, other) = if side > 0.0 {
             (ahead, behind)
         } else {
@@ -403,15 +397,15 @@ pub fn settle(
         for deep in [0.25, 0.5, 0.75] {
             for wide in [-0.35, -0.2, 0.0, 0.2, 0.35] {
                 let x = side * (field.length / 2.0 + deep * goal.depth);
-                let seen = look(robot_from_field * At::new(x, wide * goal.width));
-                right += usize::from(seen == GoalLook::Goal(own));
-                turned += usize::from(seen == GoalLook::Goal(other));
+                let seen = colour_at(robot_from_field * At::new(x, wide * goal.width), goals);
+                right += usize::from(seen == Some(own));
+                turned += usize::from(seen == Some(other));
                 all += 1;
             }
         }
         if 2 * right > all {
             Some(pose)
-        } else if 2 * turned > all && own != other {
+        } else if 2 * turned > all {
             Some(half_turn(pose))
         } else {
             None

@@ -6,6 +6,8 @@ pub mod hough;
 pub mod monte_carlo;
 pub mod scan_map;
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
@@ -13,10 +15,10 @@ use crate::field::Field;
 use crate::frame::Pose;
 use crate::heading::{HeadingConfig, heading_by_histogram};
 use crate::matching::Matcher;
-use crate::sample::LinePoint;
+use crate::sample::{GoalSight, LinePoint};
 use crate::search::{HeadingPrior, Hypothesis, Search};
 
-use hough::{Hough, HoughConfig};
+use hough::{Hough, HoughConfig, settle};
 use monte_carlo::{MonteCarlo, MonteCarloConfig};
 use scan_map::{ScanMap, ScanMapConfig};
 
@@ -62,10 +64,10 @@ const OFF: f32 = 0.4;
 pub enum Relocaliser {
     /// Uses the search that the localizer has anyway.
     Exact,
-    /// lima2001 4.
-    Hough(Box<Hough>),
+    /// lima2001 4, and the field for its goal test.
+    Hough(Box<Hough>, Box<Field>),
     /// minho2016 IV.
-    ScanMap(Box<ScanMap>, HeadingConfig),
+    ScanMap(Arc<ScanMap>, HeadingConfig),
     /// nubot2013 4, and the cycles of a frame that stands alone.
     MonteCarlo(Box<MonteCarlo>, usize),
 }
@@ -79,6 +81,8 @@ pub struct Sight<'a> {
     pub points: &'a [LinePoint],
     /// The compass.
     pub prior: Option<HeadingPrior>,
+    /// Goals seen by their colours.
+    pub goals: &'a [GoalSight],
     /// No odometry leads from here to a next frame: what can be found must be found now.
     pub alone: bool,
 }
@@ -86,14 +90,26 @@ pub struct Sight<'a> {
 impl Relocaliser {
     /// Builds what the configured one needs.
     pub fn new(field: &Field, distances: &DistanceField, config: &RelocaliseConfig) -> Self {
+        Relocaliser::with_map(field, distances, config, None)
+    }
+
+    /// The same with a scan map that is there already.
+    pub(crate) fn with_map(
+        field: &Field,
+        distances: &DistanceField,
+        config: &RelocaliseConfig,
+        scan_map: Option<&Arc<ScanMap>>,
+    ) -> Self {
         match config.by {
             RelocaliserKind::Exact => Relocaliser::Exact,
             RelocaliserKind::Hough => {
-                Relocaliser::Hough(Box::new(Hough::new(field, config.hough.clone())))
+                let hough = Hough::new(field, config.hough.clone());
+                Relocaliser::Hough(Box::new(hough), Box::new(field.clone()))
             }
             RelocaliserKind::ScanMap => {
-                let map = ScanMap::new(field, distances, config.scan_map.clone());
-                Relocaliser::ScanMap(Box::new(map), config.heading.clone())
+                let build = || Arc::new(ScanMap::new(field, distances, config.scan_map.clone()));
+                let map = scan_map.cloned().unwrap_or_else(build);
+                Relocaliser::ScanMap(map, config.heading.clone())
             }
             RelocaliserKind::MonteCarlo => {
                 let config = config.monte_carlo.clone();
@@ -131,11 +147,11 @@ impl Relocaliser {
         }
     }
 
-    /// Memory held, bytes.
+    /// Memory held, bytes; a scan map is the localizer's.
     pub fn bytes(&self) -> usize {
         match self {
-            Relocaliser::Exact | Relocaliser::Hough(_) => 0,
-            Relocaliser::ScanMap(map, _) => map.bytes(),
+            Relocaliser::Exact | Relocaliser::ScanMap(..) => 0,
+            Relocaliser::Hough(hough, _) => hough.bytes(),
             Relocaliser::MonteCarlo(filter, _) => filter.bytes(),
         }
     }
@@ -151,13 +167,18 @@ impl Relocaliser {
             distances,
             points,
             prior,
+            goals,
             alone,
         } = *sight;
         let starts: Vec<Pose> = match self {
             Relocaliser::Exact => return search.find(distances, matcher, points, prior),
-            Relocaliser::Hough(hough) => {
+            Relocaliser::Hough(hough, field) => {
                 let found = hough.find(points, prior);
-                found.into_iter().map(|(_, pose)| pose).collect()
+                let found: Vec<Pose> = found.into_iter().map(|(_, pose)| pose).collect();
+                match settle(field, &found, goals) {
+                    Some(settled) => vec![settled],
+                    None => found,
+                }
             }
             Relocaliser::ScanMap(map, heading) => by_scan_map(map, heading, points, prior),
             Relocaliser::MonteCarlo(filter, cycles) => {

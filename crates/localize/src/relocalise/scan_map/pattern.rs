@@ -1,0 +1,128 @@
+//! Where do the scan lines from a place meet markings? 72 radial lines and 72 spirals (minho2016 III and IV.A).
+//!
+//! The same pattern is laid over the field, for the map, and over a frame's points, for what is compared with it.
+
+use std::f32::consts::TAU;
+
+use super::{NONE, STEPS, ScanMapConfig};
+use crate::distance::DistanceField;
+use crate::drive::crossings;
+use crate::field::Field;
+use crate::sample::LinePoint;
+
+/// Radial lines (every 5°), distances of each, spirals each way (every 10°).
+pub(super) const RADIALS: usize = 72;
+pub(super) const SLOTS: usize = 4;
+pub(super) const SPIRALS: usize = 36;
+/// Scan lines of both kinds.
+pub(super) const LINES: usize = RADIALS + 2 * SPIRALS;
+/// Distances stored per cell.
+pub(super) const LAYERS: usize = RADIALS * SLOTS + 2 * SPIRALS;
+
+/// The distances of one scan line: its first layer and how many it has.
+pub(super) fn layers(line: usize) -> (usize, usize) {
+    if line < RADIALS {
+        (line * SLOTS, SLOTS)
+    } else {
+        (RADIALS * SLOTS + line - RADIALS, 1)
+    }
+}
+
+/// A distance that a frame shows on a scan line, in steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Seen {
+    pub(super) line: usize,
+    pub(super) steps: u8,
+}
+
+/// The nearest whole step.
+fn steps(range: f32, config: &ScanMapConfig) -> u8 {
+    (range / config.range * STEPS).round() as u8
+}
+
+/// By how much a spiral turns per metre outwards: to the left the first half of them, to the right the others.
+fn turn(spiral: usize, config: &ScanMapConfig) -> f32 {
+    let turn = config.spiral_turn_deg.to_radians() / (config.range - config.range_min);
+    if spiral < SPIRALS { turn } else { -turn }
+}
+
+/// Distances at which the scan lines from (x, y) meet markings, radial lines' first four (minho2016 IV.A, eqs 1 to 4).
+pub(super) fn scan(
+    field: &Field,
+    distances: &DistanceField,
+    [x, y]: [f32; 2],
+    config: &ScanMapConfig,
+) -> [u8; LAYERS] {
+    let mut scan = [NONE; LAYERS];
+    let mut hits = Vec::new();
+    for radial in 0..RADIALS {
+        let (sin, cos) = (radial as f32 / RADIALS as f32 * TAU).sin_cos();
+        crossings(&field.markings, [x, y], [cos, sin], &mut hits);
+        hits.retain(|&hit| hit > config.range_min && hit < config.range);
+        hits.sort_by(f32::total_cmp);
+        for (slot, &hit) in hits.iter().take(SLOTS).enumerate() {
+            scan[radial * SLOTS + slot] = steps(hit, config);
+        }
+    }
+    for spiral in 0..2 * SPIRALS {
+        let start = (spiral % SPIRALS) as f32 / SPIRALS as f32 * TAU;
+        let turn = turn(spiral, config);
+        // No marking is nearer than the distance field says: as far can be gone along the spiral at once.
+        let mut range = config.range_min;
+        while range < config.range {
+            let (sin, cos) = (start + turn * (range - config.range_min)).sin_cos();
+            let at = distances.nearest(x + range * cos, y + range * sin);
+            let free = at.distance.abs();
+            if free < 0.03 {
+                scan[RADIALS * SLOTS + spiral] = steps(range, config);
+                break;
+            }
+            // Metres along the spiral per metre outwards.
+            let along = (1.0 + (turn * range).powi(2)).sqrt();
+            range += (free / along).max(0.01);
+        }
+    }
+    scan
+}
+
+/// A frame's distances, by the scan lines that its points lie on under `heading` (radians); what no scan line of the
+/// frame met is not compared.
+pub(super) fn sort(points: &[LinePoint], heading: f32, config: &ScanMapConfig) -> Vec<Seen> {
+    let mut radials: Vec<(usize, f32)> = Vec::with_capacity(points.len());
+    let mut spirals = [f32::MAX; 2 * SPIRALS];
+    let turns = |angle: f32, lines: usize| (angle / TAU).rem_euclid(1.0) * lines as f32;
+    for point in points {
+        let range = point.at.distance();
+        if range <= config.range_min || range >= config.range {
+            continue;
+        }
+        let direction = heading + point.at.bearing();
+        radials.push((turns(direction, RADIALS).round() as usize % RADIALS, range));
+        for way in [0, SPIRALS] {
+            let turned = turn(way, config) * (range - config.range_min);
+            let start = turns(direction - turned, SPIRALS);
+            // Only what lies within 2.5° of the spiral was met by it.
+            if (start - start.round()).abs() <= 0.25 {
+                let nearest = &mut spirals[way + start.round() as usize % SPIRALS];
+                *nearest = nearest.min(range);
+            }
+        }
+    }
+    radials.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let mut seen = Vec::with_capacity(radials.len() + spirals.len());
+    for of_one in radials.chunk_by(|a, b| a.0 == b.0) {
+        seen.extend(of_one.iter().take(SLOTS).map(|&(line, range)| Seen {
+            line,
+            steps: steps(range, config),
+        }));
+    }
+    let met = spirals
+        .iter()
+        .enumerate()
+        .filter(|(_, range)| **range < f32::MAX);
+    seen.extend(met.map(|(spiral, &range)| Seen {
+        line: RADIALS + spiral,
+        steps: steps(range, config),
+    }));
+    seen
+}

@@ -1,0 +1,87 @@
+//! How much can any pose of a block score? All blocks of a heading at once, as sums of the tables' rows.
+
+use super::Search;
+use super::tables::{BATCH, BLOCK, LANES, ROWS, Tables};
+
+impl Search {
+    /// Bounds of all blocks at `count` headings from `first` on; rows are `bounds_width` long and filled up to whole
+    /// `ROWS`.
+    pub(super) fn bound(&mut self, first: f32, step: f32, count: usize) {
+        let tables = &self.tables;
+        let layer = tables.rows.next_multiple_of(ROWS) * bounds_width(tables);
+        self.bounds.resize(count * layer, 0);
+        let mut bases = Vec::with_capacity(self.used.len());
+        for (heading, bounds) in self.bounds.chunks_exact_mut(layer).enumerate() {
+            let heading = first + heading as f32 * step;
+            tables.turn(&self.used, heading, &mut self.offsets);
+            bases.clear();
+            bases.extend(self.offsets.iter().map(|&(x, y)| {
+                let (x, y) = (x as usize, y as usize);
+                let plane = (y % BLOCK) * BLOCK + x % BLOCK;
+                plane * tables.plane_size + (y / BLOCK) * tables.plane_stride + x / BLOCK
+            }));
+            // A field of 25 m has rows of 128 blocks, aprons included; the largest that the configuration allows, 4096.
+            match tables.plane_stride {
+                128 => bound_layer::<128, 512>(tables, &bases, bounds),
+                256 => bound_layer::<256, 1024>(tables, &bases, bounds),
+                512 => bound_layer::<512, 2048>(tables, &bases, bounds),
+                1024 => bound_layer::<1024, 4096>(tables, &bases, bounds),
+                2048 => bound_layer::<2048, 8192>(tables, &bases, bounds),
+                _ => bound_layer::<4096, 16384>(tables, &bases, bounds),
+            }
+        }
+    }
+}
+
+/// Blocks in a row of bounds.
+pub(super) fn bounds_width(tables: &Tables) -> usize {
+    tables.columns.next_multiple_of(LANES)
+}
+
+/// Bounds at one heading; `SPAN` bytes are `ROWS` rows of `STRIDE`.
+fn bound_layer<const STRIDE: usize, const SPAN: usize>(
+    tables: &Tables,
+    bases: &[usize],
+    bounds: &mut [u16],
+) {
+    let width = bounds_width(tables);
+    for (group, bounds) in bounds.chunks_exact_mut(ROWS * width).enumerate() {
+        for first in (0..width).step_by(LANES) {
+            let planes = &tables.planes[group * ROWS * STRIDE + first..];
+            let sums = add_rows::<STRIDE, SPAN>(planes, bases);
+            for (sums, row) in sums.iter().zip(bounds.chunks_exact_mut(width)) {
+                row[first..first + LANES].copy_from_slice(sums);
+            }
+        }
+    }
+}
+
+/// Adds `ROWS` rows of blocks of every point: bytes first, widened before they overflow.
+fn add_rows<const STRIDE: usize, const SPAN: usize>(
+    planes: &[u8],
+    bases: &[usize],
+) -> [[u16; LANES]; ROWS] {
+    let mut sums = [[0_u16; LANES]; ROWS];
+    for batch in bases.chunks(BATCH) {
+        let mut bytes = [[0_u8; LANES]; ROWS];
+        for &base in batch {
+            let Some(span) = planes
+                .get(base..)
+                .and_then(|from| from.first_chunk::<SPAN>())
+            else {
+                continue;
+            };
+            for row in 0..ROWS {
+                for lane in 0..LANES {
+                    bytes[row][lane] = bytes[row][lane].wrapping_add(span[row * STRIDE + lane]);
+                }
+            }
+        }
+        for row in 0..ROWS {
+            for lane in 0..LANES {
+                sums[row][lane] += u16::from(bytes[row][lane]);
+            }
+        }
+    }
+    sums
+}

@@ -1,0 +1,175 @@
+//! Which cells score best? Blocks are opened in the order of their bounds, until no other can hold a better cell.
+
+use super::Search;
+use super::bound::bounds_width;
+use super::tables::{BATCH, BLOCK, ROWS};
+use crate::frame::Pose;
+
+/// A block of poses at one heading, and the most that any of its cells can score.
+#[derive(Debug, Clone, Copy, Default)]
+struct Block {
+    bound: u16,
+    heading: u16,
+    row: u16,
+    column: u16,
+}
+
+impl Block {
+    fn new(bound: u16, heading: usize, row: usize, column: usize) -> Self {
+        Block {
+            bound,
+            heading: heading as u16,
+            row: row as u16,
+            column: column as u16,
+        }
+    }
+}
+
+/// A pose cell and its score.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cell {
+    score: u16,
+    pub(super) pose: Pose,
+}
+
+/// Headings whose most promising block is opened first, to know soon what scores to expect.
+const SAMPLED: usize = 4;
+
+impl Search {
+    /// The best cells, distinct, best first.
+    pub(super) fn open(&mut self, first: f32, step: f32, count: usize) -> Vec<Cell> {
+        let width = bounds_width(&self.tables);
+        let layer = self.tables.rows.next_multiple_of(ROWS) * width;
+        let columns = self.tables.columns;
+        // Rows of blocks that are poses, with their heading and number.
+        let rows = self.bounds[..count * layer]
+            .chunks_exact(layer)
+            .enumerate()
+            .flat_map(|(heading, layer)| {
+                let rows = layer.chunks_exact(width).take(self.tables.rows).enumerate();
+                rows.map(move |(row, bounds)| (heading, row, &bounds[..columns]))
+            });
+        let mut tops = vec![Block::default(); count];
+        for (heading, row, bounds) in rows.clone() {
+            let bound = bounds.iter().copied().max().unwrap_or(0);
+            if bound > tops[heading].bound {
+                let column = bounds.iter().position(|&other| other == bound);
+                tops[heading] = Block::new(bound, heading, row, column.unwrap_or(0));
+            }
+        }
+        tops.sort_by_key(|top| std::cmp::Reverse(top.bound));
+        let part = self.config.runner_up_share;
+        let share = |best: u16| (f32::from(best) * part) as u16;
+        let mut best = 0;
+        let mut offsets = std::mem::take(&mut self.offsets);
+        for top in tops.into_iter().take(SAMPLED) {
+            let heading = first + f32::from(top.heading) * step;
+            self.tables.turn(&self.used, heading, &mut offsets);
+            best = best.max(self.best_cell(top, heading, &offsets).score);
+        }
+        let floor = share(best);
+        let mut blocks: Vec<Block> = Vec::new();
+        for (heading, row, bounds) in rows {
+            if bounds.iter().all(|&bound| bound <= floor) {
+                continue;
+            }
+            let those = bounds
+                .iter()
+                .enumerate()
+                .filter(|(_, bound)| **bound > floor);
+            blocks.extend(those.map(|(column, &bound)| Block::new(bound, heading, row, column)));
+        }
+        blocks.sort_unstable_by_key(|block| {
+            (
+                std::cmp::Reverse(block.bound),
+                block.heading,
+                block.row,
+                block.column,
+            )
+        });
+        let mut cells: Vec<Cell> = Vec::new();
+        let mut spare = self.config.runner_up_blocks;
+        let mut turned_to = u16::MAX;
+        for block in blocks {
+            if block.bound <= best {
+                if block.bound <= share(best) || spare == 0 {
+                    break;
+                }
+                spare -= 1;
+            }
+            let heading = first + f32::from(block.heading) * step;
+            if block.heading != turned_to {
+                self.tables.turn(&self.used, heading, &mut offsets);
+                turned_to = block.heading;
+            }
+            let cell = self.best_cell(block, heading, &offsets);
+            best = best.max(cell.score);
+            if cell.score > share(best) {
+                cells.push(cell);
+            }
+        }
+        self.offsets = offsets;
+        self.distinct(cells, share(best))
+    }
+
+    /// The best cells that score more than `least`, none close to a better one.
+    fn distinct(&self, mut cells: Vec<Cell>, least: u16) -> Vec<Cell> {
+        cells.sort_by_key(|cell| std::cmp::Reverse(cell.score));
+        let mut distinct: Vec<Cell> = Vec::new();
+        for cell in cells {
+            if distinct.len() >= self.config.hypotheses_max || cell.score <= least {
+                break;
+            }
+            if !distinct
+                .iter()
+                .any(|other| self.same_folded(other.pose, cell.pose))
+            {
+                distinct.push(cell);
+            }
+        }
+        distinct
+    }
+
+    /// The best cell of a block at a heading, under which the points lie at `offsets`.
+    fn best_cell(&self, block: Block, heading: f32, offsets: &[(u32, u32)]) -> Cell {
+        let tables = &self.tables;
+        let stride = tables.fine_stride;
+        let at = usize::from(block.row) * BLOCK * stride + usize::from(block.column) * BLOCK;
+        let mut sums = [[0_u16; BLOCK]; BLOCK];
+        for batch in offsets.chunks(BATCH) {
+            // The scores of a row of cells are the bytes of a number; sums of a batch do not carry from one to the next.
+            let mut bytes = [0_u32; BLOCK];
+            for &(x, y) in batch {
+                let start = at + y as usize * stride + x as usize;
+                for (row, bytes) in bytes.iter_mut().enumerate() {
+                    let scores = tables.fine.get(start + row * stride..);
+                    if let Some(scores) = scores.and_then(|from| from.first_chunk()) {
+                        *bytes = bytes.wrapping_add(u32::from_le_bytes(*scores));
+                    }
+                }
+            }
+            for (sums, bytes) in sums.iter_mut().zip(bytes) {
+                for (sum, byte) in sums.iter_mut().zip(bytes.to_le_bytes()) {
+                    *sum += u16::from(byte);
+                }
+            }
+        }
+        let sums = sums.as_flattened();
+        let mut best = 0;
+        for (k, &sum) in sums.iter().enumerate() {
+            if sum > sums[best] {
+                best = k;
+            }
+        }
+        let column = usize::from(block.column) * BLOCK + best % BLOCK;
+        let row = usize::from(block.row) * BLOCK + best / BLOCK;
+        Cell {
+            score: sums[best],
+            pose: Pose::new(
+                tables.x0 + column as f32 * self.config.cell,
+                tables.y0 + row as f32 * self.config.cell,
+                heading,
+            ),
+        }
+    }
+}
