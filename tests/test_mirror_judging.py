@@ -15,6 +15,7 @@ from mirrorball.mirror import (
     Tolerances,
     camera_for,
     design,
+    heights_seen,
     judge,
     lima2001,
     monte_carlo,
@@ -175,3 +176,13 @@ def test_causes_add_up_to_the_whole() -> None:
     whole = np.hypot(errors.radial_rms_m, errors.tangential_rms_m)
     parts = np.sqrt(sum(part**2 for part in errors.by_cause_rms_m.values()))
     assert parts == pytest.approx(whole, rel=0.25)
+
+
+def test_heights_seen_are_those_that_the_design_was_made_for() -> None:
+    # lima2001: the curved part ends on the point 0.6 m high at 11.2 m; the isometric part's last ray is down at 6 m.
+    judged = judge(lima2001(), focal_px=731.25)
+    isometric, curved, planar = heights_seen(judged, distance_m=np.array([3.0, 5.9, 6.1, 11.2]))
+    assert curved.highest_m[3] == pytest.approx(0.6, abs=1e-3) and curved.lowest_m[3] == 0.0
+    assert curved.shows(distance_m=11.2, height_m=0.59) and not curved.shows(distance_m=11.2, height_m=0.61)
+    assert np.isfinite(isometric.highest_m[:2]).all() and np.isnan(isometric.highest_m[2:]).all()
+    assert np.isnan(planar.highest_m).all()

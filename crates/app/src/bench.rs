@@ -1,6 +1,7 @@
 //! `mirrorball bench`: how fast is it on this machine? Medians of each stage on one core, beside what is wanted.
 
 use std::hint::black_box;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
@@ -22,6 +23,7 @@ use vision::image::Image;
 use vision::{Eyes, Profile};
 
 use crate::arguments::WrongArguments;
+use crate::baseline::{self, Baseline, Compared, Measured};
 use crate::cycle::{Spine, SpineConfig};
 use crate::home;
 use crate::sample::Sample;
@@ -33,11 +35,19 @@ use crate::simulation::Simulation;
 ///
 /// Each figure stands beside the one that is wanted. Let the machine rest meanwhile.
 #[derive(clap::Args)]
-#[command(after_help = "Example: mirrorball bench --json > bench.json")]
+#[command(
+    after_help = "Example: mirrorball bench --save baseline.json, later: mirrorball bench --baseline baseline.json"
+)]
 pub struct Args {
     /// Measure only the figures whose name contains this.
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
+    /// Keep the figures in a file, to compare with later.
+    #[arg(long, value_name = "FILE.json")]
+    save: Option<PathBuf>,
+    /// Compare with figures kept earlier.
+    #[arg(long, value_name = "FILE.json")]
+    baseline: Option<PathBuf>,
 }
 
 /// One measured figure.
@@ -54,6 +64,24 @@ pub struct Figure {
 struct Report {
     machine: String,
     figures: Vec<Figure>,
+    /// Beside the baseline's, if one was given.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    compared: Vec<Compared>,
+}
+
+impl Report {
+    fn kept(&self) -> Baseline {
+        let figures = self.figures.iter().map(|figure| Measured {
+            name: figure.name.to_owned(),
+            value: figure.value,
+            unit: figure.unit.to_owned(),
+            wanted: figure.wanted.to_owned(),
+        });
+        Baseline {
+            machine: self.machine.clone(),
+            figures: figures.collect(),
+        }
+    }
 }
 
 /// Repetitions of a stage's measurement.
@@ -64,7 +92,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let mut report = Report {
         machine: machine(),
         figures: Vec::new(),
+        compared: Vec::new(),
     };
+    // Before minutes of measuring.
+    let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
     type Bench = fn(&mut Vec<Figure>) -> Result<()>;
     let benches: [(&[&str], Bench); 5] = [
         (
@@ -108,6 +139,13 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if report.figures.is_empty() {
         return Err(WrongArguments(format!("no figure's name contains {:?}", args.only)).into());
     }
+    let kept = report.kept();
+    if let Some(path) = &args.save {
+        kept.save(path)?;
+    }
+    if let Some(earlier) = &earlier {
+        report.compared = kept.compared(earlier);
+    }
     if json {
         println!("{}", serde_json::to_string(&report)?);
         return Ok(());
@@ -122,11 +160,14 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     {
         println!("{name:<24} {value:>10.4} {unit:<16} wanted {wanted}");
     }
+    if let Some(earlier) = &earlier {
+        baseline::print(&kept, earlier, &report.compared);
+    }
     Ok(())
 }
 
 /// Processor and number of cores, as the system names them.
-fn machine() -> String {
+pub(crate) fn machine() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let name = info
         .lines()

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::arguments::WrongArguments;
-use crate::{bench, calibrate, demo, locate, mirror, recover, replay, script, simulate};
+use crate::{bench, calibrate, demo, eval, locate, mirror, recover, replay, script, simulate};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -33,6 +33,7 @@ enum Command {
     Recover(recover::Args),
     Calibrate(calibrate::Args),
     Bench(bench::Args),
+    Eval(eval::Args),
     Mirror(mirror::Args),
     Script(script::Args),
 }
@@ -56,6 +57,7 @@ pub fn run() -> ExitCode {
         Command::Replay(args) => replay::run(&args, cli.json),
         Command::Calibrate(args) => calibrate::run(&args, cli.json),
         Command::Bench(args) => bench::run(&args, cli.json),
+        Command::Eval(args) => eval::run(&args, cli.json),
         Command::Recover(args) => recover::run(&args, cli.json),
         Command::Mirror(args) => mirror::run(&args, cli.json),
         Command::Script(args) => script::run(&args),

@@ -143,25 +143,22 @@ impl SpineConfig {
             .with_context(|| format!("cannot read {}", path.display()))?;
         // Alone first: an unknown key or a wrong type is named with its line.
         toml::from_str::<SpineConfig>(&text).with_context(|| path.display().to_string())?;
-        let mut merged = toml::Table::try_from(&base)?;
-        merge(&mut merged, toml::from_str(&text)?);
-        let config: SpineConfig = merged
-            .try_into()
-            .with_context(|| path.display().to_string())?;
-        config
-            .vision
-            .check()
-            .with_context(|| path.display().to_string())?;
-        config
-            .localize
-            .check()
-            .with_context(|| path.display().to_string())?;
-        Ok(config)
+        overlaid(&base, toml::from_str(&text)?).with_context(|| path.display().to_string())
     }
 }
 
+/// Settings with what an overlay says instead, checked.
+pub fn overlaid(base: &SpineConfig, over: toml::Table) -> Result<SpineConfig> {
+    let mut merged = toml::Table::try_from(base)?;
+    merge(&mut merged, over);
+    let config: SpineConfig = merged.try_into()?;
+    config.vision.check()?;
+    config.localize.check()?;
+    Ok(config)
+}
+
 /// Puts every value of `over` in the place of `base`'s, table by table.
-fn merge(base: &mut toml::Table, over: toml::Table) {
+pub fn merge(base: &mut toml::Table, over: toml::Table) {
     for (key, value) in over {
         match (base.get_mut(&key), value) {
             (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),

@@ -3,6 +3,7 @@
 
 pub mod arguments;
 pub mod home;
+pub mod overrides;
 pub mod sample;
 pub mod setup;
 pub mod table;
@@ -26,9 +27,11 @@ pub mod summary;
 
 pub mod python;
 
+pub mod baseline;
 pub mod bench;
 pub mod calibrate;
 pub mod demo;
+pub mod eval;
 pub mod locate;
 pub mod mirror;
 pub mod recover;

@@ -8,9 +8,10 @@ use anyhow::Result;
 use serde::Serialize;
 
 use crate::arguments;
-use crate::cycle::{Spine, SpineConfig};
+use crate::cycle::{Spine, SpineConfig, overlaid};
 use crate::log::{ImageMode, LogConfig, Recorder};
 use crate::outputs::Outputs;
+use crate::overrides;
 use crate::score;
 use crate::simulation::Simulation;
 use crate::start_log::start_log;
@@ -49,6 +50,12 @@ pub struct Args {
     /// Change settings of vision and localisation by a TOML overlay.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
+    /// Change a value of the scenario, as path.speed=2.0; may be given several times.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Change a setting, as localize.matching.steps_max=20; may be given several times.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set_config: Vec<String>,
 }
 
 /// What `--json` prints.
@@ -68,9 +75,11 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         args.out.as_deref(),
         args.truth.as_deref(),
     ])?;
-    let simulation = Simulation::load(&args.scenario, args.seed, args.duration)?;
+    let changes = overrides::table(&args.set)?;
+    let simulation = Simulation::changed(&args.scenario, &changes, args.seed, args.duration)?;
     let setup = simulation.setup()?;
     let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
+    let config = overlaid(&config, overrides::table(&args.set_config)?)?;
     let mut spine = Spine::new(&setup, &config)?;
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
     let mut outputs = Outputs::create(args.out.as_deref(), None, None)?;

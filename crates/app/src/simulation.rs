@@ -3,10 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Result;
-use sim::{Sample as Simulated, Sim};
+use anyhow::{Context, Result};
+use localize::Field;
+use sim::{Sample as Simulated, Scenario, Sim};
 use vision::image::Image;
 
+use crate::cycle::merge;
 use crate::sample::{Content, Frame, Sample, Truth};
 use crate::setup::Setup;
 
@@ -21,6 +23,29 @@ impl Simulation {
     pub fn load(scenario: &Path, seed: Option<u64>, duration: Option<f64>) -> Result<Self> {
         let sim = Sim::load(scenario, seed)?;
         let duration = duration.unwrap_or(sim.scenario().duration);
+        Ok(Simulation { sim, duration })
+    }
+
+    /// A scenario with single values in place of its file's, table by table.
+    pub fn changed(
+        scenario: &Path,
+        over: &toml::Table,
+        seed: Option<u64>,
+        duration: Option<f64>,
+    ) -> Result<Self> {
+        let text = std::fs::read_to_string(scenario)
+            .with_context(|| format!("cannot read {}", scenario.display()))?;
+        let mut table: toml::Table =
+            toml::from_str(&text).with_context(|| scenario.display().to_string())?;
+        merge(&mut table, over.clone());
+        if let Some(seed) = seed {
+            let seed = i64::try_from(seed).context("a scenario's seed ends at 2^63")?;
+            table.insert("seed".to_owned(), seed.into());
+        }
+        let (scenario, robot) = Scenario::from_table(table, scenario)?;
+        let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
+        let duration = duration.unwrap_or(scenario.duration);
+        let sim = Sim::new(scenario, robot, field)?;
         Ok(Simulation { sim, duration })
     }
 

@@ -42,7 +42,7 @@ pub fn heading_by_histogram(
     let half = (config.turn_max_deg / config.step_deg).round() as i32;
     let heading = |step: i32| last + (step as f32 * config.step_deg).to_radians();
     let peaks: Vec<f32> = (-half..=half)
-        .map(|step| peaks(points, heading(step), config))
+        .map(|step| histogram_peak(points, heading(step), config))
         .collect();
     let best = (0..peaks.len())
         .rev()
@@ -66,8 +66,8 @@ pub fn heading_by_histogram(
     ))
 }
 
-/// Sum of the highest bins of the histograms along x and y, with the points turned by `heading`.
-fn peaks(points: &[LinePoint], heading: f32, config: &HeadingConfig) -> f32 {
+/// Sum of the highest bins of the histograms along x and y, with the points turned by `heading` (radians).
+pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingConfig) -> f32 {
     let bins = (2.0 * config.range_max / config.bin) as usize + 2;
     let mut along = vec![0.0_f32; bins];
     let mut across = vec![0.0_f32; bins];

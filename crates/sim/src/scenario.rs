@@ -364,6 +364,15 @@ pub enum ScenarioError {
     Robot(#[from] vision::robot::RobotError),
 }
 
+impl ScenarioError {
+    fn parse(path: &Path, source: toml::de::Error) -> Self {
+        ScenarioError::Parse {
+            path: path.to_owned(),
+            source: Box::new(source),
+        }
+    }
+}
+
 /// More than five against five and a referee is no game.
 const MOST_OTHERS: usize = 10;
 
@@ -374,11 +383,24 @@ impl Scenario {
             path: path.to_owned(),
             source,
         })?;
-        let mut scenario: Scenario =
-            toml::from_str(&text).map_err(|source| ScenarioError::Parse {
-                path: path.to_owned(),
-                source: Box::new(source),
-            })?;
+        toml::from_str::<Scenario>(&text)
+            .map_err(|source| ScenarioError::parse(path, source))?
+            .resolved(path)
+    }
+
+    /// From a scenario file's table, single values of which may have been changed; `path` is that file.
+    pub fn from_table(
+        table: toml::Table,
+        path: &Path,
+    ) -> Result<(Self, RobotConfig), ScenarioError> {
+        let scenario: Scenario = table
+            .try_into()
+            .map_err(|source| ScenarioError::parse(path, source))?;
+        scenario.resolved(path)
+    }
+
+    fn resolved(self, path: &Path) -> Result<(Self, RobotConfig), ScenarioError> {
+        let mut scenario = self;
         scenario
             .check()
             .map_err(|(key, reason)| ScenarioError::Value {

@@ -7,6 +7,7 @@
 
 from mirrorball.mirror.building import Mirror, design
 from mirrorball.mirror.files import Plan, load
+from mirrorball.mirror.heights import HeightsSeen, heights_seen
 from mirrorball.mirror.judging import Judgement, Lens, Sizes, View, judge
 from mirrorball.mirror.law import Rays, reflect, slope_towards
 from mirrorball.mirror.parts import (
@@ -45,6 +46,7 @@ __all__ = [
     "Free",
     "GroundErrors",
     "Heights",
+    "HeightsSeen",
     "HorizontallyIsometric",
     "Hyperboloid",
     "Judgement",
@@ -69,6 +71,7 @@ __all__ = [
     "Wish",
     "camera_for",
     "design",
+    "heights_seen",
     "judge",
     "lima2001",
     "load",

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
+from mirrorball.mirror.heights import heights_seen
 from mirrorball.mirror.judging import BALL_RADIUS_M, ROBOT_HEIGHT_M, Judgement
 from mirrorball.mirror.law import Array
 from mirrorball.mirror.tolerances import GroundErrors
@@ -33,6 +35,9 @@ def _axes(count: int, *, width: float = 11.0, height: float = 4.2) -> tuple[Figu
         ax.set_axisbelow(True)
         ax.xaxis.set_major_locator(MaxNLocator(6))
         ax.yaxis.set_major_locator(MaxNLocator(5))
+        # A place given, matplotlib need not measure every tick's text to find it.
+        ax.xaxis.set_label_coords(0.5, -0.1)
+        ax.yaxis.set_label_coords(-0.11 if count < 3 else -0.17, 0.5)
     return figure, axes
 
 
@@ -61,19 +66,16 @@ def profile(judged: Judgement) -> Figure:
     for view, colour in zip(judged.views, COLOURS * 4, strict=False):
         rays = view.rays
         near.plot(1e3 * rays.x_m, 1e3 * rays.y_m, color=colour, linewidth=2.2, label=view.part)
-        for index in np.linspace(0, rays.t.size - 1, 6).astype(int):
-            x, y, gamma = rays.x_m[index], rays.y_m[index], rays.gamma_rad[index]
-            way = 0.09
-            near.plot(
-                1e3 * np.array([0.0, x, x + way * np.sin(gamma)]),
-                1e3 * np.array([0.0, y, y - way * np.cos(gamma)]),
-                color=colour,
-                linewidth=0.6,
-            )
-            ground = view.ground_m[index]
-            height = y + mirror.pinhole_height_m
-            end = (ground, 0.0) if np.isfinite(ground) else (x + 60.0 * np.sin(gamma), height - 60.0 * np.cos(gamma))
-            far.plot([x, end[0]], [height, end[1]], color=colour, linewidth=0.8)
+        shown = np.linspace(0, rays.t.size - 1, 6).astype(int)
+        x, y, gamma, ground = rays.x_m[shown], rays.y_m[shown], rays.gamma_rad[shown], view.ground_m[shown]
+        zero, height, way = np.zeros(x.size), y + mirror.pinhole_height_m, 0.09
+        bent = np.stack([zero, x, x + way * np.sin(gamma), zero, y, y - way * np.cos(gamma)]).reshape(2, 3, -1)
+        near.add_collection(LineCollection(list(1e3 * bent.T), colors=colour, linewidths=0.6))
+        lands = np.isfinite(ground)
+        end_x = np.where(lands, ground, x + 60.0 * np.sin(gamma))
+        end_y = np.where(lands, 0.0, height - 60.0 * np.cos(gamma))
+        down = np.stack([x, end_x, height, end_y]).reshape(2, 2, -1)
+        far.add_collection(LineCollection(list(down.T), colors=colour, linewidths=0.8))
     radius = 1e3 * mirror.radius_m
     low, high = (1e3 * float(mirror.rays(np.array([t])).y_m[0]) for t in (0.0, mirror.t_max))
     near.set(
@@ -117,19 +119,12 @@ def ground(judged: Judgement) -> Figure:
 def heights(judged: Judgement) -> Figure:
     """Which heights are seen at which distance."""
     figure, (ax,) = _axes(1)
-    distance = np.linspace(0.0, judged.reach_m, 160)
-    for view, colour in zip(judged.views, COLOURS * 4, strict=False):
-        rays, clear = view.rays, ~view.blocked
-        high = np.full(distance.shape, np.nan)
-        low = np.full(distance.shape, np.nan)
-        for index, at in enumerate(distance):
-            seen = rays.height_at_m(float(at))
-            seen = seen[clear & (seen >= 0.0)]
-            if seen.size:
-                low[index], high[index] = seen.min(), seen.max()
-        ax.fill_between(distance, low, high, color=colour, alpha=0.35, linewidth=0.0, label=view.part)
-        for curve in (low, high):
-            ax.plot(distance, curve, color=colour, linewidth=1.0)
+    for seen, colour in zip(heights_seen(judged), COLOURS * 4, strict=False):
+        ax.fill_between(
+            seen.distance_m, seen.lowest_m, seen.highest_m, color=colour, alpha=0.35, linewidth=0.0, label=seen.part
+        )
+        for curve in (seen.lowest_m, seen.highest_m):
+            ax.plot(seen.distance_m, curve, color=colour, linewidth=1.0)
     ax.axhline(2.0 * BALL_RADIUS_M, color=GREY, linewidth=0.8, linestyle=":")
     ax.axhline(ROBOT_HEIGHT_M, color=GREY, linewidth=0.8, linestyle=":")
     for height, name in ((2.0 * BALL_RADIUS_M, "ball"), (ROBOT_HEIGHT_M, "robot")):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import html
+import dataclasses
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
@@ -16,8 +15,10 @@ import numpy as np
 from mirrorball._core import Camera
 from mirrorball.mirror import figures
 from mirrorball.mirror.building import Mirror
+from mirrorball.mirror.heights import heights_seen
 from mirrorball.mirror.judging import Judgement, Lens, judge
 from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
+from mirrorball.page import inline, table, whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,6 +32,15 @@ FIGURES: dict[str, tuple[str, Callable[[Judgement], Figure]]] = {
     "sizes": ("Ball, line and robot", figures.sizes),
 }
 """File name, heading and drawing function, in the order of the page."""
+
+STYLE: Any = {
+    # Text stays text: small files that a reader can search, and no glyph outlines to compute.
+    "svg.fonttype": "none",
+    "svg.hashsalt": "mirrorball",
+    # A fixed place: else every tick's text is measured only to keep the title off it, a sixth of the drawing.
+    "axes.titley": 1.0,
+}
+"""How matplotlib draws the figures of a page."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +77,7 @@ def report(
     seed: int = 1,
     progress: bool = True,
 ) -> Report:
-    """Judges a design and writes its figures and `index.html` into a folder (made if missing).
+    """Judges a design and writes its figures, their numbers (CSV) and `index.html` into a folder (made if missing).
 
     `mirrors` imperfect mirrors are tried against `tolerances`; 0 leaves that out.
     """
@@ -76,35 +86,44 @@ def report(
     camera = camera or camera_for(mirror)
     judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
     errors = None
-    sections = []
-    for name, (heading, draw) in FIGURES.items():
-        sections.append(_section(draw(judged), heading, folder / name))
-    if mirrors:
-        errors = monte_carlo(
-            mirror, camera=camera, tolerances=tolerances, count=mirrors, reach_m=reach_m, seed=seed, progress=progress
-        )
-        sections.append(_section(figures.tolerances(errors), "Tolerances", folder / "tolerances"))
-        sections.append(_error_table(errors))
+    with matplotlib.rc_context(STYLE):
+        sections = [_section(draw(judged), heading, folder / name) for name, (heading, draw) in FIGURES.items()]
+        if mirrors:
+            errors = monte_carlo(
+                mirror, camera=camera, tolerances=tolerances, count=mirrors, reach_m=reach_m, seed=seed, progress=progress
+            )
+            sections.append(_section(figures.tolerances(errors), "Tolerances", folder / "tolerances"))
+            sections.append(_error_table(errors))
+    _write_tables(judged, folder)
     page = folder / "index.html"
     page.write_text(_page(judged, camera, sections), encoding="utf-8")
     return Report(folder=folder, page=page, judgement=judged, errors=errors)
 
 
+def _write_tables(judged: Judgement, folder: Path) -> None:
+    """The figures' numbers: heights.csv, resolution.csv and sizes.csv, lengths in metres, NaN where nothing is seen."""
+    heights: list[tuple[str, ...]] = [("part", "distance_m", "lowest_m", "highest_m")]
+    for seen in heights_seen(judged):
+        bounds = zip(seen.distance_m, seen.lowest_m, seen.highest_m, strict=True)
+        heights += [(seen.part, *(f"{value:.6g}" for value in row)) for row in bounds]
+    resolution: list[tuple[str, ...]] = [("part", "image_radius_px", "ground_m", "radial_px_per_m", "tangential_px_per_m")]
+    for view in judged.views:
+        columns = (judged.focal_px * view.rays.t, view.ground_m, view.radial_px_per_m, view.tangential_px_per_m)
+        resolution += [(view.part, *(f"{value:.6g}" for value in row)) for row in zip(*columns, strict=True)]
+    names = [field.name for field in dataclasses.fields(judged.sizes)]
+    sizes: list[tuple[str, ...]] = [tuple(names)]
+    sizes += [tuple(f"{v:.6g}" for v in row) for row in zip(*(getattr(judged.sizes, name) for name in names), strict=True)]
+    for name, rows in (("heights", heights), ("resolution", resolution), ("sizes", sizes)):
+        text = "".join(",".join(row) + "\n" for row in rows)
+        (folder / f"{name}.csv").write_text(text, encoding="utf-8")
+
+
 def _section(figure: Figure, heading: str, path: Path) -> str:
-    # Text stays text: small files that a reader can search, and no glyph outlines to compute.
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mirrorball"}):
-        figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
+    figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
     pixels = io.BytesIO()
     figure.savefig(pixels, format="png", pil_kwargs={"compress_level": 1})
     path.with_suffix(".png").write_bytes(pixels.getvalue())
-    inline = base64.b64encode(pixels.getvalue()).decode("ascii")
-    return f'<h2>{html.escape(heading)}</h2>\n<img alt="{html.escape(heading)}" src="data:image/png;base64,{inline}">'
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    cells = "".join(f"<th>{html.escape(text)}</th>" for text in head)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(text)}</td>" for text in row) + "</tr>\n" for row in rows)
-    return f"<table><tr>{cells}</tr>\n{body}</table>"
+    return inline(pixels.getvalue(), heading)
 
 
 def _metres(value: float, digits: int = 3) -> str:
@@ -131,7 +150,7 @@ def _part_table(judged: Judgement) -> str:
         else:
             row += ["–", "–"]
         rows.append(row)
-    return _table(["Part", "Radius", "Image radius", "Ground", "Viewpoint error"], rows)
+    return table(["Part", "Radius", "Image radius", "Ground", "Viewpoint error"], rows)
 
 
 def _error_table(errors: GroundErrors) -> str:
@@ -147,13 +166,13 @@ def _error_table(errors: GroundErrors) -> str:
                 f"{100.0 * errors.lost_share[index]:.2f} %",
             ]
         )
-    return _table(["Distance", "Radial rms", "Tangential rms", "95 % stay below", "Pixels lost"], rows)
+    return table(["Distance", "Radial rms", "Tangential rms", "95 % stay below", "Pixels lost"], rows)
 
 
 def _page(judged: Judgement, camera: Camera, sections: list[str]) -> str:
     mirror = judged.mirror
     blind = ", ".join(f"{low:.2f} to {high:.2f} m" for low, high in judged.blind_m) or "none"
-    facts = _table(
+    facts = table(
         ["", ""],
         [
             ["Diameter", f"{2e3 * mirror.radius_m:.2f} mm"],
@@ -165,18 +184,4 @@ def _page(judged: Judgement, camera: Camera, sections: list[str]) -> str:
             ["Steepest slope", f"{judged.steepest_slope:.3f}"],
         ],
     )
-    return f"""<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{html.escape(mirror.name)}</title>
-<style>
-body {{ font: 15px/1.45 system-ui, sans-serif; max-width: 1120px; margin: 2em auto; padding: 0 1em; color: #222; }}
-img {{ max-width: 100%; }}
-table {{ border-collapse: collapse; margin: 0.8em 0; }}
-td, th {{ padding: 0.2em 1.2em 0.2em 0; text-align: left; border-bottom: 1px solid #e4e4e4; }}
-h2 {{ margin: 1.6em 0 0.2em; font-size: 1.15em; }}
-</style></head><body>
-<h1>{html.escape(mirror.name)}</h1>
-{facts}
-{_part_table(judged)}
-{"".join(sections)}
-</body></html>
-"""
+    return whole(mirror.name, [facts, _part_table(judged), *sections])

@@ -1,0 +1,216 @@
+//! What is to be shown? An experiment read from TOML: its parts, what each runs, and what the paper says of it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use localize::presets::PRESETS;
+use serde::Deserialize;
+
+/// An experiment file. Paths are relative to it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Experiment {
+    /// Heading of its page.
+    pub title: String,
+    /// The paper that it repeats.
+    #[serde(default)]
+    pub source: String,
+    /// In what it differs from the paper's.
+    #[serde(default)]
+    pub differs: Vec<String>,
+    /// Runs of each drive, with seeds that count up.
+    #[serde(default = "five")]
+    pub seeds: u64,
+    /// Its parts, in the page's order.
+    pub parts: Vec<Part>,
+}
+
+fn five() -> u64 {
+    5
+}
+
+/// One table and drawing of the page.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    /// Name of its files.
+    pub name: String,
+    /// Heading.
+    pub title: String,
+    /// What the paper says.
+    #[serde(default)]
+    pub paper: Vec<Stated>,
+    /// What is run.
+    pub run: Run,
+}
+
+/// A number of the paper.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stated {
+    /// Of which variant; of each if left out.
+    pub variant: Option<String>,
+    /// The figure's name, as `results.json` has it.
+    pub figure: String,
+    /// The value.
+    pub value: f64,
+    /// Its upper end, where the paper gives a range.
+    pub until: Option<f64>,
+    /// Where it stands: a section, table or figure.
+    pub place: String,
+}
+
+/// What a part runs.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Run {
+    /// Simulated drives, rendered images included.
+    Drives(Drives),
+    /// Single images on known spots, each located by itself.
+    Stills(Stills),
+    /// Single sights on random places, located on the whole field; no images.
+    Searches(Searches),
+    /// Time of each stage, one core.
+    Times(Times),
+    /// Error over all places for one sight, and over headings.
+    Landscape(Landscape),
+}
+
+/// Each variant with each preset and seed.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Drives {
+    /// Scenario of variants that name none.
+    pub scenario: Option<PathBuf>,
+    /// Settings to compare.
+    pub presets: Vec<String>,
+    /// Scenarios or changes to compare.
+    pub variants: Vec<Variant>,
+    /// Seconds at the start that are not scored: the first search of the field is another experiment.
+    #[serde(default)]
+    pub settle: f64,
+}
+
+/// A drive under other circumstances.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Variant {
+    /// Its name in tables.
+    pub name: String,
+    /// Its scenario.
+    pub scenario: Option<PathBuf>,
+    /// Values in place of the scenario's, table by table.
+    #[serde(default)]
+    pub set: toml::Table,
+    /// Values in place of the preset's (the keys of `--config`).
+    #[serde(default)]
+    pub config: toml::Table,
+}
+
+/// Images on spots.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stills {
+    /// Field, robot, light.
+    pub scenario: PathBuf,
+    /// Settings to compare.
+    pub presets: Vec<String>,
+    /// Places, metres.
+    pub spots: Vec<[f32; 2]>,
+    /// Images at each, one heading each, degrees.
+    pub headings_deg: Vec<f32>,
+}
+
+/// Sights on random places of a field.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Searches {
+    /// The field.
+    pub field: PathBuf,
+    /// Settings to compare; each preset's relocaliser is asked.
+    pub presets: Vec<String>,
+    /// How many sights.
+    pub count: usize,
+    /// Noise of the compass, degrees; without one, a pose counts up to the half turn.
+    pub compass_std_deg: Option<f32>,
+}
+
+/// Cycles of each stage.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Times {
+    /// The field.
+    pub field: PathBuf,
+    /// How many cycles of each.
+    pub cycles: usize,
+    /// Which stages, by their names in the table.
+    pub stages: Vec<super::times::Stage>,
+}
+
+/// One sight.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Landscape {
+    /// The field.
+    pub field: PathBuf,
+    /// Where the robot stands: metres, metres, degrees.
+    pub pose: [f32; 3],
+    /// Between two places, metres.
+    pub step: f32,
+    /// c of the error function e = 1 − c²/(c² + d²), metres (minho2016 eq. 5).
+    pub reach: f32,
+}
+
+impl Experiment {
+    /// Reads an experiment; its paths come back relative to the working folder.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        let mut experiment: Experiment =
+            toml::from_str(&text).with_context(|| path.display().to_string())?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        for part in &mut experiment.parts {
+            part.resolve(folder)
+                .with_context(|| format!("{}: part {:?}", path.display(), part.name))?;
+        }
+        Ok(experiment)
+    }
+}
+
+impl Part {
+    fn resolve(&mut self, folder: &Path) -> Result<()> {
+        if self.name.is_empty() || self.name.contains(['/', '\\', '.']) {
+            bail!("its name must do as a file's name");
+        }
+        let known = |presets: &[String]| match presets
+            .iter()
+            .find(|name| !PRESETS.contains(&name.as_str()))
+        {
+            Some(name) => bail!("there is no preset {name:?}"),
+            None => Ok(()),
+        };
+        match &mut self.run {
+            Run::Drives(drives) => {
+                known(&drives.presets)?;
+                for variant in &mut drives.variants {
+                    let scenario = variant.scenario.as_ref().or(drives.scenario.as_ref());
+                    let Some(scenario) = scenario else {
+                        bail!("variant {:?} names no scenario", variant.name);
+                    };
+                    variant.scenario = Some(folder.join(scenario));
+                }
+            }
+            Run::Stills(stills) => {
+                known(&stills.presets)?;
+                stills.scenario = folder.join(&stills.scenario);
+            }
+            Run::Searches(searches) => {
+                known(&searches.presets)?;
+                searches.field = folder.join(&searches.field);
+            }
+            Run::Times(times) => times.field = folder.join(&times.field),
+            Run::Landscape(landscape) => landscape.field = folder.join(&landscape.field),
+        }
+        Ok(())
+    }
+}

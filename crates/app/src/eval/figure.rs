@@ -1,0 +1,221 @@
+//! What came out, and how sure is it? Figures with their interval, beside the paper's, in a file and in a table.
+
+use serde::Serialize;
+
+use super::experiment::Stated;
+
+/// A measured number.
+#[derive(Debug, Clone, Serialize)]
+pub struct Figure {
+    /// Circumstances; empty where there is one kind only.
+    pub variant: String,
+    /// Preset or stage.
+    pub method: String,
+    /// What it is, unit included.
+    pub name: &'static str,
+    /// The value; none where nothing could be measured.
+    pub value: Option<f64>,
+    /// Its interval.
+    pub interval: Option<Interval>,
+    /// What the paper says.
+    pub paper: Option<Paper>,
+}
+
+/// Where the value may lie.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Interval {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+    /// What lies in it: the mean with 95 % confidence, or 90 % of all values.
+    pub kind: &'static str,
+}
+
+/// A number of the paper.
+#[derive(Debug, Clone, Serialize)]
+pub struct Paper {
+    /// The value.
+    pub value: f64,
+    /// Upper end of a range.
+    pub until: Option<f64>,
+    /// Where it stands.
+    pub place: String,
+}
+
+const CONFIDENCE: &str = "95 % confidence";
+
+/// Student's t, two-sided 95 %, for 1 to 20 degrees of freedom.
+const STUDENT: [f64; 20] = [
+    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160,
+    2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
+];
+
+impl Figure {
+    /// A number without an interval.
+    pub fn plain(variant: &str, method: &str, name: &'static str, value: Option<f64>) -> Self {
+        Figure {
+            variant: variant.to_owned(),
+            method: method.to_owned(),
+            name,
+            value,
+            interval: None,
+            paper: None,
+        }
+    }
+
+    /// The mean of independent values (one a run, not one a frame: frames of a run err alike).
+    pub fn mean(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
+        let count = values.len() as f64;
+        let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / count);
+        let interval = mean.filter(|_| values.len() > 1).map(|mean| {
+            let variance = values
+                .iter()
+                .map(|value| (value - mean).powi(2))
+                .sum::<f64>()
+                / (count - 1.0);
+            // From 20 on the normal distribution's 1.96 is near enough, 2.0 on the safe side.
+            let t = STUDENT.get(values.len() - 2).copied().unwrap_or(2.0);
+            let half = t * (variance / count).sqrt();
+            Interval {
+                low: mean - half,
+                high: mean + half,
+                kind: CONFIDENCE,
+            }
+        });
+        Figure {
+            interval,
+            ..Figure::plain(variant, method, name, mean)
+        }
+    }
+
+    /// A share in percent, with Wilson's interval.
+    pub fn share(
+        variant: &str,
+        method: &str,
+        name: &'static str,
+        hits: usize,
+        count: usize,
+    ) -> Self {
+        let mut figure = Figure::plain(variant, method, name, None);
+        if count > 0 {
+            let (n, z) = (count as f64, 1.96_f64);
+            let p = hits as f64 / n;
+            let middle = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
+            let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt() / (1.0 + z * z / n);
+            figure.value = Some(100.0 * p);
+            figure.interval = Some(Interval {
+                low: 100.0 * (middle - half).max(0.0),
+                high: 100.0 * (middle + half).min(1.0),
+                kind: CONFIDENCE,
+            });
+        }
+        figure
+    }
+
+    /// The median, with the range of nine values in ten.
+    pub fn median(variant: &str, method: &str, name: &'static str, mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        let mut figure = Figure::plain(variant, method, name, None);
+        if let Some(last) = values.len().checked_sub(1) {
+            let at = |share: f64| values[(share * last as f64).round() as usize];
+            figure.value = Some(at(0.5));
+            figure.interval = Some(Interval {
+                low: at(0.05),
+                high: at(0.95),
+                kind: "5 to 95 %",
+            });
+        }
+        figure
+    }
+
+    /// Puts the paper's number beside it, if the paper has one.
+    pub fn beside(&mut self, stated: &[Stated]) {
+        let same = |one: &&Stated| {
+            one.figure == self.name
+                && one
+                    .variant
+                    .as_ref()
+                    .is_none_or(|name| *name == self.variant || *name == self.method)
+        };
+        self.paper = stated.iter().find(same).map(|one| Paper {
+            value: one.value,
+            until: one.until,
+            place: one.place.clone(),
+        });
+    }
+
+    /// One line of the table on the terminal.
+    pub fn line(&self) -> String {
+        let value = self
+            .value
+            .map_or_else(|| "–".to_owned(), |value| short(value));
+        let interval = self.interval.map_or_else(String::new, |interval| {
+            format!("[{}, {}]", short(interval.low), short(interval.high))
+        });
+        let paper = self
+            .paper
+            .as_ref()
+            .map_or_else(String::new, |paper| match paper.until {
+                Some(until) => format!("{} to {}", short(paper.value), short(until)),
+                None => short(paper.value),
+            });
+        format!(
+            "{:<24} {:<12} {:<28} {value:>10} {interval:<22} {paper}",
+            self.variant, self.method, self.name
+        )
+        .trim_end()
+        .to_owned()
+    }
+}
+
+/// Three or four digits that matter.
+fn short(value: f64) -> String {
+    let digits = match value.abs() {
+        size if size >= 100.0 => 1,
+        size if size >= 1.0 => 2,
+        size if size >= 0.01 || size == 0.0 => 3,
+        _ => 5,
+    };
+    format!("{value:.digits$}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mean_has_students_interval() {
+        // Five values with mean 3 and deviation 1.5811: half width 2.776 · 1.5811 / √5.
+        let figure = Figure::mean("", "", "cm", &[1.0, 2.0, 3.0, 4.0, 5.0]);
+        let interval = figure.interval.expect("five values");
+        assert!((interval.high - 4.9629).abs() < 1e-3 && (interval.low - 1.0371).abs() < 1e-3);
+        assert_eq!(Figure::mean("", "", "cm", &[2.0]).interval, None);
+        assert_eq!(Figure::mean("", "", "cm", &[]).value, None);
+    }
+
+    #[test]
+    fn a_share_of_all_is_not_certain() {
+        let figure = Figure::share("", "", "%", 90, 90);
+        let interval = figure.interval.expect("counted");
+        assert_eq!((figure.value, interval.high), (Some(100.0), 100.0));
+        assert!((interval.low - 95.9).abs() < 0.1, "{interval:?}");
+    }
+
+    #[test]
+    fn the_papers_number_stands_beside_its_own_variant_only() {
+        let stated = [Stated {
+            variant: Some("half".to_owned()),
+            figure: "cm".to_owned(),
+            value: 7.0,
+            until: None,
+            place: "table 1".to_owned(),
+        }];
+        let paper = |variant| {
+            let mut figure = Figure::plain(variant, "default", "cm", Some(1.0));
+            figure.beside(&stated);
+            figure.paper.map(|paper| paper.value)
+        };
+        assert_eq!((paper("half"), paper("none")), (Some(7.0), None));
+    }
+}

@@ -1,0 +1,153 @@
+//! `mirrorball eval`: do the papers' experiments come out, and how do our figures stand beside theirs?
+
+pub mod drives;
+pub mod experiment;
+pub mod figure;
+pub mod landscape;
+pub mod output;
+mod page;
+pub mod searches;
+pub mod stills;
+pub mod times;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde::Serialize;
+
+use crate::arguments::WrongArguments;
+use crate::home;
+use experiment::{Experiment, Part, Run};
+use output::{PartResults, Results, Rows};
+
+/// Run a paper's experiments again and set our figures beside its own: tables, CSV and one HTML page.
+///
+/// The same seeds give the same figures, but for times.
+#[derive(clap::Args)]
+#[command(after_help = "Example: mirrorball eval lima2001 --out out/lima2001\n\
+                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, all) or a file of your own.")]
+pub struct Args {
+    /// The experiment.
+    name: String,
+    /// Where tables and page go.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Runs of each drive, in place of the experiment's.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
+    seeds: Option<u64>,
+    /// The first seed.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Only the parts whose name contains this.
+    #[arg(long, value_name = "TEXT", default_value = "")]
+    only: String,
+    /// A Python interpreter, or the folder of a virtual environment, for the page (default: $VIRTUAL_ENV, else the build's).
+    #[arg(long, value_name = "PATH")]
+    python: Option<PathBuf>,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome<'a> {
+    #[serde(flatten)]
+    results: &'a Results,
+    page: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, json: bool) -> Result<()> {
+    let path = find(&args.name)?;
+    let experiment = Experiment::load(&path)?;
+    std::fs::create_dir_all(&args.out)
+        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    let last = args
+        .seed
+        .checked_add(args.seeds.unwrap_or(experiment.seeds))
+        .context("seeds end at 2^64")?;
+    let parts = experiment
+        .parts
+        .iter()
+        .filter(|part| part.name.contains(&args.only));
+    let mut done = Vec::new();
+    for part in parts {
+        done.push(run_part(part, args.seed..last, &args.out)?);
+    }
+    if done.is_empty() {
+        return Err(WrongArguments(format!("no part's name contains {:?}", args.only)).into());
+    }
+    let name = path
+        .file_stem()
+        .map(|stem| stem.to_string_lossy().into_owned());
+    let results = Results {
+        name: name.unwrap_or_default(),
+        title: experiment.title.clone(),
+        source: experiment.source.clone(),
+        differs: experiment.differs.clone(),
+        version: env!("CARGO_PKG_VERSION"),
+        machine: crate::bench::machine(),
+        seeds: [args.seed, last],
+        parts: done,
+    };
+    results.write(&args.out)?;
+    let page = match page::write(&args.out, args.python.as_deref()) {
+        Ok(page) => Some(page),
+        Err(error) => {
+            eprintln!("mirrorball: no page, the tables are complete: {error:#}");
+            None
+        }
+    };
+    if json {
+        let results = &results;
+        println!("{}", serde_json::to_string(&Outcome { results, page })?);
+        return Ok(());
+    }
+    results.print();
+    match page {
+        Some(page) => println!("\n{}", page.display()),
+        None => println!("\n{}", args.out.join("figures.csv").display()),
+    }
+    Ok(())
+}
+
+/// A file, or the name of one of ours.
+fn find(name: &str) -> Result<PathBuf> {
+    let file = Path::new(name);
+    if file.extension().is_some() {
+        return Ok(file.to_owned());
+    }
+    if name.is_empty() || name.contains(['/', '\\']) {
+        bail!("{name:?} is neither an experiment's name nor a TOML file");
+    }
+    home::find(&format!("config/experiments/{name}.toml"))
+}
+
+fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<PartResults> {
+    let file = format!("{}.csv", part.name);
+    let mut rows = Rows::new(folder.join(&file));
+    let seed = seeds.start;
+    let bar = crate::progress::bar(0, "of this part");
+    bar.set_message(part.name.clone());
+    let (kind, figures) = match &part.run {
+        Run::Drives(drives) => ("drives", drives::run(drives, seeds, &mut rows, &bar)),
+        Run::Stills(stills) => ("stills", stills::run(stills, seed, &mut rows, &bar)),
+        Run::Searches(searches) => ("searches", searches::run(searches, seed, &mut rows, &bar)),
+        Run::Times(times) => ("times", times::run(times, seed, &mut rows, &bar)),
+        Run::Landscape(landscape) => (
+            "landscape",
+            landscape::run(landscape, seed, &mut rows, &bar),
+        ),
+    };
+    bar.finish_and_clear();
+    let mut figures = figures.with_context(|| format!("part {:?}", part.name))?;
+    for figure in &mut figures {
+        figure.beside(&part.paper);
+    }
+    rows.finish()?;
+    Ok(PartResults {
+        name: part.name.clone(),
+        title: part.title.clone(),
+        kind,
+        rows: file,
+        figures,
+    })
+}

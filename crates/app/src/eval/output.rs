@@ -1,0 +1,134 @@
+//! Where do results go? One CSV per part, results.json for the page, a table for the terminal.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+
+use super::figure::Figure;
+use crate::table::Written;
+
+/// The rows of one part, written when the first comes.
+pub struct Rows {
+    path: PathBuf,
+    file: Option<Written>,
+}
+
+impl Rows {
+    /// Will be written to `path`.
+    pub fn new(path: PathBuf) -> Self {
+        Rows { path, file: None }
+    }
+
+    /// Starts the file.
+    pub fn header(&mut self, header: &str) -> Result<()> {
+        self.file = Some(Written::create(&self.path, header)?);
+        Ok(())
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
+        self.file
+            .as_mut()
+            .context("rows before their header")?
+            .row(row)
+    }
+
+    /// Gives the file its name.
+    pub fn finish(self) -> Result<()> {
+        self.file.map_or(Ok(()), Written::finish)
+    }
+}
+
+/// What the page is made of.
+#[derive(Debug, Serialize)]
+pub struct Results {
+    /// The experiment's name.
+    pub name: String,
+    /// Its heading.
+    pub title: String,
+    /// The paper.
+    pub source: String,
+    /// In what it differs.
+    pub differs: Vec<String>,
+    /// Version of this program.
+    pub version: &'static str,
+    /// Processor.
+    pub machine: String,
+    /// First seed and one behind the last.
+    pub seeds: [u64; 2],
+    /// The parts.
+    pub parts: Vec<PartResults>,
+}
+
+/// One part's figures.
+#[derive(Debug, Serialize)]
+pub struct PartResults {
+    /// Its name.
+    pub name: String,
+    /// Its heading.
+    pub title: String,
+    /// What was run, which decides the drawing.
+    pub kind: &'static str,
+    /// Its rows, beside results.json.
+    pub rows: String,
+    /// Its figures.
+    pub figures: Vec<Figure>,
+}
+
+impl Results {
+    /// Writes results.json and figures.csv.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let path = folder.join("results.json");
+        let text = serde_json::to_string_pretty(self)?;
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        let mut table = Written::create(
+            &folder.join("figures.csv"),
+            "part,variant,method,figure,value,low,high,interval,paper,paper_until,paper_place",
+        )?;
+        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+        let number =
+            |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.6}"));
+        for part in &self.parts {
+            for figure in &part.figures {
+                let (interval, paper) = (figure.interval, figure.paper.as_ref());
+                table.row(format_args!(
+                    "{},{},{},{},{},{},{},{},{},{},{}",
+                    part.name,
+                    quoted(&figure.variant),
+                    figure.method,
+                    quoted(figure.name),
+                    number(figure.value),
+                    number(interval.map(|interval| interval.low)),
+                    number(interval.map(|interval| interval.high)),
+                    interval.map_or("", |interval| interval.kind),
+                    number(paper.map(|paper| paper.value)),
+                    number(paper.and_then(|paper| paper.until)),
+                    quoted(paper.map_or("", |paper| &paper.place)),
+                ))?;
+            }
+        }
+        table.finish()
+    }
+
+    /// Prints every figure beside the paper's.
+    pub fn print(&self) {
+        println!("{}", self.title);
+        for part in &self.parts {
+            println!("\n{}", part.title);
+            println!(
+                "{:<24} {:<12} {:<28} {:>10} {:<22} paper",
+                "", "", "", "value", "interval"
+            );
+            for figure in &part.figures {
+                println!("{}", figure.line());
+            }
+        }
+        if !self.differs.is_empty() {
+            println!("\nNot as in the paper:");
+            for one in &self.differs {
+                println!("- {one}");
+            }
+        }
+    }
+}

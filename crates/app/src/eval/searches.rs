@@ -1,0 +1,126 @@
+//! Does one sight find its place on the whole field? Each preset's relocaliser on random places, without images.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use indicatif::ProgressBar;
+use localize::drive::{DriveConfig, anywhere, normal, see};
+use localize::frame::wrap_angle;
+use localize::matching::Matcher;
+use localize::relocalise::{Relocaliser, Sight};
+use localize::search::{HeadingPrior, Search, half_turn};
+use localize::{DistanceField, Field, Pose};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::experiment::Searches;
+use super::figure::Figure;
+use super::output::Rows;
+use crate::cycle::SpineConfig;
+
+/// A pose this near is the right one, metres and radians (5°).
+const RIGHT: (f32, f32) = (0.25, 0.087);
+
+/// Asks each preset's relocaliser about the same sights, one after the other, so that times mean something.
+pub fn run(
+    searches: &Searches,
+    seed: u64,
+    rows: &mut Rows,
+    bar: &ProgressBar,
+) -> Result<Vec<Figure>> {
+    let field = Field::load(&searches.field)?;
+    let compass = searches.compass_std_deg.map(f32::to_radians);
+    let drive = DriveConfig::default();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let sights: Vec<_> = (0..searches.count)
+        .map(|_| {
+            let truth = anywhere(&field, &mut rng);
+            let points = see(&field, &drive, truth, &mut rng);
+            let prior = compass.map(|std| HeadingPrior {
+                heading: truth.theta + std * normal(&mut rng),
+                std,
+            });
+            (truth, points, prior)
+        })
+        .collect();
+    bar.set_length((searches.presets.len() * sights.len()) as u64);
+    rows.header("method,number,true_x_m,true_y_m,true_theta_rad,x_m,y_m,theta_rad,right")?;
+    let mut figures = Vec::new();
+    for preset in &searches.presets {
+        let config = SpineConfig::preset(preset)?.localize;
+        let distances = DistanceField::new(&field, &config.distance);
+        let mut search = Search::new(&field, &distances, config.search.clone());
+        let mut matcher = Matcher::new(config.matching.clone());
+        let mut relocaliser = Relocaliser::new(&field, &distances, &config.relocalise);
+        let (mut right, mut off, mut times) = (0, [Vec::new(), Vec::new(), Vec::new()], Vec::new());
+        for (number, (truth, points, prior)) in sights.iter().enumerate() {
+            relocaliser.restart();
+            let sight = Sight {
+                distances: &distances,
+                points,
+                prior: *prior,
+                alone: true,
+            };
+            let started = Instant::now();
+            let found = relocaliser.find(&mut search, &mut matcher, &sight);
+            times.push(started.elapsed().as_secs_f64() * 1e3);
+            bar.inc(1);
+            let [x, y, theta] = [truth.x, truth.y, truth.theta];
+            let Some(pose) = found.first().map(|one| one.pose) else {
+                rows.row(format_args!(
+                    "{preset},{number},{x:.5},{y:.5},{theta:.6},,,,0"
+                ))?;
+                continue;
+            };
+            let error = match error(pose, *truth) {
+                error if prior.is_some() || is_right(error) => error,
+                _ => self::error(half_turn(pose), *truth),
+            };
+            let hit = is_right(error);
+            rows.row(format_args!(
+                "{preset},{number},{x:.5},{y:.5},{theta:.6},{:.5},{:.5},{:.6},{}",
+                pose.x,
+                pose.y,
+                pose.theta,
+                u8::from(hit)
+            ))?;
+            if hit {
+                right += 1;
+                for (values, value) in off.iter_mut().zip(error) {
+                    values.push(f64::from(value.abs()));
+                }
+            }
+        }
+        let centimetres = |values: &[f64]| values.iter().map(|v| 100.0 * v).collect::<Vec<_>>();
+        figures.push(Figure::share("", preset, "right, %", right, sights.len()));
+        figures.push(Figure::mean(
+            "",
+            preset,
+            "mean |x| of these, cm",
+            &centimetres(&off[0]),
+        ));
+        figures.push(Figure::mean(
+            "",
+            preset,
+            "mean |y| of these, cm",
+            &centimetres(&off[1]),
+        ));
+        figures.push(Figure::mean("", preset, "mean |θ| of these, rad", &off[2]));
+        figures.push(Figure::median("", preset, "time, ms", times));
+    }
+    (!figures.is_empty())
+        .then_some(figures)
+        .context("it names no preset")
+}
+
+fn error(pose: Pose, truth: Pose) -> [f32; 3] {
+    [
+        pose.x - truth.x,
+        pose.y - truth.y,
+        wrap_angle(pose.theta - truth.theta),
+    ]
+}
+
+fn is_right(error: [f32; 3]) -> bool {
+    error[0].hypot(error[1]) < RIGHT.0 && error[2].abs() < RIGHT.1
+}

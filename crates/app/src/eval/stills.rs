@@ -1,0 +1,121 @@
+//! Where does a single image say the robot is? Rendered on known spots, located without any history.
+
+use anyhow::{Context, Result};
+use indicatif::ProgressBar;
+use rayon::prelude::*;
+
+use super::drives::{Row, row};
+use super::experiment::Stills;
+use super::figure::Figure;
+use super::output::Rows;
+use crate::cycle::{Spine, SpineConfig};
+use crate::sample::Sample;
+use crate::simulation::Simulation;
+
+/// An error beyond this is another place, not an inaccurate one, metres.
+const OUTLIER: f32 = 0.5;
+
+/// Renders and locates each still; a still's seed counts up from `seed`.
+pub fn run(stills: &Stills, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Result<Vec<Figure>> {
+    let mut jobs = Vec::new();
+    for (spot, &at) in stills.spots.iter().enumerate() {
+        for &heading in &stills.headings_deg {
+            jobs.push((spot, [at[0], at[1], heading], seed + jobs.len() as u64));
+        }
+    }
+    bar.set_length(jobs.len() as u64);
+    let located: Vec<Vec<Row>> = jobs
+        .par_iter()
+        .map(|&(_, place, seed)| {
+            let found = still(stills, place, seed);
+            bar.inc(1);
+            found
+        })
+        .collect::<Result<_>>()?;
+    rows.header(
+        "method,spot,seed,true_x_m,true_y_m,true_theta_rad,x_m,y_m,theta_rad,error_x_m,error_y_m,error_theta_rad,mode,line_points",
+    )?;
+    let mut figures = Vec::new();
+    for (index, preset) in stills.presets.iter().enumerate() {
+        let mut errors = Vec::new();
+        let mut outliers = 0;
+        for (&(spot, _, seed), found) in jobs.iter().zip(&located) {
+            let row = &found[index];
+            let [tx, ty, tt] = row.truth;
+            let (mode, points) = (crate::outputs::mode_name(row.mode), row.points);
+            let Some((pose, error)) = row.pose.zip(row.error()) else {
+                rows.row(format_args!(
+                    "{preset},{spot},{seed},{tx:.5},{ty:.5},{tt:.6},,,,,,,{mode},{points}"
+                ))?;
+                continue;
+            };
+            let ([x, y, t], [ex, ey, et]) = (pose, error);
+            rows.row(format_args!(
+                "{preset},{spot},{seed},{tx:.5},{ty:.5},{tt:.6},{x:.5},{y:.5},{t:.6},{ex:.5},{ey:.5},{et:.6},{mode},{points}"
+            ))?;
+            if ex.hypot(ey) < OUTLIER {
+                errors.push(error);
+            } else {
+                outliers += 1;
+            }
+        }
+        figures.extend(figures_of(preset, &errors, outliers, jobs.len()));
+    }
+    Ok(figures)
+}
+
+/// One image, located with each preset.
+fn still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<Row>> {
+    let [x, y, theta_deg] = place.map(f64::from);
+    let start = toml::toml! { x = x  y = y  theta_deg = theta_deg };
+    let set = toml::Table::from_iter([("start".to_owned(), toml::Value::Table(start))]);
+    let simulation = Simulation::changed(&stills.scenario, &set, Some(seed), None)?;
+    let setup = simulation.setup()?;
+    let mut samples: Vec<Sample> = Vec::new();
+    for sample in simulation {
+        let frame = matches!(sample, Sample::Frame(_));
+        samples.push(sample);
+        if frame {
+            break;
+        }
+    }
+    stills
+        .presets
+        .iter()
+        .map(|preset| {
+            let mut spine = Spine::new(&setup, &SpineConfig::preset(preset)?)?;
+            let cycle = samples.iter().find_map(|sample| spine.take(sample.clone()));
+            cycle
+                .as_ref()
+                .and_then(row)
+                .context("the scenario ends before its first image")
+        })
+        .collect()
+}
+
+fn figures_of(preset: &str, errors: &[[f32; 3]], outliers: usize, count: usize) -> Vec<Figure> {
+    let values = |axis: usize, scale: f64| -> Vec<f64> {
+        errors
+            .iter()
+            .map(|error| scale * f64::from(error[axis]))
+            .collect()
+    };
+    let degrees = 1f64.to_degrees();
+    let spread = |values: &[f64]| {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+        (values.len() > 1).then(|| (squares / (count - 1.0)).sqrt())
+    };
+    let (x, y, theta) = (values(0, 100.0), values(1, 100.0), values(2, degrees));
+    vec![
+        Figure::share("", preset, "located, %", errors.len() + outliers, count),
+        Figure::share("", preset, "within 0.5 m, %", errors.len(), count),
+        Figure::mean("", preset, "mean of x, cm", &x),
+        Figure::mean("", preset, "mean of y, cm", &y),
+        Figure::mean("", preset, "mean of θ, °", &theta),
+        Figure::plain("", preset, "σ of x, cm", spread(&x)),
+        Figure::plain("", preset, "σ of y, cm", spread(&y)),
+        Figure::plain("", preset, "σ of θ, °", spread(&theta)),
+    ]
+}

@@ -1,0 +1,189 @@
+//! How long does a cycle take? Each stage alone on one core, cycle by cycle, so that the slow ones are seen too.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use indicatif::ProgressBar;
+use localize::drive::{Drive, DriveConfig, DriveFrame};
+use localize::matching::{MatchConfig, Matcher, Minimiser};
+use localize::relocalise::hough::Hough;
+use localize::relocalise::monte_carlo::MonteCarlo;
+use localize::relocalise::scan_map::ScanMap;
+use localize::search::{HeadingPrior, Search};
+use localize::{DistanceField, Field, Pose};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::Deserialize;
+use vision::Eyes;
+use vision::image::Image;
+
+use super::experiment::Times;
+use super::figure::Figure;
+use super::output::Rows;
+use crate::cycle::SpineConfig;
+use crate::home;
+use crate::setup::Setup;
+
+/// A stage whose time is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Segmentation and line points of a 480 × 480 image, with the minho2016 scan pattern.
+    LinePoints,
+    /// One cycle of Monte Carlo, 600 particles, pose unknown.
+    MonteCarlo,
+    /// Matching by RPROP as the paper has it.
+    MatchingRprop,
+    /// Matching by the default minimiser.
+    Matching,
+    /// Scan map, every cell of the field.
+    ScanMapGlobal,
+    /// Scan map, 4 m² about the last place.
+    ScanMapLocal,
+    /// Hough transform, pairs, correlation.
+    Hough,
+    /// Branch and bound, no prior.
+    Exact,
+}
+
+impl Stage {
+    fn name(self) -> &'static str {
+        match self {
+            Stage::LinePoints => "line points",
+            Stage::MonteCarlo => "Monte Carlo",
+            Stage::MatchingRprop => "RPROP",
+            Stage::Matching => "matching",
+            Stage::ScanMapGlobal => "scan map, all",
+            Stage::ScanMapLocal => "scan map, 4 m²",
+            Stage::Hough => "Hough",
+            Stage::Exact => "exact",
+        }
+    }
+}
+
+/// Times each stage; other work on the machine shows in the upper end of the range.
+pub fn run(times: &Times, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Result<Vec<Figure>> {
+    let field = Field::load(&times.field)?;
+    let frames: Vec<DriveFrame> = Drive::new(
+        &field,
+        DriveConfig::default(),
+        ChaCha8Rng::seed_from_u64(seed),
+    )
+    .take(times.cycles)
+    .collect();
+    bar.set_length(times.stages.len() as u64);
+    rows.header("method,cycle,time_ms")?;
+    let mut figures = Vec::new();
+    for &stage in &times.stages {
+        let measured =
+            measure(stage, &field, &frames).with_context(|| format!("stage {}", stage.name()))?;
+        for (cycle, time) in measured.iter().enumerate() {
+            rows.row(format_args!(
+                "{},{cycle},{time:.5}",
+                stage.name().replace(',', "")
+            ))?;
+        }
+        figures.push(Figure::median("", stage.name(), "time, ms", measured));
+        bar.inc(1);
+    }
+    Ok(figures)
+}
+
+/// Milliseconds of each call; the first, which fills caches, is made twice.
+fn each<'a>(
+    frames: &'a [DriveFrame],
+    mut call: impl FnMut(&'a DriveFrame, Option<HeadingPrior>),
+) -> Vec<f64> {
+    let mut once = |frame: &'a DriveFrame| {
+        let std = 10f32.to_radians();
+        let heading = frame.compass.heading;
+        let started = Instant::now();
+        call(frame, Some(HeadingPrior { heading, std }));
+        started.elapsed().as_secs_f64() * 1e3
+    };
+    for frame in frames.iter().take(3) {
+        once(frame);
+    }
+    frames.iter().map(once).collect()
+}
+
+fn measure(stage: Stage, field: &Field, frames: &[DriveFrame]) -> Result<Vec<f64>> {
+    let config = SpineConfig::default().localize;
+    let distances = DistanceField::new(field, &config.distance);
+    let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
+    let matching = |config: MatchConfig| {
+        let mut matcher = Matcher::new(config);
+        each(frames, |frame, _| {
+            black_box(matcher.refine(&distances, &frame.points, near(frame.truth), 0.05));
+        })
+    };
+    let scan_map = || ScanMap::new(field, &distances, config.relocalise.scan_map.clone());
+    Ok(match stage {
+        Stage::LinePoints => return line_points(frames.len()),
+        Stage::MonteCarlo => {
+            let settings = config.relocalise.monte_carlo.clone();
+            let mut filter = MonteCarlo::new(field, &distances, settings);
+            each(frames, |frame, prior| {
+                filter.restart();
+                black_box(filter.cycle(&frame.points, prior));
+            })
+        }
+        Stage::MatchingRprop => {
+            let preset = SpineConfig::preset("nubot2013")?.localize.matching;
+            matching(MatchConfig {
+                minimiser: Minimiser::Rprop,
+                ..preset
+            })
+        }
+        Stage::Matching => matching(config.matching.clone()),
+        Stage::ScanMapGlobal => {
+            let map = scan_map();
+            each(frames, |frame, prior| {
+                let heading = prior.map_or(0.0, |prior| prior.heading);
+                black_box(map.find(&frame.points, heading, 6, 0.4));
+            })
+        }
+        Stage::ScanMapLocal => {
+            let map = scan_map();
+            each(frames, |frame, _| {
+                black_box(map.find_near(&frame.points, frame.truth));
+            })
+        }
+        Stage::Hough => {
+            let mut hough = Hough::new(field, config.relocalise.hough.clone());
+            each(frames, |frame, prior| {
+                black_box(hough.find(&frame.points, prior));
+            })
+        }
+        Stage::Exact => {
+            let mut search = Search::new(field, &distances, config.search.clone());
+            let mut matcher = Matcher::new(config.matching.clone());
+            each(frames, |frame, _| {
+                black_box(search.find(&distances, &mut matcher, &frame.points, None));
+            })
+        }
+    })
+}
+
+/// On the recorded drive's images, again and again.
+fn line_points(cycles: usize) -> Result<Vec<f64>> {
+    let folder = home::find("samples/sequence")?;
+    let setup = Setup::load(&folder.join("robot.toml"), None)?;
+    let (camera, map) = setup.camera.as_ref().context("the sample has no camera")?;
+    let config = SpineConfig::preset("minho2016")?.vision;
+    let width = setup.field.config.line_width;
+    let mut eyes = Eyes::new(map, camera, width, config)?;
+    let images: Vec<Image> = (0..8)
+        .map(|number| Image::load(&folder.join(format!("frames/{number:03}.jpg"))))
+        .collect::<Result<_, _>>()?;
+    // The first image teaches the carpet.
+    eyes.see_lines(&images[0].frame())?;
+    (0..cycles)
+        .map(|cycle| {
+            let started = Instant::now();
+            black_box(eyes.see_lines(&images[cycle % images.len()].frame())?);
+            Ok(started.elapsed().as_secs_f64() * 1e3)
+        })
+        .collect()
+}

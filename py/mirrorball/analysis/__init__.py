@@ -1,0 +1,30 @@
+"""How did a run go? Logs as tables, errors against truth, times, drop-outs, exposure; figures, reports, comparisons.
+
+>>> from mirrorball.analysis import Log, cycles, report
+>>> table = cycles(Log("game.mcap"))  # doctest: +SKIP
+>>> report("game.mcap", folder="out/game")  # doctest: +SKIP
+
+Needs `pip install mirrorball[analysis]` (pandas, pyarrow); videos need `mirrorball[video]`.
+"""
+
+from mirrorball.analysis.reporting import Report, compare, report
+from mirrorball.analysis.scores import difference, dropouts, summary
+from mirrorball.analysis.tables import cycles, exposure, points, stream, table, write_parquet
+from mirrorball.log import Log, LogError
+
+__all__ = [
+    "Log",
+    "LogError",
+    "Report",
+    "compare",
+    "cycles",
+    "difference",
+    "dropouts",
+    "exposure",
+    "points",
+    "report",
+    "stream",
+    "summary",
+    "table",
+    "write_parquet",
+]

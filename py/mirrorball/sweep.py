@@ -1,0 +1,194 @@
+"""What if it were run a thousand times? Many seeds, parameters or designs at once, here or on a cluster, resumable.
+
+>>> from mirrorball.sweep import grid, sweep
+>>> runs = grid("config/scenarios/tracks_18x12.toml", seeds=range(20), change={"path.speed": [1.0, 2.0, 3.0]})  # doctest: +SKIP
+>>> table = sweep(runs, folder="out/speeds")  # doctest: +SKIP
+
+Needs `pip install mirrorball[analysis]`; a cluster needs `mirrorball[cluster]` (Dask distributed).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+import pickle
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+from tqdm import tqdm
+
+from mirrorball.simulation import Run, packed, simulate
+
+Task = Any
+Result = Mapping[str, Any]
+
+SAVE_EVERY_S = 10.0
+"""Results are safe on the disk after so many seconds."""
+
+
+def grid(
+    scenario: str | Path | Sequence[str | Path],
+    *,
+    seeds: Iterable[int] = (1,),
+    presets: Sequence[str] = ("default",),
+    change: Mapping[str, Sequence[Any]] | None = None,
+    config: Mapping[str, Sequence[Any]] | None = None,
+    duration_s: float | None = None,
+) -> list[Run]:
+    """Every combination of scenarios, presets, changed values and seeds, each run with the files it needs."""
+    scenarios = [scenario] if isinstance(scenario, str | Path) else scenario
+    bases = [packed(path, duration_s=duration_s) for path in scenarios]
+    changes, configs = _combinations(change or {}), _combinations(config or {})
+    return [
+        replace(base, preset=preset, change=changed, config=configured, seed=seed)
+        for base, preset, changed, configured, seed in itertools.product(bases, presets, changes, configs, list(seeds))
+    ]
+
+
+def _combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
+    return [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
+
+
+def run_row(run: Run) -> dict[str, Any]:
+    """Makes one run; what was asked for and what came out, flat."""
+    row: dict[str, Any] = {"scenario": Path(run.scenario).stem, "preset": run.preset, "asked_seed": run.seed}
+    row |= {key: value for key, value in (*run.change.items(), *run.config.items())}
+    return row | flat(simulate(run))
+
+
+def flat(result: Result, prefix: str = "") -> dict[str, Any]:
+    """Nested results as one row: {"position_error_m": {"mean": 1}} becomes {"position_error_m.mean": 1}."""
+    row: dict[str, Any] = {}
+    for key, value in result.items():
+        if isinstance(value, Mapping):
+            row |= flat(value, f"{prefix}{key}.")
+        else:
+            row[f"{prefix}{key}"] = value
+    return row
+
+
+def key_of(task: Task) -> str:
+    """Tells tasks apart: a run by its content, others by their bytes."""
+    return task.key if isinstance(task, Run) else hashlib.sha256(pickle.dumps(task)).hexdigest()[:24]
+
+
+def sweep(
+    tasks: Iterable[Task],
+    *,
+    folder: str | Path,
+    function: Callable[[Task], Result] = run_row,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    retries: int = 2,
+    progress: bool = True,
+) -> pd.DataFrame:
+    """Calls the function on each task and gives a row for each, in the order of the tasks.
+
+    Rows are kept in `folder` as they come (rows-*.parquet); tasks whose rows are there already are not run again, so
+    that a sweep that was stopped goes on. The whole table is results.parquet. A task that fails is tried `retries` times
+    more (not after a ValueError: it would fail again); what fails still is a row whose `error` says why, and is tried
+    anew the next time. `workers`: this machine's cores if None. `scheduler`: address of a Dask scheduler,
+    whose workers need nothing but this package (for runs: and the executable, see `mirrorball.simulation.program`).
+
+    Functions other than the default must be importable by the workers (defined in a module).
+    """
+    tasks = list(tasks)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    keys = [key_of(task) for task in tasks]
+    known = {key for key, row in _stored(folder).items() if row.get("error") is None}
+    todo = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
+    if todo:
+        writer = _Writer(folder)
+        results = _on_cluster(function, todo, scheduler, retries) if scheduler else _here(function, todo, workers, retries)
+        bar = tqdm(results, total=len(keys), initial=len(keys) - len(todo), unit="run", disable=not progress)
+        try:
+            for key, row in bar:
+                writer.add(key, row)
+        finally:
+            writer.flush()
+    stored = _stored(folder)
+    table = pd.DataFrame([stored[key] for key in keys if key in stored])
+    table.to_parquet(folder / "results.parquet", index=False)
+    return table
+
+
+def _here(function: Callable[[Task], Result], todo: dict[str, Task], workers: int | None, retries: int) -> Iterator[Any]:
+    workers = workers or len(os.sched_getaffinity(0))
+    # A run is a process of its own, which threads can wait for; other functions get processes.
+    pool: Executor = ThreadPoolExecutor(workers) if function is run_row else ProcessPoolExecutor(workers)
+    with pool:
+        futures: dict[Future[Result], tuple[str, int]] = {pool.submit(function, task): (key, 0) for key, task in todo.items()}
+        try:
+            while futures:
+                for future in as_completed(list(futures)):
+                    key, tried = futures.pop(future)
+                    error = future.exception()
+                    if error is None:
+                        yield key, future.result()
+                    elif tried < retries and not isinstance(error, ValueError):
+                        futures[pool.submit(function, todo[key])] = (key, tried + 1)
+                    else:
+                        yield key, {"error": f"{type(error).__name__}: {error}"}
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _on_cluster(function: Callable[[Task], Result], todo: dict[str, Task], scheduler: str, retries: int) -> Iterator[Any]:
+    from distributed import Client
+    from distributed import as_completed as finished
+
+    with Client(scheduler) as client:
+        futures = client.map(function, list(todo.values()), key=list(todo), retries=retries, pure=False)
+        for future in finished(futures):
+            error = future.exception()
+            yield future.key, future.result() if error is None else {"error": f"{type(error).__name__}: {error}"}
+            future.release()
+
+
+class _Writer:
+    """Rows to Parquet: a new file each few seconds, complete under its name or not there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.rows: list[dict[str, str]] = []
+        self.since = time.monotonic()
+
+    def add(self, key: str, row: Result) -> None:
+        self.rows.append({"key": key, "row": json.dumps(dict(row), default=_plain)})
+        if time.monotonic() - self.since >= SAVE_EVERY_S:
+            self.flush()
+
+    def flush(self) -> None:
+        self.since = time.monotonic()
+        if not self.rows:
+            return
+        number = 1 + max((int(path.stem.rpartition("-")[2]) for path in self.folder.glob("rows-*.parquet")), default=0)
+        path = self.folder / f"rows-{number:06d}.parquet"
+        part = path.with_suffix(".part")
+        pq.write_table(pa.Table.from_pylist(self.rows), part)
+        part.rename(path)
+        self.rows = []
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def _stored(folder: Path) -> dict[str, dict[str, Any]]:
+    """Rows by key; of several the last."""
+    rows: dict[str, dict[str, Any]] = {}
+    for path in sorted(folder.glob("rows-*.parquet")):
+        for stored in pq.read_table(path).to_pylist():
+            rows[stored["key"]] = {"error": None, **json.loads(stored["row"])}
+    return rows

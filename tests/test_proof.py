@@ -1,0 +1,143 @@
+"""Does `mirrorball eval` set figures beside the paper's? A small experiment of every kind of part."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from conftest import PROGRAM, ROOT
+
+SMALL = """
+title = "Small"
+source = "nobody"
+differs = ["It is small."]
+seeds = 2
+
+[[parts]]
+name = "drives"
+title = "Drives"
+[parts.run.drives]
+scenario = "{root}/config/scenarios/tracks_18x12.toml"
+presets = ["default"]
+[[parts.run.drives.variants]]
+name = "open"
+set = {{ duration = 0.7 }}
+[[parts.run.drives.variants]]
+name = "covered"
+[parts.run.drives.variants.set]
+duration = 0.7
+occlusions = [{{ start = 0.0, stop = 9.0, direction_deg = 0.0, width_deg = 360.0 }}]
+[[parts.paper]]
+variant = "open"
+figure = "mean |x|, cm"
+value = 5.907
+place = "table 1"
+
+[[parts]]
+name = "stills"
+title = "Stills"
+[parts.run.stills]
+scenario = "{root}/config/scenarios/stills_2001.toml"
+presets = ["default"]
+spots = [[-1.0, 0.5], [2.0, -1.0]]
+headings_deg = [30.0]
+
+[[parts]]
+name = "times"
+title = "Times"
+[parts.run.times]
+field = "{root}/config/fields/msl_18x12.toml"
+cycles = 5
+stages = ["line_points", "monte_carlo", "matching_rprop", "matching", "scan_map_global", "scan_map_local", "hough", "exact"]
+
+[[parts]]
+name = "searches"
+title = "Searches"
+[parts.run.searches]
+field = "{root}/config/fields/msl_18x12.toml"
+presets = ["default", "minho2016"]
+count = 10
+compass_std_deg = 5.0
+
+[[parts]]
+name = "landscape"
+title = "Landscape"
+[parts.run.landscape]
+field = "{root}/config/fields/msl_18x12.toml"
+pose = [-3.2, 1.7, 30.0]
+step = 0.2
+reach = 0.25
+"""
+
+
+def evaluate(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "VIRTUAL_ENV": sys.prefix}
+    return subprocess.run([PROGRAM, "eval", *map(str, arguments)], capture_output=True, text=True, env=environment)
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    folder = tmp_path_factory.mktemp("small")
+    (folder / "small.toml").write_text(SMALL.format(root=ROOT))
+    done = evaluate(folder / "small.toml", "--out", folder / "out", "--json")
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def test_every_kind_of_part_ends_in_tables_and_one_page(result: dict[str, Any]) -> None:
+    figures = {(part["name"], one["variant"], one["method"], one["name"]): one
+               for part in result["parts"] for one in part["figures"]}  # fmt: skip
+    open_x = figures["drives", "open", "default", "mean |x|, cm"]
+    assert open_x["value"] < 2.0 and open_x["paper"] == {"value": 5.907, "until": None, "place": "table 1"}
+    assert open_x["interval"]["low"] <= open_x["value"] <= open_x["interval"]["high"]
+    # A covered camera from the start: nothing to go by, and no number that pretends.
+    assert figures["drives", "covered", "default", "lost, % of frames"]["value"] > 95.0
+    assert figures["drives", "covered", "default", "mean |x|, cm"]["paper"] is None
+    assert figures["stills", "", "default", "within 0.5 m, %"]["value"] == 100.0
+    assert figures["searches", "", "default", "right, %"]["value"] >= 90.0
+    assert figures["landscape", "", "error surface", "lowest cell from the truth, cm"]["value"] < 30.0
+    page = Path(result["page"]).read_text()
+    assert page.count("<img") >= 7 and "5.907 (table 1)" in page and "It is small." in page
+
+
+def test_the_same_seeds_give_the_same_rows(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(SMALL.format(root=ROOT))
+    rows = []
+    for number, threads in (("1", "1"), ("2", "2")):
+        os.environ["RAYON_NUM_THREADS"] = threads
+        done = evaluate(tmp_path / "small.toml", "--out", tmp_path / number, "--only", "drives", "--seed", "7")
+        del os.environ["RAYON_NUM_THREADS"]
+        assert done.returncode == 0, done.stderr
+        rows.append((tmp_path / number / "drives.csv").read_bytes())
+    assert rows[0] == rows[1] and len(rows[0].splitlines()) == 1 + 2 * 2 * 21
+
+
+def test_what_cannot_be_run_is_named(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text(SMALL.format(root=ROOT).replace('["default"]', '["defualt"]', 1))
+    done = evaluate(tmp_path / "bad.toml", "--out", tmp_path)
+    assert done.returncode == 1 and 'there is no preset "defualt"' in done.stderr and "drives" in done.stderr
+    assert evaluate("nobody1999", "--out", tmp_path).returncode == 1
+    assert evaluate("lima2001", "--out", tmp_path, "--only", "nothing").returncode == 2
+
+
+def test_our_experiments_name_files_that_exist_and_figures_that_come_out(result: dict[str, Any]) -> None:
+    names = {one["name"] for part in result["parts"] for one in part["figures"]}
+    methods = {one["method"] for part in result["parts"] for one in part["figures"]} | {"lima2001", "nubot2013"}
+    folder = ROOT / "config/experiments"
+    assert {"all", "lima2001", "minho2016", "nubot2013"} <= {path.stem for path in folder.glob("*.toml")}
+    for path in folder.glob("*.toml"):
+        for part in tomllib.loads(path.read_text())["parts"]:
+            (run,) = part["run"].values()
+            variants = run.get("variants", [])
+            for named in (run.get("scenario"), run.get("field"), *(one.get("scenario") for one in variants)):
+                assert named is None or (folder / named).is_file(), (path, named)
+            for stated in part.get("paper", []):
+                assert stated["figure"] in names, (path, stated)
+                known = methods | {one["name"] for one in variants}
+                assert stated.get("variant", "default") in known, (path, stated)
