@@ -7,7 +7,7 @@ use std::{env, fs, io};
 fn main() -> io::Result<()> {
     let package =
         PathBuf::from(env::var("CARGO_MANIFEST_DIR").map_err(io::Error::other)?).join("mirrorball");
-    println!("cargo::rerun-if-changed={}", package.display());
+    // The files, not their folder: Python's caches and the link to the compiled half in it change with every run.
     let mut files = Vec::new();
     gather(&package, &mut files)?;
     files.sort();

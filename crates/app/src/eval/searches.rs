@@ -60,6 +60,7 @@ pub fn run(
                 points,
                 prior: *prior,
                 alone: true,
+                goals: &[],
             };
             let started = Instant::now();
             let found = relocaliser.find(&mut search, &mut matcher, &sight);
