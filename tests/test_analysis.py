@@ -1,6 +1,7 @@
 """Do logs become the tables that they hold? A recorded game, and tables made up where a game has no such thing."""
 
 import json
+import runpy
 import subprocess
 from pathlib import Path
 
@@ -140,3 +141,9 @@ def test_overlays_add_what_was_found(game: Path, tmp_path: Path) -> None:
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 6
     with pytest.raises(ValueError, match=r"\.mp4 or \.avi"):
         write_video(game, tmp_path / "game.gif")
+
+
+def test_the_example_studies_a_log(game: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["study_a_log.py", str(game), str(tmp_path / "page")])
+    cells = runpy.run_path(str(ROOT / "py/examples/study_a_log.py"))
+    assert len(cells["run"]) == 60 and (tmp_path / "page/index.html").is_file()

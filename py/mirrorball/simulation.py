@@ -17,6 +17,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+BUILD = Path(__file__).parents[2] / "target" / "release" / "mirrorball"
+"""The executable of a build beside which this package lies."""
+
 PATHS = {"robot", "field", "profile", "file", "labels", "colours"}
 """Keys of scenario and robot files that name other files."""
 
@@ -112,8 +115,7 @@ def simulate(run: Run | str | Path, **options: Any) -> dict[str, Any]:
 def program() -> str:
     """The executable: $MIRRORBALL, the one this Python runs in, the one on the PATH, or that of the build beside it."""
     given = os.environ.get("MIRRORBALL")
-    build = Path(__file__).parents[2] / "target" / "release" / "mirrorball"
-    for candidate in (given, _embedding(), shutil.which("mirrorball"), str(build)):
+    for candidate in (given, _embedding(), shutil.which("mirrorball"), str(BUILD)):
         if candidate and Path(candidate).is_file():
             return candidate
     raise FileNotFoundError("there is no executable mirrorball: put it on the PATH, or name it in $MIRRORBALL")

@@ -1,0 +1,25 @@
+"""Tasks that a sweep's processes can import."""
+
+from pathlib import Path
+from typing import Any
+
+
+def square(task: dict[str, Any]) -> dict[str, float]:
+    """Squares a number and leaves a trace of having been called."""
+    with Path(task["trace"]).open("a") as file:
+        file.write(f"{task['value']}\n")
+    return {"value": task["value"], "square": task["value"] ** 2}
+
+
+def fragile(task: dict[str, Any]) -> dict[str, float]:
+    """Fails at the first call."""
+    marker = Path(task["trace"])
+    if not marker.exists():
+        marker.write_text("once\n")
+        raise OSError("the disk hiccuped")
+    return {"value": 1.0}
+
+
+def hopeless(task: dict[str, Any]) -> dict[str, float]:
+    """Refuses its task."""
+    raise ValueError(f"no mirror for {task['value']}")
