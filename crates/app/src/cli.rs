@@ -38,6 +38,19 @@ enum Command {
     Script(script::Args),
 }
 
+/// What went wrong and why, each reason once: many errors already name the one that they stem from.
+fn message(error: &anyhow::Error) -> String {
+    let mut message = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if message.is_empty() {
+            message = cause;
+        } else if !message.contains(&cause) {
+            message = format!("{message}: {cause}");
+        }
+    }
+    message
+}
+
 /// Runs the command line of this process.
 pub fn run() -> ExitCode {
     // A closed pipe (`mirrorball … | head`) ends the program quietly, as it does others.
@@ -65,7 +78,7 @@ pub fn run() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("mirrorball: {error:#}");
+            eprintln!("mirrorball: {}", message(&error));
             ExitCode::from(if error.is::<WrongArguments>() { 2 } else { 1 })
         }
     }

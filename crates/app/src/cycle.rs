@@ -4,15 +4,17 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use localize::Stamp;
-use localize::config::LocalizeConfig;
+use localize::config::{ConfigError, LocalizeConfig};
 use localize::estimate::Estimate;
 use localize::field::GoalColour;
 use localize::localizer::Localizer;
 use localize::relocalise::scan_map::Origin;
 use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
+use localize::toml_place::place;
 use serde::{Deserialize, Serialize};
+use vision::VisionError;
 use vision::config::VisionConfig;
 use vision::eyes::{Eyes, Seen};
 use vision::goals::GoalKind;
@@ -143,7 +145,17 @@ impl SpineConfig {
             .with_context(|| format!("cannot read {}", path.display()))?;
         // Alone first: an unknown key or a wrong type is named with its line.
         toml::from_str::<SpineConfig>(&text).with_context(|| path.display().to_string())?;
-        overlaid(&base, toml::from_str(&text)?).with_context(|| path.display().to_string())
+        overlaid(&base, toml::from_str(&text)?)
+            .map_err(|error| anyhow!("{}: {error:#}", place(path, &text, &refused_key(&error))))
+    }
+}
+
+/// The key that a check refused; none of other errors.
+fn refused_key(error: &anyhow::Error) -> String {
+    match (error.downcast_ref(), error.downcast_ref()) {
+        (Some(VisionError::Config { key, .. }), _) => format!("vision.{key}"),
+        (_, Some(ConfigError { key, .. })) => format!("localize.{key}"),
+        _ => String::new(),
     }
 }
 

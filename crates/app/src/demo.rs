@@ -14,6 +14,7 @@ use crate::arguments;
 use crate::cycle::{Cycle, Spine, SpineConfig};
 use crate::field_picture::{FieldPicture, beside, ink};
 use crate::home;
+use crate::interrupt;
 use crate::locate::FOREIGN_POINT_STD;
 use crate::log::{ImageMode, LogConfig};
 use crate::recording::Recording;
@@ -63,6 +64,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let log = args.out.join("demo.mcap");
     let pictures = ["play.png", "recording.png"].map(|name| args.out.join(name));
 
+    interrupt::watch()?;
     let simulation = Simulation::load(&scenario, args.seed, args.duration)?;
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
     let setup = simulation.setup()?;
@@ -74,7 +76,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let mut recorder = start_log(&log, "demo", Some(seed), (&setup, &config), &log_config)?;
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
-    let play = Story::of(simulation, &setup, &config, |cycle| {
+    let play = Story::of(simulation.ahead()?, &setup, &config, |cycle| {
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
         recorder.cycle(cycle.clone())
     })?;
@@ -141,6 +143,7 @@ impl Story {
             let cycle = Arc::new(cycle);
             story.add(&cycle);
             also(&cycle)?;
+            interrupt::check()?;
         }
         Ok(story)
     }

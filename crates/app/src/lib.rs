@@ -3,6 +3,7 @@
 
 pub mod arguments;
 pub mod home;
+pub mod interrupt;
 pub mod overrides;
 pub mod sample;
 pub mod setup;

@@ -6,6 +6,7 @@ use anyhow::{Result, ensure};
 
 use crate::arguments::{self, WrongArguments};
 use crate::cycle::{Spine, SpineConfig};
+use crate::interrupt;
 use crate::outputs::Outputs;
 use crate::recording::Recording;
 use crate::score;
@@ -50,6 +51,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if !args.dir.is_dir() {
         return Err(WrongArguments(format!("{} is not a folder", args.dir.display())).into());
     }
+    interrupt::watch()?;
     let setup = Setup::load(&args.dir.join("robot.toml"), args.map.as_deref())?;
     let recording = Recording::open(&args.dir, FOREIGN_POINT_STD)?;
     let truth = recording.truth.clone();
@@ -70,6 +72,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             bar.suspend(|| eprintln!("frame at {} s skipped: {fault}", seconds(cycle.stamp)));
         }
         outputs.write(&cycle)?;
+        interrupt::check()?;
         let error = cycle
             .estimate
             .pose

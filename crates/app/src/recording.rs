@@ -86,15 +86,14 @@ impl Recording {
             "odometry.csv",
             &["stamp_s", "dx_m", "dy_m", "dtheta_rad"],
         )? {
+            let mut last = None;
             for row in table.rows() {
-                let [dx, dy, dtheta] = floats(row, ["dx_m", "dy_m", "dtheta_rad"])?;
-                let odometry = Odometry {
-                    stamp: stamp(row)?,
-                    dx,
-                    dy,
-                    dtheta,
-                    slip: 0.0,
-                };
+                let odometry = odometry(row)?;
+                // Each row goes on from the one above it: in another order they mean nothing.
+                if last.is_some_and(|last| odometry.stamp < last) {
+                    bail!("{}: stamp_s goes back in time", row.place());
+                }
+                last = Some(odometry.stamp);
                 events.push(Event {
                     stamp: odometry.stamp,
                     kind: Kind::Odometry(odometry),
@@ -167,6 +166,29 @@ fn stamp(row: Row<'_>) -> Result<Stamp> {
         bail!("{}: stamp_s = {seconds} is no time", row.place());
     }
     Ok(Stamp::from_seconds(seconds))
+}
+
+/// A row may span a gap, but not one of more than this, metres and radians.
+const FARTHEST: f32 = 100.0;
+
+fn odometry(row: Row<'_>) -> Result<Odometry> {
+    let columns = ["dx_m", "dy_m", "dtheta_rad"];
+    let [dx, dy, dtheta] = floats(row, columns)?;
+    for (value, column) in [dx, dy, dtheta].into_iter().zip(columns) {
+        if value.abs() > FARTHEST {
+            bail!(
+                "{}: {column} = {value}: no robot moves so far between two rows",
+                row.place()
+            );
+        }
+    }
+    Ok(Odometry {
+        stamp: stamp(row)?,
+        dx,
+        dy,
+        dtheta,
+        slip: 0.0,
+    })
 }
 
 fn floats<const N: usize>(row: Row<'_>, columns: [&str; N]) -> Result<[f32; N]> {

@@ -1,8 +1,8 @@
 //! `mirrorball replay`: a log's run once more, to verify it or to hand it on as a recording folder.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use serde::Serialize;
 
 use crate::cycle::{SPINE_FILE, Spine, SpineConfig};
@@ -119,10 +119,11 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 fn verify(log: Log) -> Result<Verdict> {
     let folder = tempfile::tempdir().context("no room for the log's files")?;
     log.header().write_files(folder.path())?;
-    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
-    let settings = folder.path().join(SPINE_FILE);
-    let config = SpineConfig::load("default", settings.exists().then_some(&*settings))?;
-    let mut spine = Spine::new(&setup, &config)?;
+    let mut spine = spine_of(folder.path()).map_err(|error| {
+        // The files lie in the log; where they were unpacked tells nobody anything.
+        let unpacked = format!("{}/", folder.path().display());
+        anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
+    })?;
     let bar = crate::progress::bar(0, "cycles");
     let verdict = log::verify(log, |sample| {
         let cycle = spine.take(sample);
@@ -131,6 +132,14 @@ fn verify(log: Log) -> Result<Verdict> {
     });
     bar.finish_and_clear();
     verdict
+}
+
+/// A spine from the files that a log keeps.
+fn spine_of(folder: &Path) -> Result<Spine> {
+    let setup = Setup::load(&folder.join("robot.toml"), None)?;
+    let settings = folder.join(SPINE_FILE);
+    let config = SpineConfig::load("default", settings.exists().then_some(&*settings))?;
+    Spine::new(&setup, &config)
 }
 
 fn print(verdict: &Verdict) {

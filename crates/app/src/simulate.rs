@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::arguments;
 use crate::cycle::{Spine, SpineConfig, overlaid};
+use crate::interrupt;
 use crate::log::{ImageMode, LogConfig, Recorder};
 use crate::outputs::Outputs;
 use crate::overrides;
@@ -75,6 +76,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         args.out.as_deref(),
         args.truth.as_deref(),
     ])?;
+    interrupt::watch()?;
     let changes = overrides::table(&args.set)?;
     let simulation = Simulation::changed(&args.scenario, &changes, args.seed, args.duration)?;
     let setup = simulation.setup()?;
@@ -100,6 +102,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
     for cycle in simulation
+        .ahead()?
         .filter_map(|sample| spine.take(sample))
         .map(Arc::new)
     {
@@ -116,10 +119,15 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(recorder) = &mut recorder {
             recorder.cycle(cycle)?;
         }
+        if interrupt::asked() {
+            break;
+        }
     }
     bar.finish_and_clear();
-    outputs.finish()?;
+    // A log of half a run is a whole log; half a table is none.
     recorder.map(Recorder::finish).transpose()?;
+    interrupt::check()?;
+    outputs.finish()?;
     truths.map_or(Ok(()), Written::finish)?;
     let times_real_time = duration / started.elapsed().as_secs_f64();
     let summary = tally.summary();

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread::JoinHandle;
 
 use anyhow::{Context, Result};
 use localize::Field;
@@ -11,6 +13,9 @@ use vision::image::Image;
 use crate::cycle::merge;
 use crate::sample::{Content, Frame, Sample, Truth};
 use crate::setup::Setup;
+
+/// Frames that the simulator may be ahead of whoever looks at them: one to look at, one on its way.
+const LEAD: usize = 2;
 
 /// A running scenario.
 pub struct Simulation {
@@ -33,6 +38,9 @@ impl Simulation {
         seed: Option<u64>,
         duration: Option<f64>,
     ) -> Result<Self> {
+        if over.is_empty() {
+            return Simulation::load(scenario, seed, duration);
+        }
         let text = std::fs::read_to_string(scenario)
             .with_context(|| format!("cannot read {}", scenario.display()))?;
         let mut table: toml::Table =
@@ -67,6 +75,32 @@ impl Simulation {
     /// How long it runs, seconds.
     pub fn duration(&self) -> f64 {
         self.duration
+    }
+
+    /// Runs on in a thread of its own, while what it yielded is being looked at: the same samples, sooner.
+    pub fn ahead(self) -> Result<Ahead> {
+        let (sender, samples) = sync_channel(LEAD);
+        let run = move || {
+            let mut parcel = Vec::new();
+            for sample in self {
+                let ends = matches!(sample, Sample::Frame(_));
+                parcel.push(sample);
+                // Nobody listens any more: the run was given up.
+                if ends && sender.send(std::mem::take(&mut parcel)).is_err() {
+                    return;
+                }
+            }
+            drop(sender.send(parcel));
+        };
+        let thread = std::thread::Builder::new()
+            .name("simulator".to_owned())
+            .spawn(run)
+            .context("cannot start the simulator's thread")?;
+        Ok(Ahead {
+            samples,
+            parcel: Vec::new().into_iter(),
+            thread: Some(thread),
+        })
     }
 }
 
@@ -105,5 +139,32 @@ impl Iterator for Simulation {
                 })
             }
         })
+    }
+}
+
+/// A scenario that runs in a thread of its own, a few frames ahead.
+pub struct Ahead {
+    samples: Receiver<Vec<Sample>>,
+    parcel: std::vec::IntoIter<Sample>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Iterator for Ahead {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        loop {
+            if let Some(sample) = self.parcel.next() {
+                return Some(sample);
+            }
+            match self.samples.recv() {
+                Ok(parcel) => self.parcel = parcel.into_iter(),
+                Err(_) => break,
+            }
+        }
+        if let Some(Err(panic)) = self.thread.take().map(JoinHandle::join) {
+            std::panic::resume_unwind(panic);
+        }
+        None
     }
 }

@@ -124,6 +124,12 @@ impl Tally {
     }
 }
 
+/// A number of things: `1 frame`, `2 frames`.
+pub fn counted(count: usize, thing: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {thing}{plural}")
+}
+
 impl Summary {
     /// The run in a few lines for people.
     pub fn print(&self) {
@@ -132,18 +138,21 @@ impl Summary {
             count => format!("; {count} could not be read"),
         };
         println!(
-            "{} frames: {} tracked, {} found anew, {} lost{unreadable}",
-            self.frames, self.tracking, self.global, self.lost
+            "{}: {} tracked, {} found anew, {} lost{unreadable}",
+            counted(self.frames, "frame"),
+            self.tracking,
+            self.global,
+            self.lost
         );
         println!("{:.0} line points a frame (median)", self.line_points);
         if let (Some(position), Some(heading)) = (self.position_error_m, self.heading_error_rad) {
             println!(
-                "position error: mean {:.1} cm, median {:.1} cm, 95 % below {:.1} cm, largest {:.1} cm ({} frames)",
+                "position error: mean {:.1} cm, median {:.1} cm, 95 % below {:.1} cm, largest {:.1} cm ({})",
                 100.0 * position.mean,
                 100.0 * position.median,
                 100.0 * position.p95,
                 100.0 * position.max,
-                self.scored
+                counted(self.scored, "frame")
             );
             println!(
                 "heading error:  mean {:.2}°, median {:.2}°, 95 % below {:.2}°, largest {:.2}°",

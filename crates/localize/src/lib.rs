@@ -8,6 +8,7 @@ pub mod config;
 pub mod distance;
 pub mod drive;
 pub mod estimate;
+pub mod exactly;
 pub mod experiment;
 pub mod field;
 pub mod filter;
@@ -22,6 +23,7 @@ pub mod relocalise;
 pub mod sample;
 pub mod search;
 pub mod stamp;
+pub mod toml_place;
 
 pub use config::LocalizeConfig;
 pub use distance::DistanceField;

@@ -15,6 +15,7 @@ pub struct FilmConfig {
     /// Gain: brightens what was exposed, noise included.
     pub gain: f32,
     /// Gains of red, green and blue.
+    #[serde(deserialize_with = "localize::exactly::exactly")]
     pub white_balance: [f32; 3],
     /// Light lost at the image's corners over its centre.
     pub vignetting: f32,
@@ -92,11 +93,13 @@ pub(crate) struct Film {
     /// sRGB byte of each linear step; full white beyond the last.
     tone: Box<[u8; TONE_TABLE]>,
     /// Pixels that see the dark around the mirror, each with noise of its own.
-    dark: Vec<[u8; 3]>,
+    dark: Vec<Print>,
 }
 
 /// Tones of a run of pixels, one plane a colour: places in the tone table.
 pub(crate) type Tones = [[u16; RUN]; 3];
+/// A printed pixel: red, green, blue, and a byte without meaning.
+pub(crate) type Print = [u8; 4];
 
 impl Film {
     pub(crate) fn new(rng: &mut ChaCha8Rng) -> Self {
@@ -107,7 +110,7 @@ impl Film {
         Film {
             noise: (0..NOISES + 3 * RUN).map(|_| normal(rng)).collect(),
             tone,
-            dark: vec![[0; 3]; DARK + RUN],
+            dark: vec![[0; 4]; DARK + RUN],
         }
     }
 
@@ -144,14 +147,15 @@ impl Film {
         }
     }
 
-    /// Puts a developed run where its pixels are.
-    pub(crate) fn print(&self, run: &[u32], tones: &Tones, pixels: &mut [[u8; 3]]) {
+    /// The bytes of a developed run; a fourth one makes each a word.
+    pub(crate) fn print(&self, tones: &Tones, prints: &mut [Print]) {
         let [red, green, blue] = tones;
-        for (((&pixel, &red), &green), &blue) in run.iter().zip(red).zip(green).zip(blue) {
-            pixels[pixel as usize] = [
+        for (((print, &red), &green), &blue) in prints.iter_mut().zip(red).zip(green).zip(blue) {
+            *print = [
                 self.tone[usize::from(red) & (TONE_TABLE - 1)],
                 self.tone[usize::from(green) & (TONE_TABLE - 1)],
                 self.tone[usize::from(blue) & (TONE_TABLE - 1)],
+                0,
             ];
         }
     }
@@ -166,19 +170,18 @@ impl Film {
         pixels: &mut [[u8; 3]],
     ) {
         let (light, scale) = (light.map(|part| [part; RUN]), [scale; RUN]);
-        let places: [u32; RUN] = std::array::from_fn(|place| place as u32);
         let mut tones = [[0; RUN]; 3];
         let mut dark = std::mem::take(&mut self.dark);
         for strip in dark[..DARK].chunks_exact_mut(RUN) {
             let light = light.each_ref().map(|plane| &plane[..]);
             self.develop(config, light, lamp, &scale, rng, &mut tones);
-            self.print(&places, &tones, strip);
+            self.print(&tones, strip);
         }
         dark.copy_within(..RUN, DARK);
         for run in blank.chunks(RUN) {
             let start = rng.draw() as usize % DARK;
-            for (&pixel, shown) in run.iter().zip(&dark[start..start + RUN]) {
-                pixels[pixel as usize] = *shown;
+            for (&pixel, &[red, green, blue, _]) in run.iter().zip(&dark[start..start + RUN]) {
+                pixels[pixel as usize] = [red, green, blue];
             }
         }
         self.dark = dark;
@@ -247,8 +250,7 @@ mod tests {
         let mut spread = |level: f32| {
             let light = [level; RUN];
             let (mut sum, mut square, mut tones) = (0.0, 0.0, [[0; RUN]; 3]);
-            let places: Vec<u32> = (0..RUN as u32).collect();
-            let mut pixels = [[0; 3]; RUN];
+            let mut prints = [[0; 4]; RUN];
             for _ in 0..200 {
                 film.develop(
                     &config,
@@ -258,8 +260,8 @@ mod tests {
                     &mut pcg,
                     &mut tones,
                 );
-                film.print(&places, &tones, &mut pixels);
-                for &[_, byte, _] in &pixels {
+                film.print(&tones, &mut prints);
+                for &[_, byte, ..] in &prints {
                     let value = f64::from(decode(byte));
                     sum += value;
                     square += value * value;

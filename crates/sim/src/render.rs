@@ -16,7 +16,7 @@ use vision::optics::{OpticsError, trace_rays};
 use vision::robot::BodyConfig;
 use vision::{CameraConfig, Mount, Profile};
 
-use crate::film::{Film, FilmConfig, Pcg, RUN, decode};
+use crate::film::{Film, FilmConfig, Pcg, Print, RUN, decode};
 use crate::light::LightConfig;
 use crate::world::RobotState;
 use cast::{OwnBody, Stage};
@@ -79,6 +79,8 @@ pub struct Renderer {
     film: Film,
     pcg: Pcg,
     plate: Plate,
+    /// One tile's pixels in the order of its rays.
+    prints: Vec<Print>,
     scratch: Scratch,
 }
 
@@ -108,19 +110,16 @@ impl Renderer {
             })
             .collect();
         let film = Film::new(&mut rng);
+        let most_rays = rays.tiles.iter().map(|tile| tile.rays.len()).max();
+        let most_rays = most_rays.unwrap_or(0);
         Ok(Renderer {
             width_px: camera.width_px,
             height_px: camera.height_px,
             own: OwnBody::new(setting.body, camera.height.unwrap_or(0.0), &rays),
             light_on_floor: setting.light.clone(),
             goals: setting.field.config.clone(),
-            plate: Plate::new(
-                rays.tiles
-                    .iter()
-                    .map(|tile| tile.rays.len())
-                    .max()
-                    .unwrap_or(0),
-            ),
+            plate: Plate::new(most_rays),
+            prints: vec![[0; 4]; most_rays],
             scratch: Scratch::new(),
             pcg: Pcg::new(&mut rng),
             rays,
@@ -178,7 +177,14 @@ impl Renderer {
                     &mut self.pcg,
                     &mut tones,
                 );
-                self.film.print(&rays.pixel[run], &tones, pixels);
+                let first = start - tile.rays.start;
+                self.film
+                    .print(&tones, &mut self.prints[first..first + run.len()]);
+            }
+            // In the image's own order: what is written together lies together.
+            for &(pixel, ray) in &tile.by_pixel {
+                let [red, green, blue, _] = self.prints[ray as usize];
+                pixels[pixel as usize] = [red, green, blue];
             }
         }
         // The pixels around the mirror: dark, with the sensor's noise.

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use localize::frame::Pose;
+use localize::toml_place::place;
 use serde::{Deserialize, Serialize};
 use vision::{Mount, RobotConfig};
 
@@ -145,8 +146,10 @@ pub struct BallConfig {
     /// False for a field without a ball.
     pub present: bool,
     /// Where it lies at first, metres.
+    #[serde(deserialize_with = "localize::exactly::exactly")]
     pub position: [f32; 2],
     /// How it moves at first (sliding), m/s.
+    #[serde(deserialize_with = "localize::exactly::exactly")]
     pub velocity: [f32; 2],
     /// Metres.
     pub diameter: f32,
@@ -278,6 +281,7 @@ pub struct Push {
     /// When, seconds.
     pub time: f64,
     /// Impulse on the field, N s along x and y.
+    #[serde(deserialize_with = "localize::exactly::exactly")]
     pub impulse: [f32; 2],
 }
 
@@ -350,10 +354,10 @@ pub enum ScenarioError {
         source: Box<toml::de::Error>,
     },
     /// A value that no scenario can have.
-    #[error("{}: {key}: {reason}", path.display())]
+    #[error("{place}: {key}: {reason}")]
     Value {
-        /// The file.
-        path: PathBuf,
+        /// The file, and the line where there is one.
+        place: String,
         /// The key in the file.
         key: String,
         /// What is wrong with it.
@@ -385,7 +389,7 @@ impl Scenario {
         })?;
         toml::from_str::<Scenario>(&text)
             .map_err(|source| ScenarioError::parse(path, source))?
-            .resolved(path)
+            .resolved(path, &text)
     }
 
     /// From a scenario file's table, single values of which may have been changed; `path` is that file.
@@ -396,15 +400,16 @@ impl Scenario {
         let scenario: Scenario = table
             .try_into()
             .map_err(|source| ScenarioError::parse(path, source))?;
-        scenario.resolved(path)
+        scenario.resolved(path, "")
     }
 
-    fn resolved(self, path: &Path) -> Result<(Self, RobotConfig), ScenarioError> {
+    /// Checks it and reads its robot; `text`: what the file says, for the line of what is refused.
+    fn resolved(self, path: &Path, text: &str) -> Result<(Self, RobotConfig), ScenarioError> {
         let mut scenario = self;
         scenario
             .check()
             .map_err(|(key, reason)| ScenarioError::Value {
-                path: path.to_owned(),
+                place: place(path, text, &key),
                 key,
                 reason,
             })?;

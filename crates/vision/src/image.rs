@@ -214,6 +214,10 @@ impl Image {
             path: path.to_owned(),
             reason,
         };
+        // A pipe without a writer would keep us waiting for ever.
+        if path.exists() && !path.is_file() {
+            return Err(refuse("is no file".to_owned()));
+        }
         let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
         if is_cut_jpeg(&bytes) {
             return Err(refuse("is cut off: a JPEG without its end".to_owned()));

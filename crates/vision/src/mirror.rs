@@ -45,6 +45,9 @@ pub enum ProfileError {
 
 /// The fewest samples that a smooth profile can be laid through.
 const FEWEST_SAMPLES: usize = 5;
+/// Radius and height beyond which a profile is written in another unit, metres.
+const WIDEST: f64 = 2.0;
+const HIGHEST: f64 = 10.0;
 
 impl Profile {
     /// Lays a smooth curve through samples of (radius, height above the ground), metres.
@@ -71,6 +74,15 @@ impl Profile {
             }
             if radius[index] < 0.0 {
                 return refuse(index, "lies on the other side of the axis");
+            }
+            if radius[index] > WIDEST || height[index].abs() > HIGHEST {
+                return refuse(
+                    index,
+                    &format!(
+                        "{} m high: metres are wanted, and no robot carries a mirror wider than {WIDEST} m or higher than {HIGHEST} m",
+                        height[index]
+                    ),
+                );
             }
             if index > 0 && radius[index] <= radius[index - 1] {
                 return refuse(

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use localize::toml_place::place;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::CameraConfig;
@@ -189,10 +190,10 @@ pub enum RobotError {
         source: Box<toml::de::Error>,
     },
     /// A number that no robot can have.
-    #[error("{}: {key}: {reason}", path.display())]
+    #[error("{place}: {key}: {reason}")]
     Value {
-        /// The file.
-        path: PathBuf,
+        /// The file, and the line where there is one.
+        place: String,
         /// The key in the file.
         key: &'static str,
         /// What is wrong with it.
@@ -212,7 +213,7 @@ impl RobotConfig {
             source: Box::new(source),
         })?;
         robot.check().map_err(|(key, reason)| RobotError::Value {
-            path: path.to_owned(),
+            place: place(path, &text, key),
             key,
             reason,
         })?;
@@ -236,8 +237,8 @@ impl RobotConfig {
             if !(2..=8192).contains(&camera.width_px) || !(2..=8192).contains(&camera.height_px) {
                 let size = format!("{} × {} px", camera.width_px, camera.height_px);
                 return Err((
-                    "camera.width_px, camera.height_px",
-                    format!("{size}: between 2 and 8192"),
+                    "camera.width_px",
+                    format!("the image has {size}: both sides between 2 and 8192"),
                 ));
             }
             finite("camera.centre_px", &camera.centre_px)?;
@@ -367,6 +368,9 @@ mod tests {
         let message = load("field = \"f.toml\"\n[base]\nwheel_angles_deg = [0.0, 180.0]\n")
             .expect_err("two wheels")
             .to_string();
-        assert!(message.contains("base.wheel_angles_deg"), "{message}");
+        assert!(
+            message.contains("robot.toml: line 3: base.wheel_angles_deg"),
+            "{message}"
+        );
     }
 }

@@ -282,23 +282,20 @@ impl Taps {
     ) -> Self {
         let mut taps = Taps::default();
         for tile in &rays.tiles {
-            let distance = |ray: usize| x[ray].hypot(y[ray]);
-            let mut sorted: Vec<(usize, usize, usize)> = tile
+            // By distance (its bits rise with it), so that a run lies close together: bare carpet is passed over.
+            let mut sorted: Vec<(usize, usize, u32, usize)> = tile
                 .rays
                 .clone()
-                .filter(|&ray| distance(ray) < reach)
-                .map(|ray| {
+                .map(|ray| (x[ray].hypot(y[ray]), ray))
+                .filter(|&(distance, _)| distance < reach)
+                .map(|(distance, ray)| {
                     let (count, side) = footprints[ray].taps();
-                    (paint.level(side), count, ray)
+                    (paint.level(side), count, distance.to_bits(), ray)
                 })
                 .collect();
-            // By distance, so that a run lies close together: where there is no paint, it is passed over.
-            sorted.sort_by(|a, b| {
-                let near = distance(a.2).total_cmp(&distance(b.2));
-                (a.0, a.1).cmp(&(b.0, b.1)).then(near).then(a.2.cmp(&b.2))
-            });
+            sorted.sort_unstable();
             let mut runs: Vec<Run> = Vec::new();
-            for (level, count, ray) in sorted {
+            for (level, count, _, ray) in sorted {
                 let Footprint { long, towards, .. } = footprints[ray];
                 for tap in 0..count {
                     let along = ((tap as f32 + 0.5) / count as f32 - 0.5) * long;

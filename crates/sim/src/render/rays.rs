@@ -52,6 +52,8 @@ pub(super) struct Tile {
     bins: Range<usize>,
     /// The rays of those bins.
     pub(super) rays: Range<usize>,
+    /// Their pixels in the order of the image, and which ray each is, counted from the tile's first.
+    pub(super) by_pixel: Vec<(u32, u32)>,
 }
 
 /// Which rays may meet an object: some bins, counter-clockwise from the first, and in each a run of slopes.
@@ -140,7 +142,14 @@ impl Rays {
     /// The tile of some bins.
     fn tile(&self, bins: Range<usize>) -> Tile {
         let rays = self.starts[bins.start]..self.starts[bins.end];
-        Tile { bins, rays }
+        let mut by_pixel: Vec<(u32, u32)> =
+            self.pixel[rays.clone()].iter().copied().zip(0..).collect();
+        by_pixel.sort_unstable();
+        Tile {
+            bins,
+            rays,
+            by_pixel,
+        }
     }
 
     /// All rays as one tile.

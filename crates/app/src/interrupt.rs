@@ -1,0 +1,32 @@
+//! Has somebody asked us to stop? Ctrl-C and SIGTERM end a run between two cycles, so that nothing is left half-written.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result, bail};
+
+static ASKED: AtomicBool = AtomicBool::new(false);
+/// What a shell reports of a process that SIGINT ended.
+const INTERRUPTED: i32 = 130;
+
+/// From now on `asked` and `check` tell; whoever asks twice does not wait for the end of a cycle.
+pub fn watch() -> Result<()> {
+    ctrlc::set_handler(|| {
+        if ASKED.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED);
+        }
+    })
+    .context("cannot listen for Ctrl-C")
+}
+
+/// Whether somebody asked us to stop.
+pub fn asked() -> bool {
+    ASKED.load(Ordering::Relaxed)
+}
+
+/// An error once somebody asked us to stop: what drops on the way out takes its unfinished files with it.
+pub fn check() -> Result<()> {
+    if asked() {
+        bail!("interrupted");
+    }
+    Ok(())
+}

@@ -1,0 +1,63 @@
+//! Where in a TOML file does a key stand? So that a value that is refused is named with its line.
+
+use std::path::Path;
+
+use toml::de::{DeTable, DeValue};
+
+/// `file: line N`, where `key` (as in `camera.focal_px` or `faults[2].start`) stands in `text`, the file's content; as far
+/// down the key as the text goes, and the file alone where it does not speak of it at all.
+pub fn place(path: &Path, text: &str, key: &str) -> String {
+    match line(text, key) {
+        Some(line) => format!("{}: line {line}", path.display()),
+        None => path.display().to_string(),
+    }
+}
+
+fn line(text: &str, key: &str) -> Option<usize> {
+    let document = DeTable::parse(text).ok()?;
+    let mut table = document.get_ref();
+    let mut found = None;
+    for step in key.split('.') {
+        let (name, index) = match step.split_once('[') {
+            Some((name, index)) => (name, index.trim_end_matches(']').parse::<usize>().ok()),
+            None => (step, None),
+        };
+        let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref() == name) else {
+            break;
+        };
+        let (mut span, mut value) = (key.span(), value);
+        if let (Some(index), DeValue::Array(values)) = (index, value.get_ref()) {
+            let Some(one) = values.get(index) else { break };
+            (span, value) = (one.span(), one);
+        }
+        found = Some(span.start);
+        match value.get_ref() {
+            DeValue::Table(inner) => table = inner,
+            _ => break,
+        }
+    }
+    found.map(|start| 1 + text[..start].matches('\n').count())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "a = 1\n[b]\nc = 2\nd = { e = 3 }\n[[f]]\ng = 4\n[[f]]\ng = 5\n";
+
+    #[test]
+    fn a_key_is_found_on_its_line_and_what_is_not_there_where_it_would_stand() {
+        for (key, wanted) in [
+            ("a", Some(1)),
+            ("b.c", Some(3)),
+            ("b.d.e", Some(4)),
+            ("b.missing", Some(2)),
+            ("f[1].g", Some(8)),
+            ("missing", None),
+        ] {
+            assert_eq!(line(TEXT, key), wanted, "{key}");
+        }
+        assert_eq!(place(Path::new("x.toml"), TEXT, "b.c"), "x.toml: line 3");
+        assert_eq!(place(Path::new("x.toml"), TEXT, "z"), "x.toml");
+    }
+}
