@@ -75,15 +75,6 @@ impl Profile {
             if radius[index] < 0.0 {
                 return refuse(index, "lies on the other side of the axis");
             }
-            if radius[index] > WIDEST || height[index].abs() > HIGHEST {
-                return refuse(
-                    index,
-                    &format!(
-                        "{} m high: metres are wanted, and no robot carries a mirror wider than {WIDEST} m or higher than {HIGHEST} m",
-                        height[index]
-                    ),
-                );
-            }
             if index > 0 && radius[index] <= radius[index - 1] {
                 return refuse(
                     index,
@@ -131,8 +122,17 @@ impl Profile {
                     .parse::<f64>()
                     .map_err(|error| at(line, format!("{:?}: {error}", &record[column])))
             };
-            radius.push(number(0)?);
-            height.push(number(1)?);
+            let (r, h) = (number(0)?, number(1)?);
+            if r > WIDEST || h.abs() > HIGHEST {
+                return Err(at(
+                    line,
+                    format!(
+                        "radius {r}, height {h}: metres are wanted, and no robot's mirror is wider than {WIDEST} m or higher than {HIGHEST} m"
+                    ),
+                ));
+            }
+            radius.push(r);
+            height.push(h);
             lines.push(line);
         }
         Profile::new(radius, height).map_err(|error| match error {
