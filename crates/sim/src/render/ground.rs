@@ -21,6 +21,8 @@ const TAP_RUN: usize = 128;
 const LIGHT_BEYOND: f32 = 4.0;
 /// Cell of the light's texture, metres: light changes slowly.
 const LIGHT_CELL: f32 = 0.2;
+/// Light is looked up for every so many rays and goes straight in between: neighbours in a bin lie a pixel apart.
+const LIGHT_STRIDE: usize = 4;
 /// Light that the brightest byte stands for.
 const BRIGHTEST: f32 = 2.5;
 /// Width of a strip of carpet, metres, and how much strips differ.
@@ -204,8 +206,8 @@ impl Ground {
                 &self.taps.x[taps.clone()],
                 &self.taps.y[taps.clone()],
             );
-            scratch.look_up(texture, Channel::A);
-            for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.a) {
+            scratch.look_up(texture);
+            for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.found) {
                 white[*ray as usize] += run.share * value;
             }
         }
@@ -233,21 +235,17 @@ impl Ground {
         plate: &mut Plate,
     ) {
         let count = rays.len().min(RUN);
-        let scratch = scratch.place(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
-        scratch.look_up(&self.light, Channel::A);
-        match &self.gloss {
-            Some(texture) => scratch.look_up(texture, Channel::B),
-            None => scratch.b[..count].fill(0.0),
+        let (mut lit, mut gloss, mut inside) = ([0.0; RUN], [0.0; RUN], [0.0; RUN]);
+        scratch.place_few(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
+        scratch.look_up(&self.light);
+        fill_between(&scratch.found, &mut lit);
+        if let Some(texture) = &self.gloss {
+            scratch.look_up(texture);
+            fill_between(&scratch.found, &mut gloss);
         }
         let (half_x, half_y) = self.carpet_half;
-        let Scratch {
-            x,
-            y,
-            inside,
-            a: lit,
-            b: gloss,
-            ..
-        } = scratch;
+        let Scratch { x, y, .. } =
+            scratch.place(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
         let sharpness = &self.sharpness[rays.clone()][..count];
         for i in 0..count {
             let inside_x = ((half_x - x[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
@@ -339,18 +337,21 @@ pub(super) struct Scratch {
     /// Field coordinates, metres.
     x: [f32; RUN],
     y: [f32; RUN],
-    inside: [f32; RUN],
-    a: [f32; RUN],
-    b: [f32; RUN],
+    /// What was looked up there, 0 to 255.
+    found: [f32; RUN],
     part_x: [f32; RUN],
     part_y: [f32; RUN],
     cell: [u32; RUN],
 }
 
-/// Where a lookup's values go.
-enum Channel {
-    A,
-    B,
+/// Values of every `LIGHT_STRIDE`th ray of a run, and what lies straight between them.
+fn fill_between(few: &[f32; RUN], all: &mut [f32; RUN]) {
+    for (group, pair) in all.chunks_exact_mut(LIGHT_STRIDE).zip(few.windows(2)) {
+        for (step, value) in group.iter_mut().enumerate() {
+            let part = step as f32 / LIGHT_STRIDE as f32;
+            *value = pair[0] + part * (pair[1] - pair[0]);
+        }
+    }
 }
 
 impl Scratch {
@@ -361,9 +362,7 @@ impl Scratch {
             white: Vec::new(),
             x: zero,
             y: zero,
-            inside: zero,
-            a: zero,
-            b: zero,
+            found: zero,
             part_x: zero,
             part_y: zero,
             cell: [0; RUN],
@@ -383,8 +382,20 @@ impl Scratch {
         self
     }
 
-    /// Bilinear values (0 to 255) at the points; beyond the texture its border goes on.
-    fn look_up(&mut self, texture: &Texture, channel: Channel) {
+    /// As `place`, for every `LIGHT_STRIDE`th point and one beyond the last.
+    fn place_few(&mut self, pose: Pose, turn: (f32, f32), x: &[f32], y: &[f32]) {
+        let last = x.len().min(y.len()).min(RUN) - 1;
+        let count = last / LIGHT_STRIDE + 2;
+        let (mut few_x, mut few_y) = ([0.0; RUN], [0.0; RUN]);
+        for number in 0..count {
+            let ray = (number * LIGHT_STRIDE).min(last);
+            (few_x[number], few_y[number]) = (x[ray], y[ray]);
+        }
+        self.place(pose, turn, &few_x[..count], &few_y[..count]);
+    }
+
+    /// Bilinear values at the points; beyond the texture its border goes on.
+    fn look_up(&mut self, texture: &Texture) {
         // Adding 1.5·2²³ leaves the rounded number in the lowest bits: a floor that vectorises.
         const ROUND: f32 = 12_582_912.0;
         const BITS: u32 = 0x3f_ffff;
@@ -404,10 +415,7 @@ impl Scratch {
         for cell in &mut self.cell[..count] {
             *cell = cells[*cell as usize];
         }
-        let out = match channel {
-            Channel::A => &mut self.a,
-            Channel::B => &mut self.b,
-        };
+        let out = &mut self.found;
         let parts = self.part_x.iter().zip(&self.part_y).zip(&self.cell);
         for (out, ((part_x, part_y), cell)) in out[..count].iter_mut().zip(parts) {
             let corner = |shift: u32| ((cell >> shift) & 255) as i32 as f32;
