@@ -1,5 +1,8 @@
 //! What does a colour mean? Classes, and the small table by which scan lines are classified.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
+
 /// What a pixel's colour says it belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Class(pub u8);
@@ -35,10 +38,21 @@ pub const CLASS_NAMES: [&str; 10] = [
 /// Classes by the upper six bits of the camera's own three channels.
 ///
 /// 256 KiB stay in a core's cache, where the 24-bit table's 16 MiB do not; a level of 4 is finer than a camera's noise.
-#[derive(Clone, PartialEq, Eq)]
+/// A cell is filled when it is first asked for: a frame shows a few thousand of all colours, so a new light holds up
+/// no frame.
 pub struct NativeTable {
-    classes: Box<[Class; 1 << 18]>,
+    /// Relaxed: whoever fills a cell puts the same class there.
+    classes: Box<[AtomicU8; CELLS]>,
+    meaning: Arc<Meaning>,
 }
+
+/// What a cell's middle means.
+type Meaning = dyn Fn([u8; 3]) -> Class + Send + Sync;
+
+const CELLS: usize = 1 << 18;
+
+/// Not asked for yet; tables of labels have fewer classes.
+const UNKNOWN: u8 = u8::MAX;
 
 impl std::fmt::Debug for NativeTable {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -46,15 +60,22 @@ impl std::fmt::Debug for NativeTable {
     }
 }
 
-impl NativeTable {
-    /// Asks for the class at the middle of every cell.
-    pub fn new(class: impl Fn([u8; 3]) -> Class) -> Self {
-        let mut classes = Box::new([Class::OTHER; 1 << 18]);
-        for (index, slot) in classes.iter_mut().enumerate() {
-            let middle = |shift: usize| ((index >> shift & 63) << 2 | 2) as u8;
-            *slot = class([middle(12), middle(6), middle(0)]);
+impl Clone for NativeTable {
+    fn clone(&self) -> Self {
+        NativeTable {
+            classes: unknown(),
+            meaning: Arc::clone(&self.meaning),
         }
-        NativeTable { classes }
+    }
+}
+
+impl NativeTable {
+    /// `meaning` is asked for the class at the middle of a cell; it always answers the same to the same colour.
+    pub fn new(meaning: impl Fn([u8; 3]) -> Class + Send + Sync + 'static) -> Self {
+        NativeTable {
+            classes: unknown(),
+            meaning: Arc::new(meaning),
+        }
     }
 
     /// The class of a pixel by its three channels.
@@ -72,6 +93,39 @@ impl NativeTable {
     /// The class of a cell.
     #[inline]
     pub(crate) fn at(&self, cell: u32) -> Class {
-        self.classes[cell as usize & ((1 << 18) - 1)]
+        let cell = cell as usize % CELLS;
+        match self.classes[cell].load(Ordering::Relaxed) {
+            UNKNOWN => self.fill(cell),
+            class => Class(class),
+        }
     }
+
+    /// The classes of several cells.
+    #[inline]
+    pub(crate) fn fetch(&self, cells: &[u32], classes: &mut [Class]) {
+        let known = |cell: u32| self.classes[cell as usize % CELLS].load(Ordering::Relaxed);
+        for (class, &cell) in classes.iter_mut().zip(cells) {
+            *class = Class(known(cell));
+        }
+        // Without a branch for each.
+        if classes.iter().fold(0, |most, class| class.0.max(most)) == UNKNOWN {
+            for (class, &cell) in classes.iter_mut().zip(cells) {
+                *class = self.at(cell);
+            }
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn fill(&self, cell: usize) -> Class {
+        let middle = |shift: usize| ((cell >> shift & 63) << 2 | 2) as u8;
+        let class = (self.meaning)([middle(12), middle(6), middle(0)]);
+        self.classes[cell].store(class.0, Ordering::Relaxed);
+        class
+    }
+}
+
+/// A table that nothing was asked of.
+fn unknown() -> Box<[AtomicU8; CELLS]> {
+    Box::new([const { AtomicU8::new(UNKNOWN) }; CELLS])
 }

@@ -1,5 +1,7 @@
 //! What does this frame show? The tables of one camera and map, and the way from a frame to everything seen in it.
 
+use std::sync::Arc;
+
 use crate::ball::{Ball, BallSearch, Visited};
 use crate::camera::CameraConfig;
 use crate::carpet::{CarpetModel, median_colour};
@@ -12,7 +14,7 @@ use crate::image::{Frame, PixelFormat, rgb_of_yuv, yuv_of_rgb};
 use crate::labels::ColourTable;
 use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points, thresholds};
 use crate::rays::{RaySight, Rays};
-use crate::read::Reader;
+use crate::read::{BrightnessReader, ClassReader};
 use crate::robots::{Robot, robots};
 use crate::scan::ScanPattern;
 
@@ -41,6 +43,9 @@ pub struct Seen {
 /// Noise of demosaiced and of compressed images is alike in neighbours; this many samples apart it no longer is.
 const NOISE_LAG: usize = 4;
 
+/// The carpet's share is counted over each so manieth sample: thousands are left, which tell it to a percent.
+const SHARE_STEP: usize = 16;
+
 /// The eyes of one robot: tables of its camera and map, and the colours of the light it is in.
 #[derive(Debug, Clone)]
 pub struct Eyes {
@@ -48,14 +53,17 @@ pub struct Eyes {
     config: VisionConfig,
     line_width: f32,
     pattern: ScanPattern,
-    /// Reads the pattern's samples and then the rays'.
-    reader: Reader,
+    brightness: BrightnessReader,
+    /// Reads all of the pattern's samples.
+    every: ClassReader,
+    /// Reads each [`SHARE_STEP`]th of them.
+    some: ClassReader,
+    some_classes: Vec<Class>,
     rays: Rays,
     visited: Visited,
     centre_px: [f32; 2],
-    labelled: Option<ColourTable>,
+    labelled: Option<Arc<ColourTable>>,
     light: Option<Light>,
-    values: Vec<u8>,
     classes: Vec<Class>,
     thresholds: Vec<u8>,
 }
@@ -124,17 +132,17 @@ impl Eyes {
             });
         }
         let rays = Rays::new(map, camera, mask, config.scan.range_min, &config.objects);
-        let lines = pattern.samples.iter().map(|s| [s.u, s.v]);
-        let places: Vec<[u16; 2]> = lines
-            .chain(rays.samples.iter().map(|s| [s.u, s.v]))
-            .collect();
+        let places: Vec<[u16; 2]> = pattern.samples.iter().map(|s| [s.u, s.v]).collect();
+        let some: Vec<[u16; 2]> = places.iter().copied().step_by(SHARE_STEP).collect();
         Ok(Eyes {
             map: map.clone(),
-            reader: Reader::new(&places),
+            brightness: BrightnessReader::new(&places, map.width_px, map.height_px),
+            every: ClassReader::new(places),
+            some_classes: vec![Class::OTHER; some.len()],
+            some: ClassReader::new(some),
             rays,
             visited: Visited::default(),
             centre_px: camera.centre_px,
-            values: vec![0; pattern.samples.len()],
             classes: vec![Class::OTHER; pattern.samples.len()],
             thresholds: Vec::new(),
             config,
@@ -147,7 +155,7 @@ impl Eyes {
 
     /// Takes classes from a table learned from labels; brightness and noise are still learned from the images.
     pub fn set_colours(&mut self, table: ColourTable) {
-        self.labelled = Some(table);
+        self.labelled = Some(Arc::new(table));
         self.light = None;
     }
 
@@ -156,7 +164,7 @@ impl Eyes {
         &self.pattern
     }
 
-    /// The classes of the pattern's samples in the last frame, one a sample.
+    /// The classes of the pattern's samples in the last frame that [`Eyes::see`] saw, one a sample.
     pub fn classes(&self) -> &[Class] {
         &self.classes
     }
@@ -212,29 +220,24 @@ impl Eyes {
             }
         };
         seen.carpet_share = share;
-        let sights = self.sights(&mut seen);
+        let sights = self.sights(frame, &light, &mut seen);
         Ok((light, sights, seen))
     }
 
-    /// Fills `values` and the classes of pattern and rays; returns the share of samples that are carpet.
+    /// Reads the brightness; returns the share of samples that are carpet.
     fn read(&mut self, frame: &Frame<'_>, light: &Light) -> f32 {
-        let readings = self.reader.read(frame, &light.table, light.weights);
-        let (lines, rays) = readings.split_at(self.values.len());
-        for (value, reading) in self.values.iter_mut().zip(lines) {
-            *value = reading.0;
-        }
-        for (class, reading) in self.classes.iter_mut().zip(lines) {
-            *class = reading.1;
-        }
-        for (class, reading) in self.rays.classes.iter_mut().zip(rays) {
-            *class = reading.1;
-        }
-        let carpet: u32 = self
-            .classes
-            .iter()
-            .map(|&class| u32::from(class == Class::CARPET))
-            .sum();
-        carpet as f32 / self.classes.len() as f32
+        self.brightness.read(frame, light.weights);
+        let classes = &mut self.some_classes;
+        let all = 0..self.some.len();
+        self.some.read(frame, &light.table, all, classes);
+        let carpet = classes.iter().filter(|&&class| class == Class::CARPET);
+        carpet.count() as f32 / classes.len() as f32
+    }
+
+    /// Classifies all of the pattern's samples.
+    fn read_every(&mut self, frame: &Frame<'_>, table: &NativeTable) {
+        let all = 0..self.classes.len();
+        self.every.read(frame, table, all, &mut self.classes);
     }
 
     /// Learns carpet and white from one frame; reads it with what was learned.
@@ -263,30 +266,32 @@ impl Eyes {
         let model = model.ok_or(black)?;
         let mut light = self.light_of(model, frame.format);
         let mut share = self.read(frame, &light);
-        self.measure_noise(&mut light);
+        self.measure_noise(frame, &mut light);
         let mut seen = Seen::default();
-        self.sights(&mut seen);
+        self.sights(frame, &light, &mut seen);
         self.find_lines(frame, &light, &mut seen);
         if let Some(white) = white_of(frame, &seen) {
             light = self.light_of(light.model.with_white(white, light.noise), frame.format);
             share = self.read(frame, &light);
-            self.measure_noise(&mut light);
+            self.measure_noise(frame, &mut light);
         }
         light.carpet_share = share;
         Ok((light, share))
     }
 
     fn light_of(&self, model: CarpetModel, format: PixelFormat) -> Light {
-        let (colours, ball) = (&self.config.colours, self.config.objects.ball_hue_deg);
+        let colours = self.config.colours.clone();
+        let ball = self.config.objects.ball_hue_deg;
+        let labelled = self.labelled.clone();
         let [r, g, _] = model
             .weights()
             .map(|weight| (256.0 * weight).round() as u32);
         Light {
-            table: NativeTable::new(|native| match &self.labelled {
+            table: NativeTable::new(move |native| match &labelled {
                 Some(table) if format.is_yuv() => table.class(native),
                 Some(table) => table.class(yuv_of_rgb(native)),
-                None if format.is_yuv() => model.class(rgb_of_yuv(native), colours, ball),
-                None => model.class(native, colours, ball),
+                None if format.is_yuv() => model.class(rgb_of_yuv(native), &colours, ball),
+                None => model.class(native, &colours, ball),
             }),
             weights: [r, g, 256 - r - g],
             noise: 0.0,
@@ -296,7 +301,8 @@ impl Eyes {
         }
     }
 
-    fn measure_noise(&mut self, light: &mut Light) {
+    fn measure_noise(&mut self, frame: &Frame<'_>, light: &mut Light) {
+        self.read_every(frame, &light.table);
         light.noise = self.noise();
         thresholds(
             &self.pattern,
@@ -311,9 +317,12 @@ impl Eyes {
     /// Standard deviation of the values on plain carpet, from differences along scan lines; edges are outliers.
     fn noise(&self) -> f32 {
         let mut counts = [0u32; 256];
+        let mut values = vec![0; self.pattern.longest()];
         for piece in &self.pattern.pieces {
             let range = piece.start as usize..piece.end as usize;
-            let pairs = self.values[range.clone()].windows(1 + NOISE_LAG);
+            let values = &mut values[..range.len()];
+            self.brightness.pick(range.clone(), values);
+            let pairs = values.windows(1 + NOISE_LAG);
             for (values, classes) in pairs.zip(self.classes[range].windows(1 + NOISE_LAG)) {
                 if classes[0] == Class::CARPET && classes[NOISE_LAG] == Class::CARPET {
                     counts[usize::from(values[0].abs_diff(values[NOISE_LAG]))] += 1;
@@ -335,8 +344,9 @@ impl Eyes {
     }
 
     /// Follows the rays to the carpet's end.
-    fn sights(&self, seen: &mut Seen) -> Vec<RaySight> {
-        let sights = self.rays.sights(&self.config.objects);
+    fn sights(&mut self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) -> Vec<RaySight> {
+        let config = &self.config.objects;
+        let sights = self.rays.sights(frame, &light.table, config);
         seen.carpet_end = sights.iter().map(|sight| sight.end).collect();
         sights
     }
@@ -348,6 +358,8 @@ impl Eyes {
         sights: &[RaySight],
         seen: &mut Seen,
     ) {
+        self.rays.read_beyond(frame, &light.table);
+        self.read_every(frame, &light.table);
         seen.robots = robots(&self.rays, sights, &self.config.objects);
         seen.goals = goals(&self.rays, sights);
         let search = BallSearch {
@@ -371,12 +383,12 @@ impl Eyes {
     fn find_lines(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
         let reading = Reading {
             pattern: &self.pattern,
-            values: &self.values,
-            classes: &self.classes,
+            brightness: &self.brightness,
             thresholds: &self.thresholds,
         };
         let judge = Judge {
             frame,
+            table: &light.table,
             model: &light.model,
             config: &self.config.lines,
             line_width: self.line_width,

@@ -7,9 +7,10 @@ use localize::frame::At;
 use localize::sample::LinePoint;
 
 use crate::carpet::CarpetModel;
-use crate::colours::Class;
+use crate::colours::{Class, NativeTable};
 use crate::config::LineConfig;
 use crate::image::Frame;
+use crate::read::BrightnessReader;
 use crate::runs::{Run, peaks};
 use crate::scan::{ScanPattern, ScanSample};
 
@@ -55,10 +56,8 @@ pub struct SeenLinePoint {
 /// What was read along the scan lines.
 pub(crate) struct Reading<'a> {
     pub(crate) pattern: &'a ScanPattern,
-    /// Brightness by the weights that tell white from carpet, one a sample.
-    pub(crate) values: &'a [u8],
-    /// One a sample.
-    pub(crate) classes: &'a [Class],
+    /// Brightness by the weights that tell white from carpet.
+    pub(crate) brightness: &'a BrightnessReader,
     /// How high a peak must be to be looked at, one a sample; see [`thresholds`].
     pub(crate) thresholds: &'a [u8],
 }
@@ -66,6 +65,7 @@ pub(crate) struct Reading<'a> {
 /// What a run is judged by.
 pub(crate) struct Judge<'a> {
     pub(crate) frame: &'a Frame<'a>,
+    pub(crate) table: &'a NativeTable,
     pub(crate) model: &'a CarpetModel,
     pub(crate) config: &'a LineConfig,
     pub(crate) line_width: f32,
@@ -82,13 +82,15 @@ pub(crate) fn line_points(
     points: &mut Vec<SeenLinePoint>,
     refused: &mut Vec<RefusedRun>,
 ) {
+    let mut values = vec![0; reading.pattern.longest()];
     for piece in &reading.pattern.pieces {
         let range = piece.start as usize..piece.end as usize;
+        let values = &mut values[..range.len()];
+        reading.brightness.pick(range.clone(), values);
         let thresholds = &reading.thresholds[range.clone()];
         let line = Line {
-            samples: &reading.pattern.samples[range.clone()],
-            values: &reading.values[range.clone()],
-            classes: &reading.classes[range],
+            samples: &reading.pattern.samples[range],
+            values,
         };
         peaks(line.values, thresholds, |run| {
             match judge.point(&line, &run) {
@@ -141,7 +143,6 @@ fn white_contrast(model: &CarpetModel) -> f32 {
 struct Line<'a> {
     samples: &'a [ScanSample],
     values: &'a [u8],
-    classes: &'a [Class],
 }
 
 impl Line<'_> {
@@ -170,8 +171,13 @@ impl Line<'_> {
 
 impl Judge<'_> {
     fn point(&self, line: &Line<'_>, run: &Run) -> Result<SeenLinePoint, Refusal> {
-        let left_foot = carpet_beside(line, run, run.left_foot, -1);
-        let right_foot = carpet_beside(line, run, run.right_foot, 1);
+        let middle = (run.left_edge + run.right_edge) / 2.0;
+        let (sample, ..) = line.between(middle);
+        if beyond_carpet(self.carpet_end, sample) {
+            return Err(Refusal::BeyondCarpet);
+        }
+        let left_foot = self.carpet_beside(line, run, run.left_foot, -1);
+        let right_foot = self.carpet_beside(line, run, run.right_foot, 1);
         let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
             return Err(Refusal::NoCarpetBeside);
         };
@@ -200,11 +206,6 @@ impl Judge<'_> {
             return Err(Refusal::NotWhite);
         }
         let ground = [(left[0] + right[0]) / 2.0, (left[1] + right[1]) / 2.0];
-        let middle = (run.left_edge + run.right_edge) / 2.0;
-        let (sample, ..) = line.between(middle);
-        if beyond_carpet(self.carpet_end, sample) {
-            return Err(Refusal::BeyondCarpet);
-        }
         Ok(SeenLinePoint {
             point: LinePoint {
                 at: At::new(ground[0], ground[1]),
@@ -215,6 +216,26 @@ impl Judge<'_> {
             contrast: run.contrast,
             width,
         })
+    }
+
+    /// Where the carpet begins beyond a foot: the first of two carpet samples, within reach of the run's blurred edge.
+    fn carpet_beside(
+        &self,
+        line: &Line<'_>,
+        run: &Run,
+        foot: usize,
+        outward: isize,
+    ) -> Option<usize> {
+        let carpet = |step: usize| {
+            let index = foot.checked_add_signed(outward * step as isize)?;
+            let sample = line.samples.get(index)?;
+            let native = self
+                .frame
+                .native(usize::from(sample.u), usize::from(sample.v));
+            (self.table.class(native) == Class::CARPET).then_some(index)
+        };
+        let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
+        (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
     }
 
     /// Is the run higher than noise makes it, and as high as a line must be here?
@@ -307,16 +328,6 @@ impl Colours {
             beside: std::array::from_fn(|i| (left[i] + right[i]) / 2.0),
         }
     }
-}
-
-/// Where the carpet begins beyond a foot: the first of two carpet samples, within reach of the run's blurred edge.
-fn carpet_beside(line: &Line<'_>, run: &Run, foot: usize, outward: isize) -> Option<usize> {
-    let carpet = |step: usize| {
-        foot.checked_add_signed(outward * step as isize)
-            .filter(|&index| line.classes.get(index) == Some(&Class::CARPET))
-    };
-    let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
-    (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
 }
 
 /// Does the carpet end before this sample along both rays beside it?

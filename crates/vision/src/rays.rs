@@ -3,9 +3,11 @@
 use std::f32::consts::TAU;
 
 use crate::camera::CameraConfig;
-use crate::colours::Class;
+use crate::colours::{Class, NativeTable};
 use crate::config::ObjectConfig;
 use crate::ground_map::GroundMap;
+use crate::image::Frame;
+use crate::read::{BATCH, ClassReader};
 
 /// A sample of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +28,9 @@ pub(crate) struct Rays {
     pub(crate) starts: Vec<usize>,
     /// What was read, one a sample.
     pub(crate) classes: Vec<Class>,
+    reader: ClassReader,
+    /// How far each ray was read in this frame.
+    read: Vec<usize>,
 }
 
 /// What one ray shows.
@@ -85,6 +90,8 @@ impl Rays {
             starts.push(samples.len());
         }
         Rays {
+            reader: ClassReader::new(samples.iter().map(|s| [s.u, s.v]).collect()),
+            read: starts[..config.rays].to_vec(),
             classes: vec![Class::OTHER; samples.len()],
             samples,
             starts,
@@ -100,49 +107,92 @@ impl Rays {
     /// A cable, a shadow or a ball is passed over: only what covers more of the ground than `gap_max` plus `gap_share`
     /// of its distance ends the carpet. White counts a quarter, since a line may point at the robot. A ray whose
     /// nearest samples are covered (own body, a rod) starts where its first carpet is.
-    pub(crate) fn sights(&self, config: &ObjectConfig) -> Vec<RaySight> {
+    ///
+    /// The frame was checked; a ray is read as far as it is followed.
+    pub(crate) fn sights(
+        &mut self,
+        frame: &Frame<'_>,
+        table: &NativeTable,
+        config: &ObjectConfig,
+    ) -> Vec<RaySight> {
         (0..self.count())
-            .map(|ray| self.sight(self.starts[ray]..self.starts[ray + 1], config))
+            .map(|ray| self.sight(ray, frame, table, config))
             .collect()
     }
 
-    fn sight(&self, ray: std::ops::Range<usize>, config: &ObjectConfig) -> RaySight {
+    /// Reads what the rays show beyond where they were followed in the same frame.
+    pub(crate) fn read_beyond(&mut self, frame: &Frame<'_>, table: &NativeTable) {
+        for ray in 0..self.count() {
+            self.read_to(self.starts[ray + 1], ray, frame, table);
+        }
+    }
+
+    fn read_to(&mut self, end: usize, ray: usize, frame: &Frame<'_>, table: &NativeTable) {
+        let range = self.read[ray]..end;
+        let classes = &mut self.classes[range.clone()];
+        self.reader.read(frame, table, range, classes);
+        self.read[ray] = end;
+    }
+
+    fn sight(
+        &mut self,
+        ray: usize,
+        frame: &Frame<'_>,
+        table: &NativeTable,
+        config: &ObjectConfig,
+    ) -> RaySight {
+        let (start, end) = (self.starts[ray], self.starts[ray + 1]);
+        self.read[ray] = start;
         let mut last_carpet: Option<usize> = None;
-        let mut gap = 0.0;
-        let mut before = 0.0;
+        let (mut gap, mut gap_max) = (0.0, 0.0);
         let mut recent = 0u32;
-        for index in ray.clone() {
-            let range = self.samples[index].range;
-            let step = range - before;
-            before = range;
-            recent = recent << 1 | u32::from(self.classes[index] == Class::CARPET);
-            let carpet = (recent & RECENT).count_ones();
-            if self.classes[index] == Class::CARPET
-                && (carpet >= MOST || gap == 0.0 && last_carpet.is_some())
-            {
+        let mut index = start;
+        while index < end {
+            if index == self.read[ray] {
+                self.read_to((index + BATCH).min(end), ray, frame, table);
+            }
+            let class = self.classes[index];
+            recent = recent << 1 | u32::from(class == Class::CARPET);
+            let unbroken = gap == 0.0 && last_carpet.is_some();
+            if class == Class::CARPET && (unbroken || (recent & RECENT).count_ones() >= MOST) {
+                let more = leading_carpet(&self.classes[index + 1..self.read[ray]]);
+                recent = (recent + 1 << more.min(5)) - 1;
+                index += more;
                 last_carpet = Some(index);
                 gap = 0.0;
-                continue;
-            }
-            let Some(last) = last_carpet else { continue };
-            gap += if self.classes[index] == Class::WHITE {
-                0.25 * step
-            } else {
-                step
-            };
-            let until = self.samples[last].range;
-            if gap > config.gap_max + config.gap_share * until {
-                return RaySight {
-                    end: until,
-                    beyond: last + 1,
-                    carpet: true,
+                gap_max = config.gap_max + config.gap_share * self.samples[index].range;
+            } else if let Some(last) = last_carpet {
+                let step = self.samples[index].range - self.samples[index - 1].range;
+                gap += if class == Class::WHITE {
+                    0.25 * step
+                } else {
+                    step
                 };
+                if gap > gap_max {
+                    return RaySight {
+                        end: self.samples[last].range,
+                        beyond: last + 1,
+                        carpet: true,
+                    };
+                }
             }
+            index += 1;
         }
         RaySight {
             end: f32::INFINITY,
-            beyond: ray.end,
+            beyond: end,
             carpet: last_carpet.is_some(),
         }
     }
+}
+
+/// How many samples are carpet before the first that is not.
+fn leading_carpet(classes: &[Class]) -> usize {
+    let other = |class: &Class| *class != Class::CARPET;
+    // Whole vector registers first.
+    let (blocks, _) = classes.as_chunks::<16>();
+    let plain = |block: &&[Class; 16]| block.iter().fold(true, |all, class| all & !other(class));
+    let passed = 16 * blocks.iter().take_while(plain).count();
+    let rest = &classes[passed..];
+    passed + rest.iter().position(other).unwrap_or(rest.len())
 }

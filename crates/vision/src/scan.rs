@@ -64,6 +64,12 @@ pub struct ScanPattern {
     pub coverage: f32,
 }
 
+impl Piece {
+    fn len(&self) -> usize {
+        (self.end - self.start) as usize
+    }
+}
+
 /// Shorter pieces cannot hold carpet, line and carpet, samples.
 const SHORTEST_PIECE: usize = 5;
 
@@ -121,6 +127,11 @@ impl ScanPattern {
             pieces: builder.pieces,
             pixels,
         }
+    }
+
+    /// Samples of the longest piece.
+    pub(crate) fn longest(&self) -> usize {
+        self.pieces.iter().map(Piece::len).max().unwrap_or(0)
     }
 }
 
