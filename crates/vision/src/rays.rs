@@ -152,11 +152,11 @@ impl Rays {
                 self.read_to((index + BATCH).min(end), ray, frame, table);
             }
             let class = self.classes[index];
-            recent = recent << 1 | u32::from(class == Class::CARPET);
+            recent = (recent << 1 | u32::from(class == Class::CARPET)) & RECENT;
             let unbroken = gap == 0.0 && last_carpet.is_some();
-            if class == Class::CARPET && (unbroken || (recent & RECENT).count_ones() >= MOST) {
+            if class == Class::CARPET && (unbroken || recent.count_ones() >= MOST) {
                 let more = leading_carpet(&self.classes[index + 1..self.read[ray]]);
-                recent = (recent + 1 << more.min(5)) - 1;
+                recent = ((recent + 1) << more.min(5)) - 1;
                 index += more;
                 last_carpet = Some(index);
                 gap = 0.0;

@@ -124,8 +124,8 @@ impl BrightnessReader {
         let (at_blocks, at_rest) = self.at[samples].as_chunks::<8>();
         // Eight at a time, so that the loop itself costs nothing.
         for (block, at) in blocks.iter_mut().zip(at_blocks) {
-            for index in 0..8 {
-                block[index] = value(at[index]);
+            for (slot, &at) in block.iter_mut().zip(at) {
+                *slot = value(at);
             }
         }
         for (slot, &at) in rest.iter_mut().zip(at_rest) {
