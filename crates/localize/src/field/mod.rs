@@ -1,109 +1,12 @@
 //! What is painted on the floor, and what stands on it? A field read from TOML becomes marking centre lines.
 
-use std::path::{Path, PathBuf};
+mod config;
 
-use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 use crate::frame::{At, FieldFrame};
 
-/// A field as its TOML file states it; lengths in metres, 0 leaves a marking out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FieldConfig {
-    /// Along x, between the goal lines.
-    pub length: f32,
-    /// Along y, between the touch lines.
-    pub width: f32,
-    /// What all sizes are measured to.
-    #[serde(default)]
-    pub measured_to: MeasuredTo,
-    /// Width of the painted lines.
-    pub line_width: f32,
-    /// Carpet beyond the boundary line.
-    pub border: f32,
-    /// Radius of the centre circle.
-    #[serde(default)]
-    pub centre_circle_radius: f32,
-    /// Radius of the four corner arcs.
-    #[serde(default)]
-    pub corner_arc_radius: f32,
-    /// Radius of the filled centre and penalty spots.
-    #[serde(default)]
-    pub spot_radius: f32,
-    /// Distance of the penalty spots from the goal line.
-    #[serde(default)]
-    pub penalty_spot: f32,
-    /// The small area before each goal.
-    #[serde(default)]
-    pub goal_area: Area,
-    /// The large area before each goal.
-    #[serde(default)]
-    pub penalty_area: Area,
-    /// The goals, one at each end.
-    pub goal: GoalConfig,
-    /// Walls around the carpet (the league's fields until 2001).
-    #[serde(default)]
-    pub walls: bool,
-    /// The line through the centre, across the field.
-    #[serde(default = "yes")]
-    pub halfway_line: bool,
-    /// Further painted lines: [x0, y0, x1, y1] of their centre line.
-    #[serde(default)]
-    pub extra_lines: Vec<[f32; 4]>,
-}
-
-fn yes() -> bool {
-    true
-}
-
-/// Are a field's sizes given between line centres, or to the outer edges as in the rule book?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MeasuredTo {
-    /// Between the centres of the lines.
-    Centres,
-    /// To the outer edges of the lines (the rule book's way).
-    #[default]
-    OuterEdges,
-}
-
-/// A rectangle before a goal.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Area {
-    /// From the goal line into the field.
-    pub depth: f32,
-    /// Along the goal line.
-    pub width: f32,
-}
-
-/// Both goals.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct GoalConfig {
-    /// Between the posts.
-    pub width: f32,
-    /// Under the crossbar.
-    pub height: f32,
-    /// Behind the goal line.
-    pub depth: f32,
-    /// Side of the square posts.
-    pub post: f32,
-    /// Colours of the goals at +x and at −x: white, blue or yellow.
-    pub colours: [GoalColour; 2],
-}
-
-/// What a goal looks like: a white frame with a net, or a coloured box.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum GoalColour {
-    /// White posts and a net.
-    White,
-    /// Blue walls (until 2007).
-    Blue,
-    /// Yellow walls (until 2007).
-    Yellow,
-}
+pub use config::{Area, FieldConfig, FieldError, GoalColour, GoalConfig, MeasuredTo};
 
 /// A marking's centre line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -148,45 +51,6 @@ pub struct Field {
     pub markings: Vec<Marking>,
 }
 
-/// Why there is no field.
-#[derive(Debug, thiserror::Error)]
-pub enum FieldError {
-    /// The file cannot be read.
-    #[error("cannot read {}: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// The system's word.
-        source: std::io::Error,
-    },
-    /// The file is not a field.
-    #[error("{}: {source}", path.display())]
-    Parse {
-        /// The file.
-        path: PathBuf,
-        /// Line and reason.
-        source: Box<toml::de::Error>,
-    },
-    /// A size that no field can have.
-    #[error("{key} = {value}: {reason}")]
-    Size {
-        /// The key in the file.
-        key: &'static str,
-        /// Its value, metres.
-        value: f32,
-        /// What it must be.
-        reason: &'static str,
-    },
-    /// As `Size`, with the file named.
-    #[error("{}: {source}", path.display())]
-    In {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong in it.
-        source: Box<FieldError>,
-    },
-}
-
 impl Field {
     /// Reads and checks a field file.
     pub fn load(path: &Path) -> Result<Self, FieldError> {
@@ -206,7 +70,7 @@ impl Field {
 
     /// Lays out the markings; sizes that contradict each other are refused.
     pub fn new(config: FieldConfig) -> Result<Self, FieldError> {
-        check(&config)?;
+        config.check()?;
         // By how much a line's centre lies inside what the file's sizes are measured to.
         let inset = match config.measured_to {
             MeasuredTo::Centres => 0.0,
@@ -316,80 +180,6 @@ fn corner_arcs(config: &FieldConfig, radius: f32) -> [Marking; 4] {
         start,
         sweep: FRAC_PI_2,
     })
-}
-
-/// Refuses sizes that no field can have.
-fn check(config: &FieldConfig) -> Result<(), FieldError> {
-    for (key, value) in [
-        ("length", config.length),
-        ("width", config.width),
-        ("line_width", config.line_width),
-    ] {
-        // The largest football pitch is 120 m long; tables grow with the area.
-        if !(value > 0.0 && value <= 200.0) {
-            return refuse(
-                key,
-                value,
-                "must be a positive number of metres, at most 200",
-            );
-        }
-    }
-    for (key, value, limit, reason) in limited_sizes(config) {
-        if !(value.is_finite() && value >= 0.0) {
-            return refuse(
-                key,
-                value,
-                "must be zero (left out) or a positive number of metres",
-            );
-        }
-        if value > limit {
-            return refuse(key, value, reason);
-        }
-    }
-    if config.line_width > config.width / 4.0 {
-        let reason = "is wider than a quarter of the field";
-        return refuse("line_width", config.line_width, reason);
-    }
-    let extra = config.extra_lines.iter().flatten();
-    if let Some(&value) = extra.into_iter().find(|value| !value.is_finite()) {
-        return refuse("extra_lines", value, "every number must be finite");
-    }
-    Ok(())
-}
-
-fn refuse(key: &'static str, value: f32, reason: &'static str) -> Result<(), FieldError> {
-    Err(FieldError::Size { key, value, reason })
-}
-
-/// Sizes that may be zero: key, value, largest value, and why not more.
-fn limited_sizes(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str); 13] {
-    let FieldConfig {
-        goal,
-        goal_area,
-        penalty_area,
-        ..
-    } = config;
-    let (half_length, half_width) = (config.length / 2.0, config.width / 2.0);
-    let wide = "does not fit on the goal line";
-    let deep = "reaches beyond the halfway line";
-    let round = "does not fit on the field";
-    let far = "is more than any field has";
-    let (circle, arc) = (config.centre_circle_radius, config.corner_arc_radius);
-    [
-        ("border", config.border, 100.0, far),
-        ("centre_circle_radius", circle, half_width, round),
-        ("corner_arc_radius", arc, half_width, round),
-        ("spot_radius", config.spot_radius, half_width, round),
-        ("penalty_spot", config.penalty_spot, half_length, deep),
-        ("goal_area.depth", goal_area.depth, half_length, deep),
-        ("goal_area.width", goal_area.width, config.width, wide),
-        ("penalty_area.depth", penalty_area.depth, half_length, deep),
-        ("penalty_area.width", penalty_area.width, config.width, wide),
-        ("goal.width", goal.width, config.width, wide),
-        ("goal.height", goal.height, 100.0, far),
-        ("goal.depth", goal.depth, 100.0, far),
-        ("goal.post", goal.post, config.width, wide),
-    ]
 }
 
 #[cfg(test)]
