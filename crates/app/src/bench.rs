@@ -1,5 +1,7 @@
 //! `mirrorball bench`: how fast is it on this machine? Medians of each stage on one core, beside what is wanted.
 
+mod accuracy;
+
 use std::hint::black_box;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -97,7 +99,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     // Before minutes of measuring.
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
     type Bench = fn(&mut Vec<Figure>) -> Result<()>;
-    let benches: [(&[&str], Bench); 5] = [
+    let benches: [(&[&str], Bench); 7] = [
         (
             &[
                 "see_lines_480",
@@ -125,6 +127,8 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             ],
             papers,
         ),
+        (accuracy::DRIVES, accuracy::drives),
+        (accuracy::STILLS, accuracy::stills),
         (&["render_480_nine_robots"], rendering),
         (&["simulation_30_hz", "game_all_cores"], simulating),
     ];

@@ -280,6 +280,94 @@ fn worthless_points_make_no_pose() {
 }
 
 #[test]
+fn a_tracked_robot_that_sees_one_line_alone_grows_unsure_along_it() {
+    let field = field();
+    let mut localizer = localizer();
+    let truth = Pose::new(3.0, 4.0, 0.0);
+    let mut rng = ChaCha8Rng::seed_from_u64(14);
+    let mut begun = None;
+    for k in 0..240 {
+        let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
+        localizer.odometry(&still(f64::from(k) / 30.0));
+        localizer.compass(&Compass {
+            stamp,
+            heading: 0.0,
+        });
+        let points = if k < 60 {
+            see(&field, &DriveConfig::default(), truth, &mut rng)
+        } else {
+            // Along the touch line at y = 5.9375.
+            (0..30)
+                .map(|k| point(-1.5 + 0.1 * k as f32, 5.9375 - 4.0))
+                .collect()
+        };
+        let estimate = localizer.see(stamp, &points);
+        let [along, across] = [0, 1].map(|i| estimate.covariance[(i, i)].sqrt());
+        if k >= 59 {
+            assert!(
+                position_error(estimate.pose.expect("a pose"), truth) < 0.05,
+                "frame {k}"
+            );
+            assert!(across < 0.05, "frame {k}");
+        }
+        if k == 59 {
+            begun = Some(along);
+        }
+        if k == 239 {
+            let begun = begun.expect("tracked");
+            assert!(along > 2.0 * begun, "{begun} {along}");
+        }
+    }
+}
+
+#[test]
+fn points_outside_the_field_move_no_tracked_robot() {
+    let mut localizer = localizer();
+    let mut frames = drive(15, DriveConfig::default());
+    let mut last = None;
+    for k in 0..90 {
+        let frame = frames.next().expect("endless");
+        localizer.odometry(&frame.odometry);
+        localizer.compass(&frame.compass);
+        let astray =
+            [30.0_f32, -40.0, 60.0].map(|x| [point(x, x), point(-x, 0.5 * x), point(x, 0.0)]);
+        let points = if k < 60 {
+            frame.points.clone()
+        } else {
+            astray.as_flattened().to_vec()
+        };
+        let estimate = localizer.see(frame.stamp, &points);
+        if k >= 60 {
+            assert_ne!(estimate.reason, None, "frame {k}");
+            if let Some(pose) = estimate.pose {
+                assert!(position_error(pose, frame.truth) < 0.3, "frame {k}");
+            }
+            let std = estimate.covariance[(0, 0)].sqrt();
+            assert!(
+                last.is_none_or(|last| std > 0.95 * last),
+                "frame {k}: {std} {last:?}"
+            );
+            last = Some(std);
+        }
+    }
+}
+
+#[test]
+fn a_view_that_fits_several_places_is_said_to_be_ambiguous_until_the_drive_decides() {
+    // Two hypotheses that one line leaves: a robot that sees nothing but a line is nowhere in particular.
+    let mut localizer = localizer();
+    let line: Vec<_> = (0..40).map(|k| point(-2.0 + 0.1 * k as f32, 1.5)).collect();
+    for k in 0..3 {
+        let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
+        localizer.odometry(&still(f64::from(k) / 30.0));
+        let estimate = localizer.see(stamp, &line);
+        assert_ne!(estimate.mode, Mode::Tracking);
+        assert!(!estimate.half_known && estimate.reason.is_some());
+        assert!(estimate.covariance[(0, 0)].max(estimate.covariance[(1, 1)]) > 0.5);
+    }
+}
+
+#[test]
 fn nan_among_good_points_changes_nothing() {
     let (mut clean, mut dirty) = (localizer(), localizer());
     for frame in drive(9, DriveConfig::default()).take(60) {
