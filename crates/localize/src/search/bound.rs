@@ -4,18 +4,20 @@ use super::Search;
 use super::tables::{BATCH, BLOCK, LANES, ROWS, Tables};
 
 impl Search {
-    /// Bounds of all blocks at `count` headings from `first` on; rows are `bounds_width` long and filled up to whole
-    /// `ROWS`.
+    /// Bounds of all blocks at `count` headings from `first` on, and the points' offsets at each; rows are `bounds_width`
+    /// long, zero beyond the blocks, and filled up to whole `ROWS`.
     pub(super) fn bound(&mut self, first: f32, step: f32, count: usize) {
         let tables = &self.tables;
         let layer = tables.rows.next_multiple_of(ROWS) * bounds_width(tables);
         self.bounds.resize(count * layer, 0);
         let mut bases = Vec::with_capacity(self.used.len());
+        self.offsets.clear();
         for (heading, bounds) in self.bounds.chunks_exact_mut(layer).enumerate() {
             let heading = first + heading as f32 * step;
+            let begun = self.offsets.len();
             tables.turn(&self.used, heading, &mut self.offsets);
             bases.clear();
-            bases.extend(self.offsets.iter().map(|&(x, y)| {
+            bases.extend(self.offsets[begun..].iter().map(|&(x, y)| {
                 let (x, y) = (x as usize, y as usize);
                 let plane = (y % BLOCK) * BLOCK + x % BLOCK;
                 plane * tables.plane_size + (y / BLOCK) * tables.plane_stride + x / BLOCK
@@ -52,6 +54,9 @@ fn bound_layer<const STRIDE: usize, const SPAN: usize>(
             for (sums, row) in sums.iter().zip(bounds.chunks_exact_mut(width)) {
                 row[first..first + LANES].copy_from_slice(sums);
             }
+        }
+        for row in bounds.chunks_exact_mut(width) {
+            row[tables.columns..].fill(0);
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Search;
 use super::bound::bounds_width;
-use super::tables::{BATCH, BLOCK, ROWS};
+use super::tables::{BATCH, BLOCK, LANES, ROWS};
 use crate::frame::Pose;
 
 /// A block of poses at one heading, and the most that any of its cells can score.
@@ -37,21 +37,20 @@ const SAMPLED: usize = 4;
 
 impl Search {
     /// The best cells, distinct, best first.
-    pub(super) fn open(&mut self, first: f32, step: f32, count: usize) -> Vec<Cell> {
+    pub(super) fn open(&self, first: f32, step: f32, count: usize) -> Vec<Cell> {
         let width = bounds_width(&self.tables);
         let layer = self.tables.rows.next_multiple_of(ROWS) * width;
-        let columns = self.tables.columns;
         // Rows of blocks that are poses, with their heading and number.
         let rows = self.bounds[..count * layer]
             .chunks_exact(layer)
             .enumerate()
             .flat_map(|(heading, layer)| {
                 let rows = layer.chunks_exact(width).take(self.tables.rows).enumerate();
-                rows.map(move |(row, bounds)| (heading, row, &bounds[..columns]))
+                rows.map(move |(row, bounds)| (heading, row, bounds))
             });
         let mut tops = vec![Block::default(); count];
         for (heading, row, bounds) in rows.clone() {
-            let bound = bounds.iter().copied().max().unwrap_or(0);
+            let bound = highest(bounds);
             if bound > tops[heading].bound {
                 let column = bounds.iter().position(|&other| other == bound);
                 tops[heading] = Block::new(bound, heading, row, column.unwrap_or(0));
@@ -61,16 +60,20 @@ impl Search {
         let part = self.config.runner_up_share;
         let share = |best: u16| (f32::from(best) * part) as u16;
         let mut best = 0;
-        let mut offsets = std::mem::take(&mut self.offsets);
+        let points = self.used.len();
+        let offsets = |heading: u16| {
+            let begun = usize::from(heading) * points;
+            &self.offsets[begun..begun + points]
+        };
         for top in tops.into_iter().take(SAMPLED) {
             let heading = first + f32::from(top.heading) * step;
-            self.tables.turn(&self.used, heading, &mut offsets);
-            best = best.max(self.best_cell(top, heading, &offsets).score);
+            let cell = self.best_cell(top, heading, offsets(top.heading));
+            best = best.max(cell.score);
         }
         let floor = share(best);
         let mut blocks: Vec<Block> = Vec::new();
         for (heading, row, bounds) in rows {
-            if bounds.iter().all(|&bound| bound <= floor) {
+            if highest(bounds) <= floor {
                 continue;
             }
             let those = bounds
@@ -89,7 +92,6 @@ impl Search {
         });
         let mut cells: Vec<Cell> = Vec::new();
         let mut spare = self.config.runner_up_blocks;
-        let mut turned_to = u16::MAX;
         for block in blocks {
             if block.bound <= best {
                 if block.bound <= share(best) || spare == 0 {
@@ -98,17 +100,12 @@ impl Search {
                 spare -= 1;
             }
             let heading = first + f32::from(block.heading) * step;
-            if block.heading != turned_to {
-                self.tables.turn(&self.used, heading, &mut offsets);
-                turned_to = block.heading;
-            }
-            let cell = self.best_cell(block, heading, &offsets);
+            let cell = self.best_cell(block, heading, offsets(block.heading));
             best = best.max(cell.score);
             if cell.score > share(best) {
                 cells.push(cell);
             }
         }
-        self.offsets = offsets;
         self.distinct(cells, share(best))
     }
 
@@ -172,4 +169,11 @@ impl Search {
             ),
         }
     }
+}
+
+/// The highest bound of a row.
+fn highest(bounds: &[u16]) -> u16 {
+    let (chunks, _) = bounds.as_chunks::<LANES>();
+    let of = |chunk: &[u16; LANES]| chunk.iter().copied().fold(0, u16::max);
+    chunks.iter().map(of).fold(0, u16::max)
 }

@@ -107,15 +107,15 @@ impl Tables {
         }
     }
 
-    /// Offsets of points (within `range_max`) in cells at one heading, from the tables' corner on.
+    /// Appends the offsets of points (within `range_max`) in cells at one heading, from the tables' corner on.
     pub(super) fn turn(&self, points: &[LinePoint], heading: f32, offsets: &mut Vec<(u32, u32)>) {
         let (sin, cos) = heading.sin_cos();
         let edge = (self.apron * BLOCK) as f32;
-        offsets.clear();
         offsets.extend(points.iter().map(|point| {
             let x = (cos * point.at.x - sin * point.at.y) * self.per_cell;
             let y = (sin * point.at.x + cos * point.at.y) * self.per_cell;
-            ((x + edge).round() as u32, (y + edge).round() as u32)
+            // Never negative, so that cutting off rounds.
+            ((x + edge + 0.5) as u32, (y + edge + 0.5) as u32)
         }));
     }
 }

@@ -69,7 +69,7 @@ impl Default for HoughConfig {
             relevant_deg: 10.0,
             relevant: 0.3,
             orientations: 3,
-            maxima: 12,
+            maxima: 8,
         }
     }
 }
