@@ -99,7 +99,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     // Before minutes of measuring.
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
     type Bench = fn(&mut Vec<Figure>) -> Result<()>;
-    let benches: [(&[&str], Bench); 7] = [
+    let benches: [(&[&str], Bench); 6] = [
         (
             &[
                 "see_lines_480",
@@ -128,7 +128,6 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             papers,
         ),
         (accuracy::DRIVES, accuracy::drives),
-        (accuracy::STILLS, accuracy::stills),
         (&["render_480_nine_robots"], rendering),
         (&["simulation_30_hz", "game_all_cores"], simulating),
     ];

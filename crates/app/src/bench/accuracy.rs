@@ -1,23 +1,12 @@
-//! How well is the place found? Seeded drives, kidnaps, single frames and rendered stills, scored against truth.
+//! How well is the place found? Seeded drives, kidnaps and single frames of line points, scored against truth.
 
-use anyhow::{Context, Result};
-use localize::drive::{DriveConfig, anywhere};
+use anyhow::Result;
+use localize::drive::DriveConfig;
 use localize::experiment::{TrackScore, find, kidnap, track};
-use localize::frame::wrap_angle;
-use localize::{Field, LocalizeConfig, Pose, Stamp};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use sim::Scenario;
-use sim::render::{Renderer, Scene, Setting};
-use vision::Profile;
-use vision::image::Image;
-use vision::robot::RobotConfig;
+use localize::{Field, LocalizeConfig};
 
 use super::Figure;
-use crate::cycle::{Spine, SpineConfig};
 use crate::home;
-use crate::sample::{Content, Frame, Sample};
-use crate::setup::Setup;
 
 /// Figures of `drives`.
 pub(super) const DRIVES: &[&str] = &[
@@ -43,16 +32,6 @@ pub(super) const DRIVES: &[&str] = &[
     "find_compass",
     "kidnap_said",
     "kidnap_back",
-];
-
-/// Figures of `stills`.
-pub(super) const STILLS: &[&str] = &[
-    "stills_2001_found",
-    "stills_2001_mean_x",
-    "stills_2001_mean_y",
-    "stills_2001_std_x",
-    "stills_2001_std_y",
-    "stills_2001_std_heading",
 ];
 
 fn figure(name: &'static str, value: f64, unit: &'static str, wanted: &'static str) -> Figure {
@@ -179,89 +158,6 @@ pub(super) fn drives(figures: &mut Vec<Figure>) -> Result<()> {
             "%",
             ">= 99",
         ),
-    ]);
-    Ok(())
-}
-
-/// The experiment of lima2001 4.6: 90 images on 9 × 4.5 m through the isometric mirror, each located by itself by the
-/// Hough transform (the goals' colours tell the half), refined by matching.
-pub(super) fn stills(figures: &mut Vec<Figure>) -> Result<()> {
-    const COUNT: usize = 90;
-    let (scenario, _) = Scenario::load(&home::find("config/scenarios/still_9x4.5.toml")?)?;
-    let robot_file = home::find("config/robots/default.toml")?;
-    let robot = RobotConfig::load(&robot_file)?;
-    let field = Field::load(&home::find("config/fields/msl_2001.toml")?)?;
-    let camera = robot.camera.as_ref().context("the robot has no camera")?;
-    let mirror = robot.mirror.as_ref().context("the robot has no mirror")?;
-    let mut renderer = Renderer::new(&Setting {
-        camera,
-        profile: &Profile::load(&mirror.profile)?,
-        mount: scenario.mount,
-        body: &robot.body.clone().unwrap_or_default(),
-        field: &field,
-        light: &scenario.light,
-        blur_px: scenario.film.blur_px,
-        seed: scenario.seed,
-    })?;
-    let (width_px, height_px) = (camera.width_px, camera.height_px);
-    let setup = Setup::new(&robot_file, robot.clone(), field.clone(), None)?;
-    let mut spine = Spine::new(&setup, &SpineConfig::preset("lima2001")?)?;
-    let mut rng = ChaCha8Rng::seed_from_u64(scenario.seed);
-    let mut errors: Vec<[f64; 3]> = Vec::new();
-    let mut rgb = Vec::new();
-    for number in 0..COUNT {
-        let free = |pose: &Pose| {
-            pose.x.abs() < field.length / 2.0 - 0.4 && pose.y.abs() < field.width / 2.0 - 0.4
-        };
-        let truth = std::iter::repeat_with(|| anywhere(&field, &mut rng))
-            .find(free)
-            .context("no place on the field")?;
-        let scene = Scene {
-            pose: truth,
-            robots: &[],
-            ball: None,
-            lamp: [1.0; 3],
-            occlusions: &[],
-        };
-        renderer.render(&scene, &scenario.film, &mut rgb);
-        let image = Image {
-            width_px,
-            height_px,
-            rgb: rgb.clone(),
-        };
-        let frame = Frame {
-            stamp: Stamp::from_seconds(40.0 * number as f64),
-            content: Content::Image(image.into()),
-        };
-        let cycle = spine.take(Sample::Frame(frame));
-        let Some(pose) = cycle.and_then(|cycle| cycle.estimate.pose) else {
-            continue;
-        };
-        let turn = wrap_angle(pose.theta - truth.theta).to_degrees();
-        errors.push([pose.x - truth.x, pose.y - truth.y, turn].map(f64::from));
-    }
-    let found = errors
-        .iter()
-        .filter(|[x, y, turn]| x.hypot(*y) < 0.5 && turn.abs() < 15.0);
-    let found: Vec<[f64; 3]> = found.copied().collect();
-    let count = found.len().max(1) as f64;
-    let mean = |i: usize| found.iter().map(|error| error[i]).sum::<f64>() / count;
-    let std = |i: usize| {
-        let mean = mean(i);
-        (found
-            .iter()
-            .map(|error| (error[i] - mean).powi(2))
-            .sum::<f64>()
-            / count)
-            .sqrt()
-    };
-    figures.extend([
-        figure("stills_2001_found", found.len() as f64, "of 90", "90"),
-        figure("stills_2001_mean_x", 100.0 * mean(0).abs(), "cm", "<= 1"),
-        figure("stills_2001_mean_y", 100.0 * mean(1).abs(), "cm", "<= 1"),
-        figure("stills_2001_std_x", 100.0 * std(0), "cm", "<= 3"),
-        figure("stills_2001_std_y", 100.0 * std(1), "cm", "<= 3"),
-        figure("stills_2001_std_heading", std(2), "degrees", "<= 0.5"),
     ]);
     Ok(())
 }
