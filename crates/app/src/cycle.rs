@@ -12,6 +12,8 @@ use localize::field::GoalColour;
 use localize::localizer::Localizer;
 use localize::relocalise::scan_map::Origin;
 use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
+use localize::team::{Report, TeamConfig, TeamModel, TeamView};
+use localize::world::{World, WorldConfig, WorldModel};
 use localize::toml_place::place;
 use serde::{Deserialize, Serialize};
 use vision::VisionError;
@@ -37,6 +39,10 @@ pub struct Cycle {
     pub points: Vec<LinePoint>,
     /// Where the robot is, as far as it knows.
     pub estimate: Estimate,
+    /// Ball and robots around it.
+    pub world: World,
+    /// What team-mates say, and the ball they agree on.
+    pub team: TeamView,
     /// Why the frame could not be used.
     pub fault: Option<String>,
     /// How long the stages took.
@@ -54,6 +60,8 @@ pub struct Inputs {
     pub imu: Vec<Imu>,
     /// What the motors were told, in order.
     pub commands: Vec<Command>,
+    /// Words of team-mates, in order.
+    pub reports: Vec<Report>,
     /// The latest truth; no stage sees it.
     pub truth: Option<Truth>,
     /// The image, if there is one.
@@ -79,6 +87,10 @@ impl Inputs {
             .commands
             .iter()
             .map(|one| (one.stamp, Sample::Command(*one)));
+        let reports = self
+            .reports
+            .iter()
+            .map(|one| (one.stamp, Sample::Report(one.clone())));
         let truth = self
             .truth
             .iter()
@@ -87,6 +99,7 @@ impl Inputs {
             .chain(imu)
             .chain(odometry)
             .chain(compass)
+            .chain(reports)
             .chain(truth)
             .collect();
         samples.sort_by_key(|(stamp, _)| *stamp);
@@ -111,6 +124,10 @@ pub struct SpineConfig {
     pub vision: VisionConfig,
     /// From features and motion to a pose.
     pub localize: LocalizeConfig,
+    /// Following ball and robots.
+    pub world: WorldConfig,
+    /// Sharing among team-mates.
+    pub team: TeamConfig,
 }
 
 /// The name under which a log keeps these settings.
@@ -132,7 +149,11 @@ impl SpineConfig {
             "nubot2013" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (72, 0, 0),
             _ => {}
         }
-        Ok(SpineConfig { vision, localize })
+        Ok(SpineConfig {
+            vision,
+            localize,
+            ..SpineConfig::default()
+        })
     }
 
     /// A preset, with what an overlay file says instead.
@@ -166,6 +187,8 @@ pub fn overlaid(base: &SpineConfig, over: toml::Table) -> Result<SpineConfig> {
     let config: SpineConfig = merged.try_into()?;
     config.vision.check()?;
     config.localize.check()?;
+    let around = config.world.check().and_then(|()| config.team.check());
+    around.map_err(anyhow::Error::msg)?;
     Ok(config)
 }
 
@@ -183,6 +206,8 @@ pub fn merge(base: &mut toml::Table, over: toml::Table) {
 pub struct Spine {
     eyes: Option<Eyes>,
     localizer: Localizer,
+    world: WorldModel,
+    team: TeamModel,
     inputs: Inputs,
     last_sight: Option<Stamp>,
 }
@@ -196,6 +221,8 @@ impl Spine {
         let SpineConfig {
             mut vision,
             mut localize,
+            world,
+            team,
         } = config.clone();
         // A profile knows better than a setting how high the mirror hangs.
         if let Some(height) = setup.viewpoint_height {
@@ -214,6 +241,8 @@ impl Spine {
         }
         Ok(Spine {
             eyes,
+            world: WorldModel::new(world, localize.matching.viewpoint_height),
+            team: TeamModel::new(team),
             localizer: localizer(setup, localize),
             inputs: Inputs::default(),
             last_sight: None,
@@ -227,6 +256,7 @@ impl Spine {
             Sample::Compass(compass) => self.inputs.compass.push(compass),
             Sample::Imu(imu) => self.inputs.imu.push(imu),
             Sample::Command(command) => self.inputs.commands.push(command),
+            Sample::Report(report) => self.inputs.reports.push(report),
             Sample::Truth(truth) => self.inputs.truth = Some(truth),
             Sample::Frame(frame) => return Some(self.turn(frame)),
         }
@@ -258,19 +288,33 @@ impl Spine {
                 goals = found;
                 (None, points, None)
             }
+            Content::Seen(seen) => {
+                let points = seen.line_points.iter().map(|seen| seen.point).collect();
+                goals = goal_sights(&seen);
+                (Some(*seen), points, None)
+            }
             Content::Unreadable(reason) => (None, Vec::new(), Some(reason)),
         };
         let see_ms = milliseconds(started);
         let started = Instant::now();
         for sample in inputs.in_order() {
             match sample {
-                Sample::Odometry(odometry) => self.localizer.odometry(&odometry),
+                Sample::Odometry(odometry) => {
+                    self.localizer.odometry(&odometry);
+                    self.world.odometry(&odometry);
+                }
                 Sample::Compass(compass) => self.localizer.compass(&compass),
+                Sample::Report(report) => self.team.hear(&report),
                 Sample::Imu(_) | Sample::Command(_) | Sample::Truth(_) | Sample::Frame(_) => {}
             }
         }
         self.localizer.goals(stamp, &goals);
         let estimate = self.localizer.see(stamp, &points);
+        let sight = seen.as_ref().map(crate::world::sight);
+        let world = self.world.see(stamp, sight.as_ref(), &estimate);
+        let team = self.team.view(stamp, &world, &estimate);
+        // For the next frame: this one's estimate is told already.
+        self.localizer.half_evidence(team.half_evidence);
         let timings = Timings {
             see_ms,
             localize_ms: milliseconds(started),
@@ -281,6 +325,8 @@ impl Spine {
             seen,
             points,
             estimate,
+            world,
+            team,
             fault,
             timings,
         }

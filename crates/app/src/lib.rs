@@ -11,11 +11,15 @@ pub mod table;
 
 pub mod recording;
 pub mod simulation;
+pub mod squad;
 
 pub mod cycle;
+pub mod world;
+
 pub mod feed;
 
 pub mod log;
+pub mod net;
 pub mod start_log;
 pub mod stream;
 

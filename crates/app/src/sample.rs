@@ -6,6 +6,8 @@ use localize::Pose;
 use localize::Stamp;
 use localize::frame::{At, FieldFrame};
 use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
+use localize::team::Report;
+use vision::eyes::Seen;
 use vision::image::Image;
 
 /// Where things truly were.
@@ -32,6 +34,8 @@ pub enum Sample {
     Imu(Imu),
     /// What the motors are told.
     Command(Command),
+    /// What a team-mate says.
+    Report(Report),
     /// For scoring alone; no stage sees it.
     Truth(Truth),
     /// A frame: it ends a cycle.
@@ -59,6 +63,8 @@ pub enum Content {
         /// Goals by their colours.
         goals: Vec<GoalSight>,
     },
+    /// What our own vision found in an earlier run.
+    Seen(Box<Seen>),
     /// A frame that could not be read; the cycle runs on without sight.
     Unreadable(String),
 }

@@ -4,8 +4,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use serde::Serialize;
+use sim::scenario::Scenario;
 
 use crate::arguments;
 use crate::cycle::{Spine, SpineConfig, overlaid};
@@ -14,7 +15,8 @@ use crate::log::{ImageMode, LogConfig, Recorder};
 use crate::outputs::Outputs;
 use crate::overrides;
 use crate::score;
-use crate::simulation::Simulation;
+use crate::simulation::{Simulation, changed_scenario};
+use crate::squad::{self, Squad};
 use crate::start_log::start_log;
 use crate::summary::{Summary, Tally};
 use crate::table::{Written, seconds};
@@ -69,6 +71,52 @@ struct Outcome {
     summary: Summary,
 }
 
+/// What `--json` prints of several robots.
+#[derive(Serialize)]
+struct SquadOutcome {
+    seed: u64,
+    simulated_s: f64,
+    times_real_time: f64,
+    robots: Vec<squad::Fared>,
+}
+
+/// Several of our robots, each with its whole stack.
+fn run_squad(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
+    ensure!(
+        args.out.is_none() && args.truth.is_none(),
+        "--out and --truth are of one robot, and {} has several: record them",
+        args.scenario.display()
+    );
+    let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
+    let config = overlaid(&config, overrides::table(&args.set_config)?)?;
+    let duration = args.duration.unwrap_or(scenario.duration);
+    let log_config = LogConfig {
+        images: args.images,
+        ..LogConfig::default()
+    };
+    let record = args.record.as_deref().map(|log| (log, &log_config));
+    let squad = Squad::new((&args.scenario, scenario), &config, duration, record)?;
+    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
+    let started = Instant::now();
+    let robots = squad.play(|seconds| bar.set_position((seconds * 1e3) as u64))?;
+    bar.finish_and_clear();
+    let times_real_time = duration / started.elapsed().as_secs_f64();
+    let seed = scenario.seed;
+    if json {
+        let outcome = SquadOutcome {
+            seed,
+            simulated_s: duration,
+            times_real_time,
+            robots,
+        };
+        println!("{}", serde_json::to_string(&outcome)?);
+    } else {
+        squad::print(&robots);
+        println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+    }
+    Ok(())
+}
+
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
     arguments::distinct([
@@ -78,6 +126,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     ])?;
     interrupt::watch()?;
     let changes = overrides::table(&args.set)?;
+    let (scenario, _) = changed_scenario(&args.scenario, &changes, args.seed)?;
+    if !scenario.squad.is_empty() {
+        return run_squad(args, &scenario, json);
+    }
     let simulation = Simulation::changed(&args.scenario, &changes, args.seed, args.duration)?;
     let setup = simulation.setup()?;
     let config = SpineConfig::load(&args.preset, args.config.as_deref())?;

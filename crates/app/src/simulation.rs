@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use anyhow::{Context, Result};
 use localize::Field;
 use sim::{Sample as Simulated, Scenario, Sim};
+use vision::RobotConfig;
 use vision::image::Image;
 
 use crate::cycle::merge;
@@ -38,19 +39,7 @@ impl Simulation {
         seed: Option<u64>,
         duration: Option<f64>,
     ) -> Result<Self> {
-        if over.is_empty() {
-            return Simulation::load(scenario, seed, duration);
-        }
-        let text = std::fs::read_to_string(scenario)
-            .with_context(|| format!("cannot read {}", scenario.display()))?;
-        let mut table: toml::Table =
-            toml::from_str(&text).with_context(|| scenario.display().to_string())?;
-        merge(&mut table, over.clone());
-        if let Some(seed) = seed {
-            let seed = i64::try_from(seed).context("a scenario's seed ends at 2^63")?;
-            table.insert("seed".to_owned(), seed.into());
-        }
-        let (scenario, robot) = Scenario::from_table(table, scenario)?;
+        let (scenario, robot) = changed_scenario(scenario, over, seed)?;
         let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
         let duration = duration.unwrap_or(scenario.duration);
         let sim = Sim::new(scenario, robot, field)?;
@@ -59,12 +48,7 @@ impl Simulation {
 
     /// What the simulated robot believes of itself: its file's map, or the one its mirror should have.
     pub fn setup(&self) -> Result<Setup> {
-        let scenario = self.sim.scenario();
-        let mut robot = self.sim.robot().clone();
-        if let Some(field) = &scenario.field {
-            robot.field.clone_from(field);
-        }
-        Setup::new(&scenario.robot, robot, self.sim.field().clone(), None)
+        setup_of(&self.sim)
     }
 
     /// The simulator.
@@ -112,33 +96,71 @@ impl Iterator for Simulation {
         if sample.stamp().seconds() >= self.duration {
             return None;
         }
-        Some(match sample {
-            Simulated::Odometry(odometry) => Sample::Odometry(odometry),
-            Simulated::Imu(imu) => Sample::Imu(imu),
-            Simulated::Compass(compass) => Sample::Compass(compass),
-            Simulated::Command(command) => Sample::Command(command),
-            Simulated::Truth(truth) => Sample::Truth(Truth {
-                stamp: truth.stamp,
-                pose: truth.robot.pose,
-                ball: truth.ball.map(|ball| ball.at),
-                robots: truth
-                    .others
-                    .iter()
-                    .map(|robot| robot.pose.origin())
-                    .collect(),
-            }),
-            Simulated::Image(image) => {
-                let picture = Image {
-                    width_px: image.width_px,
-                    height_px: image.height_px,
-                    rgb: image.rgb,
-                };
-                Sample::Frame(Frame {
-                    stamp: image.stamp,
-                    content: Content::Image(Arc::new(picture)),
-                })
-            }
-        })
+        Some(translated(sample))
+    }
+}
+
+/// A scenario and its robot file, with single values in place of the file's.
+pub(crate) fn changed_scenario(
+    path: &Path,
+    over: &toml::Table,
+    seed: Option<u64>,
+) -> Result<(Scenario, RobotConfig)> {
+    if over.is_empty() {
+        let (mut scenario, robot) = Scenario::load(path)?;
+        scenario.seed = seed.unwrap_or(scenario.seed);
+        return Ok((scenario, robot));
+    }
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let mut table: toml::Table =
+        toml::from_str(&text).with_context(|| path.display().to_string())?;
+    merge(&mut table, over.clone());
+    if let Some(seed) = seed {
+        let seed = i64::try_from(seed).context("a scenario's seed ends at 2^63")?;
+        table.insert("seed".to_owned(), seed.into());
+    }
+    Ok(Scenario::from_table(table, path)?)
+}
+
+/// What the robot of a simulation believes of itself.
+pub(crate) fn setup_of(sim: &Sim) -> Result<Setup> {
+    let scenario = sim.scenario();
+    let mut robot = sim.robot().clone();
+    if let Some(field) = &scenario.field {
+        robot.field.clone_from(field);
+    }
+    Setup::new(&scenario.robot, robot, sim.field().clone(), None)
+}
+
+/// A simulator's sample in the spine's words.
+pub(crate) fn translated(sample: Simulated) -> Sample {
+    match sample {
+        Simulated::Odometry(odometry) => Sample::Odometry(odometry),
+        Simulated::Imu(imu) => Sample::Imu(imu),
+        Simulated::Compass(compass) => Sample::Compass(compass),
+        Simulated::Command(command) => Sample::Command(command),
+        Simulated::Truth(truth) => Sample::Truth(Truth {
+            stamp: truth.stamp,
+            pose: truth.robot.pose,
+            ball: truth.ball.map(|ball| ball.at),
+            robots: truth
+                .others
+                .iter()
+                .map(|robot| robot.pose.origin())
+                .collect(),
+        }),
+        Simulated::Image(image) => {
+            let picture = Image {
+                width_px: image.width_px,
+                height_px: image.height_px,
+                rgb: image.rgb,
+            };
+            Sample::Frame(Frame {
+                stamp: image.stamp,
+                content: Content::Image(Arc::new(picture)),
+            })
+        }
     }
 }
 

@@ -23,7 +23,9 @@ pub mod relocalise;
 pub mod sample;
 pub mod search;
 pub mod stamp;
+pub mod team;
 pub mod toml_place;
+pub mod world;
 
 pub use config::LocalizeConfig;
 pub use distance::DistanceField;

@@ -37,6 +37,12 @@ pub struct Scenario {
     /// The other robots.
     #[serde(default)]
     pub others: OthersConfig,
+    /// Our other robots, each with eyes and a sense of place of its own; the robot file is the same.
+    #[serde(default)]
+    pub squad: Vec<Fellow>,
+    /// How words among our robots travel.
+    #[serde(default)]
+    pub radio: RadioConfig,
     /// What the wheels do that the robot file does not say.
     #[serde(default)]
     pub wheels: WheelConfig,
@@ -137,6 +143,42 @@ pub struct TimedTwist {
     /// Counter-clockwise, degrees/s.
     #[serde(default)]
     pub turn_deg: f32,
+}
+
+/// One of our robots besides the first.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fellow {
+    /// Where it stands at first.
+    pub start: Placement,
+    /// Where it drives.
+    #[serde(default)]
+    pub path: PathConfig,
+    /// How its camera and mirror really sit.
+    #[serde(default)]
+    pub mount: Mount,
+}
+
+/// How words among robots travel: some are lost, none arrives at once.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RadioConfig {
+    /// Words a second of each robot.
+    pub rate_hz: f64,
+    /// Share of the words that are lost on the way to each robot.
+    pub loss: f32,
+    /// Shortest and longest time under way, seconds; words overtake each other.
+    pub delay: [f64; 2],
+}
+
+impl Default for RadioConfig {
+    fn default() -> Self {
+        RadioConfig {
+            rate_hz: 15.0,
+            loss: 0.2,
+            delay: [0.005, 0.05],
+        }
+    }
 }
 
 /// The ball: slides, then rolls (a hollow shell), and bounces.
@@ -453,7 +495,23 @@ impl Scenario {
                 format!("{} must lie between 0 and 1", self.ball.restitution),
             );
         }
-        let others = self.others.opponents + self.others.mates + self.others.placed.len();
+        let others =
+            self.others.opponents + self.others.mates + self.others.placed.len() + self.squad.len();
+        let RadioConfig {
+            rate_hz,
+            loss,
+            delay: [soonest, latest],
+        } = self.radio;
+        if !(rate_hz > 0.0 && rate_hz <= 1000.0)
+            || !(0.0..=1.0).contains(&loss)
+            || !(0.0 <= soonest && soonest <= latest && latest <= 10.0)
+        {
+            return refuse(
+                "radio",
+                "wants rate_hz above 0, to 1000, loss from 0 to 1, delay from 0 to 10 in order"
+                    .to_owned(),
+            );
+        }
         if others > MOST_OTHERS {
             return refuse(
                 "others",

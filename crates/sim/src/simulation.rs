@@ -319,6 +319,17 @@ impl Sim {
         self.world.place_ball(at, velocity);
     }
 
+    /// Moves the other robots, and the ball where there is one, to where they are in another world that is run beside
+    /// this one: several of our robots share a field. `others`: in the order of [`Truth::others`].
+    pub fn follow(&mut self, others: &[RobotState], ball: Option<BallState>) {
+        for (index, state) in others.iter().enumerate() {
+            self.world.put_other(index, state);
+        }
+        if let Some(ball) = ball {
+            self.world.place_ball(ball.at, ball.velocity);
+        }
+    }
+
     /// Sets the light's level by hand; `None` gives it back to the scenario.
     pub fn set_light(&mut self, level: Option<f32>) {
         self.light_level = level;

@@ -222,6 +222,19 @@ impl World {
         }
     }
 
+    /// Puts another robot where it is in another world; it goes on as it moves there.
+    pub fn put_other(&mut self, index: usize, state: &RobotState) {
+        if let Some(other) = self.others.get_mut(index) {
+            let ([vx, vy], pose) = (state.velocity, state.pose);
+            other.wanted = [vx, vy, state.omega];
+            let body = &mut self.physics.bodies[other.body];
+            body.set_translation(Vector::new(pose.x, pose.y), true);
+            body.set_rotation(Rotation::from_angle(pose.theta), true);
+            body.set_linvel(Vector::new(vx, vy), true);
+            body.set_angvel(state.omega, true);
+        }
+    }
+
     /// Puts our robot elsewhere, standing; nothing else changes.
     pub fn kidnap(&mut self, pose: Pose) {
         let body = &mut self.physics.bodies[self.robot];

@@ -131,6 +131,11 @@ impl Messages {
                 .particles
                 .log_at(&scene::poses_in_frame(poses, stamp), stamp);
         }
+        if !cycle.team.mates.is_empty() {
+            topics
+                .team
+                .log_at(&convert::team_to_wire(&cycle.team), stamp);
+        }
         topics.scene.log_at(&scene::cycle_scene(cycle), stamp);
     }
 

@@ -12,7 +12,7 @@ use super::header::Header;
 use super::picture::{Encoded, ImageMode};
 use super::schema::{ABOUT, CYCLE_TOPIC, IMAGE_TOPIC, convert, picture_from_bytes, wire};
 use super::stream::{End, Stream};
-use crate::cycle::{Cycle, goal_sights};
+use crate::cycle::Cycle;
 use crate::sample::{Content, Frame, Sample};
 
 /// A log that is being read; iterate for its cycles.
@@ -207,7 +207,7 @@ impl Iterator for Log {
 impl Logged {
     /// The samples that led to the cycle, the frame last.
     ///
-    /// With `sight` the frame is the image if the log holds it exactly; else, and without, the line points stand in.
+    /// With `sight` the frame is the image if the log holds it exactly; else, and without, what was found in it stands in.
     pub fn samples(&self, sight: bool) -> Result<Vec<Sample>> {
         let mut samples = self.cycle.inputs.in_order();
         let exact = self
@@ -217,14 +217,12 @@ impl Logged {
         let content = match (exact, &self.cycle.fault) {
             (Some(image), _) => Content::Image(image.decode()?.into()),
             (None, Some(fault)) => Content::Unreadable(fault.clone()),
-            (None, None) => Content::Found {
-                points: self.cycle.points.clone(),
-                goals: self
-                    .cycle
-                    .seen
-                    .as_ref()
-                    .map(goal_sights)
-                    .unwrap_or_default(),
+            (None, None) => match &self.cycle.seen {
+                Some(seen) => Content::Seen(Box::new(seen.clone())),
+                None => Content::Found {
+                    points: self.cycle.points.clone(),
+                    goals: Vec::new(),
+                },
             },
         };
         samples.push(Sample::Frame(Frame {

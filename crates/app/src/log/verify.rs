@@ -67,7 +67,7 @@ pub fn verify(mut log: Log, mut take: impl FnMut(Sample) -> Option<Cycle>) -> Re
             bail!("a frame of the log gave no cycle")
         };
         cycles += 1;
-        seen += u64::from(computed.seen.is_some());
+        seen += u64::from(sight && computed.seen.is_some());
         if let Some(difference) = compare(&logged.cycle, &computed) {
             different += 1;
             first.get_or_insert(difference);
@@ -110,7 +110,8 @@ pub(super) fn compare(recorded: &Cycle, computed: &Cycle) -> Option<Difference> 
 
 type Part = (Vec<u8>, String);
 
-fn parts(a: &wire::Cycle, b: &wire::Cycle) -> Vec<(&'static str, Part, Part)> {
+fn parts(ours: &wire::Cycle, theirs: &wire::Cycle) -> Vec<(&'static str, Part, Part)> {
+    let (a, b) = (ours, theirs);
     let text = |value: &dyn std::fmt::Debug| {
         let text = format!("{value:?}");
         (text.clone().into_bytes(), text)
@@ -149,5 +150,7 @@ fn parts(a: &wire::Cycle, b: &wire::Cycle) -> Vec<(&'static str, Part, Part)> {
     ]);
     let whole = |estimate: &wire::Estimate| (estimate.encode_to_vec(), format!("{estimate:?}"));
     parts.push(("estimate", whole(a), whole(b)));
+    parts.push(("world", text(&ours.world), text(&theirs.world)));
+    parts.push(("team", text(&ours.team), text(&theirs.team)));
     parts
 }

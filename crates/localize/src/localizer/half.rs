@@ -75,6 +75,13 @@ impl HalfEvidence {
         };
     }
 
+    /// Someone else's word, log odds: team-mates who know their half see the ball here or opposite.
+    pub(super) fn add(&mut self, odds: f32, config: &CompassConfig) {
+        if odds.is_finite() {
+            self.odds = (self.odds + odds).clamp(-config.evidence_max, config.evidence_max);
+        }
+    }
+
     /// Hears a reading while the belief's heading is `heading`.
     pub(super) fn hear(
         &mut self,

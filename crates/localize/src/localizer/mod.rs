@@ -259,6 +259,14 @@ impl Localizer {
         noted.map_or_else(Vec::new, |(_, sights)| sights)
     }
 
+    /// Hears log odds for the half of the field in which the belief is, rather than the other one, of a source that is
+    /// no compass: the team's ball (`team::TeamView::half_evidence`).
+    pub fn half_evidence(&mut self, odds: f32) {
+        if self.belief.is_some() {
+            self.half.add(odds, &self.config.compass);
+        }
+    }
+
     /// Takes a frame's line points to a pose. Points that are not finite are left out.
     pub fn see(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
         let points: Vec<LinePoint> = points.iter().filter(|point| sane(point)).copied().collect();

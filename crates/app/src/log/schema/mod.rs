@@ -8,6 +8,7 @@ pub(crate) mod file;
 pub(crate) mod scene;
 pub(crate) mod wire;
 mod wire_seen;
+mod wire_world;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -33,7 +34,7 @@ use file::LogFile;
 use super::picture::{Encoded, ImageMode};
 
 /// The form of what our own topics and records hold; a log of another form is refused.
-pub(crate) const FORMAT: u32 = 1;
+pub(crate) const FORMAT: u32 = 2;
 /// The name of the metadata record that makes an MCAP file a log of ours.
 pub(crate) const ABOUT: &str = "mirrorball";
 /// Topic of [`wire::Cycle`], all that replay needs.
@@ -58,6 +59,7 @@ pub(crate) struct Topics {
     pub(crate) imu: Own<wire::Imu>,
     pub(crate) compass: Own<wire::Compass>,
     pub(crate) command: Own<wire::Command>,
+    pub(crate) team: Own<wire::TeamView>,
     pub(crate) pose: Shown<PoseInFrame>,
     pub(crate) particles: Shown<PosesInFrame>,
     pub(crate) truth: Shown<PoseInFrame>,
@@ -82,6 +84,7 @@ impl Topics {
             imu: Own::new(context, "/imu")?,
             compass: Own::new(context, "/compass")?,
             command: Own::new(context, "/command")?,
+            team: Own::new(context, "/team")?,
             pose: Shown::new(context, "/pose"),
             particles: Shown::new(context, "/pose/particles"),
             truth: Shown::new(context, "/truth/pose"),

@@ -9,6 +9,7 @@ use foxglove::messages::{
 use localize::field::Marking;
 use localize::frame::{At, FieldFrame};
 use localize::sample::LinePoint;
+use localize::world::{Object, Team};
 use localize::{Field, Pose, Stamp};
 
 use super::timestamp;
@@ -32,6 +33,9 @@ const WHITE: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
 const TRUTH: [f64; 4] = [0.2, 0.9, 0.3, 0.6];
 const ESTIMATE: [f64; 4] = [0.2, 0.5, 1.0, 0.9];
 const ORANGE: [f64; 4] = [1.0, 0.5, 0.0, 1.0];
+/// As our own robot sees it, and as the team does.
+const SEEN_BALL: [f64; 4] = [1.0, 0.8, 0.2, 0.9];
+const TEAM_BALL: [f64; 4] = [1.0, 0.2, 0.6, 0.9];
 const GREY: [f64; 4] = [0.4, 0.4, 0.4, 0.7];
 
 pub(crate) fn color([r, g, b, a]: [f64; 4]) -> Option<Color> {
@@ -95,29 +99,70 @@ pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
             ..entity(cycle.stamp, "estimate", Some(SHOWN_S))
         });
     }
+    let placed = |object: &Object| object.on_field.map(|on| on.at);
+    entities.push(SceneEntity {
+        spheres: cycle
+            .world
+            .ball
+            .iter()
+            .filter_map(placed)
+            .map(|at| sphere(at, SEEN_BALL))
+            .collect(),
+        cylinders: cycle
+            .world
+            .robots
+            .iter()
+            .filter_map(|robot| Some(cylinder(placed(robot)?, marker(robot.team))))
+            .collect(),
+        ..entity(cycle.stamp, "world", Some(SHOWN_S))
+    });
+    if let Some(ball) = &cycle.team.ball {
+        entities.push(SceneEntity {
+            spheres: vec![sphere(ball.at, TEAM_BALL)],
+            ..entity(cycle.stamp, "team", Some(SHOWN_S))
+        });
+    }
     if let Some(truth) = &cycle.inputs.truth {
-        let robot = |at: &At<FieldFrame>| CylinderPrimitive {
-            pose: upright(*at, ROBOT_HEIGHT as f32 / 2.0),
-            size: vector([ROBOT_SIDE, ROBOT_SIDE, ROBOT_HEIGHT]),
-            bottom_scale: 1.0,
-            top_scale: 1.0,
-            color: color(GREY),
-        };
-        let ball = |at: At<FieldFrame>| SpherePrimitive {
-            pose: upright(at, BALL_DIAMETER as f32 / 2.0),
-            size: vector([BALL_DIAMETER; 3]),
-            color: color(ORANGE),
-        };
         entities.push(SceneEntity {
             arrows: vec![arrow(truth.pose, TRUTH)],
-            spheres: truth.ball.into_iter().map(ball).collect(),
-            cylinders: truth.robots.iter().map(robot).collect(),
+            spheres: truth
+                .ball
+                .map(|at| sphere(at, ORANGE))
+                .into_iter()
+                .collect(),
+            cylinders: truth.robots.iter().map(|at| cylinder(*at, GREY)).collect(),
             ..entity(truth.stamp, "truth", Some(SHOWN_S))
         });
     }
     SceneUpdate {
         deletions: Vec::new(),
         entities,
+    }
+}
+
+fn cylinder(at: At<FieldFrame>, shade: [f64; 4]) -> CylinderPrimitive {
+    CylinderPrimitive {
+        pose: upright(at, ROBOT_HEIGHT as f32 / 2.0),
+        size: vector([ROBOT_SIDE, ROBOT_SIDE, ROBOT_HEIGHT]),
+        bottom_scale: 1.0,
+        top_scale: 1.0,
+        color: color(shade),
+    }
+}
+
+fn sphere(at: At<FieldFrame>, shade: [f64; 4]) -> SpherePrimitive {
+    SpherePrimitive {
+        pose: upright(at, BALL_DIAMETER as f32 / 2.0),
+        size: vector([BALL_DIAMETER; 3]),
+        color: color(shade),
+    }
+}
+
+fn marker(team: Option<Team>) -> [f64; 4] {
+    match team {
+        Some(Team::Cyan) => [0.0, 0.8, 0.9, 0.6],
+        Some(Team::Magenta) => [0.9, 0.1, 0.8, 0.6],
+        None => [0.9, 0.8, 0.2, 0.6],
     }
 }
 

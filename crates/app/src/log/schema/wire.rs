@@ -8,6 +8,7 @@ use foxglove::Encode;
 use prost::bytes::Bytes;
 
 pub(crate) use super::wire_seen::{Ball, Goal, Robot, Robots, Seen, Sensors};
+pub(crate) use super::wire_world::{Mate, Object, OnField, Report, SharedBall, TeamView, World};
 
 /// A pose, metres and radians, field_from_robot.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
@@ -185,6 +186,12 @@ pub(crate) struct Cycle {
     pub(crate) localize_ms: f32,
     #[prost(message, repeated)]
     pub(crate) commands: Vec<Command>,
+    #[prost(message, repeated)]
+    pub(crate) reports: Vec<Report>,
+    #[prost(message, required)]
+    pub(crate) world: World,
+    #[prost(message, required)]
+    pub(crate) team: TeamView,
 }
 
 /// A file that a run works with, under its name in a recording folder.

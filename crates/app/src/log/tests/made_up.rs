@@ -8,8 +8,10 @@ use localize::frame::At;
 use localize::omni::Twist;
 use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
 use localize::search::Hypothesis;
+use localize::team::{self, Mate, Report, SharedBall, TeamView};
+use localize::world::{Object, OnField, Team, World};
 use localize::{Field, Pose, Stamp};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Matrix4};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use vision::ball::Ball;
@@ -92,6 +94,20 @@ impl Any {
                     theta: self.value(),
                 },
             }],
+            reports: vec![Report {
+                robot: 3,
+                stamp,
+                pose: Some(self.pose()),
+                pose_std: self.values(),
+                half_known: true,
+                ball: Some(team::Ball {
+                    at: self.at(),
+                    velocity: self.values(),
+                    covariance: self.values(),
+                    seen: stamp,
+                }),
+                obstacles: vec![self.at()],
+            }],
             truth: Some(Truth {
                 stamp,
                 pose: self.pose(),
@@ -151,6 +167,48 @@ impl Any {
         }
     }
 
+    fn world(&mut self, stamp: Stamp, number: u64) -> World {
+        let mut object = |id| Object {
+            id,
+            at: self.at(),
+            velocity: self.values(),
+            covariance: Matrix4::from_fn(|_, _| self.value()),
+            on_field: number.is_multiple_of(2).then(|| OnField {
+                at: self.at(),
+                velocity: self.values(),
+                covariance: Matrix4::from_fn(|_, _| self.value()),
+            }),
+            probability: self.value(),
+            seen: stamp,
+            team: [None, Some(Team::Cyan), Some(Team::Magenta)][number as usize % 3],
+        };
+        World {
+            ball: Some(object(7)),
+            robots: vec![object(8), object(9)],
+        }
+    }
+
+    fn team(&mut self) -> TeamView {
+        TeamView {
+            ball: Some(SharedBall {
+                at: self.at(),
+                velocity: self.values(),
+                covariance: self.values(),
+                witnesses: vec![1, 3],
+                dissenters: vec![2],
+            }),
+            mates: [None, Some(true), Some(false)]
+                .map(|agrees| Mate {
+                    robot: 3,
+                    age: self.value(),
+                    pose: Some(self.pose()),
+                    agrees,
+                })
+                .into(),
+            half_evidence: self.value(),
+        }
+    }
+
     fn estimate(&mut self, stamp: Stamp, number: u64) -> Estimate {
         let lost = number.is_multiple_of(3);
         Estimate {
@@ -192,6 +250,8 @@ pub(crate) fn cycle(number: u64) -> Cycle {
         points: seen.line_points.iter().map(|seen| seen.point).collect(),
         seen: Some(seen),
         estimate: any.estimate(stamp, number),
+        world: any.world(stamp, number),
+        team: any.team(),
         fault: None,
         timings: Timings {
             see_ms: 0.25,

@@ -2,6 +2,8 @@
 
 mod estimate;
 mod seen;
+mod team;
+mod world;
 
 use anyhow::{Context, Result, bail};
 use localize::frame::At;
@@ -12,6 +14,7 @@ use nalgebra::Matrix3;
 
 pub(crate) use estimate::{estimate_from_wire, estimate_to_wire, mode_and_reason};
 pub(crate) use seen::{ball_to_wire, robot_to_wire, seen_from_wire, seen_to_wire};
+pub(crate) use team::team_to_wire;
 
 use super::wire;
 use crate::cycle::{Cycle, Inputs, Timings};
@@ -41,6 +44,8 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         seen,
         points,
         estimate,
+        world,
+        team,
         fault,
         timings,
     } = cycle;
@@ -49,6 +54,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         compass,
         imu,
         commands,
+        reports,
         truth,
         image: _,
     } = inputs;
@@ -67,6 +73,9 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         see_ms: timings.see_ms,
         localize_ms: timings.localize_ms,
         commands: commands.iter().map(command_to_wire).collect(),
+        reports: reports.iter().map(team::report_to_wire).collect(),
+        world: world::world_to_wire(world),
+        team: team_to_wire(team),
     }
 }
 
@@ -103,12 +112,19 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
             compass: cycle.compass.into_iter().map(compass).collect(),
             imu: cycle.imu.into_iter().map(imu).collect(),
             commands: cycle.commands.into_iter().map(command).collect(),
+            reports: cycle
+                .reports
+                .iter()
+                .map(team::report_from_wire)
+                .collect::<Result<_>>()?,
             truth: cycle.truth.map(truth_from_wire).transpose()?,
             image: None,
         },
         seen: cycle.seen.map(seen_from_wire).transpose()?,
         points: points_from_wire(cycle.points)?,
         estimate: estimate_from_wire(cycle.estimate)?,
+        world: world::world_from_wire(&cycle.world)?,
+        team: team::team_from_wire(&cycle.team)?,
         fault: cycle.fault,
         timings: Timings {
             see_ms: cycle.see_ms,

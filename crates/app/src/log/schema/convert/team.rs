@@ -1,0 +1,148 @@
+//! How do the team's words become their messages and come back?
+
+use anyhow::{Context, Result, bail};
+use localize::Stamp;
+use localize::frame::At;
+use localize::team::{Ball, Mate, Report, SharedBall, TeamView};
+
+use super::super::wire;
+use super::{pose_from_wire, pose_to_wire, same_length};
+
+pub(super) fn report_to_wire(report: &Report) -> wire::Report {
+    let Report {
+        robot,
+        stamp,
+        pose,
+        pose_std,
+        half_known,
+        ball,
+        obstacles,
+    } = report;
+    let numbers = |ball: &Ball| {
+        let ([vx, vy], [xx, xy, yy]) = (ball.velocity, ball.covariance);
+        vec![ball.at.x, ball.at.y, vx, vy, xx, xy, yy]
+    };
+    wire::Report {
+        robot: *robot,
+        stamp_ns: stamp.0,
+        pose: pose.map(pose_to_wire),
+        pose_std: pose_std.to_vec(),
+        half_known: *half_known,
+        ball: ball.as_ref().map(numbers).unwrap_or_default(),
+        ball_seen_ns: ball.map_or(0, |ball| ball.seen.0),
+        obstacles_x: obstacles.iter().map(|at| at.x).collect(),
+        obstacles_y: obstacles.iter().map(|at| at.y).collect(),
+    }
+}
+
+pub(super) fn report_from_wire(report: &wire::Report) -> Result<Report> {
+    let (x, y) = (&report.obstacles_x, &report.obstacles_y);
+    same_length("obstacles", &[x.len(), y.len()])?;
+    Ok(Report {
+        robot: report.robot,
+        stamp: Stamp(report.stamp_ns),
+        pose: report.pose.as_ref().map(pose_from_wire),
+        pose_std: report.pose_std[..]
+            .try_into()
+            .context("a report has not 3 standard deviations")?,
+        half_known: report.half_known,
+        ball: match report.ball[..] {
+            [] => None,
+            [x, y, vx, vy, xx, xy, yy] => Some(Ball {
+                at: At::new(x, y),
+                velocity: [vx, vy],
+                covariance: [xx, xy, yy],
+                seen: Stamp(report.ball_seen_ns),
+            }),
+            _ => bail!("a reported ball of {} numbers", report.ball.len()),
+        },
+        obstacles: x.iter().zip(y).map(|(&x, &y)| At::new(x, y)).collect(),
+    })
+}
+
+pub(crate) fn team_to_wire(team: &TeamView) -> wire::TeamView {
+    let TeamView {
+        ball,
+        mates,
+        half_evidence,
+    } = team;
+    wire::TeamView {
+        ball: ball.as_ref().map(ball_to_wire),
+        mates: mates.iter().map(mate_to_wire).collect(),
+        half_evidence: *half_evidence,
+    }
+}
+
+pub(super) fn team_from_wire(team: &wire::TeamView) -> Result<TeamView> {
+    Ok(TeamView {
+        ball: team.ball.as_ref().map(ball_from_wire).transpose()?,
+        mates: team
+            .mates
+            .iter()
+            .map(mate_from_wire)
+            .collect::<Result<_>>()?,
+        half_evidence: team.half_evidence,
+    })
+}
+
+fn ball_to_wire(ball: &SharedBall) -> wire::SharedBall {
+    let SharedBall {
+        at,
+        velocity: [velocity_x, velocity_y],
+        covariance,
+        witnesses,
+        dissenters,
+    } = ball;
+    wire::SharedBall {
+        x: at.x,
+        y: at.y,
+        velocity_x: *velocity_x,
+        velocity_y: *velocity_y,
+        covariance: covariance.to_vec(),
+        witnesses: witnesses.clone(),
+        dissenters: dissenters.clone(),
+    }
+}
+
+fn ball_from_wire(ball: &wire::SharedBall) -> Result<SharedBall> {
+    Ok(SharedBall {
+        at: At::new(ball.x, ball.y),
+        velocity: [ball.velocity_x, ball.velocity_y],
+        covariance: ball.covariance[..]
+            .try_into()
+            .context("a shared ball's covariance has not 3 entries")?,
+        witnesses: ball.witnesses.clone(),
+        dissenters: ball.dissenters.clone(),
+    })
+}
+
+fn mate_to_wire(mate: &Mate) -> wire::Mate {
+    let Mate {
+        robot,
+        age,
+        pose,
+        agrees,
+    } = mate;
+    wire::Mate {
+        robot: *robot,
+        age: *age,
+        pose: pose.map(pose_to_wire),
+        agrees: agrees
+            .map_or("", |agrees| if agrees { "yes" } else { "no" })
+            .to_owned(),
+    }
+}
+
+fn mate_from_wire(mate: &wire::Mate) -> Result<Mate> {
+    Ok(Mate {
+        robot: mate.robot,
+        age: mate.age,
+        pose: mate.pose.as_ref().map(pose_from_wire),
+        agrees: match mate.agrees.as_str() {
+            "" => None,
+            "yes" => Some(true),
+            "no" => Some(false),
+            other => bail!("a team-mate agrees {other:?}"),
+        },
+    })
+}

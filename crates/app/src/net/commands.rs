@@ -1,0 +1,239 @@
+//! What do other programs want of the wheels? Fresh commands of one who may give them; none else.
+
+use std::collections::BTreeMap;
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, ensure};
+use prost::Message;
+use serde::{Deserialize, Serialize};
+
+use super::message::{Command, Drive, Kick, VERSION};
+use super::out::resolve;
+use super::seal::{Key, Refused, Turnstile, open};
+
+/// Commands by UDP.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CommandConfig {
+    /// Address to listen on; beyond this machine a key is asked for.
+    pub bind: String,
+    /// A phrase that the sender shares; datagrams then end with their authentication code.
+    pub key: Option<String>,
+    /// No command holds for longer, milliseconds, whatever it asks for.
+    pub valid_max_ms: f32,
+    /// Fastest drive that is taken, m/s and rad/s; more is refused.
+    pub speed_max: f32,
+    /// Fastest kick that is taken, m/s.
+    pub kick_max: f32,
+    /// A sender that was silent for so many seconds may begin anew with a lower session.
+    pub silence: f64,
+}
+
+impl Default for CommandConfig {
+    fn default() -> Self {
+        CommandConfig {
+            bind: "127.0.0.1:7071".to_owned(),
+            key: None,
+            // The watchdog of the base.
+            valid_max_ms: 100.0,
+            speed_max: 15.0,
+            kick_max: 15.0,
+            silence: 1.0,
+        }
+    }
+}
+
+/// A command that was taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Order {
+    /// How to drive; none leaves it as it is.
+    pub drive: Option<Drive>,
+    /// A kick, once.
+    pub kick: Option<Kick>,
+    /// How long it holds after its arrival.
+    pub valid: Duration,
+}
+
+/// Decides which datagrams are commands to us; a function of what it is given.
+#[derive(Debug)]
+pub struct Gate {
+    config: CommandConfig,
+    key: Option<Key>,
+    turnstile: Turnstile,
+}
+
+impl Gate {
+    /// A gate for commands under a configuration.
+    pub fn new(config: &CommandConfig) -> Result<Self> {
+        for (name, value) in [
+            ("valid_max_ms", config.valid_max_ms),
+            ("speed_max", config.speed_max),
+            ("kick_max", config.kick_max),
+            ("silence", config.silence as f32),
+        ] {
+            ensure!(
+                (0.0..=1e6).contains(&value),
+                "[commands] {name} = {value}: must be 0 to 1e6"
+            );
+        }
+        Ok(Gate {
+            config: config.clone(),
+            key: config.key.as_deref().map(Key::new).transpose()?,
+            turnstile: Turnstile::default(),
+        })
+    }
+
+    /// Takes a datagram at `now`, seconds.
+    pub fn pass(&mut self, datagram: &[u8], now: f64) -> Result<Order, Refused> {
+        let content = open(datagram, self.key.as_ref())?;
+        let command = if content.first() == Some(&b'{') {
+            serde_json::from_slice(content).map_err(|_foreign| Refused::Foreign)?
+        } else {
+            Command::decode(content).map_err(|_foreign| Refused::Foreign)?
+        };
+        if command.version != VERSION {
+            return Err(Refused::Version);
+        }
+        let config = &self.config;
+        let within = |value: f32, most: f32| value.abs() <= most;
+        let sensible = command.drive.is_none_or(|drive| {
+            [drive.x, drive.y, drive.theta]
+                .iter()
+                .all(|value| within(*value, config.speed_max))
+        }) && command
+            .kick
+            .is_none_or(|kick| kick.speed >= 0.0 && within(kick.speed, config.kick_max));
+        if !sensible || !(command.valid_ms >= 0.0) {
+            return Err(Refused::Senseless);
+        }
+        // Last, so that what is refused takes nobody's turn.
+        self.turnstile
+            .pass(command.session, command.sequence, now, config.silence)?;
+        let valid_ms = command.valid_ms.min(config.valid_max_ms);
+        Ok(Order {
+            drive: command.drive,
+            kick: command.kick,
+            valid: Duration::from_secs_f32(valid_ms / 1e3),
+        })
+    }
+}
+
+/// A thread that listens; dropping it ends it.
+pub struct Commands {
+    shared: Arc<Mutex<Inbox>>,
+    address: SocketAddr,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Inbox {
+    drive: Option<(Drive, Instant)>,
+    kick: Option<(Kick, Instant)>,
+    taken: u64,
+    refused: BTreeMap<Refused, u64>,
+    ending: bool,
+}
+
+/// The thread looks this often whether it is to end.
+const LOOK: Duration = Duration::from_millis(100);
+/// A command is far shorter; a longer datagram is cut and so refused.
+const LONGEST: usize = 2048;
+
+impl Commands {
+    /// Listens for commands.
+    pub fn listen(config: &CommandConfig) -> Result<Self> {
+        let address = resolve(&config.bind)
+            .with_context(|| format!("[commands] bind = {:?}", config.bind))?;
+        ensure!(
+            address.ip().is_loopback() || config.key.is_some(),
+            "[commands] bind = {:?} lets others than this machine drive the robot: set a key",
+            config.bind
+        );
+        let mut gate = Gate::new(config)?;
+        let socket = UdpSocket::bind(address)
+            .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;
+        socket.set_read_timeout(Some(LOOK))?;
+        let address = socket.local_addr()?;
+        let shared = Arc::new(Mutex::new(Inbox::default()));
+        let inbox = shared.clone();
+        let started = Instant::now();
+        let thread = std::thread::Builder::new()
+            .name("commands".to_owned())
+            .spawn(move || {
+                let mut datagram = [0; LONGEST];
+                while !lock(&inbox).ending {
+                    // A timeout, or an error of an earlier datagram's way back: neither ends listening.
+                    let Ok(length) = socket.recv(&mut datagram) else {
+                        continue;
+                    };
+                    let now = Instant::now();
+                    let order = gate.pass(&datagram[..length], (now - started).as_secs_f64());
+                    lock(&inbox).take(order, now);
+                }
+            })?;
+        Ok(Commands {
+            shared,
+            address,
+            thread: Some(thread),
+        })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// How to drive now and until when; none without a fresh command: then the wheels stop.
+    pub fn drive(&self) -> Option<(Drive, Instant)> {
+        let now = Instant::now();
+        lock(&self.shared).drive.filter(|(_, until)| *until > now)
+    }
+
+    /// A kick that is still wanted, and until when; each once.
+    pub fn take_kick(&self) -> Option<(Kick, Instant)> {
+        let now = Instant::now();
+        lock(&self.shared)
+            .kick
+            .take()
+            .filter(|(_, until)| *until > now)
+    }
+
+    /// Commands taken so far, and datagrams refused for each reason.
+    pub fn counts(&self) -> (u64, Vec<(Refused, u64)>) {
+        let inbox = lock(&self.shared);
+        let refused = inbox.refused.iter().map(|(why, count)| (*why, *count));
+        (inbox.taken, refused.collect())
+    }
+}
+
+impl Drop for Commands {
+    fn drop(&mut self) {
+        lock(&self.shared).ending = true;
+        if let Some(thread) = self.thread.take() {
+            // Its panic was told when it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Inbox {
+    fn take(&mut self, order: Result<Order, Refused>, now: Instant) {
+        match order {
+            Ok(order) => {
+                self.taken += 1;
+                let until = now + order.valid;
+                self.drive = order.drive.map(|drive| (drive, until)).or(self.drive);
+                self.kick = order.kick.map(|kick| (kick, until)).or(self.kick);
+            }
+            Err(why) => *self.refused.entry(why).or_default() += 1,
+        }
+    }
+}
+
+// A panic of the other side leaves what was taken, which is still true.
+fn lock(inbox: &Mutex<Inbox>) -> MutexGuard<'_, Inbox> {
+    inbox.lock().unwrap_or_else(PoisonError::into_inner)
+}

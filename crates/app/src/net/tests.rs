@@ -1,0 +1,385 @@
+//! Claims about the network: what is on the wire, and what no datagram can do.
+
+use std::collections::BTreeSet;
+use std::net::UdpSocket;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use foxglove::Encode;
+use foxglove::prost_types::FileDescriptorSet;
+use localize::Stamp;
+use localize::frame::{At, Pose};
+use localize::world::OnField;
+use nalgebra::Matrix4;
+use proptest::prelude::*;
+use prost::Message;
+
+use super::commands::Gate;
+use super::message::{Command, Drive, Echo, Health, Kick, Spot, State, TeamWord, Thing, VERSION};
+use super::seal::{CODE_BYTES, Key, Refused, seal};
+use super::team::Talk;
+use super::{CommandConfig, Commands, Link, LinkConfig, NetworkConfig, OutputConfig, Sender};
+use crate::cycle::Cycle;
+use crate::feed::Feed;
+use crate::log::tests::made_up::cycle;
+
+const PATIENCE: Duration = Duration::from_secs(20);
+const PHRASE: &str = "a shared phrase";
+
+/// A cycle of a robot that knows where it is and sees a ball.
+fn seeing(stamp: Stamp, x: f32, y: f32) -> Cycle {
+    let mut cycle = cycle(2);
+    cycle.stamp = stamp;
+    cycle.estimate.pose = Some(Pose::new(1.0, 2.0, 0.5));
+    cycle.estimate.covariance = nalgebra::Matrix3::from_diagonal_element(1e-3);
+    let ball = cycle.world.ball.as_mut().expect("a ball");
+    ball.seen = stamp;
+    ball.on_field = Some(OnField {
+        at: At::new(x, y),
+        velocity: [0.5, 0.0],
+        covariance: Matrix4::from_diagonal_element(0.01),
+    });
+    for robot in &mut cycle.world.robots {
+        robot.on_field = Some(OnField {
+            at: At::new(0.0, 1.0),
+            velocity: [0.0; 2],
+            covariance: Matrix4::from_diagonal_element(0.01),
+        });
+    }
+    cycle
+}
+
+fn link(robot: u32) -> LinkConfig {
+    LinkConfig {
+        robot,
+        key: Some(PHRASE.to_owned()),
+        ..LinkConfig::default()
+    }
+}
+
+fn talk(robot: u32) -> Talk {
+    Talk::new(&link(robot), 1).expect("a talk")
+}
+
+fn command(sequence: u64) -> Command {
+    Command {
+        version: VERSION,
+        session: 5,
+        sequence,
+        valid_ms: 80.0,
+        drive: Some(Drive {
+            x: 0.5,
+            y: -0.25,
+            theta: 1.0,
+        }),
+        kick: None,
+    }
+}
+
+#[test]
+fn the_documented_messages_are_those_on_the_wire() {
+    let document = include_str!("../../../../docs/network.proto");
+    let mut documented = BTreeSet::new();
+    let mut message = "";
+    for line in document
+        .lines()
+        .map(|line| line.split("//").next().unwrap_or("").trim())
+    {
+        if let Some(name) = line.strip_prefix("message ") {
+            message = name.trim_end_matches([' ', '{']);
+        } else if let Some((field, number)) = line.trim_end_matches(';').split_once(" = ")
+            && !line.starts_with("syntax")
+        {
+            documented.insert(format!("{message} {field} {number}"));
+        }
+    }
+    let mut ours = BTreeSet::new();
+    let mut add = |schema: Option<foxglove::Schema>| {
+        let data = schema.expect("a schema").data;
+        for file in FileDescriptorSet::decode(&data[..]).expect("decoded").file {
+            for message in file.message_type {
+                for field in &message.field {
+                    let kind = match field.type_name() {
+                        "" => format!("{:?}", field.r#type()).to_lowercase(),
+                        name => name.rsplit('.').next().unwrap_or(name).to_owned(),
+                    };
+                    let repeated = field.label()
+                        == foxglove::prost_types::field_descriptor_proto::Label::Repeated;
+                    let repeated = if repeated { "repeated " } else { "" };
+                    let (name, number) = (field.name(), field.number());
+                    ours.insert(format!(
+                        "{} {repeated}{kind} {name} {number}",
+                        message.name()
+                    ));
+                }
+            }
+        }
+    };
+    for schema in [
+        State::get_schema(),
+        super::message::Pose::get_schema(),
+        Spot::get_schema(),
+        Thing::get_schema(),
+        Health::get_schema(),
+        Command::get_schema(),
+        Drive::get_schema(),
+        Kick::get_schema(),
+        TeamWord::get_schema(),
+        Echo::get_schema(),
+    ] {
+        add(schema);
+    }
+    // The derived schema knows one kind of signed number; prost writes the one that it is told.
+    let plain = |names: BTreeSet<String>| -> BTreeSet<String> {
+        names
+            .into_iter()
+            .map(|name| name.replace(" sint64 ", " int64 "))
+            .collect()
+    };
+    assert_eq!(plain(ours), plain(documented));
+}
+
+#[test]
+fn every_cycle_is_told_in_both_formats() {
+    let feed = Feed::new();
+    let receivers: Vec<UdpSocket> = (0..2)
+        .map(|_| UdpSocket::bind("127.0.0.1:0").expect("a socket"))
+        .collect();
+    let configs = ["json", "protobuf"]
+        .iter()
+        .zip(&receivers)
+        .map(|(format, socket)| {
+            socket.set_read_timeout(Some(PATIENCE)).expect("set");
+            let to = socket.local_addr().expect("an address");
+            let text = format!("to = \"{to}\"\nformat = \"{format}\"\nrobot = 4\n");
+            toml::from_str::<OutputConfig>(&text).expect("a configuration")
+        });
+    let sender = Sender::start(&feed, &configs.collect::<Vec<_>>()).expect("a sender");
+    let told = seeing(Stamp(7), 3.0, 1.0);
+    feed.publish(&Arc::new(told.clone()));
+    let mut datagram = [0; 65_536];
+    let states = receivers.iter().enumerate().map(|(i, socket)| {
+        let length = socket.recv(&mut datagram).expect("a datagram");
+        let content = &datagram[..length];
+        if i == 0 {
+            serde_json::from_slice(content).expect("JSON")
+        } else {
+            State::decode(content).expect("protobuf")
+        }
+    });
+    for state in states.collect::<Vec<State>>() {
+        assert_eq!((state.version, state.robot, state.stamp_ns), (1, 4, 7));
+        let ball = state.ball.expect("a ball");
+        assert_eq!(ball.on_field.expect("placed").x, 3.0);
+        assert_eq!(state.robots.len(), told.world.robots.len());
+        assert_eq!(state.pose.expect("a pose").y, 2.0);
+    }
+    assert_eq!(sender.sent(), 2);
+}
+
+#[test]
+fn a_command_holds_until_its_deadline_and_a_kick_happens_once() {
+    let config = CommandConfig {
+        bind: "127.0.0.1:0".to_owned(),
+        valid_max_ms: 10_000.0,
+        ..CommandConfig::default()
+    };
+    let commands = Commands::listen(&config).expect("listening");
+    assert_eq!(commands.drive(), None);
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+    let long = Command {
+        valid_ms: 1e9,
+        kick: Some(Kick {
+            speed: 3.0,
+            lofted: true,
+        }),
+        ..command(1)
+    };
+    let json = serde_json::to_vec(&long).expect("JSON");
+    for content in [json, b"what is this?".to_vec(), long.encode_to_vec()] {
+        socket.send_to(&content, commands.address()).expect("sent");
+    }
+    let started = Instant::now();
+    while commands.counts().1.len() < 2 && started.elapsed() < PATIENCE {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let (drive, until) = commands.drive().expect("a drive");
+    assert_eq!((drive.x, drive.theta), (0.5, 1.0));
+    assert!(until <= Instant::now() + Duration::from_secs(10));
+    assert!(commands.take_kick().is_some_and(|(kick, _)| kick.lofted));
+    assert_eq!(commands.take_kick(), None);
+    assert_eq!(
+        commands.counts(),
+        (1, vec![(Refused::Foreign, 1), (Refused::Old, 1)])
+    );
+    let short = Command {
+        valid_ms: 0.0,
+        ..command(2)
+    };
+    socket
+        .send_to(&short.encode_to_vec(), commands.address())
+        .expect("sent");
+    let started = Instant::now();
+    while commands.drive().is_some() && started.elapsed() < PATIENCE {
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    assert_eq!(commands.drive(), None, "a drive that is over");
+}
+
+#[test]
+fn nobody_beyond_this_machine_drives_the_robot_without_a_key() {
+    let mut config = CommandConfig {
+        bind: "0.0.0.0:0".to_owned(),
+        ..CommandConfig::default()
+    };
+    let refusal = Commands::listen(&config).err().expect("refused");
+    assert!(refusal.to_string().contains("set a key"), "{refusal:#}");
+    config.key = Some("short".to_owned());
+    assert!(Commands::listen(&config).is_err());
+    assert!(toml::from_str::<NetworkConfig>("[comands]\n").is_err());
+    let whole = include_str!("../../../../docs/network.md");
+    let example = whole
+        .split("```toml")
+        .nth(1)
+        .and_then(|rest| rest.split("```").next());
+    let example: NetworkConfig = toml::from_str(example.expect("an example")).expect("read");
+    assert_eq!(example.commands, Some(CommandConfig::default()));
+    assert_eq!(example.team, Some(LinkConfig::default()));
+    assert_eq!(example.stream, Some(crate::stream::StreamConfig::default()));
+}
+
+#[test]
+fn words_are_heard_by_the_team_with_times_by_our_clock_and_by_nobody_else() {
+    let (mut a, mut b) = (talk(1), talk(2));
+    let ahead = Stamp::from_seconds(1e6).0;
+    let mut last = None;
+    // B's clock is 1e6 s ahead; the way takes 4 ms there and 2 ms back.
+    for k in 0..20_i64 {
+        let now = k * 100_000_000;
+        let word = a.word(&seeing(Stamp(now), 1.0, 0.0), Stamp(now));
+        b.hear(&word, Stamp(now + 4_000_000 + ahead))
+            .expect("heard by b");
+        assert_eq!(
+            b.hear(&word, Stamp(now + 5_000_000 + ahead)),
+            Err(Refused::Old)
+        );
+        assert_eq!(a.hear(&word, Stamp(now)), Err(Refused::Own));
+        let sent = now + 50_000_000;
+        let word = b.word(
+            &seeing(Stamp(sent - 10_000_000 + ahead), 3.0, 1.0),
+            Stamp(sent + ahead),
+        );
+        last = Some((
+            a.hear(&word, Stamp(sent + 2_000_000)).expect("heard by a"),
+            sent,
+        ));
+    }
+    let (report, sent) = last.expect("a report");
+    let error_ns = report.stamp.0 - (sent - 10_000_000);
+    assert!(error_ns.abs() <= 3_000_000, "{error_ns}");
+    assert_eq!(report.ball.expect("a ball").at.x, 3.0);
+    assert_eq!(report.obstacles.len(), 2);
+    assert!(report.half_known);
+    let strangers = LinkConfig {
+        key: Some("another phrase".to_owned()),
+        ..link(3)
+    };
+    let mut stranger = Talk::new(&strangers, 1).expect("a talk");
+    let word = stranger.word(&seeing(Stamp(0), 0.0, 0.0), Stamp(0));
+    assert_eq!(a.hear(&word, Stamp(0)), Err(Refused::Unsealed));
+    let mut others = Talk::new(&LinkConfig { team: 2, ..link(3) }, 1).expect("a talk");
+    let word = others.word(&seeing(Stamp(0), 0.0, 0.0), Stamp(0));
+    assert_eq!(a.hear(&word, Stamp(0)), Err(Refused::Foreign));
+}
+
+#[test]
+fn robots_hear_each_other_over_real_sockets() {
+    let started = Instant::now();
+    let clock = move || Stamp(started.elapsed().as_nanos() as i64);
+    // A port of this process's own, so that two test runs do not hear each other; a key keeps out the rest.
+    let port = 20_000 + std::process::id() % 20_000;
+    let config = |robot| LinkConfig {
+        group: format!("239.255.77.77:{port}"),
+        rate: 200.0,
+        ..link(robot)
+    };
+    let feeds = [Feed::new(), Feed::new()];
+    let join = |i: usize| Link::join(&feeds[i], &config(i as u32 + 1), 1, clock).expect("joined");
+    let links = [join(0), join(1)];
+    let mut heard = [false; 2];
+    while heard != [true; 2] && started.elapsed() < PATIENCE {
+        for i in 0..2 {
+            feeds[i].publish(&Arc::new(seeing(clock(), i as f32, 0.0)));
+            heard[i] |= links[i]
+                .reports()
+                .any(|report| report.robot == 2 - i as u32);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert_eq!(heard, [true; 2]);
+    assert!(links[0].counts().refused.get(&Refused::Own) > Some(&0));
+}
+
+proptest! {
+    #[test]
+    fn no_datagram_drives_the_robot_but_a_whole_fresh_command_under_the_key(
+        cuts in prop::collection::vec((0_usize..60, 0_usize..400, 1_u8..=255), 0..60),
+        noise in prop::collection::vec(any::<u8>(), 0..200),
+    ) {
+        let config = CommandConfig {
+            key: Some(PHRASE.to_owned()),
+            ..CommandConfig::default()
+        };
+        let mut gate = Gate::new(&config).expect("a gate");
+        let key = Key::new(PHRASE).expect("a key");
+        prop_assert!(gate.pass(&noise, 0.0).is_err());
+        let mut newest = None;
+        // Commands in any order, again, and with any one byte wrong.
+        for (sequence, place, flip) in cuts {
+            let sequence = sequence as u64;
+            let whole = seal(command(sequence).encode_to_vec(), Some(&key));
+            let mut broken = whole.clone();
+            if let Some(byte) = broken.get_mut(place) {
+                *byte ^= flip;
+                prop_assert!(gate.pass(&broken, 0.0).is_err());
+                prop_assert!(gate.pass(&whole[..place], 0.0).is_err());
+            }
+            let passed = gate.pass(&whole, 0.0);
+            let fresh = newest.is_none_or(|newest| sequence > newest);
+            prop_assert_eq!(passed.is_ok(), fresh);
+            newest = newest.max(Some(sequence));
+        }
+    }
+
+    #[test]
+    fn no_datagram_breaks_the_talk_and_each_word_counts_once(
+        words in prop::collection::vec((0_u64..30, any::<bool>()), 0..60),
+        noise in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..120), 0..20),
+    ) {
+        let open = LinkConfig { key: None, ..link(1) };
+        let mut listener = Talk::new(&open, 1).expect("a talk");
+        for datagram in &noise {
+            // Without a key a stranger may be taken at his word, but never for ourselves.
+            if let Ok(report) = listener.hear(datagram, Stamp(0)) {
+                prop_assert!(report.robot != 1);
+            }
+        }
+        let mut listener = talk(1);
+        let mut speaker = talk(2);
+        let said: Vec<_> = (0..30)
+            .map(|k| speaker.word(&seeing(Stamp(k), 1.0, 1.0), Stamp(k)))
+            .collect();
+        let mut newest = None;
+        for (k, cut) in words {
+            let word = &said[k as usize];
+            if cut {
+                let short = word.len() - 1 - k as usize % (CODE_BYTES + 4);
+                prop_assert_eq!(listener.hear(&word[..short], Stamp(100)), Err(Refused::Unsealed));
+                continue;
+            }
+            let heard = listener.hear(word, Stamp(100));
+            prop_assert_eq!(heard.is_ok(), newest.is_none_or(|newest| k > newest));
+            newest = newest.max(Some(k));
+        }
+    }
+}
