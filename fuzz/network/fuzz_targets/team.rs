@@ -1,0 +1,17 @@
+//! Any datagram to the team's talk. `cargo +nightly fuzz run --fuzz-dir fuzz/network team`
+#![no_main]
+
+use app::net::LinkConfig;
+use app::net::team::Talk;
+use localize::Stamp;
+use localize::team::{TeamConfig, TeamModel};
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    let Ok(mut talk) = Talk::new(&LinkConfig::default(), 1) else { return };
+    if let Ok(report) = talk.hear(bytes, Stamp(0)) {
+        assert!(report.robot != LinkConfig::default().robot && report.stamp <= Stamp(0));
+        assert!(talk.hear(bytes, Stamp(0)).is_err());
+        let mut team = TeamModel::new(TeamConfig::default());
+        team.hear(&report);
+    }
+});
