@@ -373,3 +373,74 @@ pub fn print(fared: &[Fared]) {
         );
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::{Log, verify};
+    use crate::setup::Setup;
+    use crate::simulation::changed_scenario;
+
+    fn scenario() -> (PathBuf, Scenario) {
+        let config =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/squad.toml");
+        let mut scenario = changed_scenario(&config, &toml::Table::new(), None)
+            .expect("a scenario")
+            .0;
+        scenario.squad.truncate(2);
+        (config, scenario)
+    }
+
+    fn played(threads: usize, seconds: f64, log: &Path) -> Vec<Fared> {
+        let (path, scenario) = scenario();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.expect("threads").install(|| {
+            let log_config = LogConfig::default();
+            let record = Some((log, &log_config));
+            let squad = Squad::new((&path, &scenario), &SpineConfig::default(), seconds, record);
+            squad.expect("a squad").play(|_| ()).expect("played")
+        })
+    }
+
+    #[test]
+    fn robots_of_one_field_see_each_other_share_the_ball_and_replay_bit_for_bit() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let log = folder.path().join("game.mcap");
+        let fared = played(2, 1.0, &log);
+        assert_eq!(fared.len(), 3);
+        for robot in &fared {
+            assert!(
+                robot.words > 10,
+                "robot {} heard {}",
+                robot.robot,
+                robot.words
+            );
+            let error = robot.summary.position_error_m.as_ref().expect("scored");
+            assert!(error.median < 0.3, "{} m", error.median);
+        }
+        let again = folder.path().join("again.mcap");
+        played(1, 1.0, &again);
+        for index in 0..3 {
+            let cycles = |log: &Path| {
+                let log = Log::open(&log_of(log, index)).expect("a log");
+                log.map(|logged| {
+                    let cycle = logged.expect("a cycle").cycle;
+                    format!("{:?} {:?} {:?}", cycle.estimate, cycle.world, cycle.team)
+                })
+                .collect::<Vec<_>>()
+            };
+            assert_eq!(cycles(&log), cycles(&again));
+        }
+        let log = Log::open(&log_of(&log, 1)).expect("a log");
+        let files = folder.path().join("files");
+        std::fs::create_dir(&files).expect("a folder");
+        log.header().write_files(&files).expect("written");
+        let setup = Setup::load(&files.join("robot.toml"), None).expect("a setup");
+        let settings = files.join(crate::cycle::SPINE_FILE);
+        let config = SpineConfig::load("default", Some(&settings)).expect("settings");
+        let mut spine = Spine::new(&setup, &config).expect("a spine");
+        let verdict = verify(log, |sample| spine.take(sample)).expect("verified");
+        assert_eq!((verdict.different, verdict.first), (0, None));
+        assert!(verdict.cycles >= 29 && verdict.seen == verdict.cycles);
+    }
+}

@@ -10,13 +10,19 @@ pub mod team;
 #[cfg(test)]
 mod tests;
 
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use localize::{Field, Stamp};
 use serde::{Deserialize, Serialize};
 
 pub use commands::{CommandConfig, Commands, Order};
 pub use out::{OutputConfig, Sender};
 pub use team::{Link, LinkConfig};
 
-use crate::stream::StreamConfig;
+use crate::feed::Feed;
+use crate::log::Header;
+use crate::stream::{self, StreamConfig};
 
 /// Everything that goes over the network; all of it is off unless configured.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -30,4 +36,48 @@ pub struct NetworkConfig {
     pub team: Option<LinkConfig>,
     /// The live stream for viewers.
     pub stream: Option<StreamConfig>,
+}
+
+/// What of it is running; dropping it ends it.
+pub struct Network {
+    /// Commands of other programs.
+    pub commands: Option<Commands>,
+    /// Words of team-mates: its reports are samples for the spine.
+    pub team: Option<Link>,
+    /// The live stream.
+    pub stream: Option<stream::Server>,
+    /// Who tells other programs.
+    pub sender: Option<Sender>,
+}
+
+impl NetworkConfig {
+    /// Reads a file of these sections.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        toml::from_str(&text).with_context(|| path.display().to_string())
+    }
+
+    /// Starts what is configured, on the cycles of `feed`.
+    ///
+    /// `header` and `field`: what viewers get first. `clock`: the time that stamps samples, now. `session`: larger for
+    /// each start, nanoseconds since 1970 will do.
+    pub fn start(
+        &self,
+        feed: &Feed,
+        (header, field): (&Header, &Field),
+        session: u64,
+        clock: impl Fn() -> Stamp + Clone + Send + 'static,
+    ) -> Result<Network> {
+        let stream = |config| stream::Server::start(feed, header, field, config);
+        let team = |config| Link::join(feed, config, session, clock);
+        Ok(Network {
+            commands: self.commands.as_ref().map(Commands::listen).transpose()?,
+            team: self.team.as_ref().map(team).transpose()?,
+            stream: self.stream.as_ref().map(stream).transpose()?,
+            sender: (!self.outputs.is_empty())
+                .then(|| Sender::start(feed, &self.outputs))
+                .transpose()?,
+        })
+    }
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct WorldConfig {
     /// The ball.
     pub ball: ObjectConfig,
-    /// Robots of both teams, and the legs of people.
+    /// Robots of both teams, and the legs of people; unless set wander is 1.5, deceleration 0, speed_std 1.5 and apart_min 0.35.
     pub robots: ObjectConfig,
     /// A gap between frames, seconds, after which everything is forgotten.
     pub gap_max: f32,
@@ -61,7 +61,7 @@ pub struct ObjectConfig {
 impl Default for WorldConfig {
     fn default() -> Self {
         WorldConfig {
-            ball: ObjectConfig::ball(),
+            ball: ObjectConfig::default(),
             robots: ObjectConfig::robots(),
             gap_max: 1.0,
             speed_max: 4.0,
@@ -78,7 +78,20 @@ impl Default for WorldConfig {
 }
 
 impl ObjectConfig {
-    fn ball() -> Self {
+    fn robots() -> Self {
+        ObjectConfig {
+            // They brake and turn within a second.
+            wander: 1.5,
+            deceleration: 0.0,
+            speed_std: 1.5,
+            apart_min: 0.35,
+            ..ObjectConfig::default()
+        }
+    }
+}
+
+impl Default for ObjectConfig {
+    fn default() -> Self {
         ObjectConfig {
             wander: 1.0,
             // Rolling on carpet.
@@ -97,25 +110,6 @@ impl ObjectConfig {
             // Two balls do not lie in one; a false one beside the true one shall not outlive it.
             apart_min: 0.2,
         }
-    }
-
-    fn robots() -> Self {
-        ObjectConfig {
-            // They brake and turn within a second.
-            wander: 1.5,
-            deceleration: 0.0,
-            speed_std: 1.5,
-            reach: 5.0,
-            unseen_max: 2.0,
-            apart_min: 0.35,
-            ..ObjectConfig::ball()
-        }
-    }
-}
-
-impl Default for ObjectConfig {
-    fn default() -> Self {
-        ObjectConfig::ball()
     }
 }
 
