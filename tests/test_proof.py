@@ -25,7 +25,7 @@ title = "Drives"
 scenario = "{root}/config/scenarios/tracks_18x12.toml"
 presets = ["default"]
 [[parts.run.drives.variants]]
-name = "open"
+name = "open, lit"
 set = {{ duration = 0.7 }}
 [[parts.run.drives.variants]]
 name = "covered"
@@ -33,7 +33,7 @@ name = "covered"
 duration = 0.7
 occlusions = [{{ start = 0.0, stop = 9.0, direction_deg = 0.0, width_deg = 360.0 }}]
 [[parts.paper]]
-variant = "open"
+variant = "open, lit"
 figure = "mean |x|, cm"
 value = 5.907
 place = "table 1"
@@ -69,7 +69,7 @@ name = "landscape"
 title = "Landscape"
 [parts.run.landscape]
 field = "{root}/config/fields/msl_18x12.toml"
-pose = [-3.2, 1.7, 30.0]
+pose = [-3.24, 1.73, 30.0]
 step = 0.2
 reach = 0.25
 """
@@ -93,7 +93,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 def test_every_kind_of_part_ends_in_tables_and_one_page(result: dict[str, Any]) -> None:
     figures = {(part["name"], one["variant"], one["method"], one["name"]): one
                for part in result["parts"] for one in part["figures"]}  # fmt: skip
-    open_x = figures["drives", "open", "default", "mean |x|, cm"]
+    open_x = figures["drives", "open, lit", "default", "mean |x|, cm"]
     assert open_x["value"] < 2.0 and open_x["paper"] == {"value": 5.907, "until": None, "place": "table 1"}
     assert open_x["interval"]["low"] <= open_x["value"] <= open_x["interval"]["high"]
     # A covered camera from the start: nothing to go by, and no number that pretends.

@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import subprocess
 from pathlib import Path
 
@@ -92,3 +93,11 @@ def test_values_become_toml() -> None:
     assert as_toml([{"a": 1, "b": True}, "x", 2.5]) == '[{ "a" = 1, "b" = true }, "x", 2.5]'
     with pytest.raises(ValueError, match="no form"):
         as_toml(None)
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="mirrorball is not built")
+def test_the_example_sweeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
+    monkeypatch.setattr("sys.argv", ["sweep_speeds.py", str(tmp_path), "1", "0.3"])
+    cells = runpy.run_path(str(ROOT / "py/examples/sweep_speeds.py"))
+    assert cells["found"]["path.speed"].tolist() == [1.0, 3.0]

@@ -147,22 +147,21 @@ def drives(columns: Columns) -> list[Figure]:
     """Nubot2013 figures 8 and 9: true tracks black, estimates red; then each error over time, of the first seed."""
     seed = columns["seed"].min() if columns["seed"].size else 0
     variants, methods = unique(columns["variant"]), unique(columns["method"])
-    width = min(len(variants), 4)
     cells = [(method, variant) for method in methods for variant in variants]
-    # Four in a row: more variants go on below.
-    lines = [(method, variants[at : at + width]) for method in methods for at in range(0, len(variants), width)]
-    paths, axes = _grid(len(lines), width, height=2.5)
+    # A row for each method, at most four plots wide; one variant alone has its methods side by side.
+    width = max(1, min(len(variants) if len(variants) > 1 else len(methods), 4))
+    paths, axes = _grid(max(1, -(-len(cells) // width)), width, height=2.5 if width > 2 else 4.0)
+    places = [ax for line in axes for ax in line]
     over_time, (ax_time,) = _grid(1, 1, height=3.4)
-    for line, (method, some) in zip(axes, lines, strict=True):
-        for ax in line[len(some) :]:
-            ax.set_visible(False)
-        for ax, variant in zip(line, some, strict=False):
-            mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["seed"] == seed)
-            ax.plot(*_broken(columns["true_x_m"][mine], columns["true_y_m"][mine]), color=TRUTH, linewidth=1.8)
-            ax.plot(*_broken(columns["x_m"][mine], columns["y_m"][mine]), color=ESTIMATE, linewidth=0.8)
-            ax.set_aspect("equal", adjustable="datalim")
-            ax.set_title(f"{method}: {variant}", fontsize=8)
-            ax.tick_params(labelsize=7)
+    for ax in places[len(cells) :]:
+        ax.set_visible(False)
+    for ax, (method, variant) in zip(places, cells, strict=False):
+        mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["seed"] == seed)
+        ax.plot(*_broken(columns["true_x_m"][mine], columns["true_y_m"][mine]), color=TRUTH, linewidth=1.8)
+        ax.plot(*_broken(columns["x_m"][mine], columns["y_m"][mine]), color=ESTIMATE, linewidth=0.8)
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.set_title(f"{method}: {variant}", fontsize=8)
+        ax.tick_params(labelsize=7)
     for index, (method, variant) in enumerate(cells):
         mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["seed"] == seed)
         off = np.hypot(columns["x_m"][mine] - columns["true_x_m"][mine], columns["y_m"][mine] - columns["true_y_m"][mine])

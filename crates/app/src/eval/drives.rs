@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::experiment::{Drives, Variant};
 use super::figure::Figure;
-use super::output::Rows;
+use super::output::{Rows, quoted};
 use crate::cycle::{Cycle, Spine, SpineConfig, overlaid};
 use crate::outputs::mode_name;
 use crate::simulation::Simulation;
@@ -209,7 +209,7 @@ fn write_row(rows: &mut Rows, variant: &str, preset: &str, seed: u64, row: &Row)
         |[x, y, t]| format!("{x:.5},{y:.5},{t:.6}"),
     );
     let [sx, sy, st] = row.std;
-    let mode = mode_name(row.mode);
+    let (variant, mode) = (quoted(variant), mode_name(row.mode));
     rows.row(format_args!(
         "{variant},{preset},{seed},{:.4},{tx:.5},{ty:.5},{tt:.6},{pose},{sx:.5},{sy:.5},{st:.6},{mode},{}",
         row.stamp_s, row.points

@@ -40,6 +40,11 @@ impl Rows {
     }
 }
 
+/// A text as one field of a CSV, whatever is in it.
+pub fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('"', "\"\""))
+}
+
 /// What the page is made of.
 #[derive(Debug, Serialize)]
 pub struct Results {
@@ -86,7 +91,6 @@ impl Results {
             &folder.join("figures.csv"),
             "part,variant,method,figure,value,low,high,interval,paper,paper_until,paper_place",
         )?;
-        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
         let number =
             |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.6}"));
         for part in &self.parts {
@@ -96,7 +100,7 @@ impl Results {
                     "{},{},{},{},{},{},{},{},{},{},{}",
                     part.name,
                     quoted(&figure.variant),
-                    figure.method,
+                    quoted(&figure.method),
                     quoted(figure.name),
                     number(figure.value),
                     number(interval.map(|interval| interval.low)),

@@ -20,7 +20,7 @@ use vision::image::Image;
 
 use super::experiment::Times;
 use super::figure::Figure;
-use super::output::Rows;
+use super::output::{Rows, quoted};
 use crate::cycle::SpineConfig;
 use crate::home;
 use crate::setup::Setup;
@@ -79,10 +79,7 @@ pub fn run(times: &Times, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Resu
         let measured =
             measure(stage, &field, &frames).with_context(|| format!("stage {}", stage.name()))?;
         for (cycle, time) in measured.iter().enumerate() {
-            rows.row(format_args!(
-                "{},{cycle},{time:.5}",
-                stage.name().replace(',', "")
-            ))?;
+            rows.row(format_args!("{},{cycle},{time:.5}", quoted(stage.name())))?;
         }
         figures.push(Figure::median("", stage.name(), "time, ms", measured));
         bar.inc(1);
