@@ -147,9 +147,7 @@ impl Figure {
 
     /// One line of the table on the terminal.
     pub fn line(&self) -> String {
-        let value = self
-            .value
-            .map_or_else(|| "–".to_owned(), |value| short(value));
+        let value = self.value.map_or_else(|| "–".to_owned(), short);
         let interval = self.interval.map_or_else(String::new, |interval| {
             format!("[{}, {}]", short(interval.low), short(interval.high))
         });
