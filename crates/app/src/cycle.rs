@@ -1,7 +1,6 @@
 //! The spine: a sample comes in, vision looks, localize says where. One cycle a frame, live, simulated or replayed.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
@@ -20,10 +19,9 @@ use vision::VisionError;
 use vision::config::VisionConfig;
 use vision::eyes::{Eyes, Seen};
 use vision::goals::GoalKind;
-use vision::image::Image;
 
 use crate::home;
-use crate::sample::{Content, Frame, Sample, Truth};
+use crate::sample::{Content, Frame, Picture, Sample, Truth};
 use crate::setup::Setup;
 
 /// One turn of the spine: what came in, what each stage found, what it refused and why, how long it took.
@@ -65,7 +63,7 @@ pub struct Inputs {
     /// The latest truth; no stage sees it.
     pub truth: Option<Truth>,
     /// The image, if there is one.
-    pub image: Option<Arc<Image>>,
+    pub image: Option<Picture>,
 }
 
 impl Inputs {
@@ -332,7 +330,7 @@ impl Spine {
         }
     }
 
-    fn look(&mut self, stamp: Stamp, image: &Image) -> Result<Seen, String> {
+    fn look(&mut self, stamp: Stamp, image: &Picture) -> Result<Seen, String> {
         let Some(eyes) = &mut self.eyes else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
@@ -343,7 +341,7 @@ impl Spine {
         {
             eyes.forget_light();
         }
-        eyes.see(&image.frame()).map_err(|error| error.to_string())
+        eyes.see(&image.pixels()).map_err(|error| error.to_string())
     }
 }
 

@@ -1,7 +1,6 @@
 //! What does a recording folder hold? Its CSV files and images as stamped samples in the order of time.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use localize::frame::At;
@@ -142,7 +141,7 @@ impl Iterator for Recording {
                 goals: Vec::new(),
             },
             Kind::Image(path) => match Image::load(&path) {
-                Ok(image) => Content::Image(Arc::new(image)),
+                Ok(image) => Content::Image(image.into()),
                 Err(error) => Content::Unreadable(error.to_string()),
             },
         };

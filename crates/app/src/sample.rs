@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
+use hw::camera::{CameraFrame, Encoding};
 use localize::Pose;
 use localize::Stamp;
 use localize::frame::{At, FieldFrame};
 use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
 use localize::team::Report;
 use vision::eyes::Seen;
-use vision::image::Image;
+use vision::image::{Frame as Pixels, Image, PixelFormat};
 
 /// Where things truly were.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,7 +56,7 @@ pub struct Frame {
 #[derive(Debug, Clone)]
 pub enum Content {
     /// An image for our own vision.
-    Image(Arc<Image>),
+    Image(Picture),
     /// What another vision (or an earlier run) found.
     Found {
         /// Line points.
@@ -67,4 +68,81 @@ pub enum Content {
     Seen(Box<Seen>),
     /// A frame that could not be read; the cycle runs on without sight.
     Unreadable(String),
+}
+
+/// An image as its source has it.
+#[derive(Debug, Clone)]
+pub enum Picture {
+    /// Red, green, blue: from a file, a log or the simulator.
+    Rgb(Arc<Image>),
+    /// A camera's own bytes; never JPEG, which is decoded before.
+    Camera(CameraFrame),
+}
+
+impl Picture {
+    /// Its pixels, for vision.
+    pub fn pixels(&self) -> Pixels<'_> {
+        match self {
+            Picture::Rgb(image) => image.frame(),
+            Picture::Camera(frame) => Pixels {
+                width_px: frame.width_px,
+                height_px: frame.height_px,
+                format: pixel_format(frame.encoding),
+                stride: frame.stride,
+                data: &frame.data,
+            },
+        }
+    }
+
+    /// Red, green, blue, as vision takes the camera's bytes; none of a torn frame.
+    pub fn rgb(&self) -> Option<Arc<Image>> {
+        let frame = match self {
+            Picture::Rgb(image) => return Some(Arc::clone(image)),
+            Picture::Camera(_) => self.pixels(),
+        };
+        let (width_px, height_px) = (frame.width_px, frame.height_px);
+        frame.check(width_px, height_px).ok()?;
+        let mut rgb = Vec::with_capacity(3 * width_px * height_px);
+        if frame.format == PixelFormat::Rgb8 {
+            for row in frame.data.chunks(frame.stride).take(height_px) {
+                rgb.extend_from_slice(&row[..3 * width_px]);
+            }
+        } else {
+            for row in 0..height_px {
+                rgb.extend((0..width_px).flat_map(|column| frame.rgb(column, row)));
+            }
+        }
+        Some(Arc::new(Image {
+            width_px,
+            height_px,
+            rgb,
+        }))
+    }
+
+    /// True if red, green and blue hold all that vision sees: brightness and chroma round on their way there.
+    pub fn is_exact_in_rgb(&self) -> bool {
+        !self.pixels().format.is_yuv()
+    }
+}
+
+impl From<Image> for Picture {
+    fn from(image: Image) -> Self {
+        Picture::Rgb(Arc::new(image))
+    }
+}
+
+/// The camera's encoding in vision's words.
+fn pixel_format(encoding: Encoding) -> PixelFormat {
+    match encoding {
+        Encoding::Yuyv => PixelFormat::Yuyv,
+        Encoding::Uyvy => PixelFormat::Uyvy,
+        Encoding::Nv12 => PixelFormat::Nv12,
+        Encoding::Bgr8 => PixelFormat::Bgr8,
+        Encoding::Grey8 => PixelFormat::Grey8,
+        Encoding::BayerRggb => PixelFormat::BayerRggb,
+        Encoding::BayerGrbg => PixelFormat::BayerGrbg,
+        Encoding::BayerGbrg => PixelFormat::BayerGbrg,
+        Encoding::BayerBggr => PixelFormat::BayerBggr,
+        Encoding::Rgb8 | Encoding::Mjpeg => PixelFormat::Rgb8,
+    }
 }

@@ -1,7 +1,6 @@
 //! A simulated robot as a source: the simulator's samples in the spine's words.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread::JoinHandle;
 
@@ -158,7 +157,7 @@ pub(crate) fn translated(sample: Simulated) -> Sample {
             };
             Sample::Frame(Frame {
                 stamp: image.stamp,
-                content: Content::Image(Arc::new(picture)),
+                content: Content::Image(picture.into()),
             })
         }
     }

@@ -217,10 +217,28 @@ impl HardwareConfig {
                 return Err(ConfigError::Parse { path, source });
             }
         };
+        let config = config.relative_to(path.parent().unwrap_or(Path::new("")));
         match config.check() {
             Ok(()) => Ok(config),
             Err(source) => Err(ConfigError::Value { path, source }),
         }
+    }
+
+    /// Ports that begin with a dot lie relative to the file, as the virtual robot's do.
+    fn relative_to(mut self, folder: &Path) -> Self {
+        let base = self.base.iter_mut().map(|base| &mut base.port);
+        let inertial = self.inertial.iter_mut().map(|one| &mut one.port);
+        let camera = self.camera.iter_mut().map(|camera| &mut camera.device);
+        for port in base.chain(inertial).chain(camera) {
+            let (kind, path) = match port.strip_prefix("unix:") {
+                Some(path) => ("unix:", path),
+                None => ("", port.as_str()),
+            };
+            if path.starts_with('.') {
+                *port = format!("{kind}{}", folder.join(path).display());
+            }
+        }
+        self
     }
 
     /// Refuses the first value that cannot work.

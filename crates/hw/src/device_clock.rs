@@ -2,55 +2,87 @@
 
 use localize::Stamp;
 
-/// How fast a device's clock may run away from ours: 100 ppm is a poor crystal's.
-const DRIFT: f64 = 1e-4;
+/// How long the least delayed message sets the clock, seconds, and as long again: within a second a clock that was set back
+/// is believed anew, and in half of one some message of any device comes without delay.
+const WINDOW: f64 = 0.4;
 /// A step of a device's clock against ours that means it was restarted, seconds.
 const RESTART: f64 = 1.0;
+/// Smallest step that is told, seconds: less may be a line that was busy.
+const STEP_TOLD: f64 = 0.05;
 
 /// A device's clock, set by the message that was least delayed on its way.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct DeviceClock {
     last: Option<LastSeen>,
+    stepped: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct LastSeen {
     time_us: u32,
     arrival: Stamp,
-    /// The device's time since the first message, and our time at its zero; nanoseconds.
+    /// The device's time since the first message, nanoseconds.
     board_ns: i64,
-    zero_ns: i64,
+    window_began: Stamp,
+    /// Least of our time at the device's zero, nanoseconds: in this window, and in the one before.
+    least_ns: i64,
+    before_ns: i64,
+}
+
+impl LastSeen {
+    fn first(time_us: u32, arrival: Stamp) -> Self {
+        LastSeen {
+            time_us,
+            arrival,
+            board_ns: 0,
+            window_began: arrival,
+            least_ns: arrival.0,
+            before_ns: arrival.0,
+        }
+    }
+
+    fn zero_ns(&self) -> i64 {
+        self.least_ns.min(self.before_ns)
+    }
 }
 
 impl DeviceClock {
     /// Our time at the device's `time_us` (wrapping); never later than the arrival.
     pub(crate) fn stamp(&mut self, time_us: u32, arrival: Stamp) -> Stamp {
-        let fresh = LastSeen {
-            time_us,
-            arrival,
-            board_ns: 0,
-            zero_ns: arrival.0,
-        };
         let Some(last) = self.last else {
-            self.last = Some(fresh);
+            self.last = Some(LastSeen::first(time_us, arrival));
             return arrival;
         };
         let step_ns = i64::from(time_us.wrapping_sub(last.time_us) as i32) * 1000;
-        let elapsed = arrival - last.arrival;
-        if (step_ns as f64 * 1e-9 - elapsed).abs() > RESTART {
-            self.last = Some(fresh);
+        let astray = step_ns as f64 * 1e-9 - (arrival - last.arrival);
+        if astray.abs() > RESTART {
+            self.last = Some(LastSeen::first(time_us, arrival));
+            self.stepped = Some(astray);
             return arrival;
         }
-        let board_ns = last.board_ns + step_ns;
-        let drifted = last.zero_ns + (elapsed * DRIFT * 1e9) as i64;
-        let zero_ns = drifted.min(arrival.0 - board_ns);
-        self.last = Some(LastSeen {
+        let mut next = LastSeen {
             time_us,
             arrival,
-            board_ns,
-            zero_ns,
-        });
-        Stamp(board_ns + zero_ns)
+            board_ns: last.board_ns + step_ns,
+            ..last
+        };
+        if arrival - next.window_began > WINDOW {
+            next.window_began = arrival;
+            next.before_ns = last.least_ns;
+            next.least_ns = i64::MAX;
+        }
+        next.least_ns = next.least_ns.min(arrival.0 - next.board_ns);
+        let moved = (last.zero_ns() - next.zero_ns()) as f64 * 1e-9;
+        if moved.abs() > STEP_TOLD {
+            self.stepped = Some(moved);
+        }
+        self.last = Some(next);
+        Stamp(next.board_ns + next.zero_ns())
+    }
+
+    /// By how much the device's clock stepped against ours, seconds, if it did since this was last asked.
+    pub(crate) fn take_step(&mut self) -> Option<f64> {
+        self.stepped.take()
     }
 }
 
@@ -69,11 +101,33 @@ mod tests {
             let stamp = clock.stamp(time_us, Stamp(made + delay));
             assert!((stamp.0 - made - 1_000_000).abs() < 20_000, "{index}");
         }
+        assert_eq!(clock.take_step(), None);
         let later = Stamp(4_000_000_000);
         assert_eq!(
             clock.stamp(12, later),
             later,
             "a restarted board begins anew"
         );
+        assert!(clock.take_step().is_some());
+    }
+
+    #[test]
+    fn a_clock_that_was_set_is_told_and_believed_again_within_a_second() {
+        for step_us in [500_000i64, -500_000] {
+            let mut clock = DeviceClock::default();
+            let mut wrong_until = 0;
+            let mut told = 0.0;
+            for index in 0..400i64 {
+                let made = Stamp(index * 10_000_000);
+                let shift = if index < 100 { 0 } else { step_us };
+                let stamp = clock.stamp((2_000_000 + index * 10_000 + shift) as u32, made);
+                if (stamp - made).abs() > 1e-3 {
+                    wrong_until = index;
+                }
+                told += clock.take_step().unwrap_or(0.0);
+            }
+            assert!(wrong_until < 190, "{step_us}: {wrong_until}");
+            assert!((told - step_us as f64 * 1e-6).abs() < 0.02, "{told}");
+        }
     }
 }

@@ -22,6 +22,10 @@ pub enum State {
     Garbage,
     /// It repeats itself to the last bit, which no sensor does.
     Stuck,
+    /// Its readings stand at the end of their range, which is where broken sensors put them.
+    Range,
+    /// It delivers, and its clock cannot be right.
+    Clock,
 }
 
 /// State and counts of one device since its thread began.
@@ -155,6 +159,17 @@ impl Monitor {
         let mut shared = self.lock();
         shared.decoder.1 += 1;
         shared.health.damaged += 1;
+    }
+
+    /// Something that is over already, told once; the state stays as it is.
+    pub(crate) fn notice(&self, reason: String) {
+        let mut shared = self.lock();
+        shared.health.faults += 1;
+        let told = Health {
+            reason: Some(reason),
+            ..shared.health.clone()
+        };
+        self.inbox.put(Event::Health(told));
     }
 
     /// The state is this; if it was another, that is news for the inbox.

@@ -83,6 +83,9 @@ fn serve(
             if stuck {
                 let reason = "its readings do not change by a single bit".to_owned();
                 monitor.state(State::Stuck, Some(reason));
+            } else if reader.is_out_of_range() {
+                let reason = "its readings stand at the end of their range".to_owned();
+                monitor.state(State::Range, Some(reason));
             } else if monitor.health(arrival).last == Some(arrival) {
                 monitor.state(State::Running, None);
             }
@@ -103,6 +106,7 @@ pub struct Reader {
     north: f32,
     changed: Option<Stamp>,
     last_raw: [i16; 6],
+    out_of_range: bool,
 }
 
 #[derive(Debug)]
@@ -126,6 +130,7 @@ impl Reader {
             north: device.north_deg.to_radians(),
             changed: None,
             last_raw: [0; 6],
+            out_of_range: false,
         }
     }
 
@@ -138,7 +143,8 @@ impl Reader {
         }
         while let Some(reading) = self.next_reading() {
             self.notice(reading.raw, arrival);
-            if let Some((acceleration, rate)) = reading.inertia.filter(|_| self.imu) {
+            let usable = self.imu && !self.out_of_range;
+            if let Some((acceleration, rate)) = reading.inertia.filter(|_| usable) {
                 readings.push(Event::Imu(Imu {
                     stamp: arrival,
                     acceleration: self.in_robot(acceleration),
@@ -168,6 +174,11 @@ impl Reader {
         self.changed.map_or(0.0, |changed| (now - changed) as f32)
     }
 
+    /// True while an inertial value is the least or greatest that the wire can carry: no measurement.
+    pub fn is_out_of_range(&self) -> bool {
+        self.out_of_range
+    }
+
     fn next_reading(&mut self) -> Option<Reading> {
         match &mut self.decoder {
             Decoder::Bno085(stream, before) => {
@@ -189,6 +200,9 @@ impl Reader {
         {
             self.changed = Some(arrival);
             self.last_raw = raw;
+        }
+        if let Some(raw) = raw {
+            self.out_of_range = raw.contains(&i16::MIN) || raw.contains(&i16::MAX);
         }
     }
 

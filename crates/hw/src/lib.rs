@@ -18,7 +18,7 @@ mod serial;
 pub mod wire;
 mod worker;
 
-pub use base::Base;
+pub use base::{Base, Helm};
 pub use camera::Camera;
 pub use can_socket::CanSocket;
 pub use clock::now;

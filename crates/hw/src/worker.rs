@@ -107,6 +107,10 @@ impl Worker {
         })
     }
 
+    pub(crate) fn bell(&self) -> Arc<Bell> {
+        Arc::clone(&self.bell)
+    }
+
     pub(crate) fn ring(&self) {
         self.bell.ring();
     }

@@ -114,7 +114,9 @@ fn a_board_that_appears_late_is_driven_and_its_counters_become_odometry() {
         ..Twist::default()
     };
     let command = until("a wheel command", || {
-        base.drive(Drive::Twist(turn), soon()).expect("driven");
+        base.helm()
+            .drive(Drive::Twist(turn), soon())
+            .expect("driven");
         board
             .wheels()
             .into_iter()
@@ -164,7 +166,8 @@ fn without_fresh_commands_the_wheels_stop_and_stay_stopped() {
         ..Twist::default()
     };
     let began = hw::now();
-    base.drive(Drive::Twist(forward), began + 10.0)
+    base.helm()
+        .drive(Drive::Twist(forward), began + 10.0)
         .expect("driven");
     let mut commands = Vec::new();
     until("many zeros after the speeds", || {
@@ -208,7 +211,9 @@ fn an_unplugged_board_comes_back_standing_still() {
     for round in 0..3 {
         until("a running base that drives", || {
             board.say_counts(round);
-            base.drive(Drive::Wheels([9.0; 4]), soon()).expect("driven");
+            base.helm()
+                .drive(Drive::Wheels([9.0; 4]), soon())
+                .expect("driven");
             let moves = board
                 .wheels()
                 .iter()
@@ -278,14 +283,17 @@ fn commands_that_are_no_numbers_stop_the_wheels_and_a_kick_happens_once() {
     .expect("a base");
     let mut board = Board::new(socket);
     until("speed", || {
-        base.drive(Drive::Wheels([2.0, 2.0, 2.0, 0.0]), soon())
+        base.helm()
+            .drive(Drive::Wheels([2.0, 2.0, 2.0, 0.0]), soon())
             .expect("driven");
         board
             .wheels()
             .into_iter()
             .find(|command| command.speed_crad[0] == 200)
     });
-    let refused = base.drive(Drive::Wheels([1.0, f32::NAN, 0.0, 0.0]), soon());
+    let refused = base
+        .helm()
+        .drive(Drive::Wheels([1.0, f32::NAN, 0.0, 0.0]), soon());
     assert!(matches!(refused, Err(HwError::Unfit { .. })));
     until("a stop", || {
         board
@@ -297,7 +305,7 @@ fn commands_that_are_no_numbers_stop_the_wheels_and_a_kick_happens_once() {
         speed: 7.5,
         lofted: true,
     };
-    base.kick(kick, soon()).expect("kicked");
+    base.helm().kick(kick, soon()).expect("kicked");
     let mut kicks = Vec::new();
     let mut after = 0;
     until("a kick and what follows", || {
@@ -324,7 +332,11 @@ fn halt_and_drop_leave_the_wheels_told_to_stop() {
     )
     .expect("a base");
     let mut board = Board::new(socket);
-    let drive = || base.drive(Drive::Wheels([2.0; 4]), soon()).expect("driven");
+    let drive = || {
+        base.helm()
+            .drive(Drive::Wheels([2.0; 4]), soon())
+            .expect("driven")
+    };
     until("speed", || {
         drive();
         board
@@ -333,7 +345,7 @@ fn halt_and_drop_leave_the_wheels_told_to_stop() {
             .find(|command| command.speed_crad[0] == 200)
     });
     drive();
-    assert!(base.halt(Duration::from_secs(5)));
+    assert!(base.helm().halt(Duration::from_secs(5)));
     until("a stop", || {
         board
             .wheels()
@@ -352,7 +364,10 @@ fn halt_and_drop_leave_the_wheels_told_to_stop() {
         &inbox,
     )
     .expect("a base");
-    assert!(!base.halt(Duration::from_millis(20)), "nobody was told");
+    assert!(
+        !base.helm().halt(Duration::from_millis(20)),
+        "nobody was told"
+    );
 }
 
 /// What a wheel is told: a speed or a current.
@@ -371,7 +386,7 @@ fn drive_vescs(
     let inbox = Inbox::new(1024);
     let base =
         Base::start(&device(bus, socket.name()), &BaseConfig::default(), &inbox).expect("a base");
-    let refused = base.kick(
+    let refused = base.helm().kick(
         Kick {
             speed: 1.0,
             lofted: false,
@@ -385,7 +400,9 @@ fn drive_vescs(
     };
     let (mut log, mut ticks) = (Vec::new(), 0u32);
     let odometry = until("odometry", || {
-        base.drive(Drive::Twist(turn), soon()).expect("driven");
+        base.helm()
+            .drive(Drive::Twist(turn), soon())
+            .expect("driven");
         ticks = ticks.wrapping_add(3);
         log.extend(answer(socket, &socket.received(), ticks));
         let event = inbox.take(Duration::from_millis(1));

@@ -8,6 +8,7 @@ use super::picture::{Encoded, ImageMode};
 use super::schema::{Level, Topics, annotate, convert, scene, wire};
 use crate::cycle::Cycle;
 use crate::feed::Dropped;
+use crate::sample::Picture;
 
 /// Turns cycles into messages, and remembers what it said last.
 pub(crate) struct Messages {
@@ -45,7 +46,7 @@ impl Messages {
         self.inputs(cycle);
         let image = match &cycle.inputs.image {
             Some(image) if self.topics.image_is_wanted() => {
-                Encoded::new(image, self.images, self.jpeg_quality)?
+                self.packed(image)?
             }
             _ => None,
         };
@@ -64,6 +65,19 @@ impl Messages {
             .cycle
             .log_at(&convert::cycle_to_wire(index, cycle, image_name), stamp);
         Ok(has_image)
+    }
+
+    /// The image as viewers get it; one that PNG would not keep exactly is not called exact, and becomes JPEG.
+    fn packed(&self, picture: &Picture) -> Result<Option<Encoded>> {
+        let mode = match self.images {
+            ImageMode::None => return Ok(None),
+            ImageMode::Png if !picture.is_exact_in_rgb() => ImageMode::Jpeg,
+            mode => mode,
+        };
+        match picture.rgb() {
+            Some(image) => Encoded::new(&image, mode, self.jpeg_quality),
+            None => Ok(None),
+        }
     }
 
     fn inputs(&self, cycle: &Cycle) {

@@ -110,6 +110,11 @@ impl Link {
         })
     }
 
+    /// By how much the board's clock stepped since this was last asked, seconds.
+    pub(super) fn take_clock_step(&mut self) -> Option<f64> {
+        self.clock.take_step()
+    }
+
     /// What can be waited for.
     pub(super) fn fd(&self) -> BorrowedFd<'_> {
         match &self.port {
@@ -339,6 +344,13 @@ fn board_order(wheels: Wheels, count: usize, send_twist: bool) -> Message {
     })
 }
 
+/// False if a value is the least or greatest that the wire can carry: broken sensors put it there.
+fn is_measured(said: &board::Inertia) -> bool {
+    let ends = [i16::MIN, i16::MAX];
+    let mut values = said.acceleration_2mm.iter().chain(&said.rate_mrad);
+    values.all(|value| !ends.contains(value))
+}
+
 fn board_said(
     message: Message,
     clock: &mut DeviceClock,
@@ -369,7 +381,7 @@ fn board_said(
             emergency_stop: said.flags & 1 != 0,
             command_stale: said.flags & 2 != 0,
         }),
-        Message::Inertia(said) if device.imu => Said::Imu(Imu {
+        Message::Inertia(said) if device.imu && is_measured(&said) => Said::Imu(Imu {
             stamp: clock.stamp(said.time_us, now),
             acceleration: said.acceleration_2mm.map(|value| f32::from(value) * 2e-3),
             rate: said.rate_mrad.map(|value| f32::from(value) * 1e-3),

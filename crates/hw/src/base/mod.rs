@@ -85,9 +85,16 @@ pub struct SwitchReport {
 /// The base of the robot. Dropping it stops the wheels.
 #[derive(Debug)]
 pub struct Base {
-    worker: Worker,
-    desk: Arc<Desk>,
+    helm: Helm,
+    _worker: Worker,
     monitor: Monitor,
+}
+
+/// Where the base is commanded from; clones command the same base, for as long as it is there.
+#[derive(Debug, Clone)]
+pub struct Helm {
+    desk: Arc<Desk>,
+    bell: Arc<Bell>,
     command_age_max: f64,
     kicks: bool,
 }
@@ -175,20 +182,37 @@ impl Base {
             move || Link::open(&opened, count, ticks),
             move |link, bell| server.serve(link, bell),
         )?;
-        Ok(Base {
-            worker,
+        let helm = Helm {
             desk,
-            monitor,
+            bell: worker.bell(),
             command_age_max: f64::from(device.command_age_max),
             kicks: device.bus == Bus::Board,
+        };
+        Ok(Base {
+            helm,
+            _worker: worker,
+            monitor,
         })
     }
 
+    /// Where it is commanded from.
+    pub fn helm(&self) -> Helm {
+        self.helm.clone()
+    }
+
+    /// How the base is.
+    pub fn health(&self) -> Health {
+        self.monitor.health(clock::now())
+    }
+}
+
+impl Helm {
     /// Drives until the deadline (CLOCK_MONOTONIC), or for `command_age_max` from now if that is sooner.
     ///
     /// A command that is no number stops the wheels and is refused.
     pub fn drive(&self, drive: Drive, deadline: Stamp) -> Result<(), HwError> {
         let now = clock::now();
+        self.check_open()?;
         let finite = match drive {
             Drive::Twist(twist) => [twist.x, twist.y, twist.theta]
                 .iter()
@@ -201,7 +225,7 @@ impl Base {
         } else {
             self.desk.orders().halt(now);
         }
-        self.worker.ring();
+        self.bell.ring();
         if finite {
             return Ok(());
         }
@@ -210,6 +234,7 @@ impl Base {
 
     /// Kicks once, unless that cannot be done before the deadline.
     pub fn kick(&self, kick: Kick, deadline: Stamp) -> Result<(), HwError> {
+        self.check_open()?;
         if !self.kicks {
             return Err(self.unfit("VESCs have no kicker".to_owned()));
         }
@@ -218,13 +243,14 @@ impl Base {
             return Err(self.unfit(reason));
         }
         self.desk.orders().kick(kick, deadline);
-        self.worker.ring();
+        self.bell.ring();
         Ok(())
     }
 
     /// Turns the left and right dribbling wheel (rad/s, positive pulls the ball in) until the deadline, or for
     /// `command_age_max` from now if that is sooner.
     pub fn dribble(&self, speeds: [f32; 2], deadline: Stamp) -> Result<(), HwError> {
+        self.check_open()?;
         if !self.kicks {
             return Err(self.unfit("VESCs have no dribbling wheels".to_owned()));
         }
@@ -233,7 +259,7 @@ impl Base {
         }
         let deadline = deadline.min(clock::now() + self.command_age_max);
         self.desk.orders().dribble(speeds, deadline);
-        self.worker.ring();
+        self.bell.ring();
         Ok(())
     }
 
@@ -242,7 +268,7 @@ impl Base {
         let mut orders = self.desk.orders();
         let sent = orders.stops_sent;
         orders.halt(clock::now());
-        self.worker.ring();
+        self.bell.ring();
         let waiting = |orders: &mut Orders| orders.stops_sent == sent;
         let (orders, timeout) = self
             .desk
@@ -253,9 +279,17 @@ impl Base {
         !timeout.timed_out()
     }
 
-    /// How the base is.
-    pub fn health(&self) -> Health {
-        self.monitor.health(clock::now())
+    /// Stops the wheels as [`Helm::halt`] does, and takes no command from then on.
+    pub fn close(&self, patience: Duration) -> bool {
+        self.desk.orders().closed = true;
+        self.halt(patience)
+    }
+
+    fn check_open(&self) -> Result<(), HwError> {
+        if self.desk.orders().closed {
+            return Err(self.unfit("takes no more commands".to_owned()));
+        }
+        Ok(())
     }
 
     fn unfit(&self, reason: String) -> HwError {
@@ -298,9 +332,18 @@ impl Server {
                 link.receive(arrival, &mut said)?;
                 let tally = link.tally();
                 self.monitor.tally(tally);
+                let jumps = self.odometer.jumps;
                 for said in said.drain(..) {
                     watch.message(arrival, tally.garbage_bytes);
                     self.hear(said, arrival);
+                }
+                if let Some(step) = link.take_clock_step() {
+                    let reason = format!("the board's clock stepped by {step:.2} s");
+                    self.monitor.notice(reason);
+                }
+                if self.odometer.jumps > jumps {
+                    let reason = "a wheel's counter jumped: odometry begins anew".to_owned();
+                    self.monitor.notice(reason);
                 }
             }
             let now = clock::now();

@@ -43,6 +43,8 @@ pub(crate) struct Orders {
     pub(crate) news: bool,
     /// Orders to brake or release that went out.
     pub(crate) stops_sent: u64,
+    /// No command is taken any more.
+    pub(crate) closed: bool,
 }
 
 impl Orders {
@@ -58,6 +60,7 @@ impl Orders {
         *self = Orders {
             stale_since: self.drive.map(|_| now).or(self.stale_since),
             stops_sent: self.stops_sent,
+            closed: self.closed,
             news: true,
             ..Orders::default()
         };

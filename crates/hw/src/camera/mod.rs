@@ -1,10 +1,11 @@
 //! How do images reach the robot's eyes? A thread per camera: newest frame wins, silence and repetition are named.
 
-mod colour;
 mod frame;
 #[cfg(feature = "aravis")]
 mod genicam;
+mod jpeg;
 mod socket;
+mod stamps;
 mod sys;
 mod v4l2;
 
@@ -24,6 +25,7 @@ use crate::inbox::{Event, Inbox};
 use crate::worker::{Bell, Watch, Worker};
 use frame::Pool;
 use socket::FrameSocket;
+use stamps::Stamps;
 use v4l2::V4l2;
 
 /// How frames are taken; what is left out is left to the camera.
@@ -178,6 +180,7 @@ impl Server {
     fn serve(&mut self, source: &mut Source, bell: &Bell) -> Result<(), HwError> {
         let mut watch = Watch::new(&self.device.device, self.device.stall);
         let mut repeated = Repeated::default();
+        let mut stamps = Stamps::default();
         if let Some(settings) = &self.settings {
             source.set(settings)?;
         }
@@ -195,11 +198,18 @@ impl Server {
             if ready {
                 let (frame, torn) = source.take(&self.pool)?;
                 (0..torn).for_each(|_| self.monitor.torn());
-                if let Some(frame) = frame {
-                    let now = clock::now();
+                let now = clock::now();
+                let same_since = frame.as_ref().map(|frame| repeated.since(frame));
+                if let (Some(frame), Some(same_since)) = (frame, same_since) {
                     watch.message(now, 0);
+                    let Some(mut frame) = frame.unpacked(&self.pool) else {
+                        self.monitor.torn();
+                        continue;
+                    };
+                    let (stamp, own_stamp) = stamps.judge(frame.stamp, now);
+                    frame.stamp = stamp;
                     self.monitor.message(now);
-                    self.judge(repeated.since(&frame), now);
+                    self.judge(same_since, own_stamp, now);
                     self.inbox.put(Event::Frame(frame));
                 }
             }
@@ -208,10 +218,13 @@ impl Server {
         Ok(())
     }
 
-    fn judge(&self, same_since: Stamp, now: Stamp) {
+    fn judge(&self, same_since: Stamp, own_stamp: bool, now: Stamp) {
         if now - same_since > f64::from(self.device.stall) {
             let reason = "the image does not change by a single bit".to_owned();
             self.monitor.state(State::Stuck, Some(reason));
+        } else if !own_stamp {
+            let reason = "its stamps cannot be true: frames are stamped as they arrive".to_owned();
+            self.monitor.state(State::Clock, Some(reason));
         } else {
             self.monitor.state(State::Running, None);
         }

@@ -9,7 +9,6 @@ use localize::Stamp;
 
 use super::Settings;
 use super::frame::{CameraFrame, Encoding, Pool};
-use crate::clock;
 use crate::error::HwError;
 use crate::wire::frames::{FrameHeader, FrameSettings, HEADER_BYTES};
 
@@ -90,7 +89,7 @@ impl FrameSocket {
             self.read(frame)
         })?;
         Ok(CameraFrame {
-            stamp: Stamp(header.stamp_ns).min(clock::now()),
+            stamp: Stamp(header.stamp_ns),
             sequence: header.sequence,
             width_px,
             height_px,

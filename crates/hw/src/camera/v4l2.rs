@@ -295,7 +295,7 @@ fn stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
     if buffer.flags & sys::STAMP_MASK != sys::STAMP_MONOTONIC {
         return arrival;
     }
-    Stamp(buffer.seconds * 1_000_000_000 + buffer.microseconds * 1000).min(arrival)
+    Stamp(buffer.seconds * 1_000_000_000 + buffer.microseconds * 1000)
 }
 
 /// A control to set; `wanted` names it if a user asked for it, so that a refusal is an error.

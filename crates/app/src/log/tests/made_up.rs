@@ -1,7 +1,6 @@
 //! Cycles of arbitrary values to log, and the short ways to log and read them.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use localize::estimate::{Estimate, Mode, Reason};
 use localize::frame::At;
@@ -244,7 +243,7 @@ pub(crate) fn cycle(number: u64) -> Cycle {
     Cycle {
         stamp,
         inputs: Inputs {
-            image: Some(Arc::new(picture(number))),
+            image: Some(picture(number).into()),
             ..any.inputs(stamp)
         },
         points: seen.line_points.iter().map(|seen| seen.point).collect(),

@@ -1,0 +1,85 @@
+//! Which pixels does a JPEG hold? Frames of cameras that compress, decoded before anyone looks at them.
+
+use super::frame::{CameraFrame, Encoding, Pool};
+
+impl CameraFrame {
+    /// A JPEG as red, green, blue; any other frame as it is. `None` of a JPEG that is broken or of another size.
+    pub(super) fn unpacked(self, pool: &Pool) -> Option<Self> {
+        if self.encoding != Encoding::Mjpeg {
+            return Some(self);
+        }
+        // A decoder fills up with grey what a cut image lacks.
+        let end = self.data.iter().rposition(|byte| *byte != 0)?;
+        if end == 0 || self.data[end - 1..=end] != [0xFF, 0xD9] {
+            return None;
+        }
+        let decoded = image::load_from_memory_with_format(&self.data, image::ImageFormat::Jpeg);
+        let rgb = decoded.ok()?.into_rgb8();
+        if (rgb.width() as usize, rgb.height() as usize) != (self.width_px, self.height_px) {
+            return None;
+        }
+        let data = pool.fill(|bytes| {
+            bytes.extend_from_slice(rgb.as_raw());
+            Ok::<(), ()>(())
+        });
+        Some(CameraFrame {
+            encoding: Encoding::Rgb8,
+            stride: Encoding::Rgb8.row_bytes(self.width_px),
+            data: data.ok()?,
+            ..self
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use localize::Stamp;
+
+    fn frame(encoding: Encoding, width_px: usize, height_px: usize, data: &[u8]) -> CameraFrame {
+        let filled = Pool::default().fill(|bytes| {
+            bytes.extend_from_slice(data);
+            Ok::<(), ()>(())
+        });
+        CameraFrame {
+            stamp: Stamp(0),
+            sequence: 0,
+            width_px,
+            height_px,
+            encoding,
+            stride: encoding.row_bytes(width_px),
+            data: filled.expect("filled"),
+        }
+    }
+
+    #[test]
+    fn a_jpeg_is_decoded_and_a_cut_one_is_none() {
+        let mut jpeg = Vec::new();
+        let mut encoder = image::codecs::jpeg::JpegEncoder::new(&mut jpeg);
+        encoder
+            .encode(&[128; 3 * 16 * 8], 16, 8, image::ExtendedColorType::Rgb8)
+            .expect("encoded");
+        let pool = Pool::default();
+        let unpacked = |bytes: &[u8]| frame(Encoding::Mjpeg, 16, 8, bytes).unpacked(&pool);
+        assert!(unpacked(&jpeg[..jpeg.len() - 9]).is_none());
+        assert!(unpacked(&[0xFF, 0xD8, 1, 2]).is_none());
+        assert!(
+            frame(Encoding::Mjpeg, 8, 8, &jpeg)
+                .unpacked(&pool)
+                .is_none()
+        );
+        // Drivers pad with zeros.
+        jpeg.extend([0; 7]);
+        let whole = unpacked(&jpeg).expect("an image");
+        assert_eq!((whole.encoding, whole.data.len()), (Encoding::Rgb8, 384));
+        assert!(whole.data.iter().all(|level| level.abs_diff(128) <= 2));
+    }
+
+    #[test]
+    fn the_wanted_format_or_the_most_welcome_is_chosen() {
+        let offered = [Encoding::Grey8, Encoding::Mjpeg, Encoding::Yuyv].map(Encoding::fourcc);
+        assert_eq!(Encoding::choose("", &offered), Some(Encoding::Yuyv));
+        assert_eq!(Encoding::choose("GREY", &offered), Some(Encoding::Grey8));
+        assert_eq!(Encoding::choose("NV12", &offered), None);
+    }
+}
