@@ -41,6 +41,7 @@ pub mod locate;
 pub mod mirror;
 pub mod recover;
 pub mod replay;
+pub mod run;
 pub mod script;
 pub mod simulate;
 

@@ -14,6 +14,7 @@ mod error;
 mod health;
 mod inbox;
 pub mod inertial;
+pub mod realtime;
 mod serial;
 pub mod wire;
 mod worker;

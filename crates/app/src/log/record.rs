@@ -1,11 +1,12 @@
 //! How does a cycle get to the disk without holding up the robot? Through a bounded queue, by a thread of its own.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow, bail};
-use localize::Field;
+use localize::{Field, Stamp};
 
 use super::header::Header;
 use super::writer::Writer;
@@ -31,6 +32,7 @@ pub struct Recorder {
     next_index: u64,
     writer: Option<JoinHandle<Result<Written>>>,
     fault: Arc<OnceLock<String>>,
+    notes: Notes,
     path: PathBuf,
 }
 
@@ -45,7 +47,8 @@ impl Recorder {
         pace: Pace,
         config: &LogConfig,
     ) -> Result<Self> {
-        let mut writer = Writer::begin(path, header, field, config)?;
+        let notes = Notes::default();
+        let mut writer = Writer::begin(path, header, field, config, notes.clone())?;
         let queue = Arc::new(Queue::new(pace, config.queue_images, config.queue_cycles));
         let fault = Arc::new(OnceLock::new());
         let (end, failed) = (Closing(queue.clone()), fault.clone());
@@ -64,6 +67,7 @@ impl Recorder {
             next_index: 0,
             writer: Some(thread),
             fault,
+            notes,
             path: path.to_owned(),
         })
     }
@@ -74,6 +78,11 @@ impl Recorder {
         self.next_index += 1;
         self.queue.push((index, cycle));
         self.check()
+    }
+
+    /// Takes a line for people, which goes into the log with the next cycle.
+    pub fn note(&self, stamp: Stamp, text: &str) {
+        self.notes.put(stamp, text);
     }
 
     /// Writes what waits, then index and summary.
@@ -99,6 +108,31 @@ impl Recorder {
                 self.path.display()
             ))
         })
+    }
+}
+
+/// Notes that may wait for the next cycle; beyond it the oldest are dropped.
+const NOTES_MAX: usize = 256;
+
+/// Lines for people that wait for the writer.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Notes {
+    waiting: Arc<Mutex<VecDeque<(Stamp, String)>>>,
+}
+
+impl Notes {
+    fn put(&self, stamp: Stamp, text: &str) {
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        if waiting.len() == NOTES_MAX {
+            waiting.pop_front();
+        }
+        waiting.push_back((stamp, text.to_owned()));
+    }
+
+    /// The oldest, if there is one.
+    pub(super) fn take(&self) -> Option<(Stamp, String)> {
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.pop_front()
     }
 }
 

@@ -9,8 +9,8 @@ use localize::Field;
 use super::LogConfig;
 use super::header::Header;
 use super::messages::Messages;
-use super::record::Written;
-use super::schema::{ABOUT, Sink};
+use super::record::{Notes, Written};
+use super::schema::{ABOUT, Level, Sink};
 use crate::feed::queue::Queue;
 
 /// The thread's side of a recorder.
@@ -20,6 +20,7 @@ pub(super) struct Writer {
     period: Duration,
     /// Until it is drawn, at the first cycle's time.
     field_scene: Option<Field>,
+    notes: Notes,
     written: Written,
 }
 
@@ -30,6 +31,7 @@ impl Writer {
         header: &Header,
         field: &Field,
         config: &LogConfig,
+        notes: Notes,
     ) -> Result<Self> {
         if !(1..=100).contains(&config.jpeg_quality) {
             bail!(
@@ -65,6 +67,7 @@ impl Writer {
             messages: Messages::new(topics, config.images, config.jpeg_quality),
             period,
             field_scene: Some(field.clone()),
+            notes,
             written: Written::default(),
         })
     }
@@ -78,6 +81,9 @@ impl Writer {
             }
             let has_image = self.messages.cycle(index, &cycle)?;
             self.messages.tell_dropped("the disk", dropped, cycle.stamp);
+            while let Some((stamp, text)) = self.notes.take() {
+                self.messages.topics.note(stamp, Level::Info, text);
+            }
             let Written {
                 cycles,
                 images,

@@ -162,6 +162,8 @@ pub struct CameraFrame {
     pub encoding: Encoding,
     /// Bytes from one row to the next.
     pub stride: usize,
+    /// It is the frame before it, to the last bit of a sample of its bytes: no sight of what is there now.
+    pub repeated: bool,
     /// The bytes.
     pub data: Arc<FrameBytes>,
 }

@@ -175,6 +175,7 @@ impl GenICam {
             height_px: self.height_px,
             encoding: self.encoding,
             stride,
+            repeated: false,
             data: pool.fill(copy).ok()?,
         })
     }

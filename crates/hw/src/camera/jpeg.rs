@@ -48,6 +48,7 @@ mod tests {
             height_px,
             encoding,
             stride: encoding.row_bytes(width_px),
+            repeated: false,
             data: filled.expect("filled"),
         }
     }

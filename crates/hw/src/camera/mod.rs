@@ -199,7 +199,7 @@ impl Server {
                 let (frame, torn) = source.take(&self.pool)?;
                 (0..torn).for_each(|_| self.monitor.torn());
                 let now = clock::now();
-                let same_since = frame.as_ref().map(|frame| repeated.since(frame));
+                let same_since = frame.as_ref().map(|frame| repeated.since(frame, now));
                 if let (Some(frame), Some(same_since)) = (frame, same_since) {
                     watch.message(now, 0);
                     let Some(mut frame) = frame.unpacked(&self.pool) else {
@@ -208,6 +208,7 @@ impl Server {
                     };
                     let (stamp, own_stamp) = stamps.judge(frame.stamp, now);
                     frame.stamp = stamp;
+                    frame.repeated = same_since < now;
                     self.monitor.message(now);
                     self.judge(same_since, own_stamp, now);
                     self.inbox.put(Event::Frame(frame));
@@ -239,13 +240,13 @@ struct Repeated {
 }
 
 impl Repeated {
-    fn since(&mut self, frame: &CameraFrame) -> Stamp {
+    fn since(&mut self, frame: &CameraFrame, now: Stamp) -> Stamp {
         let step = (frame.data.len() / COMPARED).max(1);
         let sample = || frame.data.iter().step_by(step);
         if !sample().eq(self.sample.iter()) {
             self.sample.clear();
             self.sample.extend(sample());
-            self.since = clock::now();
+            self.since = now;
         }
         self.since
     }

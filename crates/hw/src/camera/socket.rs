@@ -95,6 +95,7 @@ impl FrameSocket {
             height_px,
             encoding,
             stride,
+            repeated: false,
             data,
         })
     }

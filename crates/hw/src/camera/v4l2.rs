@@ -194,6 +194,7 @@ impl V4l2 {
             height_px: self.height_px,
             encoding: self.encoding,
             stride: self.stride,
+            repeated: false,
             data: pool.fill(copy).ok()?,
         })
     }

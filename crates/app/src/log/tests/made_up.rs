@@ -1,5 +1,7 @@
 //! Cycles of arbitrary values to log, and the short ways to log and read them.
 
+use std::sync::Arc;
+
 use std::path::{Path, PathBuf};
 
 use localize::estimate::{Estimate, Mode, Reason};

@@ -1,0 +1,138 @@
+//! How does the log outlive its disk? A log that cannot be written costs a word; another is begun as soon as there is room.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use localize::{Field, Stamp};
+use serde::Serialize;
+
+use crate::cycle::Cycle;
+use crate::log::{Header, LogConfig, Pace, Recorder};
+
+/// Time between attempts to begin a log after one failed, seconds.
+const AGAIN: f64 = 0.5;
+
+/// What became of the logs of a run.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Kept {
+    /// The files, in order; more than one after a disk was full.
+    pub files: Vec<PathBuf>,
+    /// Cycles written.
+    pub cycles: u64,
+    /// Images written.
+    pub images: u64,
+    /// Cycles that a slow or full disk cost.
+    pub cycles_dropped: u64,
+    /// Images that a slow disk cost.
+    pub images_dropped: u64,
+}
+
+/// Keeps the log of a run.
+pub struct Keeper {
+    path: PathBuf,
+    header: Header,
+    field: Field,
+    config: LogConfig,
+    recorder: Option<Recorder>,
+    again: Stamp,
+    kept: Kept,
+}
+
+impl Keeper {
+    /// Begins the log; that it cannot be begun is an error here, and none later.
+    pub fn start(
+        path: &Path,
+        header: Header,
+        field: &Field,
+        config: &LogConfig,
+    ) -> anyhow::Result<Self> {
+        let recorder = Recorder::create(path, &header, field, Pace::Live, config)?;
+        Ok(Keeper {
+            path: path.to_owned(),
+            header,
+            field: field.clone(),
+            config: config.clone(),
+            recorder: Some(recorder),
+            again: Stamp(0),
+            kept: Kept {
+                files: vec![path.to_owned()],
+                ..Kept::default()
+            },
+        })
+    }
+
+    /// Takes a cycle; returns what there is to say: that the log failed, or that another was begun.
+    pub fn cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
+        let now = hw::now();
+        let mut said = None;
+        if self.recorder.is_none() && now > self.again {
+            self.again = now + AGAIN;
+            said = self.begin();
+        }
+        let Some(recorder) = &mut self.recorder else {
+            self.kept.cycles_dropped += 1;
+            return said;
+        };
+        if let Err(error) = recorder.cycle(cycle) {
+            self.kept.cycles_dropped += 1;
+            self.end();
+            self.again = now + AGAIN;
+            return Some(format!(
+                "the log cannot be written, the robot plays on: {error:#}"
+            ));
+        }
+        said
+    }
+
+    /// A line for people into the log.
+    pub fn note(&self, stamp: Stamp, text: &str) {
+        if let Some(recorder) = &self.recorder {
+            recorder.note(stamp, text);
+        }
+    }
+
+    /// Writes what waits and closes the log; an error that only shows now is said.
+    pub fn finish(mut self) -> (Kept, Option<String>) {
+        let said = self.end();
+        (self.kept, said)
+    }
+
+    /// Ends the log that is written now, as far as it can be.
+    fn end(&mut self) -> Option<String> {
+        match self.recorder.take()?.finish() {
+            Ok(written) => {
+                self.kept.cycles += written.cycles;
+                self.kept.images += written.images;
+                self.kept.cycles_dropped += written.dropped.cycles;
+                self.kept.images_dropped += written.dropped.images;
+                None
+            }
+            Err(error) => Some(format!("the log was not closed: {error:#}")),
+        }
+    }
+
+    fn begin(&mut self) -> Option<String> {
+        let path = numbered(&self.path, self.kept.files.len() + 1);
+        match Recorder::create(&path, &self.header, &self.field, Pace::Live, &self.config) {
+            Ok(recorder) => {
+                self.recorder = Some(recorder);
+                self.kept.files.push(path.clone());
+                Some(format!("the log goes on in {}", path.display()))
+            }
+            Err(_) => {
+                // A header that did not fit is no log; that there is no room was said before.
+                let _gone = std::fs::remove_file(&path);
+                None
+            }
+        }
+    }
+}
+
+/// game.mcap, game.2.mcap, game.3.mcap...
+fn numbered(path: &Path, number: usize) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let end = path
+        .extension()
+        .map_or_else(String::new, |end| format!(".{}", end.to_string_lossy()));
+    path.with_file_name(format!("{stem}.{number}{end}"))
+}

@@ -1,0 +1,117 @@
+//! `mirrorball run`: the robot itself. Devices in, poses out, in real time, whatever breaks meanwhile.
+
+pub mod helm;
+pub mod keeper;
+pub mod latency;
+pub mod patrol;
+mod play;
+pub mod robot;
+pub mod status;
+pub mod stop;
+pub mod teleop;
+pub mod teller;
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use serde::Serialize;
+
+use crate::arguments::{self, WrongArguments};
+use crate::log::ImageMode;
+use patrol::Patrol;
+use play::Play;
+use robot::Robot;
+use stop::Stop;
+
+pub use helm::{Driver, Helm, Refused};
+
+/// Play on the robot: devices in, poses out, until SIGTERM or Ctrl-C; the wheels stop first.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example: mirrorball run --robot config/robots/virtual --record game.mcap\n\
+    Devices may come and go while it runs. `mirrorball doctor` says what is missing."
+)]
+pub struct Args {
+    /// The robot: a folder with robot.toml and hardware.toml.
+    #[arg(long, value_name = "DIR", required_unless_present = "list")]
+    robot: Option<PathBuf>,
+    /// List the devices of this machine that hardware.toml could name, and end.
+    #[arg(long)]
+    list: bool,
+    /// Record everything into a log (MCAP); a full disk ends the log, not the play, and a new one begins when there is room.
+    #[arg(long, value_name = "LOG")]
+    record: Option<PathBuf>,
+    /// How the log keeps images: png keeps RGB and Bayer cameras' exactly, and takes more time.
+    #[arg(long, value_enum, default_value_t = ImageMode::Jpeg, requires = "record")]
+    images: ImageMode,
+    /// Write the estimated poses (as `locate` does); stamps are CLOCK_MONOTONIC.
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// End after so many seconds.
+    #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
+    duration: Option<f64>,
+    /// Drive by hand: keys of the terminal, or a game pad.
+    #[arg(long, conflicts_with = "patrol")]
+    teleop: bool,
+    /// Drive along the waypoints of a file (TOML: waypoints, speed, turn_rate_deg), by the estimated pose.
+    #[arg(long, value_name = "FILE.toml")]
+    patrol: Option<PathBuf>,
+    /// Run at this real-time priority, 1 to 99, with all memory locked.
+    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(i32).range(1..=99))]
+    realtime: Option<i32>,
+    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
+    preset: String,
+    /// Change settings of vision and localisation by a TOML overlay.
+    #[arg(long, value_name = "FILE.toml")]
+    config: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, json: bool) -> Result<()> {
+    if args.list {
+        return list(json);
+    }
+    let Some(robot) = &args.robot else {
+        return Err(WrongArguments("--robot DIR is wanted".to_owned()).into());
+    };
+    arguments::distinct([args.record.as_deref(), args.out.as_deref()])?;
+    let patrol = args.patrol.as_deref().map(Patrol::load).transpose()?;
+    let robot = Robot::load(robot)?;
+    let stop = Stop::on_signals()?;
+    let report = Play::new(args, robot, patrol)?.run(&stop)?;
+    if json {
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        report.print();
+    }
+    Ok(())
+}
+
+/// One device of `--list`.
+#[derive(Serialize)]
+struct Listed {
+    name: String,
+    usable: bool,
+    what: String,
+}
+
+fn list(json: bool) -> Result<()> {
+    let found = hw::list().into_iter().map(|found| Listed {
+        name: found.name,
+        usable: found.what.is_ok(),
+        what: found.what.unwrap_or_else(|error| error.to_string()),
+    });
+    let found: Vec<Listed> = found.collect();
+    if json {
+        println!("{}", serde_json::json!({ "devices": found }));
+        return Ok(());
+    }
+    if found.is_empty() {
+        println!("no camera, serial line or CAN interface was found");
+    }
+    for device in found {
+        println!("{}\n    {}", device.name, device.what);
+    }
+    Ok(())
+}

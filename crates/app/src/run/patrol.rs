@@ -1,0 +1,175 @@
+//! How does the robot follow a path by its own eyes? Waypoints, steered to by the estimated pose; without one it stands.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context, Result, ensure};
+use hw::base::Drive;
+use localize::Pose;
+use localize::frame::wrap_angle;
+use localize::omni::Twist;
+use serde::Deserialize;
+
+use super::helm::{Driver, Helm};
+use super::stop::Stop;
+
+/// Commands are good for so long, seconds: two of them may be lost.
+const COMMAND: f64 = 0.06;
+/// Time between commands.
+const PERIOD: Duration = Duration::from_millis(20);
+/// Braking is planned with this deceleration, m/s².
+const BRAKING: f32 = 1.0;
+/// How fast an error of heading is turned away, 1/s.
+const TURN_GAIN: f32 = 2.0;
+
+/// A patrol file.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Patrol {
+    /// Places to pass in turn, over and over.
+    waypoints: Vec<Waypoint>,
+    /// Top speed, m/s.
+    #[serde(default = "half")]
+    speed: f32,
+    /// Top rate of turn, degrees/s.
+    #[serde(default = "sixty")]
+    turn_rate_deg: f32,
+    /// A place counts as passed at this distance, metres.
+    #[serde(default = "near")]
+    passed: f32,
+}
+
+fn half() -> f32 {
+    0.5
+}
+fn sixty() -> f32 {
+    60.0
+}
+fn near() -> f32 {
+    0.25
+}
+
+/// A place and the heading it is passed with.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Waypoint {
+    /// Metres.
+    x: f32,
+    /// Metres.
+    y: f32,
+    /// Degrees counter-clockwise from the field's x axis.
+    #[serde(default)]
+    theta_deg: f32,
+}
+
+impl Patrol {
+    /// Reads a patrol file.
+    pub fn load(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        let patrol: Patrol = toml::from_str(&text).with_context(|| path.display().to_string())?;
+        ensure!(
+            !patrol.waypoints.is_empty(),
+            "{}: waypoints: at least one is wanted",
+            path.display()
+        );
+        for (key, value) in [
+            ("speed", patrol.speed),
+            ("turn_rate_deg", patrol.turn_rate_deg),
+            ("passed", patrol.passed),
+        ] {
+            ensure!(
+                value > 0.0 && value.is_finite(),
+                "{}: {key} = {value}: must be above zero",
+                path.display()
+            );
+        }
+        Ok(patrol)
+    }
+
+    /// Drives until the end is asked for.
+    pub fn drive(&self, helm: &Helm, stop: &Stop) {
+        let mut next = 0;
+        while !stop.is_raised() {
+            if let Some((_, pose)) = helm.pose() {
+                let twist = self.wanted(&mut next, pose);
+                let deadline = hw::now() + COMMAND;
+                // A refusal stops the wheels, or another drives; the next command tries again.
+                let _refused = helm.drive(Driver::Path, Drive::Twist(twist), deadline, true);
+            }
+            std::thread::sleep(PERIOD);
+        }
+    }
+
+    /// The velocity towards the next waypoint.
+    fn wanted(&self, next: &mut usize, pose: Pose) -> Twist {
+        let mut target = self.waypoints[*next];
+        let way = |target: Waypoint| (target.x - pose.x, target.y - pose.y);
+        let (x, y) = way(target);
+        if x.hypot(y) < self.passed {
+            *next = (*next + 1) % self.waypoints.len();
+            target = self.waypoints[*next];
+        }
+        let (x, y) = way(target);
+        let distance = x.hypot(y);
+        let speed = (2.0 * BRAKING * distance).sqrt().min(self.speed);
+        let share = if distance > 0.0 {
+            speed / distance
+        } else {
+            0.0
+        };
+        let (sin, cos) = pose.theta.sin_cos();
+        let turn_max = self.turn_rate_deg.to_radians();
+        let turn = wrap_angle(target.theta_deg.to_radians() - pose.theta) * TURN_GAIN;
+        Twist {
+            x: share * (cos * x + sin * y),
+            y: share * (cos * y - sin * x),
+            theta: turn.clamp(-turn_max, turn_max),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn patrol(text: &str) -> Result<Patrol> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("patrol.toml");
+        std::fs::write(&path, text)?;
+        Patrol::load(&path)
+    }
+
+    #[test]
+    fn a_robot_that_moves_as_told_comes_round() {
+        let patrol = patrol(
+            "speed = 1.0\nwaypoints = [{ x = 2.0, y = 0.0 }, { x = 0.0, y = 1.0, theta_deg = 90.0 }]",
+        )
+        .expect("a patrol");
+        let (mut pose, mut next, mut passed) = (Pose::new(0.0, 0.0, 1.0), 0, 0);
+        for _ in 0..1000 {
+            let before = next;
+            let twist = patrol.wanted(&mut next, pose);
+            passed += usize::from(before != next);
+            assert!(twist.x.hypot(twist.y) < 1.0 + 1e-5);
+            let (sin, cos) = pose.theta.sin_cos();
+            pose = Pose::new(
+                pose.x + 0.02 * (cos * twist.x - sin * twist.y),
+                pose.y + 0.02 * (sin * twist.x + cos * twist.y),
+                pose.theta + 0.02 * twist.theta,
+            );
+        }
+        assert!(passed >= 6, "{passed}");
+    }
+
+    #[test]
+    fn a_path_of_nothing_or_at_no_speed_is_refused() {
+        for text in [
+            "waypoints = []",
+            "speed = nan\nwaypoints = [{ x = 0.0, y = 0.0 }]",
+        ] {
+            let error = patrol(text).expect_err("refused");
+            assert!(format!("{error:#}").contains("patrol.toml"), "{error:#}");
+        }
+    }
+}
