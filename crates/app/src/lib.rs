@@ -44,5 +44,6 @@ pub mod replay;
 pub mod run;
 pub mod script;
 pub mod simulate;
+pub mod virtual_hardware;
 
 pub mod cli;

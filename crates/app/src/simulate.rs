@@ -1,11 +1,13 @@
 //! `mirrorball sim`: run a scenario as fast as it goes, and see how well the robot knew its place.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
+use localize::Field;
 use serde::Serialize;
+use sim::Sim;
 use sim::scenario::Scenario;
 
 use crate::arguments;
@@ -20,6 +22,7 @@ use crate::squad::{self, Squad};
 use crate::start_log::start_log;
 use crate::summary::{Summary, Tally};
 use crate::table::{Written, seconds};
+use crate::virtual_hardware;
 
 /// Run a scenario headless, as fast as it goes.
 #[derive(clap::Args)]
@@ -47,6 +50,22 @@ pub struct Args {
     /// Write the true poses: stamp_s,x_m,y_m,theta_rad.
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
+    /// In place of a simulated robot its hardware: serial lines and a camera socket in this folder, in real time, with
+    /// the robot.toml and hardware.toml that `run --robot DIR` plays with. The wheels obey the base board.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["record", "out", "config", "preset", "set", "set_config"])]
+    hardware: Option<PathBuf>,
+    /// What of the hardware fails, and when (TOML).
+    #[arg(long, value_name = "FILE.toml", requires = "hardware")]
+    faults: Option<PathBuf>,
+    /// The scenario's path moves the robot, whatever the base board is told.
+    #[arg(long, requires = "hardware")]
+    own_path: bool,
+    /// Format of the virtual camera's images.
+    #[arg(long, value_name = "FORMAT", value_parser = ["RGB3", "YUYV"], default_value = "RGB3", requires = "hardware")]
+    format: String,
+    /// Images per second of the virtual camera, in place of the scenario's.
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u16).range(1..=1000), requires = "hardware")]
+    rate: Option<u16>,
     /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
@@ -117,6 +136,26 @@ fn run_squad(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
     Ok(())
 }
 
+/// Plays the hardware; without --duration until a signal.
+fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
+    let (mut scenario, robot) = Scenario::load(&args.scenario)?;
+    scenario.seed = args.seed.unwrap_or(scenario.seed);
+    if let Some(rate) = args.rate {
+        scenario.frame_rate_hz = f64::from(rate);
+    }
+    let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
+    let sim = Sim::new(scenario, robot, field)?;
+    let options = virtual_hardware::Options {
+        folder,
+        faults: args.faults.as_deref(),
+        own_path: args.own_path,
+        format: &args.format,
+        truth: args.truth.as_deref(),
+    };
+    let duration = args.duration.unwrap_or(f64::INFINITY);
+    virtual_hardware::run(sim, duration, &options, json)
+}
+
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
     arguments::distinct([
@@ -124,6 +163,9 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         args.out.as_deref(),
         args.truth.as_deref(),
     ])?;
+    if let Some(folder) = &args.hardware {
+        return run_hardware(args, folder, json);
+    }
     interrupt::watch()?;
     let changes = overrides::table(&args.set)?;
     let (scenario, _) = changed_scenario(&args.scenario, &changes, args.seed)?;

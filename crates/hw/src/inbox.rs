@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use localize::sample::{Compass, Imu, Odometry};
+use localize::sample::{Command, Compass, Imu, Odometry};
 
 use crate::base::{KickerReport, PowerReport, SwitchReport};
 use crate::camera::CameraFrame;
@@ -15,13 +15,10 @@ use crate::health::Health;
 pub enum Event {
     /// A frame of the camera.
     Frame(CameraFrame),
-    /// Motion by the wheels, and how much of it was slip (root mean square over the rims, metres).
-    Odometry {
-        /// The motion.
-        odometry: Odometry,
-        /// The slip, metres.
-        slip: f32,
-    },
+    /// Motion by the wheels.
+    Odometry(Odometry),
+    /// What the wheels were told.
+    Command(Command),
     /// The inertial unit.
     Imu(Imu),
     /// The compass.

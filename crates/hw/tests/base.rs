@@ -133,7 +133,7 @@ fn a_board_that_appears_late_is_driven_and_its_counters_become_odometry() {
         inbox
             .take(Duration::from_millis(2))
             .and_then(|event| match event {
-                Event::Odometry { odometry, slip } => Some((odometry, slip)),
+                Event::Odometry(odometry) => Some((odometry, odometry.slip)),
                 _ => None,
             })
     });
@@ -407,7 +407,7 @@ fn drive_vescs(
         log.extend(answer(socket, &socket.received(), ticks));
         let event = inbox.take(Duration::from_millis(1));
         event.and_then(|event| match event {
-            Event::Odometry { odometry, .. } if odometry.dtheta > 0.0 => Some(odometry),
+            Event::Odometry(odometry) if odometry.dtheta > 0.0 => Some(odometry),
             _ => None,
         })
     });

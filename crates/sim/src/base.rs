@@ -131,6 +131,11 @@ impl Base {
         motion.odometry(stamp, slip)
     }
 
+    /// How far each wheel has turned since the start, radians.
+    pub fn turned(&self) -> impl Iterator<Item = f64> + '_ {
+        self.wheels.iter().map(|wheel| wheel.turned)
+    }
+
     /// Stops the motors at once, as when the robot is lifted.
     pub fn halt(&mut self) {
         self.followed = Twist::default();

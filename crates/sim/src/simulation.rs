@@ -304,6 +304,11 @@ impl Sim {
         self.commanded = twist;
     }
 
+    /// How far each wheel has turned since the start, radians: what encoders count.
+    pub fn wheels_turned(&self) -> impl Iterator<Item = f64> + '_ {
+        self.world.wheels_turned()
+    }
+
     /// Puts our robot elsewhere, standing.
     pub fn kidnap(&mut self, pose: Pose) {
         self.world.kidnap(pose);

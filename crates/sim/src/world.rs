@@ -215,6 +215,11 @@ impl World {
         self.base.count(stamp, stuck)
     }
 
+    /// How far each wheel of our robot has turned since the start, radians.
+    pub fn wheels_turned(&self) -> impl Iterator<Item = f64> + '_ {
+        self.base.turned()
+    }
+
     /// Wanted velocity of another robot, field frame (m/s, m/s, rad/s).
     pub fn steer_other(&mut self, index: usize, wanted: [f32; 3]) {
         if let Some(other) = self.others.get_mut(index) {

@@ -145,7 +145,8 @@ impl Play {
     fn take(&mut self, event: Event, watch: &mut Watch, helm: &Helm, status: &mut Status) {
         let sample = match event {
             Event::Frame(frame) => Sample::Frame(watch.frame(frame)),
-            Event::Odometry { odometry, .. } => Sample::Odometry(odometry),
+            Event::Odometry(odometry) => Sample::Odometry(odometry),
+            Event::Command(command) => Sample::Command(command),
             Event::Imu(imu) => Sample::Imu(imu),
             Event::Compass(compass) => Sample::Compass(compass),
             Event::Health(health) => {
@@ -269,7 +270,7 @@ fn is_number(sample: &Sample) -> bool {
             .iter()
             .chain(&imu.rate)
             .all(|value| value.is_finite()),
-        Sample::Truth(_) | Sample::Frame(_) => true,
+        Sample::Command(_) | Sample::Truth(_) | Sample::Frame(_) => true,
     }
 }
 

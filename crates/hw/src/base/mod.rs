@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use localize::Stamp;
 use localize::omni::{Omni, Twist};
+use localize::sample::Command;
 use vision::robot::BaseConfig;
 
 pub use orders::{Drive, Kick};
@@ -365,8 +366,15 @@ impl Server {
                 orders.dribbling(now),
             )
         };
-        match order {
-            Order::Drive(drive, left) => link.send(self.wheels(drive, left), now)?,
+        let told = match order {
+            Order::Drive(drive, left) => {
+                let wheels = self.wheels(drive, left);
+                link.send(wheels, now)?;
+                match wheels {
+                    Wheels::Turn(_, twist, _) => twist,
+                    Wheels::Brake | Wheels::Release => Twist::default(),
+                }
+            }
             Order::Brake | Order::Release => {
                 let wheels = if order == Order::Brake {
                     Wheels::Brake
@@ -376,8 +384,13 @@ impl Server {
                 link.send(wheels, now)?;
                 self.desk.orders().stops_sent += 1;
                 self.desk.stopped.notify_all();
+                Twist::default()
             }
-        }
+        };
+        self.inbox.put(Event::Command(Command {
+            stamp: now,
+            twist: told,
+        }));
         if let Some((kick, left)) = kick {
             link.kick(kick, left, now)?;
         }
@@ -432,8 +445,8 @@ impl Server {
         if moved != Moved::Waiting {
             self.monitor.message(arrival);
         }
-        if let Moved::By(odometry, slip) = moved {
-            self.inbox.put(Event::Odometry { odometry, slip });
+        if let Moved::By(odometry) = moved {
+            self.inbox.put(Event::Odometry(odometry));
         }
     }
 

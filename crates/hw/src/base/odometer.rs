@@ -14,8 +14,8 @@ const BURST: f64 = 0.05;
 pub(crate) enum Moved {
     /// Not every wheel has been heard since the last odometry.
     Waiting,
-    /// Motion since the last reading, and slip in metres.
-    By(Odometry, f32),
+    /// Motion since the last reading.
+    By(Odometry),
     /// The first reading, or the first after a gap or a jump of a counter: counting begins here.
     Began,
 }
@@ -118,7 +118,7 @@ impl Odometer {
             return Moved::Began;
         }
         let (motion, slip) = self.omni.twist(&turned);
-        Moved::By(motion.odometry(stamp, slip), slip)
+        Moved::By(motion.odometry(stamp, slip))
     }
 }
 
@@ -140,11 +140,11 @@ mod tests {
         let start = [u32::MAX - 100, 5, u32::MAX, i32::MAX as u32];
         let end = start.map(|count| count.wrapping_add(2048));
         assert_eq!(odometer.read_all(&start, Stamp(0)), Moved::Began);
-        let Moved::By(odometry, slip) = odometer.read_all(&end, Stamp(100_000_000)) else {
+        let Moved::By(odometry) = odometer.read_all(&end, Stamp(100_000_000)) else {
             panic!("no motion");
         };
         assert!((odometry.dtheta - 0.05 * TAU / 2.0 / 0.2).abs() < 1e-5);
-        assert!(odometry.dx.abs() + odometry.dy.abs() + slip < 1e-5);
+        assert!(odometry.dx.abs() + odometry.dy.abs() + odometry.slip < 1e-5);
     }
 
     #[test]
@@ -153,7 +153,7 @@ mod tests {
         odometer.read_all(&[1_000_000; 3], Stamp(0));
         assert_eq!(odometer.read_all(&[3; 3], Stamp(10_000_000)), Moved::Began);
         assert_eq!(odometer.jumps, 1);
-        let Moved::By(odometry, _) = odometer.read_all(&[13; 3], Stamp(20_000_000)) else {
+        let Moved::By(odometry) = odometer.read_all(&[13; 3], Stamp(20_000_000)) else {
             panic!("no motion");
         };
         assert!(odometry.dtheta > 0.0 && odometry.dtheta < 0.01);

@@ -1,0 +1,197 @@
+//! What does the virtual base board do? It counts wheels and tells of them, and turns them only for a fresh command.
+
+use hw::wire::Stream;
+use hw::wire::board::{self, Encoders, Heading, Inertia, Kicker, Message, Packet, Power, Switches};
+use localize::Stamp;
+use localize::omni::{Omni, Twist};
+use localize::sample::{Compass, Imu};
+use serde::Serialize;
+
+/// Time between reports of battery, kicker and switches, seconds.
+const SLOW: f64 = 0.1;
+/// What a charged battery and capacitor show.
+const BATTERY_MV: u16 = 25_200;
+const CAPACITOR_DV: u16 = 2_400;
+
+/// What the board was told, for whoever wants to know whether the robot was ever driven without a fresh command.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(super) struct Audit {
+    /// Commands that turn a wheel.
+    pub(super) driving: u64,
+    /// Commands to stand.
+    pub(super) standing: u64,
+    /// Commands that wanted to hold for more than 100 ms: there must be none.
+    pub(super) too_long: u64,
+    /// Driving commands that came first after the line was opened anew: there must be none.
+    pub(super) driven_at_once: u64,
+    /// Times that a driving command ran out and the board stopped the wheels by itself.
+    pub(super) ran_out: u64,
+    /// When the last driving command came, CLOCK_MONOTONIC, seconds.
+    pub(super) last_driving_s: f64,
+    /// When the last command came, CLOCK_MONOTONIC, seconds.
+    pub(super) last_s: f64,
+}
+
+/// The board's firmware.
+pub(super) struct Board {
+    omni: Omni,
+    ticks_per_turn: f32,
+    commands: Stream<Packet>,
+    sequence: u16,
+    /// What is commanded, and until when it holds.
+    wanted: Option<(Twist, Stamp)>,
+    told_since_plugged: bool,
+    last_kick: u16,
+    /// Counts at the last restart.
+    zero: [u32; 4],
+    next_slow: f64,
+    pub(super) audit: Audit,
+}
+
+impl Board {
+    pub(super) fn new(omni: Omni, ticks_per_turn: f32) -> Self {
+        Board {
+            omni,
+            ticks_per_turn,
+            commands: board::stream(),
+            sequence: 0,
+            wanted: None,
+            told_since_plugged: false,
+            last_kick: 0,
+            zero: [0; 4],
+            next_slow: 0.0,
+            audit: Audit::default(),
+        }
+    }
+
+    /// The line was pulled out or put in: what was half received is forgotten.
+    pub(super) fn plugged_anew(&mut self) {
+        self.commands.clear();
+        self.told_since_plugged = false;
+    }
+
+    /// Takes what was sent to the board.
+    pub(super) fn hear(&mut self, bytes: &[u8], now: Stamp) {
+        self.commands.extend(bytes);
+        while let Some(packet) = self.commands.next() {
+            match packet.message {
+                Message::WheelCommand(command) => {
+                    let speeds = command.speed_crad.map(|speed| f32::from(speed) * 0.01);
+                    if usize::from(command.wheels) == self.omni.wheels() {
+                        let (twist, _) = self.omni.twist(&speeds[..self.omni.wheels()]);
+                        let drives = command.speed_crad != [0; 4];
+                        self.obey(twist, drives, command.valid_ms, now);
+                    }
+                }
+                Message::TwistCommand(command) => {
+                    let [x, y, theta] = [command.forward_mm, command.left_mm, command.turn_mrad]
+                        .map(|value| f32::from(value) * 1e-3);
+                    let twist = Twist { x, y, theta };
+                    self.obey(twist, twist != Twist::default(), command.valid_ms, now);
+                }
+                Message::KickCommand(_) => self.last_kick = packet.sequence,
+                _ => {}
+            }
+        }
+    }
+
+    fn obey(&mut self, twist: Twist, drives: bool, valid_ms: u16, now: Stamp) {
+        let audit = &mut self.audit;
+        audit.last_s = now.seconds();
+        audit.too_long += u64::from(valid_ms > 100);
+        if drives {
+            audit.driving += 1;
+            audit.last_driving_s = now.seconds();
+            audit.driven_at_once += u64::from(!self.told_since_plugged);
+        } else {
+            audit.standing += 1;
+        }
+        self.told_since_plugged = true;
+        let until = now + f64::from(valid_ms) * 1e-3;
+        self.wanted = drives.then_some((twist, until));
+    }
+
+    /// What the wheels are to do now: nothing once the command has run out.
+    pub(super) fn wanted(&mut self, now: Stamp) -> Twist {
+        match self.wanted {
+            Some((twist, until)) if now < until => twist,
+            Some(_) => {
+                self.wanted = None;
+                self.audit.ran_out += 1;
+                Twist::default()
+            }
+            None => Twist::default(),
+        }
+    }
+
+    /// The encoders' message, and battery, kicker and switches when they are due.
+    pub(super) fn report(
+        &mut self,
+        time: f64,
+        time_us: u32,
+        turned: &[f64],
+        offset: u32,
+        restarted: bool,
+    ) -> Vec<u8> {
+        let mut count = [0; 4];
+        for (count, turned) in count.iter_mut().zip(turned) {
+            let ticks = turned / std::f64::consts::TAU * f64::from(self.ticks_per_turn);
+            *count = (ticks.floor() as i64 as u32).wrapping_add(offset);
+        }
+        if restarted {
+            self.zero = count;
+        }
+        for (count, zero) in count.iter_mut().zip(self.zero) {
+            *count = count.wrapping_sub(zero);
+        }
+        let mut bytes = self.say(Encoders { time_us, count });
+        if time >= self.next_slow {
+            self.next_slow = time + SLOW;
+            bytes.extend(self.say(Power {
+                time_us,
+                battery_mv: BATTERY_MV,
+                temperature_ddeg: 350,
+                current_ca: [0; 4],
+            }));
+            bytes.extend(self.say(Kicker {
+                time_us,
+                charge_dv: CAPACITOR_DV,
+                flags: 1,
+                reserved: 0,
+                last_kick: self.last_kick,
+            }));
+            bytes.extend(self.say(Switches {
+                time_us,
+                bumpers: 0,
+                flags: u8::from(self.wanted.is_none()) << 1,
+            }));
+        }
+        bytes
+    }
+
+    /// The inertial unit's message.
+    pub(super) fn inertia(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
+        self.say(Inertia {
+            time_us,
+            acceleration_2mm: imu.acceleration.map(|value| (value * 500.0).round() as i16),
+            rate_mrad: imu.rate.map(|value| (value * 1000.0).round() as i16),
+        })
+    }
+
+    /// The compass's message.
+    pub(super) fn heading(&mut self, compass: &Compass, time_us: u32) -> Vec<u8> {
+        self.say(Heading {
+            time_us,
+            heading_dmrad: (compass.heading * 1e4).round() as i16,
+        })
+    }
+
+    fn say(&mut self, message: impl Into<Message>) -> Vec<u8> {
+        self.sequence = self.sequence.wrapping_add(1);
+        Packet {
+            sequence: self.sequence,
+            message: message.into(),
+        }
+        .encode()
+    }
+}

@@ -1,0 +1,191 @@
+//! How is a camera faked? A local socket on which frames are sent in real time; a slow reader loses frames, not time.
+
+use std::io::{Read, Write};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use hw::camera::Encoding;
+use hw::wire::frames::{FrameHeader, SETTINGS_BYTES};
+
+/// How long a reader may take for a frame before it is hung up on: a dead one must not hold the thread.
+const WRITE_TIME: Duration = Duration::from_millis(500);
+/// Longest wait for a reader or a frame before the thread looks whether it is to end.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// A frame ready to be sent.
+#[derive(Debug, Clone)]
+pub(super) struct Shot {
+    /// When it was taken, CLOCK_MONOTONIC, nanoseconds.
+    pub(super) stamp_ns: i64,
+    /// Columns and rows.
+    pub(super) size_px: [usize; 2],
+    /// Red, green, blue.
+    pub(super) rgb: Arc<Vec<u8>>,
+    /// Only this share of it is sent, and then nothing.
+    pub(super) cut: Option<f32>,
+}
+
+/// The camera's socket and thread.
+#[derive(Debug)]
+pub(super) struct Camera {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+    path: PathBuf,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    newest: Mutex<Option<Shot>>,
+    changed: Condvar,
+    unplugged: AtomicBool,
+    ended: AtomicBool,
+}
+
+impl Camera {
+    /// Listens at `path`; frames go out in the given encoding (RGB3 or YUYV).
+    pub(super) fn plugged(path: &Path, encoding: Encoding) -> Result<Self> {
+        let shared = Arc::new(Shared::default());
+        let (own, at) = (Arc::clone(&shared), path.to_owned());
+        // The first listener is made here, so that a path that cannot be is an error at once.
+        let mut listener = Some(listen(path)?);
+        let serve = move || {
+            let mut sequence = 0;
+            while !own.ended.load(Ordering::Relaxed) {
+                if own.unplugged.load(Ordering::Relaxed) {
+                    listener = None;
+                    let _gone = std::fs::remove_file(&at);
+                    std::thread::sleep(LOOK);
+                    continue;
+                }
+                if listener.is_none() {
+                    listener = listen(&at).ok();
+                }
+                match listener.as_ref().map(UnixListener::accept) {
+                    Some(Ok((peer, _))) => own.serve(peer, encoding, &mut sequence),
+                    _ => std::thread::sleep(LOOK),
+                }
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("camera".to_owned())
+            .spawn(serve)?;
+        Ok(Camera {
+            shared,
+            thread: Some(thread),
+            path: path.to_owned(),
+        })
+    }
+
+    /// Sends this frame next; one that waits still is lost.
+    pub(super) fn shoot(&self, shot: Shot) {
+        *self.shared.newest() = Some(shot);
+        self.shared.changed.notify_all();
+    }
+
+    /// Pulls the camera out, or puts it in again.
+    pub(super) fn set_unplugged(&self, unplugged: bool) {
+        self.shared.unplugged.store(unplugged, Ordering::Relaxed);
+    }
+}
+
+impl Drop for Camera {
+    fn drop(&mut self) {
+        self.shared.ended.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A thread that panicked has said why.
+            let _ended = thread.join();
+        }
+        let _gone = std::fs::remove_file(&self.path);
+    }
+}
+
+fn listen(path: &Path) -> Result<UnixListener> {
+    let _none = std::fs::remove_file(path);
+    let listener =
+        UnixListener::bind(path).with_context(|| format!("cannot listen at {}", path.display()))?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+impl Shared {
+    fn newest(&self) -> MutexGuard<'_, Option<Shot>> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Sends frames to one reader until it is gone or the camera is unplugged.
+    fn serve(&self, mut peer: UnixStream, encoding: Encoding, sequence: &mut u32) {
+        let ready = peer
+            .set_nonblocking(false)
+            .and_then(|()| peer.set_read_timeout(Some(WRITE_TIME)))
+            .and_then(|()| peer.set_write_timeout(Some(WRITE_TIME)));
+        // A reader says first how it wants its frames taken.
+        let mut settings = [0; SETTINGS_BYTES];
+        if ready.is_err() || peer.read_exact(&mut settings).is_err() {
+            return;
+        }
+        let mut bytes = Vec::new();
+        loop {
+            let (mut newest, _) = self
+                .changed
+                .wait_timeout_while(self.newest(), LOOK, |newest| newest.is_none())
+                .unwrap_or_else(PoisonError::into_inner);
+            let shot = newest.take();
+            drop(newest);
+            if self.ended.load(Ordering::Relaxed) || self.unplugged.load(Ordering::Relaxed) {
+                return;
+            }
+            let Some(shot) = shot else { continue };
+            *sequence = sequence.wrapping_add(1);
+            encode(&shot, encoding, *sequence, &mut bytes);
+            let length = match shot.cut {
+                Some(share) => (bytes.len() as f32 * share) as usize,
+                None => bytes.len(),
+            };
+            if peer.write_all(&bytes[..length]).is_err() {
+                return;
+            }
+            if shot.cut.is_some() {
+                // The rest never comes, and nothing after it, until the reader hangs up.
+                let mut nothing = [0; 16];
+                while !self.ended.load(Ordering::Relaxed) {
+                    match peer.read(&mut nothing) {
+                        Ok(1..) => {}
+                        Ok(0) | Err(_) => return,
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Header and bytes of a frame.
+fn encode(shot: &Shot, encoding: Encoding, sequence: u32, bytes: &mut Vec<u8>) {
+    let [width_px, height_px] = shot.size_px;
+    let stride = encoding.row_bytes(width_px);
+    let header = FrameHeader {
+        fourcc: encoding.fourcc(),
+        width_px: width_px as u32,
+        height_px: height_px as u32,
+        stride: stride as u32,
+        sequence,
+        bytes: (stride * height_px) as u32,
+        stamp_ns: shot.stamp_ns,
+    };
+    bytes.clear();
+    bytes.extend_from_slice(&header.encode());
+    if encoding != Encoding::Yuyv {
+        bytes.extend_from_slice(&shot.rgb);
+        return;
+    }
+    for pair in shot.rgb.chunks_exact(6) {
+        let [a, b] =
+            [0, 3].map(|at| vision::image::yuv_of_rgb([pair[at], pair[at + 1], pair[at + 2]]));
+        let mean = |a: u8, b: u8| ((u16::from(a) + u16::from(b)) / 2) as u8;
+        bytes.extend_from_slice(&[a[0], mean(a[1], b[1]), b[0], mean(a[2], b[2])]);
+    }
+}

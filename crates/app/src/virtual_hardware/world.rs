@@ -1,0 +1,129 @@
+//! How does simulated time keep up with real time? The world runs a little ahead, so that each image is rendered when the
+//! moment comes that it shows.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::Result;
+use localize::Stamp;
+use localize::omni::Twist;
+use sim::{Sample, Sim};
+
+/// How far the world runs ahead, seconds: longer than an image takes to render. The wheels obey as much later.
+const LEAD: f64 = 0.03;
+/// Time until the first sample, seconds: the devices' readers may open them meanwhile.
+const START: f64 = 0.2;
+/// Samples that may wait: more than come in the lead.
+const WAITING_MAX: usize = 64;
+
+/// A sample and when it is to be delivered.
+pub(super) struct Due {
+    /// CLOCK_MONOTONIC.
+    pub(super) at: Stamp,
+    pub(super) sample: Sample,
+    /// How far each wheel had turned then, radians; of odometry.
+    pub(super) turned: Vec<f64>,
+}
+
+/// The simulation in a thread of its own.
+pub(super) struct World {
+    began: Stamp,
+    due: Option<Receiver<Due>>,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    wanted: Mutex<Twist>,
+    slipped: Mutex<f64>,
+    ended: AtomicBool,
+}
+
+impl World {
+    /// Starts it; with `own_path` the scenario's path moves the robot.
+    pub(super) fn start(sim: Sim, own_path: bool) -> Result<Self> {
+        let (deliver, due) = sync_channel(WAITING_MAX);
+        let shared = Arc::new(Shared::default());
+        let began = hw::now() + START;
+        let own = Arc::clone(&shared);
+        let mut sim = sim;
+        let play = move || {
+            let mut zero = began;
+            while !own.ended.load(Ordering::Relaxed) {
+                if !own_path {
+                    sim.command(Some(*lock(&own.wanted)));
+                }
+                let sample = sim.next_sample();
+                let mut at = zero + sample.stamp().seconds();
+                let late = hw::now() - at;
+                if late > 0.0 {
+                    // A machine too slow for this world: better a pause than stamps of the past.
+                    zero = zero + late;
+                    at = at + late;
+                    *lock(&own.slipped) += late;
+                }
+                let turned = match &sample {
+                    Sample::Odometry(_) => sim.wheels_turned().collect(),
+                    _ => Vec::new(),
+                };
+                if deliver.send(Due { at, sample, turned }).is_err() {
+                    return;
+                }
+                super::sleep_until(at + -LEAD);
+            }
+        };
+        let thread = std::thread::Builder::new()
+            .name("world".to_owned())
+            .spawn(play)?;
+        Ok(World {
+            began,
+            due: Some(due),
+            shared,
+            thread: Some(thread),
+        })
+    }
+
+    /// When its time began.
+    pub(super) fn began(&self) -> Stamp {
+        self.began
+    }
+
+    /// How long the world had to stand still, seconds.
+    pub(super) fn slipped(&self) -> f64 {
+        *lock(&self.shared.slipped)
+    }
+
+    /// The next sample; none if the world broke off. `wanted` is asked what the wheels do meanwhile.
+    pub(super) fn next(&mut self, wanted: impl FnOnce(Stamp) -> Twist) -> Result<Option<Due>> {
+        *lock(&self.shared.wanted) = wanted(hw::now());
+        let Some(due) = &self.due else {
+            return Ok(None);
+        };
+        // Some sensor says something a hundred times a second.
+        match due.recv_timeout(Duration::from_secs(10)) {
+            Ok(due) => Ok(Some(due)),
+            Err(RecvTimeoutError::Timeout) => anyhow::bail!("the simulation stands still"),
+            Err(RecvTimeoutError::Disconnected) => Ok(None),
+        }
+    }
+}
+
+impl Drop for World {
+    fn drop(&mut self) {
+        self.shared.ended.store(true, Ordering::Relaxed);
+        self.due = None;
+        if let Some(thread) = self.thread.take() {
+            // A thread that panicked has said why.
+            let _ended = thread.join();
+        }
+    }
+}
+
+fn lock<T>(shared: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    // Plain values: true whatever happened to a thread that held them.
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
