@@ -27,6 +27,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Args),
+    Doctor(crate::doctor::Args),
     Locate(locate::Args),
     Sim(simulate::Args),
     Replay(replay::Args),
@@ -66,6 +67,7 @@ pub fn run() -> ExitCode {
     };
     let result = match cli.command {
         Command::Demo(args) => demo::run(&args, cli.json),
+        Command::Doctor(args) => crate::doctor::run(&args, cli.json),
         Command::Locate(args) => locate::run(&args, cli.json),
         Command::Sim(args) => simulate::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),

@@ -36,6 +36,7 @@ pub mod baseline;
 pub mod bench;
 pub mod calibrate;
 pub mod demo;
+pub mod doctor;
 pub mod eval;
 pub mod locate;
 pub mod mirror;

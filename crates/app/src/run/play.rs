@@ -19,6 +19,7 @@ use super::status::{Remarks, Report, Status};
 use super::stop::Stop;
 use super::{Args, teleop};
 use crate::cycle::{Cycle, SPINE_FILE, Spine, SpineConfig};
+use crate::feed::Feed;
 use crate::log::{Header, LogConfig};
 use crate::outputs::Outputs;
 use crate::sample::{Content, Frame, Picture, Sample};
@@ -40,6 +41,7 @@ pub(super) struct Play {
     spine: Spine,
     keeper: Option<Keeper>,
     poses: Option<Poses>,
+    feed: Feed,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
@@ -71,6 +73,7 @@ impl Play {
             spine,
             keeper,
             poses,
+            feed: Feed::new(),
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -178,6 +181,7 @@ impl Play {
         let published = hw::now();
         status.cycle(&cycle, taken, published);
         let cycle = Arc::new(cycle);
+        self.feed.publish(&cycle);
         if let Some(poses) = &self.poses {
             poses.cycle(&cycle);
         }
