@@ -1,10 +1,10 @@
-# make run: set up, build, and show a minute of play.   make test: set up and run every test.
+# make run: set up, build, and show a minute of play.   make test: set up and run every test.   make dist: tarballs for a robot.
 
 PYTHON ?= python3
 VENV := .venv
 export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 
-.PHONY: run test lint bench setup check clean
+.PHONY: run test lint bench dist setup check clean
 
 run: setup
 	cargo run --release --locked -- demo
@@ -25,6 +25,10 @@ lint: setup
 
 bench: setup
 	cargo bench --workspace
+
+# Tarballs for the robot in dist/out, tried in a bare folder.
+dist: setup
+	tools/make_dist
 
 setup: check $(VENV)/.ready
 

@@ -5,7 +5,9 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::arguments::WrongArguments;
-use crate::{bench, calibrate, demo, eval, locate, mirror, recover, replay, script, simulate};
+use crate::{bench, calibrate, demo, doctor, eval, locate, recover, replay, simulate};
+#[cfg(feature = "python")]
+use crate::{mirror, script};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -27,7 +29,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Args),
-    Doctor(crate::doctor::Args),
+    Doctor(doctor::Args),
     Locate(locate::Args),
     Sim(simulate::Args),
     Replay(replay::Args),
@@ -36,7 +38,9 @@ enum Command {
     Calibrate(calibrate::Args),
     Bench(bench::Args),
     Eval(eval::Args),
+    #[cfg(feature = "python")]
     Mirror(mirror::Args),
+    #[cfg(feature = "python")]
     Script(script::Args),
 }
 
@@ -67,7 +71,7 @@ pub fn run() -> ExitCode {
     };
     let result = match cli.command {
         Command::Demo(args) => demo::run(&args, cli.json),
-        Command::Doctor(args) => crate::doctor::run(&args, cli.json),
+        Command::Doctor(args) => doctor::run(&args, cli.json),
         Command::Locate(args) => locate::run(&args, cli.json),
         Command::Sim(args) => simulate::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),
@@ -76,7 +80,9 @@ pub fn run() -> ExitCode {
         Command::Bench(args) => bench::run(&args, cli.json),
         Command::Eval(args) => eval::run(&args, cli.json),
         Command::Recover(args) => recover::run(&args, cli.json),
+        #[cfg(feature = "python")]
         Command::Mirror(args) => mirror::run(&args, cli.json),
+        #[cfg(feature = "python")]
         Command::Script(args) => script::run(&args),
     };
     match result {

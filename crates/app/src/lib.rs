@@ -30,6 +30,7 @@ pub mod progress;
 pub mod score;
 pub mod summary;
 
+#[cfg(feature = "python")]
 pub mod python;
 
 pub mod baseline;
@@ -39,10 +40,12 @@ pub mod demo;
 pub mod doctor;
 pub mod eval;
 pub mod locate;
+#[cfg(feature = "python")]
 pub mod mirror;
 pub mod recover;
 pub mod replay;
 pub mod run;
+#[cfg(feature = "python")]
 pub mod script;
 pub mod simulate;
 pub mod virtual_hardware;

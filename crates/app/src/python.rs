@@ -44,6 +44,20 @@ pub(crate) fn start(python: Option<&Path>) -> Result<()> {
     })
 }
 
+/// Starts Python as `script` would; its version and where it is.
+pub(crate) fn check() -> Result<String> {
+    start(None)?;
+    let version = Python::attach(|py| -> PyResult<String> {
+        let sys = py.import("sys")?;
+        let version: String = sys.getattr("version")?.extract()?;
+        let prefix: String = sys.getattr("prefix")?.extract()?;
+        let number = version.split_whitespace().next().unwrap_or_default();
+        Ok(format!("{number} in {prefix}"))
+    });
+    finish();
+    version.context("Python does not say its version")
+}
+
 /// Lets what was registered with `atexit` run and empties the buffers, as a Python of its own would do at its end.
 pub(crate) fn finish() {
     Python::attach(|py| {

@@ -114,7 +114,10 @@ fn clock() -> Finding {
             "set it (timedatectl set-ntp true): names and dates of logs are wrong, playing is not",
         );
     }
-    Finding::fine("clock", "the date may be right; playing goes by CLOCK_MONOTONIC")
+    Finding::fine(
+        "clock",
+        "the date may be right; playing goes by CLOCK_MONOTONIC",
+    )
 }
 
 fn governor() -> Finding {

@@ -86,7 +86,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         .filter(|finding| finding.verdict == Verdict::Bad)
         .count();
     if json {
-        println!("{}", serde_json::json!({ "findings": findings, "bad": bad }));
+        println!(
+            "{}",
+            serde_json::json!({ "findings": findings, "bad": bad })
+        );
     } else {
         for finding in &findings {
             let mark = match finding.verdict {

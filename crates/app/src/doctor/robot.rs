@@ -30,7 +30,10 @@ pub(super) fn findings(path: &Path, listen: f64) -> Vec<Finding> {
             "robot.toml",
             match &setup.camera {
                 Some((camera, _)) => {
-                    format!("camera of {} × {} pixels", camera.width_px, camera.height_px)
+                    format!(
+                        "camera of {} × {} pixels",
+                        camera.width_px, camera.height_px
+                    )
                 }
                 None => "no camera".to_owned(),
             },
@@ -138,9 +141,14 @@ fn remedy_of_absence(port: &str) -> String {
         return "look at the network's address and the camera's power; `arv-tool-0.8` lists what answers".to_owned();
     }
     if !path.starts_with("/") {
-        return format!("bring the interface up: sudo ip link set {port} up type can bitrate 500000");
+        return format!(
+            "bring the interface up: sudo ip link set {port} up type can bitrate 500000"
+        );
     }
-    match rustix::fs::access(path, rustix::fs::Access::READ_OK | rustix::fs::Access::WRITE_OK) {
+    match rustix::fs::access(
+        path,
+        rustix::fs::Access::READ_OK | rustix::fs::Access::WRITE_OK,
+    ) {
         Ok(()) => "end the other program that uses it (fuser names it)".to_owned(),
         Err(rustix::io::Errno::ACCESS) => {
             let group = if port.contains("video") || port.contains("v4l") {
@@ -150,9 +158,7 @@ fn remedy_of_absence(port: &str) -> String {
             };
             format!("install the udev rules, or: sudo usermod -aG {group} $USER, and log in again")
         }
-        Err(_) => {
-            "plug it in; `mirrorball run --list` shows the names that are there".to_owned()
-        }
+        Err(_) => "plug it in; `mirrorball run --list` shows the names that are there".to_owned(),
     }
 }
 

@@ -2,13 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, anyhow};
-use pyo3::prelude::*;
-
-use crate::python;
+use anyhow::Result;
 
 /// Draws index.html from results.json and the rows beside it.
+#[cfg(feature = "python")]
 pub(super) fn write(folder: &Path, interpreter: Option<&Path>) -> Result<PathBuf> {
+    use pyo3::prelude::*;
+
+    use crate::python;
+
     python::start(interpreter)?;
     let page = Python::attach(|py| -> PyResult<String> {
         let proof = py.import("mirrorball.proof")?;
@@ -18,7 +20,13 @@ pub(super) fn write(folder: &Path, interpreter: Option<&Path>) -> Result<PathBuf
             .str()?
             .extract()
     });
-    let page = page.map_err(|error| anyhow!("{error}"));
+    let page = page.map_err(|error| anyhow::anyhow!("{error}"));
     python::finish();
     page.map(PathBuf::from)
+}
+
+/// This build has no Python.
+#[cfg(not(feature = "python"))]
+pub(super) fn write(_: &Path, _: Option<&Path>) -> Result<PathBuf> {
+    anyhow::bail!("this mirrorball was built without Python")
 }

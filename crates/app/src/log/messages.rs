@@ -45,9 +45,7 @@ impl Messages {
         let stamp = cycle.stamp;
         self.inputs(cycle);
         let image = match &cycle.inputs.image {
-            Some(image) if self.topics.image_is_wanted() => {
-                self.packed(image)?
-            }
+            Some(image) if self.topics.image_is_wanted() => self.packed(image)?,
             _ => None,
         };
         let has_image = image.is_some();

@@ -11,6 +11,7 @@ pub mod stop;
 pub mod teleop;
 pub mod teller;
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use anyhow::Result;
@@ -47,6 +48,9 @@ pub struct Args {
     /// Write the estimated poses (as `locate` does); stamps are CLOCK_MONOTONIC.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
+    /// Offer the log's topics live to Foxglove, Lichtblick and our own view (default: 127.0.0.1:8765).
+    #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
+    live: Option<SocketAddr>,
     /// End after so many seconds.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
     duration: Option<f64>,

@@ -1,5 +1,6 @@
 //! What happens between start and stop? What devices deliver goes through the spine; the wheels stop before all else ends.
 
+use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -23,6 +24,7 @@ use crate::feed::Feed;
 use crate::log::{Header, LogConfig};
 use crate::outputs::Outputs;
 use crate::sample::{Content, Frame, Picture, Sample};
+use crate::stream::{Server, StreamConfig};
 
 /// Samples that may wait for the spine: more than a second of every device.
 const WAITING_MAX: usize = 1024;
@@ -42,6 +44,8 @@ pub(super) struct Play {
     keeper: Option<Keeper>,
     poses: Option<Poses>,
     feed: Feed,
+    /// Ends with the run.
+    _live: Option<Server>,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
@@ -57,23 +61,28 @@ impl Play {
             images: args.images,
             ..LogConfig::default()
         };
-        let keep = |path: &Path| {
-            let setup = &robot.setup;
-            let map = setup.camera.as_ref().map(|(_, map)| &**map);
-            let header = Header::new(&format!("run {}", robot.folder.display()), None)
-                .with_robot(&setup.robot, map, setup.colours.as_ref())?
-                .with_file(SPINE_FILE, toml::to_string(&config)?)
-                .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
-            Keeper::start(path, header, &setup.field, &log_config)
-        };
+        let header = header(&robot, &config)?;
+        let field = &robot.setup.field;
+        let keep = |path: &Path| Keeper::start(path, header.clone(), field, &log_config);
         let keeper = args.record.as_deref().map(keep).transpose()?;
+        let feed = Feed::new();
+        let offer = |address: &SocketAddr| {
+            let stream = StreamConfig {
+                bind: address.ip().to_string(),
+                port: address.port(),
+                ..StreamConfig::default()
+            };
+            Server::start(&feed, &header, field, &stream)
+        };
+        let live = args.live.as_ref().map(offer).transpose()?;
         let poses = args.out.as_deref().map(Poses::start).transpose()?;
         Ok(Play {
             robot,
             spine,
             keeper,
             poses,
-            feed: Feed::new(),
+            feed,
+            _live: live,
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -200,6 +209,17 @@ impl Play {
             keeper.note(hw::now(), text);
         }
     }
+}
+
+/// What log and stream say of this run before its first cycle.
+fn header(robot: &Robot, config: &SpineConfig) -> Result<Header> {
+    let setup = &robot.setup;
+    let map = setup.camera.as_ref().map(|(_, map)| &**map);
+    let header = Header::new(&format!("run {}", robot.folder.display()), None)
+        .with_robot(&setup.robot, map, setup.colours.as_ref())?
+        .with_file(SPINE_FILE, toml::to_string(config)?)
+        .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
+    Ok(header)
 }
 
 fn welcome(hardware: &HardwareConfig, teleop: bool) -> String {
