@@ -286,7 +286,8 @@ def main() -> int:
     verdicts, problems, summary = fault_run(given.out, 60.0 * given.minutes, rate=given.rate)
     for verdict in verdicts:
         after = "never" if verdict.recovered_s is None else f"{verdict.recovered_s:5.2f} s"
-        print(f"{verdict.kind:<18} {'named' if verdict.named else 'NOT NAMED':<10} well again after {after}  {'; '.join(verdict.problems)}")
+        named = "named" if verdict.named else "NOT NAMED"
+        print(f"{verdict.kind:<18} {named:<10} well again after {after}  {'; '.join(verdict.problems)}")
     print(json.dumps(summary, indent=1))
     for problem in problems:
         print(f"problem: {problem}")

@@ -140,7 +140,7 @@ fn remedy_of_absence(port: &str) -> String {
     if port.starts_with("genicam:") {
         return "look at the network's address and the camera's power; `arv-tool-0.8` lists what answers".to_owned();
     }
-    if !path.starts_with("/") {
+    if !port.contains('/') {
         return format!(
             "bring the interface up: sudo ip link set {port} up type can bitrate 500000"
         );
