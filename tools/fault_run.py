@@ -254,7 +254,7 @@ def fault_run(
     commands = hardware["commands"]
     if commands["too_long"] or commands["last_driving_s"] > told + 0.1:
         problems.append(f"the wheels were driven without a fresh command: {commands}")
-    if not commands["driving"] or not report["wheels_stopped"] or commands["last_s"] <= commands["last_driving_s"]:
+    if not commands["driving"] or not report["wheels_stopped"] or not commands["stands_last"]:
         problems.append(f"the wheels were not told to stop at the end: {commands}")
     if not commands["ran_out"]:
         problems.append("the frozen process's last command did not run out")

@@ -30,6 +30,8 @@ pub(super) struct Audit {
     pub(super) last_driving_s: f64,
     /// When the last command came, CLOCK_MONOTONIC, seconds.
     pub(super) last_s: f64,
+    /// The last command was to stand.
+    pub(super) stands_last: bool,
 }
 
 /// The board's firmware.
@@ -98,6 +100,7 @@ impl Board {
     fn obey(&mut self, twist: Twist, drives: bool, valid_ms: u16, now: Stamp) {
         let audit = &mut self.audit;
         audit.last_s = now.seconds();
+        audit.stands_last = !drives;
         audit.too_long += u64::from(valid_ms > 100);
         if drives {
             audit.driving += 1;
