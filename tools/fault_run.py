@@ -129,7 +129,14 @@ class Processes:
 
     def watch(self) -> socket.socket:
         """A viewer of the live stream that never reads what it gets."""
-        viewer = socket.create_connection(("127.0.0.1", self.port), timeout=5.0)
+        viewer = None
+        while viewer is None:
+            try:
+                viewer = socket.create_connection(("127.0.0.1", self.port), timeout=5.0)
+            except ConnectionRefusedError:
+                if time.monotonic() > self.began + 30.0:
+                    raise
+                time.sleep(0.1)
         lines = ["GET / HTTP/1.1", "Host: robot", "Upgrade: websocket", "Connection: Upgrade"]
         lines += ["Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13"]
         lines += ["Sec-WebSocket-Protocol: foxglove.sdk.v1", "", ""]
@@ -229,7 +236,6 @@ def fault_run(
     processes = Processes(out, seconds, faults, rate)
     problems = []
     try:
-        time.sleep(2.0)
         viewer = processes.watch()
         # The system's own faults, spread over the quiet moments.
         for share, name in [(0.3, "disk"), (0.5, "frozen"), (0.7, "viewer")]:
