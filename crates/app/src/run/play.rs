@@ -294,7 +294,7 @@ fn is_number(sample: &Sample) -> bool {
             .iter()
             .chain(&imu.rate)
             .all(|value| value.is_finite()),
-        Sample::Command(_) | Sample::Truth(_) | Sample::Frame(_) => true,
+        Sample::Command(_) | Sample::Report(_) | Sample::Truth(_) | Sample::Frame(_) => true,
     }
 }
 
