@@ -172,12 +172,12 @@ fn play(seed: u64, trial: &Trial, sums: &mut Sums) {
                 .iter()
                 .all(|player| player.truth.origin().distance_to(ball.at) > trial.beyond);
         sums.frames += usize::from(scored);
-        for i in 0..ROBOTS {
-            let (world, estimate) = players[i].look(stamp, ball.at, &mut rng);
-            let view = players[i].team.view(stamp, &world, &estimate);
+        for (i, player) in players.iter_mut().enumerate() {
+            let (world, estimate) = player.look(stamp, ball.at, &mut rng);
+            let view = player.team.view(stamp, &world, &estimate);
             let liar = i < trial.liars;
             if (frame + i).is_multiple_of(trial.frames_per_word) {
-                let report = report(players[i].number, stamp, &world, &estimate, liar);
+                let report = report(player.number, stamp, &world, &estimate, liar);
                 for to in (0..ROBOTS).filter(|&to| to != i) {
                     if rng.random::<f32>() >= trial.loss {
                         let arrives = time + trial.delay_max * rng.random::<f32>();
