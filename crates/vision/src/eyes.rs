@@ -200,10 +200,11 @@ impl Eyes {
     fn adapt(&mut self, frame: &Frame<'_>) -> Result<(Light, Vec<RaySight>, Seen), VisionError> {
         frame.check(self.map.width_px, self.map.height_px)?;
         let mut seen = Seen::default();
+        // What was learned where no line was seen may be anything: a hand before the camera, a dark corner.
         let light = self
             .light
             .take()
-            .filter(|light| light.format == frame.format);
+            .filter(|light| light.format == frame.format && light.model.white_seen);
         let known = match light {
             Some(light) => {
                 let share = self.read(frame, &light);
