@@ -1,9 +1,10 @@
-"""Mirrorball in Python: mirrors for soccer robots, designed, judged and drawn; the optics are the robot's own."""
+"""Mirrorball in Python: mirrors for soccer robots, designed, judged and drawn; optics and eyes are the robot's own."""
 
 # Inside the executable the compiled half is there before this package; only this makes it an attribute.
 from mirrorball import _core as _core
 from mirrorball._core import (
     Camera,
+    ColourTable,
     Field,
     GroundMap,
     Mount,
@@ -17,6 +18,7 @@ from mirrorball._core import (
 
 __all__ = [
     "Camera",
+    "ColourTable",
     "Field",
     "GroundMap",
     "Mount",

@@ -1,7 +1,7 @@
 """Types of the compiled half."""
 
 from os import PathLike
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,10 @@ class Camera:
         flipped: bool = True,
         outer_radius_px: float | None = None,
     ) -> None: ...
+    @staticmethod
+    def of_map(map: GroundMap) -> Camera: ...
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Camera: ...
     @property
     def width_px(self) -> int: ...
     @property
@@ -71,6 +75,7 @@ class Mount:
 class GroundMap:
     """Pixel → ground point in the robot frame, rows × columns."""
 
+    def __init__(self, *, x_m: NDArray[np.float32], y_m: NDArray[np.float32]) -> None: ...
     @property
     def x_m(self) -> NDArray[np.float32]: ...
     @property
@@ -122,3 +127,74 @@ def render(
     seed: int = 1,
 ) -> NDArray[np.uint8]:
     """Render the image from a pose (x, y in metres, θ in radians): rows × columns × (red, green, blue)."""
+
+@final
+class ColourTable:
+    """A class for every colour."""
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> ColourTable: ...
+    def save(self, path: str | PathLike[str]) -> None: ...
+    @property
+    def names(self) -> list[str]: ...
+    def classify(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]: ...
+
+@final
+class Eyes:
+    """The eyes of one camera; `mirrorball.vision.Eyes` names what they find."""
+
+    def __init__(
+        self,
+        *,
+        map: GroundMap,
+        camera: Camera | None = None,
+        mask: NDArray[np.bool_] | None = None,
+        line_width_m: float = 0.125,
+        settings_toml: str | None = None,
+    ) -> None: ...
+    @property
+    def scan_pixels(self) -> int: ...
+    @property
+    def scan_coverage(self) -> float: ...
+    def set_colours(self, table: ColourTable) -> None: ...
+    def forget_light(self) -> None: ...
+    def see(self, image: NDArray[np.uint8]) -> dict[str, Any]: ...
+
+def calibrate_strip(
+    *,
+    camera: Camera,
+    images: list[NDArray[np.uint8]],
+    directions_rad: list[float],
+    first_edge_m: float,
+    spacing_m: float,
+    bars: int,
+    width_m: float,
+    first_bar: str = "black",
+) -> tuple[GroundMap, float, list[tuple[int, int, float, str | None]]]: ...
+def calibrate_lines(
+    *,
+    camera: Camera,
+    start: GroundMap,
+    field: Field,
+    images: list[NDArray[np.uint8]],
+    settings_toml: str | None = None,
+) -> tuple[GroundMap, float, float, list[tuple[int, int, float, str | None]]]: ...
+def calibrate_mask(*, camera: Camera, images: list[NDArray[np.uint8]]) -> NDArray[np.bool_]: ...
+def calibrate_sizes(
+    *,
+    map: GroundMap,
+    images: list[NDArray[np.uint8]],
+    camera: Camera | None = None,
+    line_width_m: float = 0.125,
+    settings_toml: str | None = None,
+) -> list[tuple[str, NDArray[np.float32]]]: ...
+def learn_colours(
+    *,
+    map: GroundMap,
+    images: list[NDArray[np.uint8]],
+    camera: Camera | None = None,
+    line_width_m: float = 0.125,
+    over: str = "yuv",
+    settings_toml: str | None = None,
+) -> tuple[ColourTable, list[tuple[int, int, float, str | None]]]: ...
+def colours_from_labels(path: str | PathLike[str], *, over: str = "yuv") -> ColourTable: ...

@@ -1,7 +1,14 @@
 //! The camera and the mount of its mirror in Python: the keys of robot.toml with units in their names.
 
+use std::path::PathBuf;
+
+use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 use vision::CameraConfig;
+use vision::robot::{RobotConfig, RobotError};
+
+use crate::rays::GroundMap;
+use crate::see::camera_or_of_map;
 
 /// The number that was written: 0.6, not the 0.600000024 that 32 bits make of it.
 fn as_written(value: f32) -> f64 {
@@ -44,6 +51,23 @@ impl Camera {
             flipped,
             outer_radius_px,
         })
+    }
+
+    /// The camera of a ground map: size, axis, forward direction and side as the map shows them.
+    #[staticmethod]
+    fn of_map(py: Python<'_>, map: &Bound<'_, GroundMap>) -> PyResult<Self> {
+        camera_or_of_map(None, &map.get().to_rust(py)?).map(Camera)
+    }
+
+    /// `[camera]` of a robot.toml.
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        let robot = RobotConfig::load(&path).map_err(|error| match &error {
+            RobotError::Read { .. } => PyFileNotFoundError::new_err(error.to_string()),
+            _ => PyValueError::new_err(error.to_string()),
+        })?;
+        let missing = || PyValueError::new_err(format!("{}: has no [camera]", path.display()));
+        robot.camera.map(Camera).ok_or_else(missing)
     }
 
     /// Columns.

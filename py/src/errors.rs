@@ -2,6 +2,8 @@
 
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
+use vision::VisionError;
+use vision::calibrate::CalibrationError;
 use vision::ground_map::MapError;
 use vision::mirror::ProfileError;
 use vision::optics::OpticsError;
@@ -35,4 +37,18 @@ pub(crate) fn map(error: &MapError) -> PyErr {
 
 pub(crate) fn optics(error: &OpticsError) -> PyErr {
     PyValueError::new_err(error.to_string())
+}
+
+pub(crate) fn calibration(error: &CalibrationError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+pub(crate) fn vision(error: &VisionError) -> PyErr {
+    let message = error.to_string();
+    match error {
+        VisionError::Image { path, .. } | VisionError::File { path, .. } if !path.exists() => {
+            PyFileNotFoundError::new_err(message)
+        }
+        _ => PyValueError::new_err(message),
+    }
 }

@@ -23,7 +23,7 @@ const LEAGUE_FIELD: &str = include_str!("../../config/fields/msl_18x12.toml");
 
 /// A soccer field with its markings.
 #[pyclass(frozen, module = "mirrorball._core")]
-pub(crate) struct Field(localize::field::Field);
+pub(crate) struct Field(pub(crate) localize::field::Field);
 
 fn field_error(error: &FieldError) -> PyErr {
     let message = error.to_string();

@@ -482,7 +482,9 @@ fn rendering(figures: &mut Vec<Figure>) -> Result<()> {
 fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
     let load = |name| Simulation::load(&home::find(name)?, None, Some(f64::MAX));
     let demo = load("config/scenarios/demo.toml")?;
-    let setup = demo.setup()?;
+    let mut setup = demo.setup()?;
+    // Nothing is commanded here.
+    setup.robot.exposure = None;
     figures.push(Figure {
         name: "simulation_30_hz",
         value: times_real_time(demo, &setup)?,
@@ -490,7 +492,8 @@ fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
         wanted: ">= 8",
     });
     let game = load("config/scenarios/game_18x12.toml")?;
-    let setup = game.setup()?;
+    let mut setup = game.setup()?;
+    setup.robot.exposure = None;
     figures.push(Figure {
         name: "game_all_cores",
         value: times_real_time(game.ahead()?, &setup)?,

@@ -1,4 +1,8 @@
-//! `mirrorball calibrate`: which ground does each pixel of this camera show? From a strip, or from a drive.
+//! `mirrorball calibrate`: what does this camera show? Ground map from a strip or a drive, colours, own body, sizes.
+
+mod colours;
+mod mask;
+mod sizes;
 
 use std::path::{Path, PathBuf};
 
@@ -27,6 +31,9 @@ pub struct Args {
 enum What {
     Map(MapArgs),
     Lines(LinesArgs),
+    Colours(colours::ColoursArgs),
+    Mask(mask::MaskArgs),
+    Sizes(sizes::SizesArgs),
 }
 
 /// From images of the robot turning beside a radial strip of black and white bars.
@@ -98,6 +105,18 @@ struct LeftOut {
     reason: String,
 }
 
+impl LeftOut {
+    fn of(images: &[ImageResidual]) -> Vec<LeftOut> {
+        let left_out = images.iter().filter_map(|image| {
+            Some(LeftOut {
+                file: image.name.clone(),
+                reason: image.left_out.clone()?,
+            })
+        });
+        left_out.collect()
+    }
+}
+
 /// Rings drawn into the picture, metres.
 const RINGS: [f32; 8] = [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0];
 
@@ -106,6 +125,9 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let (outcome, residuals) = match &args.what {
         What::Map(args) => map(args)?,
         What::Lines(args) => lines(args)?,
+        What::Colours(args) => return colours::run(args, json),
+        What::Mask(args) => return mask::run(args, json),
+        What::Sizes(args) => return sizes::run(args, json),
     };
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
@@ -213,15 +235,7 @@ fn lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
         .camera
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
-    let path = args.dir.join("frames.csv");
-    let mut images = Vec::new();
-    for row in Table::read(&path, &["stamp_s", "file"])?.rows() {
-        let name = row.text("file")?.to_owned();
-        match Image::load(&args.dir.join(&name)) {
-            Ok(image) => images.push(DriveImage { name, image }),
-            Err(error) => eprintln!("{}: left out: {error}", row.place()),
-        }
-    }
+    let images = drive_images(&args.dir)?;
     let found = calibrate_lines(
         camera,
         start,
@@ -244,16 +258,32 @@ fn lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     Ok((outcome, found.images))
 }
 
+/// The images that a recording's frames.csv names, or strip.csv where there is none; those that cannot be read are named.
+fn drive_images(folder: &Path) -> Result<Vec<DriveImage>> {
+    let frames = folder.join("frames.csv");
+    let path = if frames.exists() {
+        frames
+    } else {
+        folder.join("strip.csv")
+    };
+    let mut images = Vec::new();
+    for row in Table::read(&path, &["file"])?.rows() {
+        let name = row.text("file")?.to_owned();
+        match Image::load(&folder.join(&name)) {
+            Ok(image) => images.push(DriveImage { name, image }),
+            Err(error) => eprintln!("{}: left out: {error}", row.place()),
+        }
+    }
+    ensure!(
+        !images.is_empty(),
+        "{}: no image can be read",
+        path.display()
+    );
+    Ok(images)
+}
+
 fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
-    let left_out = images
-        .iter()
-        .filter_map(|image| {
-            Some(LeftOut {
-                file: image.name.clone(),
-                reason: image.left_out.clone()?,
-            })
-        })
-        .collect::<Vec<_>>();
+    let left_out = LeftOut::of(images);
     Outcome {
         images: images.len(),
         used: images.len() - left_out.len(),

@@ -17,6 +17,7 @@ use localize::world::{World, WorldConfig, WorldModel};
 use serde::{Deserialize, Serialize};
 use vision::VisionError;
 use vision::config::VisionConfig;
+use vision::exposure::{CameraCommand, ExposureControl, ExposureReading};
 use vision::eyes::{Eyes, Seen};
 use vision::goals::GoalKind;
 
@@ -41,6 +42,8 @@ pub struct Cycle {
     pub world: World,
     /// What team-mates say, and the ball they agree on.
     pub team: TeamView,
+    /// How well the frame is exposed, and what to set the camera to; none where it was not looked at.
+    pub exposure: Option<ExposureReading>,
     /// Why the frame could not be used.
     pub fault: Option<String>,
     /// How long the stages took.
@@ -64,6 +67,13 @@ pub struct Inputs {
     pub truth: Option<Truth>,
     /// The image, if there is one.
     pub image: Option<Picture>,
+}
+
+impl Cycle {
+    /// What to set the camera to, if it should be changed.
+    pub fn camera_command(&self) -> Option<CameraCommand> {
+        self.exposure?.command
+    }
 }
 
 impl Inputs {
@@ -203,6 +213,7 @@ pub fn merge(base: &mut toml::Table, over: toml::Table) {
 /// The stages in their order, with what they remember from frame to frame.
 pub struct Spine {
     eyes: Option<Eyes>,
+    exposure: Option<ExposureControl>,
     localizer: Localizer,
     world: WorldModel,
     team: TeamModel,
@@ -227,10 +238,14 @@ impl Spine {
             vision.objects.viewpoint_height = height;
             localize.matching.viewpoint_height = height;
         }
+        let mut exposure = None;
         let mut eyes = match &setup.camera {
             Some((camera, map)) => {
                 let line_width = setup.field.config.line_width;
-                Some(Eyes::new(map, camera, line_width, vision)?)
+                let mask = setup.mask.as_deref();
+                let (control, config) = (setup.robot.exposure, &vision.exposure);
+                exposure = Some(ExposureControl::new(map, camera, mask, control, config)?);
+                Some(Eyes::with_mask(map, camera, mask, line_width, vision)?)
             }
             None => None,
         };
@@ -241,6 +256,7 @@ impl Spine {
             eyes,
             world: WorldModel::new(world, localize.matching.viewpoint_height),
             team: TeamModel::new(team),
+            exposure,
             localizer: localizer(setup, localize),
             inputs: Inputs::default(),
             last_sight: None,
@@ -266,9 +282,13 @@ impl Spine {
         let started = Instant::now();
         let mut inputs = std::mem::take(&mut self.inputs);
         let mut goals = Vec::new();
+        let mut exposure = None;
         let (seen, points, fault) = match frame.content {
             Content::Image(image) => {
-                let looked = self.look(stamp, &image);
+                let control = self.exposure.as_mut();
+                exposure = control.and_then(|control| control.look(&image.pixels()));
+                let jumped = exposure.is_some_and(|reading| reading.light_jumped);
+                let looked = self.look(stamp, &image, jumped);
                 inputs.image = Some(image);
                 match looked {
                     Ok(seen) => {
@@ -325,20 +345,19 @@ impl Spine {
             estimate,
             world,
             team,
+            exposure,
             fault,
             timings,
         }
     }
 
-    fn look(&mut self, stamp: Stamp, image: &Picture) -> Result<Seen, String> {
+    /// `light_jumped`: this frame was taken with quite another exposure than the one before.
+    fn look(&mut self, stamp: Stamp, image: &Picture, light_jumped: bool) -> Result<Seen, String> {
         let Some(eyes) = &mut self.eyes else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
-        if self
-            .last_sight
-            .replace(stamp)
-            .is_some_and(|last| stamp - last > LIGHT_MEMORY)
-        {
+        let last = self.last_sight.replace(stamp);
+        if light_jumped || last.is_some_and(|last| stamp - last > LIGHT_MEMORY) {
             eyes.forget_light();
         }
         eyes.see(&image.pixels()).map_err(|error| error.to_string())

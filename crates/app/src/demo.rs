@@ -18,7 +18,6 @@ use crate::interrupt;
 use crate::locate::FOREIGN_POINT_STD;
 use crate::log::{ImageMode, LogConfig};
 use crate::recording::Recording;
-use crate::sample::Sample;
 use crate::score;
 use crate::setup::Setup;
 use crate::simulation::Simulation;
@@ -76,18 +75,28 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let mut recorder = start_log(&log, "demo", Some(seed), (&setup, &config), &log_config)?;
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
-    let play = Story::of(simulation.ahead()?, &setup, &config, |cycle| {
+    let mut play = Story::default();
+    let mut spine = Spine::new(&setup, &config)?;
+    simulation.play(&mut spine, |cycle| {
+        let cycle = Arc::new(cycle);
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
-        recorder.cycle(cycle.clone())
+        play.add(&cycle);
+        recorder.cycle(cycle)
     })?;
     bar.finish_and_clear();
+    interrupt::check()?;
     let times_real_time = duration / started.elapsed().as_secs_f64();
     recorder.finish()?;
     play.picture(&setup)?.save(&pictures[0])?;
 
     let setup = Setup::load(&sample.join("robot.toml"), None)?;
     let recording = Recording::open(&sample, FOREIGN_POINT_STD)?;
-    let seen = Story::of(recording, &setup, &config, |_| Ok(()))?;
+    let mut spine = Spine::new(&setup, &config)?;
+    let mut seen = Story::default();
+    for cycle in recording.filter_map(|sample| spine.take(sample)) {
+        seen.add(&Arc::new(cycle));
+        interrupt::check()?;
+    }
     seen.picture(&setup)?.save(&pictures[1])?;
 
     let (play, recording) = (play.tally.summary(), seen.tally.summary());
@@ -116,6 +125,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 }
 
 /// A run from its first to its last cycle, as far as a picture of it needs.
+#[derive(Default)]
 struct Story {
     truth: Vec<At<FieldFrame>>,
     estimates: Vec<At<FieldFrame>>,
@@ -125,29 +135,6 @@ struct Story {
 }
 
 impl Story {
-    /// Runs the spine over a source; `also` sees each cycle.
-    fn of(
-        source: impl Iterator<Item = Sample>,
-        setup: &Setup,
-        config: &SpineConfig,
-        mut also: impl FnMut(&Arc<Cycle>) -> Result<()>,
-    ) -> Result<Self> {
-        let mut spine = Spine::new(setup, config)?;
-        let mut story = Story {
-            truth: Vec::new(),
-            estimates: Vec::new(),
-            tally: Tally::default(),
-            shown: None,
-        };
-        for cycle in source.filter_map(|sample| spine.take(sample)) {
-            let cycle = Arc::new(cycle);
-            story.add(&cycle);
-            also(&cycle)?;
-            interrupt::check()?;
-        }
-        Ok(story)
-    }
-
     fn add(&mut self, cycle: &Arc<Cycle>) {
         self.tally.add(cycle, score::cycle_error(cycle));
         self.truth

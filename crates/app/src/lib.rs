@@ -28,6 +28,7 @@ pub mod field_picture;
 pub mod outputs;
 pub mod progress;
 pub mod score;
+pub mod sight_score;
 pub mod summary;
 
 #[cfg(feature = "python")]

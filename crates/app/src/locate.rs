@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
+use serde::Serialize;
+use vision::config::ObjectConfig;
 
 use crate::arguments::{self, WrongArguments};
 use crate::cycle::{Spine, SpineConfig};
@@ -11,7 +13,8 @@ use crate::outputs::Outputs;
 use crate::recording::Recording;
 use crate::score;
 use crate::setup::Setup;
-use crate::summary::Tally;
+use crate::sight_score::{SightSummary, SightTally, TrueScene};
+use crate::summary::{Summary, Tally};
 use crate::table::seconds;
 
 /// Find the robot in every frame of a recording folder.
@@ -43,6 +46,16 @@ pub struct Args {
     config: Option<PathBuf>,
 }
 
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome {
+    #[serde(flatten)]
+    summary: Summary,
+    /// What the eyes found of what is known to be there.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    eyes: Option<SightSummary>,
+}
+
 /// Standard deviation taken for line points of another vision, which come without one, metres.
 pub const FOREIGN_POINT_STD: f32 = 0.04;
 
@@ -55,6 +68,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let setup = Setup::load(&args.dir.join("robot.toml"), args.map.as_deref())?;
     let recording = Recording::open(&args.dir, FOREIGN_POINT_STD)?;
     let truth = recording.truth.clone();
+    let objects = recording.objects.clone();
     let mut spine = Spine::new(
         &setup,
         &SpineConfig::load(&args.preset, args.config.as_deref())?,
@@ -66,6 +80,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     arguments::distinct([Some(&*out), args.points.as_deref(), args.seen.as_deref()])?;
     let mut outputs = Outputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let mut tally = Tally::default();
+    let mut sight = SightTally::default();
+    let viewpoint_height = setup
+        .viewpoint_height
+        .unwrap_or(ObjectConfig::default().viewpoint_height);
     let bar = crate::progress::bar(recording.frames() as u64, "frames");
     for cycle in recording.filter_map(|sample| spine.take(sample)) {
         if let Some(fault) = &cycle.fault {
@@ -78,15 +96,33 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             .pose
             .and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
         tally.add(&cycle, error);
+        if let (Some(seen), Some((_, map))) = (&cycle.seen, &setup.camera)
+            && let Some(pose) = score::pose_at(&truth, cycle.stamp)
+        {
+            let scene = TrueScene {
+                pose,
+                lean: cycle.estimate.lean,
+                viewpoint_height,
+                field: &setup.field,
+                map,
+                objects: objects.get(&cycle.stamp).map_or(&[], Vec::as_slice),
+            };
+            sight.add(seen, &scene);
+        }
         bar.inc(1);
     }
     bar.finish_and_clear();
     outputs.finish()?;
-    let summary = tally.summary();
+    let (summary, eyes) = (tally.summary(), sight.summary());
     if json {
-        println!("{}", serde_json::to_string(&summary)?);
+        let outcome = Outcome {
+            summary: summary.clone(),
+            eyes,
+        };
+        println!("{}", serde_json::to_string(&outcome)?);
     } else {
         summary.print();
+        eyes.iter().for_each(SightSummary::print);
         println!("poses: {}", out.display());
     }
     ensure!(

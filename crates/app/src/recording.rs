@@ -1,5 +1,6 @@
 //! What does a recording folder hold? Its CSV files and images as stamped samples in the order of time.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
@@ -9,6 +10,7 @@ use localize::{Pose, Stamp};
 use vision::image::Image;
 
 use crate::sample::{Content, Frame, Sample, Truth};
+use crate::sight_score::TrueObject;
 use crate::table::{Row, Table};
 
 /// A recording folder, its small files read whole and its images read one by one.
@@ -17,6 +19,8 @@ pub struct Recording {
     pub folder: PathBuf,
     /// Poses for scoring; empty where nothing is known.
     pub truth: Vec<Truth>,
+    /// Ball and robots where they truly were, for scoring; empty where nothing is known.
+    pub objects: BTreeMap<Stamp, Vec<TrueObject>>,
     events: std::vec::IntoIter<Event>,
     frames: usize,
 }
@@ -75,7 +79,14 @@ impl Recording {
                 if points.exists() { points } else { images }.display()
             );
         }
-        let truth = read_truth(folder)?;
+        let mut truth = read_truth(folder)?;
+        let objects = read_objects(folder)?;
+        for row in &mut truth {
+            let there = objects.get(&row.stamp).map_or(&[][..], Vec::as_slice);
+            row.ball = there.iter().find(|one| one.is_ball).map(|one| one.at);
+            let robots = there.iter().filter(|one| !one.is_ball);
+            row.robots = robots.map(|one| one.at).collect();
+        }
         events.extend(truth.iter().map(|truth| Event {
             stamp: truth.stamp,
             kind: Kind::Truth(truth.clone()),
@@ -116,6 +127,7 @@ impl Recording {
         Ok(Recording {
             folder: folder.to_owned(),
             truth,
+            objects,
             events: events.into_iter(),
             frames,
         })
@@ -200,8 +212,7 @@ fn floats<const N: usize>(row: Row<'_>, columns: [&str; N]) -> Result<[f32; N]> 
 
 /// Line points of someone else's vision; rows of one stamp are one frame.
 fn read_points(path: &Path, point_std: f32) -> Result<Vec<Event>> {
-    let mut frames: std::collections::BTreeMap<Stamp, Vec<LinePoint>> =
-        std::collections::BTreeMap::new();
+    let mut frames: BTreeMap<Stamp, Vec<LinePoint>> = BTreeMap::new();
     for row in Table::read(path, &["stamp_s", "x_m", "y_m"])?.rows() {
         let [x, y] = floats(row, ["x_m", "y_m"])?;
         let point = LinePoint {
@@ -237,4 +248,31 @@ fn read_truth(folder: &Path) -> Result<Vec<Truth>> {
     }
     truth.sort_by_key(|truth| truth.stamp);
     Ok(truth)
+}
+
+/// Ball and robots where they truly were: objects.csv, for scoring alone.
+fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<TrueObject>>> {
+    let mut objects: BTreeMap<Stamp, Vec<TrueObject>> = BTreeMap::new();
+    let Some(table) = optional(folder, "objects.csv", &["stamp_s", "kind", "x_m", "y_m"])? else {
+        return Ok(objects);
+    };
+    for row in table.rows() {
+        let [x, y] = floats(row, ["x_m", "y_m"])?;
+        let is_ball = match row.text("kind")? {
+            "ball" => true,
+            "robot" => false,
+            // Another recording may know of more than is scored.
+            _ => continue,
+        };
+        let visible_px = row
+            .text("visible_px")
+            .ok()
+            .and_then(|text| text.parse().ok());
+        objects.entry(stamp(row)?).or_default().push(TrueObject {
+            is_ball,
+            at: At::new(x, y),
+            visible_px,
+        });
+    }
+    Ok(objects)
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::Field;
+use vision::calibrate::mask::load_mask;
 use vision::labels::{ColourTable, TableKind, load_labels};
 use vision::robot::RobotConfig;
 use vision::{CameraConfig, GroundMap, Mount, Profile, optics};
@@ -19,6 +20,8 @@ pub struct Setup {
     pub camera: Option<(CameraConfig, Arc<GroundMap>)>,
     /// Colours learned from labels; without, vision learns them from the images.
     pub colours: Option<ColourTable>,
+    /// Where the robot does not see itself, one entry a pixel, row by row.
+    pub mask: Option<Vec<bool>>,
     /// Height of the mirror above the ground, metres, where its profile says it.
     pub viewpoint_height: Option<f32>,
 }
@@ -51,7 +54,12 @@ impl Setup {
             Some(mirror) => Some(viewpoint_height(&Profile::load(&mirror.profile)?)),
             None => None,
         };
+        let mask = match (&robot.mask, &robot.camera) {
+            (Some(path), Some(camera)) => Some(load_mask(path, camera.width_px, camera.height_px)?),
+            _ => None,
+        };
         Ok(Setup {
+            mask,
             colours: colours(robot_file, &robot)?,
             robot,
             field,

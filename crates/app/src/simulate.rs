@@ -195,11 +195,8 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let mut tally = Tally::default();
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
-    for cycle in simulation
-        .ahead()?
-        .filter_map(|sample| spine.take(sample))
-        .map(Arc::new)
-    {
+    simulation.play(&mut spine, |cycle| {
+        let cycle = Arc::new(cycle);
         tally.add(&cycle, score::cycle_error(&cycle));
         outputs.write(&cycle)?;
         if let (Some(file), Some(truth)) = (&mut truths, &cycle.inputs.truth) {
@@ -213,10 +210,8 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(recorder) = &mut recorder {
             recorder.cycle(cycle)?;
         }
-        if interrupt::asked() {
-            break;
-        }
-    }
+        Ok(())
+    })?;
     bar.finish_and_clear();
     // A log of half a run is a whole log; half a table is none.
     recorder.map(Recorder::finish).transpose()?;

@@ -1,21 +1,26 @@
 //! A simulated robot as a source: the simulator's samples in the spine's words.
 
 use std::path::Path;
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use anyhow::{Context, Result};
 use localize::Field;
 use sim::{Sample as Simulated, Scenario, Sim};
 use vision::RobotConfig;
+use vision::exposure::{CameraCommand, CameraControl};
 use vision::image::Image;
 
-use crate::cycle::merge;
+use crate::cycle::{Cycle, Spine, merge};
+use crate::interrupt;
 use crate::sample::{Content, Frame, Sample, Truth};
 use crate::setup::Setup;
 
 /// Frames that the simulator may be ahead of whoever looks at them: one to look at, one on its way.
 const LEAD: usize = 2;
+
+/// Answers that wait for the simulator: more frames than a camera's delay and `LEAD` together are never under way.
+const ANSWERS: usize = 64;
 
 /// A running scenario.
 pub struct Simulation {
@@ -47,7 +52,43 @@ impl Simulation {
 
     /// What the simulated robot believes of itself: its file's map, or the one its mirror should have.
     pub fn setup(&self) -> Result<Setup> {
-        setup_of(&self.sim)
+        let mut setup = setup_of(&self.sim)?;
+        // The scenario's film is what the camera starts with.
+        setup.robot.exposure = self.sim.robot().exposure.map(|control| {
+            let film = self.sim.film();
+            CameraControl {
+                exposure: film.exposure,
+                gain: film.gain,
+                ..control
+            }
+        });
+        Ok(setup)
+    }
+
+    /// Has the camera's exposure and gain changed as a real one would: from the frame that the command names on.
+    pub fn command_camera(&mut self, command: CameraCommand) {
+        let setting = command.setting;
+        self.sim
+            .expose_from(command.from_frame, setting.exposure, setting.gain);
+    }
+
+    /// Plays to the end, or until somebody asks us to stop: each sample goes through the spine, each cycle to `also`, and
+    /// what a cycle commands the camera goes back to it, in force from the frame that the command names.
+    ///
+    /// The simulator runs ahead in a thread of its own as far as the camera's delay lets it: the same samples, sooner.
+    pub fn play(self, spine: &mut Spine, mut also: impl FnMut(Cycle) -> Result<()>) -> Result<()> {
+        let mut ahead = self.run_ahead(true)?;
+        while let Some(sample) = ahead.next() {
+            let Some(cycle) = spine.take(sample) else {
+                continue;
+            };
+            ahead.answer(cycle.camera_command());
+            also(cycle)?;
+            if interrupt::asked() {
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// The simulator.
@@ -60,17 +101,38 @@ impl Simulation {
         self.duration
     }
 
-    /// Runs on in a thread of its own, while what it yielded is being looked at: the same samples, sooner.
+    /// Runs on in a thread of its own, while what it yielded is being looked at; its camera is not commanded.
     pub fn ahead(self) -> Result<Ahead> {
+        self.run_ahead(false)
+    }
+
+    /// `commanded`: waits for what each frame's cycle says to the camera, as far as the camera's delay asks for it.
+    fn run_ahead(mut self, commanded: bool) -> Result<Ahead> {
         let (sender, samples) = sync_channel(LEAD);
+        let (answers, commands) = sync_channel(ANSWERS);
+        // A camera without control is never commanded: nobody needs to be waited for.
+        let camera = self.sim.robot().exposure.filter(|_| commanded);
+        let delay = camera.map(|camera| camera.delay_frames.max(1));
         let run = move || {
-            let mut parcel = Vec::new();
-            for sample in self {
+            let (mut parcel, mut taken, mut answered) = (Vec::new(), 0u64, 0u64);
+            while let Some(sample) = self.next() {
                 let ends = matches!(sample, Sample::Frame(_));
                 parcel.push(sample);
+                if !ends {
+                    continue;
+                }
+                taken += 1;
                 // Nobody listens any more: the run was given up.
-                if ends && sender.send(std::mem::take(&mut parcel)).is_err() {
+                if sender.send(std::mem::take(&mut parcel)).is_err() {
                     return;
+                }
+                // The next frame is number `taken`; what was commanded `delay` frames before it is in force there.
+                while delay.is_some_and(|delay| answered + delay <= taken) {
+                    let Ok(command) = commands.recv() else { return };
+                    answered += 1;
+                    command
+                        .into_iter()
+                        .for_each(|command| self.command_camera(command));
                 }
             }
             drop(sender.send(parcel));
@@ -81,6 +143,7 @@ impl Simulation {
             .context("cannot start the simulator's thread")?;
         Ok(Ahead {
             samples,
+            answers,
             parcel: Vec::new().into_iter(),
             thread: Some(thread),
         })
@@ -129,6 +192,8 @@ pub(crate) fn setup_of(sim: &Sim) -> Result<Setup> {
     if let Some(field) = &scenario.field {
         robot.field.clone_from(field);
     }
+    // Only where commands go back to the camera may it be commanded.
+    robot.exposure = None;
     Setup::new(&scenario.robot, robot, sim.field().clone(), None)
 }
 
@@ -166,8 +231,18 @@ pub(crate) fn translated(sample: Simulated) -> Sample {
 /// A scenario that runs in a thread of its own, a few frames ahead.
 pub struct Ahead {
     samples: Receiver<Vec<Sample>>,
+    /// One answer a frame: what to set the camera to, if anything.
+    answers: SyncSender<Option<CameraCommand>>,
     parcel: std::vec::IntoIter<Sample>,
     thread: Option<JoinHandle<()>>,
+}
+
+impl Ahead {
+    /// Says what a frame's cycle commands; once a frame, in their order.
+    fn answer(&self, command: Option<CameraCommand>) {
+        // A simulator that has ended needs no answer.
+        drop(self.answers.try_send(command));
+    }
 }
 
 impl Iterator for Ahead {

@@ -130,6 +130,9 @@ pub struct Sim {
     wanted: Twist,
     renderer: Renderer,
     film: FilmConfig,
+    /// Settings to come: from which image on, counted from 0, those that were dropped not.
+    films_to_come: VecDeque<(u64, FilmConfig)>,
+    images: u64,
     /// Light set by hand, in place of the scenario's.
     light_level: Option<f32>,
     /// A sector occluded by hand, degrees.
@@ -252,6 +255,8 @@ impl Sim {
             wanted: Twist::default(),
             renderer,
             film: scenario.film,
+            films_to_come: VecDeque::new(),
+            images: 0,
             light_level: None,
             held_up: None,
             imu,
@@ -353,6 +358,18 @@ impl Sim {
     /// Changes the camera's settings from the next image on.
     pub fn set_film(&mut self, film: FilmConfig) {
         self.film = film;
+    }
+
+    /// Changes the camera's exposure and gain from an image on, counted from 0 (those that were dropped not).
+    ///
+    /// Must be called before that image is taken, in the order of the images; one that is past means the next.
+    pub fn expose_from(&mut self, image: u64, exposure: f32, gain: f32) {
+        let film = FilmConfig {
+            exposure,
+            gain,
+            ..self.film
+        };
+        self.films_to_come.push_back((image, film));
     }
 
     /// What is true now.
@@ -497,6 +514,15 @@ impl Sim {
         if self.failing(FaultKind::FramesDropped).is_some() {
             return None;
         }
+        while let Some(&(_, film)) = self
+            .films_to_come
+            .front()
+            .filter(|(from, _)| *from <= self.images)
+        {
+            self.film = film;
+            self.films_to_come.pop_front();
+        }
+        self.images += 1;
         let (width_px, height_px) = self.renderer.size_px();
         let image = |rgb| Image {
             stamp: truth.stamp,

@@ -69,6 +69,11 @@ impl Visited {
 /// A region larger than this is no ball, pixels: flooding stops.
 const LARGEST_REGION: usize = 20_000;
 
+/// Directions in which a region's surroundings are looked at.
+const WAYS: usize = 24;
+/// So far outside the region its blurred edge has ended, pixels.
+const BESIDE_PX: f32 = 3.0;
+
 impl BallSearch<'_> {
     /// The best ball among the regions around the seeds (column, row of pixels of the ball's colour).
     pub(crate) fn best(
@@ -185,11 +190,14 @@ impl BallSearch<'_> {
             return None;
         }
         let part = (far - near) / (2.0 * half_expected);
-        let pixels = self.pixels_expected(half_expected, [u, v])?;
+        let pixels = pixels_expected(self.map, config, range, [u, v])?;
         let share = region.len() as f32 / pixels;
         // Larger than a ball on the ground could be here: it is nearer, and so higher.
         let on_ground = part < 1.6 && share < 2.5;
         if share.min(part) < config.ball_part_min || share > 8.0 {
+            return None;
+        }
+        if !self.lies_on_carpet([u, v], region.len()) {
             return None;
         }
         let far_step = height / middle.cos().powi(2) * half_expected;
@@ -210,16 +218,36 @@ impl BallSearch<'_> {
         })
     }
 
-    /// Pixels of a whole ball here: its solid angle over a pixel's.
-    fn pixels_expected(&self, half: f32, [u, v]: [f32; 2]) -> Option<f32> {
-        let (column, row) = (u.round() as usize, v.round() as usize);
-        let (radial, tangential) = crate::scan::ground_per_px(self.map, column, row)?;
-        let ground = self.map.at(column, row)?.distance();
-        let height = self.config.viewpoint_height;
-        let angle = (ground / height).atan();
-        let radial_angle = radial * angle.cos().powi(2) / height;
-        let tangential_angle = tangential / ground * angle.sin();
-        Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
+    /// Is there carpet around a region? A poster or a shirt behind the field has floor, wall or net around it instead.
+    ///
+    /// Lines, and robots that hide a part, say neither yes nor no.
+    fn lies_on_carpet(&self, [u, v]: [f32; 2], pixels: usize) -> bool {
+        let reach = 3.0 * (pixels as f32 / std::f32::consts::PI).sqrt() + BESIDE_PX;
+        let class = |length: f32, cos: f32, sin: f32| {
+            let (column, row) = ((u + length * cos).round(), (v + length * sin).round());
+            let inside = column >= 0.0
+                && row >= 0.0
+                && (column as usize) < self.map.width_px
+                && (row as usize) < self.map.height_px;
+            inside.then(|| {
+                let native = self.frame.native(column as usize, row as usize);
+                self.table.class(native)
+            })
+        };
+        let (mut carpet, mut other) = (0, 0);
+        for way in 0..WAYS {
+            let (sin, cos) = (std::f32::consts::TAU * way as f32 / WAYS as f32).sin_cos();
+            let mut length = 0.0;
+            while length <= reach && class(length, cos, sin) == Some(Class::BALL) {
+                length += 1.0;
+            }
+            match class(length + BESIDE_PX, cos, sin) {
+                Some(Class::CARPET) => carpet += 1,
+                Some(Class::WHITE | Class::BLACK | Class::BALL | Class::CYAN | Class::MAGENTA) => {}
+                _ => other += 1,
+            }
+        }
+        carpet >= WAYS / 6 && carpet >= other
     }
 
     /// Does the carpet end before the ball's middle on both its sides? Then it is something behind the carpet.
@@ -236,4 +264,42 @@ impl BallSearch<'_> {
         let end = end(turns - half, count - 1).max(end(turns + half, 2));
         range > 1.02 * end
     }
+}
+
+/// Pixels of a whole ball on the ground at a distance, whose middle is seen at a place of the image: its solid angle over
+/// a pixel's.
+pub(crate) fn pixels_expected(
+    map: &GroundMap,
+    config: &ObjectConfig,
+    range: f32,
+    [u, v]: [f32; 2],
+) -> Option<f32> {
+    let height = config.viewpoint_height;
+    let half = (config.ball_radius / range.hypot(height - config.ball_radius)).asin();
+    let (column, row) = (u.round() as usize, v.round() as usize);
+    let (radial, tangential) = crate::scan::ground_per_px(map, column, row)?;
+    let ground = map.at(column, row)?.distance();
+    let angle = (ground / height).atan();
+    let radial_angle = radial * angle.cos().powi(2) / height;
+    let tangential_angle = tangential / ground * angle.sin();
+    Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
+}
+
+/// Pixels of a whole ball that lies at a place of the ground; none where the map does not show it.
+pub fn whole_pixels(map: &GroundMap, config: &ObjectConfig, at: At<RobotFrame>) -> Option<f32> {
+    // Its middle hides ground a little farther out than it touches.
+    let beyond = config.viewpoint_height / (config.viewpoint_height - config.ball_radius);
+    let mut nearest = (0.1 * at.distance(), None);
+    for row in 0..map.height_px {
+        for column in 0..map.width_px {
+            let Some(ground) = map.at(column, row) else {
+                continue;
+            };
+            let off = (ground.x - beyond * at.x).hypot(ground.y - beyond * at.y);
+            if off < nearest.0 {
+                nearest = (off, Some([column as f32, row as f32]));
+            }
+        }
+    }
+    pixels_expected(map, config, at.distance(), nearest.1?)
 }

@@ -86,6 +86,12 @@ impl CarpetModel {
         )
     }
 
+    /// The same light with carpet and white a little otherwise; white stays assumed where it was.
+    pub(crate) fn with_colours(&self, carpet: [f32; 3], white: [f32; 3]) -> Self {
+        let white = white.map(|channel| channel.max(1.0));
+        CarpetModel::new(carpet, white, self.noise, self.white_seen)
+    }
+
     /// True if colour tells nothing here.
     pub fn is_grey(&self) -> bool {
         self.chroma < COLOURLESS

@@ -16,6 +16,10 @@ pub struct VisionConfig {
     pub lines: LineConfig,
     /// Ball, robots and goals.
     pub objects: ObjectConfig,
+    /// When and how far exposure and gain follow the light.
+    pub exposure: ExposureConfig,
+    /// The virtual sensors' windows.
+    pub windows: WindowConfig,
 }
 
 /// The scan pattern (minho2016 section III: 72 radial lines every 5°, 36 spirals each way every 10°).
@@ -68,6 +72,36 @@ pub struct ColourConfig {
     pub relearn_below: f32,
     /// A frame is black if 95 % of its scanned pixels stay below this level, of 255.
     pub black_frame_level: u8,
+    /// How colours are followed while playing.
+    pub adapt: AdaptConfig,
+}
+
+/// How carpet and white are followed from frame to frame, between what was learned and what is quite another light.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AdaptConfig {
+    /// False: colours stay as they were learned.
+    pub enabled: bool,
+    /// Share of the way that the tracked colours go towards each frame's: 0.03 is about a second at 30 frames a second.
+    pub rate: f32,
+    /// Brightness follows by this factor up or down, at most; another light is learned anew.
+    pub brightness_max: f32,
+    /// A channel's share of the brightness follows by this share of the carpet's chroma, at most: still the same carpet.
+    pub chroma_max: f32,
+    /// Tables are rebuilt when a channel is off by this share: half of what a classification would notice.
+    pub rebuild_off: f32,
+}
+
+impl Default for AdaptConfig {
+    fn default() -> Self {
+        AdaptConfig {
+            enabled: true,
+            rate: 0.03,
+            brightness_max: 1.6,
+            chroma_max: 0.25,
+            rebuild_off: 0.08,
+        }
+    }
 }
 
 impl Default for ColourConfig {
@@ -79,6 +113,7 @@ impl Default for ColourConfig {
             carpet_bright_min: 0.25,
             relearn_below: 0.5,
             black_frame_level: 12,
+            adapt: AdaptConfig::default(),
         }
     }
 }
@@ -181,6 +216,111 @@ impl Default for ObjectConfig {
     }
 }
 
+/// When and how far exposure and gain follow the light; what the camera can do is `[exposure]` of robot.toml.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ExposureConfig {
+    /// False: exposure is neither watched nor changed.
+    pub enabled: bool,
+    /// The centre's brightness is looked at in every so many frames: light does not change faster than a tenth of a second.
+    pub check_every: u64,
+    /// Carpet nearer than this belongs to the centre, metres: it is in view wherever the robot is.
+    pub ring_range: f32,
+    /// The best setting is sought when the centre's brightness changed by this share; a line or ball nearby changes less.
+    pub change_min: f32,
+    /// Another setting must promise so many bits of entropy more: below lies what the scene changes by itself.
+    pub entropy_gain_min: f32,
+    /// One command changes the light by this factor, at most: predictions from a clipped picture go wrong beyond.
+    pub step_max: f32,
+    /// The search ends when a step would change the light by less than this share.
+    pub settled: f32,
+}
+
+impl Default for ExposureConfig {
+    fn default() -> Self {
+        ExposureConfig {
+            enabled: true,
+            check_every: 3,
+            ring_range: 1.0,
+            change_min: 0.12,
+            entropy_gain_min: 0.05,
+            step_max: 8.0,
+            settled: 0.1,
+        }
+    }
+}
+
+/// A rectangle of the image, pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Window {
+    /// Its left edge.
+    pub left_px: f32,
+    /// Its upper edge.
+    pub top_px: f32,
+    /// From left to right.
+    pub width_px: f32,
+    /// From top to bottom.
+    pub height_px: f32,
+}
+
+/// The virtual sensors of lima2001 section 3.3. Windows that are not given are laid out by the ground map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WindowConfig {
+    /// The bumpers, from the left over the front to the right; none given: nine squares evenly around the robot.
+    pub bumpers: Vec<Window>,
+    /// Goals are sought in these; none given: three in front, from half way out to the rim.
+    pub goals: Vec<Window>,
+    /// The ball counts inside this one; left out: everywhere.
+    pub ball: Option<Window>,
+    /// The ball inside this one touches the kicker; left out: just before the robot.
+    pub kick: Option<Window>,
+    /// The camera's lens must be seen inside this one; left out: around where the mirror's axis should be.
+    pub lens: Option<Window>,
+    /// Middle of the bumpers that are laid out, metres from the robot's centre.
+    pub bumper_range: f32,
+    /// Ground that such a bumper covers along the ray, metres.
+    pub bumper_size: f32,
+    /// A bumper is hit when this share of it is not floor: a line that passes covers less than half.
+    pub bumper_share: f32,
+    /// A goal is seen when this share of one of its windows has its colour.
+    pub goal_share: f32,
+    /// Middle of the kick window that is laid out, metres before the robot's centre: half a robot and a ball's radius.
+    pub kick_range: f32,
+    /// Ground that it covers along the ray, metres: a ball's diameter.
+    pub kick_size: f32,
+    /// The ball touches the kicker when this share of the kick window has its colour.
+    pub kick_share: f32,
+}
+
+impl Default for WindowConfig {
+    fn default() -> Self {
+        WindowConfig {
+            bumpers: Vec::new(),
+            goals: Vec::new(),
+            ball: None,
+            kick: None,
+            lens: None,
+            bumper_range: 0.6,
+            bumper_size: 0.3,
+            bumper_share: 0.5,
+            goal_share: 0.1,
+            kick_range: 0.36,
+            kick_size: 0.22,
+            kick_share: 0.3,
+        }
+    }
+}
+
+impl WindowConfig {
+    fn windows(&self) -> impl Iterator<Item = &Window> {
+        let single = [&self.ball, &self.kick, &self.lens];
+        let lists = self.bumpers.iter().chain(&self.goals);
+        lists.chain(single.into_iter().flatten())
+    }
+}
+
 impl VisionConfig {
     /// Refuses values that cannot work.
     pub fn check(&self) -> Result<(), VisionError> {
@@ -197,6 +337,21 @@ impl VisionConfig {
             let reason = "the mirror must look down on the ball";
             let height = self.objects.viewpoint_height;
             return refuse("objects.viewpoint_height", f64::from(height), reason);
+        }
+        let adapt = &self.colours.adapt;
+        if !(adapt.rate <= 1.0 && adapt.brightness_max >= 1.0) {
+            let reason = "rate is at most 1, brightness_max at least 1";
+            return refuse("colours.adapt", f64::from(adapt.rate), reason);
+        }
+        for window in self.windows.windows() {
+            let lengths = [window.width_px, window.height_px];
+            let places = [window.left_px, window.top_px];
+            if !(lengths.iter().all(|&l| l.is_finite() && l >= 1.0)
+                && places.iter().all(|&p| p.is_finite() && p >= 0.0))
+            {
+                let reason = "a window starts inside the image and is at least a pixel wide";
+                return refuse("windows", f64::from(window.width_px), reason);
+            }
         }
         for (key, count) in [
             ("scan.radial_lines", scan.radial_lines),
@@ -223,6 +378,19 @@ impl VisionConfig {
             ("objects.robot_range_max", self.objects.robot_range_max),
             ("objects.robot_width_max", self.objects.robot_width_max),
             ("objects.robot_before_min", self.objects.robot_before_min),
+            ("colours.adapt.rate", self.colours.adapt.rate),
+            ("colours.adapt.rebuild_off", self.colours.adapt.rebuild_off),
+            ("exposure.ring_range", self.exposure.ring_range),
+            ("exposure.change_min", self.exposure.change_min),
+            ("exposure.step_max", self.exposure.step_max),
+            ("exposure.settled", self.exposure.settled),
+            ("windows.bumper_range", self.windows.bumper_range),
+            ("windows.bumper_size", self.windows.bumper_size),
+            ("windows.bumper_share", self.windows.bumper_share),
+            ("windows.goal_share", self.windows.goal_share),
+            ("windows.kick_range", self.windows.kick_range),
+            ("windows.kick_size", self.windows.kick_size),
+            ("windows.kick_share", self.windows.kick_share),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(key, f64::from(value), "must be positive");
@@ -240,6 +408,8 @@ impl VisionConfig {
             ("lines.white_share_min", self.lines.white_share_min),
             ("objects.gap_max", self.objects.gap_max),
             ("objects.gap_share", self.objects.gap_share),
+            ("colours.adapt.chroma_max", self.colours.adapt.chroma_max),
+            ("exposure.entropy_gain_min", self.exposure.entropy_gain_min),
         ] {
             if !(value.is_finite() && value >= 0.0) {
                 return refuse(key, f64::from(value), "must not be negative");

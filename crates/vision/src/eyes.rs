@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
+use crate::adapt::Adaptation;
 use crate::ball::{Ball, BallSearch, Visited};
 use crate::camera::CameraConfig;
 use crate::carpet::{CarpetModel, median_colour};
 use crate::colours::{Class, NativeTable};
-use crate::config::VisionConfig;
+use crate::config::{VisionConfig, Window};
 use crate::error::VisionError;
 use crate::goals::{Goal, goals};
 use crate::ground_map::GroundMap;
@@ -17,6 +18,7 @@ use crate::rays::{RaySight, Rays};
 use crate::read::{BrightnessReader, ClassReader};
 use crate::robots::{Robot, robots};
 use crate::scan::ScanPattern;
+use crate::windows::{WindowReadings, Windows};
 
 /// Everything that one frame shows.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -31,6 +33,8 @@ pub struct Seen {
     pub robots: Vec<Robot>,
     /// Goals and posts.
     pub goals: Vec<Goal>,
+    /// What the virtual sensors say.
+    pub windows: WindowReadings,
     /// Where the carpet ends in each direction around the mirror's axis, metres (infinite: not seen); the first is
     /// image right, then towards image up.
     pub carpet_end: Vec<f32>,
@@ -61,6 +65,7 @@ pub struct Eyes {
     some_classes: Vec<Class>,
     rays: Rays,
     visited: Visited,
+    windows: Windows,
     centre_px: [f32; 2],
     labelled: Option<Arc<ColourTable>>,
     light: Option<Light>,
@@ -79,6 +84,7 @@ struct Light {
     /// Share of the scanned pixels that were carpet when it was learned.
     carpet_share: f32,
     format: PixelFormat,
+    adaptation: Adaptation,
 }
 
 /// Fewer runs than this do not tell white's colour.
@@ -142,6 +148,7 @@ impl Eyes {
             some: ClassReader::new(some),
             rays,
             visited: Visited::default(),
+            windows: Windows::new(map, camera, &config.windows)?,
             centre_px: camera.centre_px,
             classes: vec![Class::OTHER; pattern.samples.len()],
             thresholds: Vec::new(),
@@ -164,6 +171,11 @@ impl Eyes {
         &self.pattern
     }
 
+    /// The virtual sensors' windows with their names: bumper, goal, ball, kick, lens.
+    pub fn windows(&self) -> &[(&'static str, Window)] {
+        self.windows.laid()
+    }
+
     /// The classes of the pattern's samples in the last frame that [`Eyes::see`] saw, one a sample.
     pub fn classes(&self) -> &[Class] {
         &self.classes
@@ -181,17 +193,19 @@ impl Eyes {
 
     /// Everything that a frame shows; the first frame, and one in quite another light, is learned from first.
     pub fn see(&mut self, frame: &Frame<'_>) -> Result<Seen, VisionError> {
-        let (light, sights, mut seen) = self.adapt(frame)?;
+        let (mut light, sights, mut seen) = self.adapt(frame)?;
         self.find_lines(frame, &light, &mut seen);
         self.find_objects(frame, &light, &sights, &mut seen);
+        self.follow(frame, &mut light, &seen);
         self.light = Some(light);
         Ok(seen)
     }
 
     /// As [`Eyes::see`], but for line points alone: what localisation needs.
     pub fn see_lines(&mut self, frame: &Frame<'_>) -> Result<Seen, VisionError> {
-        let (light, _, mut seen) = self.adapt(frame)?;
+        let (mut light, _, mut seen) = self.adapt(frame)?;
         self.find_lines(frame, &light, &mut seen);
+        self.follow(frame, &mut light, &seen);
         self.light = Some(light);
         Ok(seen)
     }
@@ -281,24 +295,64 @@ impl Eyes {
     }
 
     fn light_of(&self, model: CarpetModel, format: PixelFormat) -> Light {
-        let colours = self.config.colours.clone();
-        let ball = self.config.objects.ball_hue_deg;
-        let labelled = self.labelled.clone();
-        let [r, g, _] = model
-            .weights()
-            .map(|weight| (256.0 * weight).round() as u32);
         Light {
-            table: NativeTable::new(move |native| match &labelled {
-                Some(table) if format.is_yuv() => table.class(native),
-                Some(table) => table.class(yuv_of_rgb(native)),
-                None if format.is_yuv() => model.class(rgb_of_yuv(native), &colours, ball),
-                None => model.class(native, &colours, ball),
-            }),
-            weights: [r, g, 256 - r - g],
+            table: self.table_of(format, model, model),
+            weights: weights_of(&model),
             noise: 0.0,
             carpet_share: 0.0,
             model,
             format,
+            adaptation: Adaptation::new(model),
+        }
+    }
+
+    /// Classes of a camera's channels under a light that was learned as `prior` and is now `model`.
+    fn table_of(&self, format: PixelFormat, model: CarpetModel, prior: CarpetModel) -> NativeTable {
+        let colours = self.config.colours.clone();
+        let ball = self.config.objects.ball_hue_deg;
+        let labelled = self.labelled.clone();
+        NativeTable::new(move |native| {
+            let rgb = if format.is_yuv() {
+                rgb_of_yuv(native)
+            } else {
+                native
+            };
+            match &labelled {
+                None => model.class(rgb, &colours, ball),
+                Some(table) if format.is_yuv() && model == prior => table.class(native),
+                // People labelled what they saw in another light: the carpet tells by how much each channel changed.
+                Some(table) => table.class(yuv_of_rgb(std::array::from_fn(|i| {
+                    let change = prior.carpet[i].max(1.0) / model.carpet[i].max(1.0);
+                    (f32::from(rgb[i]) * change).round().min(255.0) as u8
+                }))),
+            }
+        })
+    }
+
+    /// Follows slow changes of the light by what this frame confirms.
+    fn follow(&mut self, frame: &Frame<'_>, light: &mut Light, seen: &Seen) {
+        let config = &self.config.colours.adapt;
+        if !config.enabled || seen.learned {
+            return;
+        }
+        let is_carpet = |index: usize| {
+            let sample = &self.pattern.samples[index];
+            let native = frame.native(usize::from(sample.u), usize::from(sample.v));
+            light.table.class(native) == Class::CARPET
+        };
+        let changed = light.adaptation.follow(
+            frame,
+            &self.pattern,
+            is_carpet,
+            seen,
+            (&light.model, self.centre_px),
+            config,
+        );
+        if let Some(model) = changed {
+            light.table = self.table_of(light.format, model, *light.adaptation.prior());
+            light.weights = weights_of(&model);
+            light.model = model;
+            self.measure_noise(light);
         }
     }
 
@@ -379,6 +433,8 @@ impl Eyes {
             })
             .map(|(sample, _)| [sample.u, sample.v]);
         seen.ball = search.best(seeds, &mut self.visited);
+        let ball_px = seen.ball.map(|ball| ball.at_px);
+        seen.windows = self.windows.read(frame, &light.table, ball_px);
     }
 
     fn find_lines(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
@@ -398,6 +454,13 @@ impl Eyes {
         };
         line_points(&reading, &judge, &mut seen.line_points, &mut seen.refused);
     }
+}
+
+/// A model's weights in whole 256ths.
+fn weights_of(model: &CarpetModel) -> [u32; 3] {
+    let weights = model.weights();
+    let [r, g, _] = weights.map(|weight| (256.0 * weight).round() as u32);
+    [r, g, 256 - r - g]
 }
 
 /// The level that 95 % of the pixels stay below.

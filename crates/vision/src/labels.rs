@@ -136,7 +136,7 @@ impl ColourTable {
         let mut names: Vec<String> = CLASS_NAMES.map(str::to_owned).to_vec();
         let mut members: Vec<Vec<Vector3<f64>>> = vec![Vec::new(); names.len()];
         for label in labels {
-            let name = known_name(&label.class);
+            let name = class_of_name(&label.class);
             let class = match names.iter().position(|known| known == name) {
                 Some(class) => class,
                 None if names.len() < 255 => {
@@ -177,6 +177,20 @@ impl ColourTable {
             names,
             classes,
         })
+    }
+
+    /// From classes that are known for every entry of its kind.
+    pub(crate) fn of_classes(kind: TableKind, names: Vec<String>, classes: Vec<u8>) -> Self {
+        ColourTable {
+            kind,
+            names,
+            classes,
+        }
+    }
+
+    /// Over which channels it decides.
+    pub fn kind(&self) -> TableKind {
+        self.kind
     }
 
     /// The class of a colour.
@@ -262,7 +276,7 @@ impl ColourTable {
 }
 
 /// The names that vision itself uses for what people call otherwise.
-fn known_name(name: &str) -> &str {
+pub fn class_of_name(name: &str) -> &str {
     match name {
         "green" | "field" => "carpet",
         "line" => "white",

@@ -28,7 +28,13 @@ pub mod ball;
 pub mod goals;
 pub mod robots;
 
+pub mod windows;
+
+mod adapt;
+
 pub mod eyes;
+
+pub mod exposure;
 
 pub mod calibrate;
 

@@ -47,6 +47,8 @@ pub(crate) struct RaySight {
 /// Carpet begins again where so many of the last five samples are carpet; fewer are noise on something dark.
 const RECENT: u32 = 0b1_1111;
 const MOST: u32 = 4;
+/// So many samples of a ray lie beside the robot itself.
+const NEAREST: usize = 8;
 
 impl Rays {
     pub(crate) fn new(
@@ -154,7 +156,9 @@ impl Rays {
             let class = self.classes[index];
             recent = (recent << 1 | u32::from(class == Class::CARPET)) & RECENT;
             let unbroken = gap == 0.0 && last_carpet.is_some();
-            if class == Class::CARPET && (unbroken || recent.count_ones() >= MOST) {
+            // Beside the robot itself little carpet may be left before an obstacle: two samples of it are enough there.
+            let first = last_carpet.is_none() && index < start + NEAREST && recent & 0b11 == 0b11;
+            if class == Class::CARPET && (unbroken || first || recent.count_ones() >= MOST) {
                 let more = leading_carpet(&self.classes[index + 1..self.read[ray]]);
                 recent = ((recent + 1) << more.min(5)) - 1;
                 index += more;

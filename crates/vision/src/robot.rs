@@ -6,6 +6,7 @@ use localize::toml_place::place;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::CameraConfig;
+use crate::exposure::CameraControl;
 
 /// A robot file. Paths are relative to the file; `load` has already resolved them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -15,10 +16,14 @@ pub struct RobotConfig {
     pub field: PathBuf,
     /// Camera and its mount; a recording of line points needs none.
     pub camera: Option<CameraConfig>,
+    /// What the camera's exposure and gain can be set to.
+    pub exposure: Option<CameraControl>,
     /// The mirror's profile.
     pub mirror: Option<MirrorConfig>,
     /// A calibrated map.
     pub map: Option<MapConfig>,
+    /// Where the robot sees itself: a grey PNG as large as the image, black there.
+    pub mask: Option<PathBuf>,
     /// Labelled pixels to learn colours from: a CSV of file,u,v,class.
     pub labels: Option<PathBuf>,
     /// A saved colour table, in place of labels.
@@ -220,6 +225,7 @@ impl RobotConfig {
         let folder = path.parent().unwrap_or(Path::new(""));
         let files = [
             Some(&mut robot.field),
+            robot.mask.as_mut(),
             robot.labels.as_mut(),
             robot.colours.as_mut(),
             robot.map.as_mut().map(|map| &mut map.file),
@@ -250,6 +256,9 @@ impl RobotConfig {
             ] {
                 positive(key, value.unwrap_or(1.0))?;
             }
+        }
+        if let Some(exposure) = &self.exposure {
+            exposure.check()?;
         }
         if let Some(base) = &self.base {
             base.check()?;

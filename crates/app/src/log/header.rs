@@ -72,6 +72,10 @@ impl Header {
         own.map = map.map(|_| MapConfig {
             file: "map.npz".into(),
         });
+        if let Some(mask) = &mut own.mask {
+            header = header.with_file("mask.png", read(mask)?);
+            *mask = "mask.png".into();
+        }
         // The labels' images stay where they are; what was learned from them goes along.
         own.labels = None;
         own.colours = colours.map(|_| "colours.table".into());

@@ -117,6 +117,9 @@ impl Messages {
                 refused: seen.refused.len() as u32,
                 carpet_share: seen.carpet_share,
                 colours_learned: seen.learned,
+                carpet_end: seen.carpet_end.clone(),
+                windows: convert::windows_to_wire(&seen.windows),
+                exposure: cycle.exposure.as_ref().map(convert::exposure_to_wire),
             };
             topics.sensors.log_at(&sensors, stamp);
             if let Some(ball) = &seen.ball {
@@ -171,6 +174,10 @@ impl Messages {
         if let Some(fault) = &cycle.fault {
             self.topics
                 .note(stamp, Level::Warning, format!("frame not used: {fault}"));
+        }
+        if cycle.exposure.is_some_and(|reading| reading.warning) {
+            let text = "the light changed, and this camera's exposure cannot be controlled";
+            self.topics.note(stamp, Level::Warning, text.to_owned());
         }
         if self.mode.replace(estimate.mode) != Some(estimate.mode) {
             let level = match estimate.mode {

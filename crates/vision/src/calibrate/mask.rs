@@ -1,7 +1,10 @@
 //! Where does the robot see itself? Body and rods: what stays the same while the floor turns by.
 
+use std::path::Path;
+
 use crate::calibrate::CalibrationError;
 use crate::camera::CameraConfig;
+use crate::error::VisionError;
 use crate::image::Image;
 
 /// Fewer images of a turning robot leave floor that happens to stay the same.
@@ -69,6 +72,37 @@ pub fn calibrate_mask(
     Ok((0..own.len())
         .map(|pixel| !near(&own, camera, pixel))
         .collect())
+}
+
+/// Writes a mask as a picture: black where the robot sees itself, white elsewhere.
+pub fn save_mask(
+    mask: &[bool],
+    width_px: usize,
+    height_px: usize,
+    path: &Path,
+) -> Result<(), VisionError> {
+    let level = |&free: &bool| if free { 255u8 } else { 0 };
+    let image = Image {
+        width_px,
+        height_px,
+        rgb: mask.iter().flat_map(|free| [level(free); 3]).collect(),
+    };
+    image.save(path)
+}
+
+/// Reads a mask that has the camera's size.
+pub fn load_mask(path: &Path, width_px: usize, height_px: usize) -> Result<Vec<bool>, VisionError> {
+    let image = Image::load(path)?;
+    if (image.width_px, image.height_px) != (width_px, height_px) {
+        return Err(VisionError::File {
+            path: path.to_owned(),
+            reason: format!(
+                "is {} × {} pixels, but the camera has {width_px} × {height_px}",
+                image.width_px, image.height_px
+            ),
+        });
+    }
+    Ok(image.rgb.chunks_exact(3).map(|rgb| rgb[0] >= 128).collect())
 }
 
 /// Are at least three of the nine pixels around one the robot's own? Widens by a pixel's blur, drops specks.

@@ -1,17 +1,21 @@
 //! How does this camera really map the ground? Calibrations of the ground map, each with its residuals.
 
+pub mod colours;
 mod correction;
 pub mod lines;
 mod lines_fit;
 pub mod mask;
 mod polar_map;
 pub mod profile_fit;
+pub mod sizes;
 pub mod strip;
 mod strip_edges;
 
+pub use colours::{LearnedColours, learn_colours};
 pub use lines::{DriveImage, LinesCalibration, calibrate_lines};
 pub use mask::calibrate_mask;
 pub use profile_fit::{ProfileFit, fit_profile};
+pub use sizes::{SizeCalibration, SizeRow, calibrate_sizes};
 pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
 
 /// A point of the ground whose place in the image is known.

@@ -7,7 +7,7 @@
 use foxglove::Encode;
 use prost::bytes::Bytes;
 
-pub(crate) use super::wire_seen::{Ball, Goal, Robot, Robots, Seen, Sensors};
+pub(crate) use super::wire_seen::{Ball, Exposure, Goal, Robot, Robots, Seen, Sensors, Windows};
 pub(crate) use super::wire_world::{Mate, Object, OnField, Report, SharedBall, TeamView, World};
 
 /// A pose, metres and radians, field_from_robot.
@@ -184,6 +184,8 @@ pub(crate) struct Cycle {
     pub(crate) see_ms: f32,
     #[prost(float, required)]
     pub(crate) localize_ms: f32,
+    #[prost(message, optional)]
+    pub(crate) exposure: Option<Exposure>,
     #[prost(message, repeated)]
     pub(crate) commands: Vec<Command>,
     #[prost(message, repeated)]

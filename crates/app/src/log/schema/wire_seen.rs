@@ -78,6 +78,52 @@ pub(crate) struct Goal {
     pub(crate) v_px: f32,
 }
 
+/// `vision::windows::WindowReadings`: what the virtual sensors say; a place is a column and a row, or nothing.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Windows {
+    #[prost(float, repeated)]
+    pub(crate) bumper_share: Vec<f32>,
+    #[prost(bool, repeated)]
+    pub(crate) bumper_hit: Vec<bool>,
+    #[prost(float, repeated)]
+    pub(crate) blue_goal_px: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) yellow_goal_px: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) ball_px: Vec<f32>,
+    #[prost(bool)]
+    pub(crate) kick: bool,
+    #[prost(float, repeated)]
+    pub(crate) lens_px: Vec<f32>,
+    #[prost(bool, optional)]
+    pub(crate) lens_centred: Option<bool>,
+}
+
+/// `vision::exposure::ExposureReading`; settings are in the camera's own units, absent where it has no control.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Exposure {
+    #[prost(float, required)]
+    pub(crate) entropy: f32,
+    #[prost(float, required)]
+    pub(crate) level: f32,
+    #[prost(float, optional)]
+    pub(crate) exposure: Option<f32>,
+    #[prost(float, optional)]
+    pub(crate) gain: Option<f32>,
+    #[prost(bool)]
+    pub(crate) searching: bool,
+    #[prost(float, optional)]
+    pub(crate) command_exposure: Option<f32>,
+    #[prost(float, optional)]
+    pub(crate) command_gain: Option<f32>,
+    #[prost(uint64)]
+    pub(crate) command_from_frame: u64,
+    #[prost(bool)]
+    pub(crate) light_jumped: bool,
+    #[prost(bool)]
+    pub(crate) warning: bool,
+}
+
 /// `vision::eyes::Seen`: all that a frame shows.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Seen {
@@ -109,6 +155,8 @@ pub(crate) struct Seen {
     pub(crate) carpet_share: f32,
     #[prost(bool)]
     pub(crate) learned: bool,
+    #[prost(message, required)]
+    pub(crate) windows: Windows,
 }
 
 /// What vision measured of a whole image, for plotting.
@@ -122,4 +170,11 @@ pub(crate) struct Sensors {
     pub(crate) carpet_share: f32,
     #[prost(bool)]
     pub(crate) colours_learned: bool,
+    /// How far the carpet reaches in each direction around the mirror's axis, metres; infinite where nothing ends it.
+    #[prost(float, repeated)]
+    pub(crate) carpet_end: Vec<f32>,
+    #[prost(message, required)]
+    pub(crate) windows: Windows,
+    #[prost(message, optional)]
+    pub(crate) exposure: Option<Exposure>,
 }

@@ -16,11 +16,13 @@ use nalgebra::{Matrix3, Matrix4};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use vision::ball::Ball;
+use vision::exposure::{CameraCommand, ExposureReading, Setting};
 use vision::eyes::Seen;
 use vision::goals::{Goal, GoalKind};
 use vision::image::Image;
 use vision::line_points::{Refusal, RefusedRun, SeenLinePoint};
 use vision::robots::{Marker, Robot};
+use vision::windows::{Bumper, WindowReadings};
 
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::log::read::Logged;
@@ -162,6 +164,18 @@ impl Any {
                 score: self.value(),
                 at_px: self.values(),
             }],
+            windows: WindowReadings {
+                bumpers: vec![Bumper {
+                    share: self.value(),
+                    hit: true,
+                }],
+                blue_goal_px: Some(self.values()),
+                ball_px: number.is_multiple_of(2).then(|| self.values()),
+                kick: true,
+                lens_px: Some(self.values()),
+                lens_centred: Some(number.is_multiple_of(3)),
+                ..WindowReadings::default()
+            },
             carpet_end: vec![self.value(), f32::INFINITY],
             carpet_share: self.value(),
             learned: number == 0,
@@ -210,6 +224,25 @@ impl Any {
         }
     }
 
+    fn exposure(&mut self, number: u64) -> ExposureReading {
+        let mut setting = || Setting {
+            exposure: self.value(),
+            gain: self.value(),
+        };
+        ExposureReading {
+            in_force: Some(setting()),
+            command: number.is_multiple_of(4).then(|| CameraCommand {
+                setting: setting(),
+                from_frame: number,
+            }),
+            searching: true,
+            light_jumped: number.is_multiple_of(3),
+            warning: false,
+            entropy: self.value(),
+            level: self.value(),
+        }
+    }
+
     fn estimate(&mut self, stamp: Stamp, number: u64) -> Estimate {
         let lost = number.is_multiple_of(3);
         Estimate {
@@ -253,6 +286,7 @@ pub(crate) fn cycle(number: u64) -> Cycle {
         estimate: any.estimate(stamp, number),
         world: any.world(stamp, number),
         team: any.team(),
+        exposure: number.is_multiple_of(2).then(|| any.exposure(number)),
         fault: None,
         timings: Timings {
             see_ms: 0.25,

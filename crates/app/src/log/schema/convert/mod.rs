@@ -2,6 +2,7 @@
 
 mod estimate;
 mod seen;
+mod sensors;
 mod team;
 mod world;
 
@@ -14,6 +15,8 @@ use nalgebra::Matrix3;
 
 pub(crate) use estimate::{estimate_from_wire, estimate_to_wire, mode_and_reason};
 pub(crate) use seen::{ball_to_wire, robot_to_wire, seen_from_wire, seen_to_wire};
+use sensors::exposure_from_wire;
+pub(crate) use sensors::{exposure_to_wire, windows_to_wire};
 pub(crate) use team::team_to_wire;
 
 use super::wire;
@@ -46,6 +49,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         estimate,
         world,
         team,
+        exposure,
         fault,
         timings,
     } = cycle;
@@ -72,6 +76,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         fault: fault.clone(),
         see_ms: timings.see_ms,
         localize_ms: timings.localize_ms,
+        exposure: exposure.as_ref().map(exposure_to_wire),
         commands: commands.iter().map(command_to_wire).collect(),
         reports: reports.iter().map(team::report_to_wire).collect(),
         world: world::world_to_wire(world),
@@ -125,6 +130,7 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
         estimate: estimate_from_wire(cycle.estimate)?,
         world: world::world_from_wire(&cycle.world)?,
         team: team::team_from_wire(&cycle.team)?,
+        exposure: cycle.exposure.as_ref().map(exposure_from_wire),
         fault: cycle.fault,
         timings: Timings {
             see_ms: cycle.see_ms,

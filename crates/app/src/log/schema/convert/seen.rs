@@ -10,6 +10,7 @@ use vision::line_points::{Refusal, RefusedRun, SeenLinePoint};
 use vision::robots::{Marker, Robot};
 
 use super::super::wire;
+use super::sensors::{windows_from_wire, windows_to_wire};
 use super::{names, points_from_wire, points_to_wire, same_length};
 
 names!(refusal_name, refusal_named: Refusal {
@@ -31,6 +32,7 @@ pub(crate) fn seen_to_wire(seen: &Seen) -> wire::Seen {
         ball,
         robots,
         goals,
+        windows,
         carpet_end,
         carpet_share,
         learned,
@@ -62,6 +64,7 @@ pub(crate) fn seen_to_wire(seen: &Seen) -> wire::Seen {
         carpet_end: carpet_end.clone(),
         carpet_share: *carpet_share,
         learned: *learned,
+        windows: windows_to_wire(windows),
         ..points
     }
 }
@@ -106,6 +109,7 @@ pub(crate) fn seen_from_wire(seen: wire::Seen) -> Result<Seen> {
             .iter()
             .map(goal_from_wire)
             .collect::<Result<_>>()?,
+        windows: windows_from_wire(seen.windows)?,
         carpet_end: seen.carpet_end,
         carpet_share: seen.carpet_share,
         learned: seen.learned,

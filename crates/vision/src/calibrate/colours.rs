@@ -1,0 +1,141 @@
+//! What do the colours mean, if nobody labelled any? A table from images alone.
+//!
+//! In each image carpet and white are learned as while playing; the model of each then votes for every colour. What the
+//! images really show decides where brightness is not looked at.
+
+use rayon::prelude::*;
+
+use crate::calibrate::{CalibrationError, DriveImage, ImageResidual};
+use crate::carpet::CarpetModel;
+use crate::colours::{CLASS_NAMES, Class};
+use crate::config::VisionConfig;
+use crate::eyes::Eyes;
+use crate::image::{rgb_of_yuv, yuv_of_rgb};
+use crate::labels::{ColourTable, TableKind};
+
+/// The lights of some images, from which tables are made.
+#[derive(Debug, Clone)]
+pub struct LearnedColours {
+    /// Carpet and white in each image that was used.
+    pub models: Vec<CarpetModel>,
+    /// How each image went: `points` are its line points, `rms_px` is 0.
+    pub images: Vec<ImageResidual>,
+    /// How many pixels have each colour, by the upper six bits of Y, U and V.
+    counts: Vec<u32>,
+}
+
+/// Cells of six bits a channel.
+const CELLS: usize = 1 << 18;
+/// What a colour that no image shows counts beside those that are shown, pixels.
+const UNSEEN: f32 = 0.05;
+
+/// Learns carpet and white from images without labels; those in which nothing can be told are left out and named.
+pub fn learn_colours(
+    eyes: &mut Eyes,
+    images: &[DriveImage],
+) -> Result<LearnedColours, CalibrationError> {
+    let mut learned = LearnedColours {
+        models: Vec::new(),
+        images: Vec::new(),
+        counts: vec![0; CELLS],
+    };
+    for image in images {
+        eyes.forget_light();
+        let frame = image.image.frame();
+        let (points, left_out) = match eyes.see(&frame) {
+            Err(error) => (0, Some(error.to_string())),
+            Ok(seen) => {
+                let white_seen = eyes.carpet_model().is_some_and(|model| model.white_seen);
+                let reason = (!white_seen).then(|| "too few lines to tell white by".to_owned());
+                (seen.line_points.len(), reason)
+            }
+        };
+        if let (None, Some(model)) = (&left_out, eyes.carpet_model()) {
+            learned.models.push(*model);
+            for rgb in image.image.rgb.chunks_exact(3) {
+                learned.counts[cell(yuv_of_rgb([rgb[0], rgb[1], rgb[2]]))] += 1;
+            }
+        }
+        learned.images.push(ImageResidual {
+            name: image.name.clone(),
+            points,
+            rms_px: 0.0,
+            left_out,
+        });
+    }
+    if learned.models.is_empty() {
+        let reasons = learned.images.iter().filter_map(|image| {
+            let reason = image.left_out.as_ref()?;
+            Some(format!("{}: {reason}", image.name))
+        });
+        return Err(CalibrationError::TooFewImages {
+            used: 0,
+            given: images.len(),
+            wanted: 1,
+            reasons: reasons.take(3).collect::<Vec<_>>().join("; "),
+        });
+    }
+    Ok(learned)
+}
+
+fn cell([y, u, v]: [u8; 3]) -> usize {
+    usize::from(y >> 2) << 12 | usize::from(u >> 2) << 6 | usize::from(v >> 2)
+}
+
+impl LearnedColours {
+    /// The table over all colours, or over U and V alone.
+    pub fn table(&self, kind: TableKind, config: &VisionConfig) -> ColourTable {
+        let names: Vec<String> = CLASS_NAMES.map(str::to_owned).to_vec();
+        let cells: Vec<u8> = (0..CELLS)
+            .into_par_iter()
+            .map(|index| self.vote(index, config))
+            .collect();
+        let classes = match kind {
+            TableKind::Yuv => (0..1usize << 24)
+                .map(|index| cells[cell([(index >> 16) as u8, (index >> 8) as u8, index as u8])])
+                .collect(),
+            TableKind::Uv => {
+                let flat: Vec<u8> = (0..1usize << 12)
+                    .map(|chroma| self.whatever_brightness(chroma, &cells))
+                    .collect();
+                let fine = 0..1usize << 16;
+                fine.map(|index| flat[(index >> 10) << 6 | (index & 0xff) >> 2])
+                    .collect()
+            }
+        };
+        ColourTable::of_classes(kind, names, classes)
+    }
+
+    /// What most lights say of the colour in the middle of a cell.
+    fn vote(&self, index: usize, config: &VisionConfig) -> u8 {
+        let middle = |shift: usize| ((index >> shift & 63) << 2 | 2) as u8;
+        let rgb = rgb_of_yuv([middle(12), middle(6), middle(0)]);
+        let mut votes = [0u32; CLASS_NAMES.len()];
+        for model in &self.models {
+            let Class(class) = model.class(rgb, &config.colours, config.objects.ball_hue_deg);
+            votes[usize::from(class)] += 1;
+        }
+        most(&votes)
+    }
+
+    /// What most pixels of a chroma are, over all brightnesses.
+    fn whatever_brightness(&self, chroma: usize, cells: &[u8]) -> u8 {
+        let mut votes = [0f32; CLASS_NAMES.len()];
+        for y in 0..64 {
+            let index = y << 12 | chroma;
+            votes[usize::from(cells[index])] += UNSEEN + self.counts[index] as f32;
+        }
+        most(&votes)
+    }
+}
+
+/// The first of the classes with most votes.
+fn most<T: PartialOrd + Copy>(votes: &[T]) -> u8 {
+    let mut best = 0;
+    for (class, count) in votes.iter().enumerate() {
+        if *count > votes[best] {
+            best = class;
+        }
+    }
+    best as u8
+}

@@ -1,0 +1,412 @@
+//! Is the picture well exposed, and which exposure and gain would be better? Entropy along one path of settings.
+//!
+//! nubot2013 section 5: the entropy of an image (eq. 5) has one peak along exposure = a·gain + b, and the brightness of
+//! the image's centre, where the robot sees itself, tells when to seek it and in which direction. There the robot has to
+//! stand, since every setting is tried on another picture. Here the entropy at other settings is computed from the
+//! histogram of one picture: like is compared with like, and a search takes one or two commands.
+
+use serde::{Deserialize, Serialize};
+
+use crate::camera::CameraConfig;
+use crate::config::ExposureConfig;
+use crate::error::VisionError;
+use crate::ground_map::GroundMap;
+use crate::image::Frame;
+
+mod histogram;
+
+use histogram::Histogram;
+
+/// What a camera's exposure and gain are set to, in the camera's own units.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Setting {
+    /// Exposure time.
+    pub exposure: f32,
+    /// Gain.
+    pub gain: f32,
+}
+
+/// `[exposure]` of robot.toml: what the camera can be set to; without it, exposure is only watched.
+///
+/// Exposure is in the camera's unit (seconds for the drivers, multiples of the usual one for the simulator), gain too.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraControl {
+    /// What the camera starts with: exposure.
+    pub exposure: f32,
+    /// What the camera starts with: gain.
+    pub gain: f32,
+    /// Shortest exposure.
+    pub exposure_min: f32,
+    /// Longest exposure: a robot turning at 360°/s smears the picture by 3.6° in 10 ms.
+    pub exposure_max: f32,
+    /// Least gain.
+    pub gain_min: f32,
+    /// Most gain: more only adds noise.
+    pub gain_max: f32,
+    /// a of exposure = a·gain + b, the path of settings; more a, less noise and more smear. Beyond one setting's limits
+    /// the other goes on alone.
+    pub path_slope: f32,
+    /// b of exposure = a·gain + b.
+    #[serde(default)]
+    pub path_offset: f32,
+    /// Decibels that one unit of gain adds; 0: gain is a factor.
+    #[serde(default)]
+    pub gain_db_per_unit: f32,
+    /// Frames from a command to the first frame taken with it: a command after frame k is in force at frame k + 2.
+    #[serde(default = "usual_delay")]
+    pub delay_frames: u64,
+}
+
+/// One frame is being exposed while a command arrives, one is being read out.
+fn usual_delay() -> u64 {
+    2
+}
+
+impl CameraControl {
+    /// The first key whose number cannot work, and why.
+    pub fn check(&self) -> Result<(), (&'static str, String)> {
+        let numbers = [
+            ("exposure.exposure_min", self.exposure_min),
+            ("exposure.exposure_max", self.exposure_max),
+            ("exposure.path_slope", self.path_slope),
+            ("exposure.exposure", self.exposure),
+        ];
+        for (key, value) in numbers {
+            if !(value.is_finite() && value > 0.0) {
+                return Err((key, format!("{value} must be a positive number")));
+            }
+        }
+        let gain_floor = if self.gain_db_per_unit > 0.0 {
+            f32::NEG_INFINITY
+        } else {
+            f32::MIN_POSITIVE
+        };
+        let finite = |value: f32| value.is_finite();
+        if !([self.gain, self.gain_max, self.path_offset].map(finite) == [true; 3]
+            && self.gain_min.is_finite()
+            && self.gain_min >= gain_floor)
+        {
+            let reason = "gains are numbers; those that are factors are positive";
+            return Err(("exposure.gain_min", reason.to_owned()));
+        }
+        if !(self.gain_db_per_unit.is_finite() && self.gain_db_per_unit >= 0.0) {
+            let reason = "must be 0 (gain is a factor) or decibels per unit".to_owned();
+            return Err(("exposure.gain_db_per_unit", reason));
+        }
+        if self.exposure_min > self.exposure_max || self.gain_min > self.gain_max {
+            let reason = "the least of a setting must not be above its most".to_owned();
+            return Err(("exposure.exposure_min, exposure.gain_min", reason));
+        }
+        if self.delay_frames > 30 {
+            let reason = format!("{} frames: at most 30", self.delay_frames);
+            return Err(("exposure.delay_frames", reason));
+        }
+        Ok(())
+    }
+
+    /// How bright a setting makes the picture: exposure times the gain's factor.
+    fn light(&self, setting: Setting) -> f32 {
+        setting.exposure * self.gain_factor(setting.gain)
+    }
+
+    fn gain_factor(&self, gain: f32) -> f32 {
+        if self.gain_db_per_unit > 0.0 {
+            10f32.powf(gain * self.gain_db_per_unit / 20.0)
+        } else {
+            gain
+        }
+    }
+
+    /// The setting at a place of the path, which is a gain as long as neither limit is met.
+    fn on_path(&self, place: f32) -> Setting {
+        Setting {
+            exposure: (self.path_slope * place + self.path_offset)
+                .clamp(self.exposure_min, self.exposure_max),
+            gain: place.clamp(self.gain_min, self.gain_max),
+        }
+    }
+
+    /// The setting on the path that gives so much light, or the nearest that the camera has.
+    fn setting(&self, light: f32) -> Setting {
+        let at_exposure = |exposure: f32| (exposure - self.path_offset) / self.path_slope;
+        let mut low = self.gain_min.min(at_exposure(self.exposure_min));
+        let mut high = self.gain_max.max(at_exposure(self.exposure_max));
+        // Light grows along the path: halving the interval 40 times leaves less than a float can tell.
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if self.light(self.on_path(middle)) < light {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        self.on_path(0.5 * (low + high))
+    }
+}
+
+/// A command to the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraCommand {
+    /// What to set.
+    pub setting: Setting,
+    /// The first frame that is taken with it, counted from 0 in the order in which they were looked at.
+    pub from_frame: u64,
+}
+
+/// What a look at a frame's exposure gave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExposureReading {
+    /// Entropy of red, green and blue together (nubot2013 eq. 5), bits: at most 24.
+    pub entropy: f32,
+    /// Brightness of the image's centre, own body and nearest carpet, of 255.
+    pub level: f32,
+    /// What this frame was taken with; none if the camera has no control.
+    pub in_force: Option<Setting>,
+    /// True while the best setting is sought.
+    pub searching: bool,
+    /// What to set now.
+    pub command: Option<CameraCommand>,
+    /// True if this frame is the first with a setting that changes brightness enough for colours to be learned anew.
+    pub light_jumped: bool,
+    /// True once: the light changed, and the camera has no control to follow it.
+    pub warning: bool,
+}
+
+/// Follows the light with exposure and gain.
+#[derive(Debug, Clone)]
+pub struct ExposureControl {
+    config: ExposureConfig,
+    control: Option<CameraControl>,
+    /// Own body and nearest carpet: always in view.
+    centre: Vec<[u16; 2]>,
+    /// Everything that the mirror shows.
+    scene: Vec<[u16; 2]>,
+    frame: u64,
+    setting: Setting,
+    /// A command, and the centre's level when it was given.
+    pending: Option<(CameraCommand, f32)>,
+    /// The level that the present setting was found to be best at; none while it is sought.
+    reference: Option<f32>,
+    rounds: u32,
+    /// Level ∝ light^response: 1 for a linear camera, about 0.45 with the usual gamma; learned from commands.
+    response: f32,
+    warned: bool,
+    levels: Vec<u8>,
+}
+
+/// Before it is learned: between a linear camera and the usual gamma, so that the first step overshoots with neither.
+const FIRST_RESPONSE: f32 = 0.65;
+/// No camera answers less, or more, than this.
+const RESPONSES: std::ops::RangeInclusive<f32> = 0.35..=1.1;
+/// A search that takes more commands than this follows a light that keeps changing; it ends, and the next look decides.
+const ROUNDS_MAX: u32 = 8;
+/// Pixels of the centre and of the scene: enough for a median and a histogram, few enough to be read in 20 µs.
+const CENTRE_PIXELS: usize = 1500;
+const SCENE_PIXELS: usize = 4000;
+/// A level outside this tells nothing of how the camera answers.
+const TELLING: std::ops::RangeInclusive<f32> = 6.0..=235.0;
+
+impl ExposureControl {
+    /// Lays out what is looked at; `control` as robot.toml has it.
+    ///
+    /// `mask`: one entry a pixel, row by row; false where the robot's own body is.
+    pub fn new(
+        map: &GroundMap,
+        camera: &CameraConfig,
+        mask: Option<&[bool]>,
+        control: Option<CameraControl>,
+        config: &ExposureConfig,
+    ) -> Result<Self, VisionError> {
+        let [cu, cv] = camera.centre_px;
+        let own =
+            |column: usize, row: usize| mask.is_some_and(|mask| !mask[row * map.width_px + column]);
+        let radius = |column: usize, row: usize| (column as f32 - cu).hypot(row as f32 - cv);
+        let mut rim = 0.0f32;
+        let (mut near, mut seen) = (Vec::new(), Vec::new());
+        for row in 0..map.height_px {
+            for column in 0..map.width_px {
+                if !camera.sees_mirror(column as f32, row as f32) {
+                    continue;
+                }
+                seen.push([column as u16, row as u16]);
+                let range = map.at(column, row).map(|ground| ground.distance());
+                let carpet = range.is_some_and(|range| range <= config.ring_range);
+                if carpet {
+                    rim = rim.max(radius(column, row));
+                }
+                near.push(carpet || own(column, row));
+            }
+        }
+        // Within the ring there is only the robot itself, whatever the map says of it.
+        let centre: Vec<[u16; 2]> = seen
+            .iter()
+            .zip(&near)
+            .filter(|&(&[u, v], &near)| near || radius(usize::from(u), usize::from(v)) <= rim)
+            .map(|(&pixel, _)| pixel)
+            .collect();
+        if centre.is_empty() {
+            return Err(VisionError::Config {
+                key: "exposure.ring_range",
+                value: f64::from(config.ring_range),
+                reason: "no pixel shows own body or carpet within it",
+            });
+        }
+        let setting = control.map_or(
+            Setting {
+                exposure: 1.0,
+                gain: 1.0,
+            },
+            |control| Setting {
+                exposure: control.exposure,
+                gain: control.gain,
+            },
+        );
+        Ok(ExposureControl {
+            config: config.clone(),
+            control,
+            centre: thinned(&centre, CENTRE_PIXELS),
+            scene: thinned(&seen, SCENE_PIXELS),
+            frame: 0,
+            setting,
+            pending: None,
+            reference: None,
+            rounds: 0,
+            response: FIRST_RESPONSE,
+            warned: false,
+            levels: Vec::new(),
+        })
+    }
+
+    /// Looks at a frame, every few of them; to be called with each, in order.
+    ///
+    /// None where nothing was looked at. Frames of another size are passed over.
+    pub fn look(&mut self, frame: &Frame<'_>) -> Option<ExposureReading> {
+        let number = self.frame;
+        self.frame += 1;
+        let arrived = self
+            .pending
+            .filter(|(command, _)| number >= command.from_frame);
+        let waiting = self.pending.is_some() && arrived.is_none();
+        let searching = self.control.is_some() && self.reference.is_none();
+        let due = number.is_multiple_of(self.config.check_every.max(1));
+        if !self.config.enabled || waiting || !(due || searching || arrived.is_some()) {
+            return None;
+        }
+        let level = self.level(frame)?;
+        let mut light_jumped = false;
+        if let (Some((command, before)), Some(control)) = (arrived, &self.control) {
+            let ratio = control.light(command.setting) / control.light(self.setting);
+            light_jumped = ratio.ln().abs() > self.config.change_min;
+            self.setting = command.setting;
+            self.learn_response(before, level, ratio);
+            self.pending = None;
+        }
+        let histogram = Histogram::of(frame, &self.scene);
+        let mut reading = ExposureReading {
+            entropy: histogram.entropy(1.0),
+            level,
+            in_force: self.control.map(|_| self.setting),
+            searching: false,
+            command: None,
+            light_jumped,
+            warning: false,
+        };
+        let change = self
+            .reference
+            .map(|reference| (level.max(1.0) / reference).ln());
+        let changed = change.is_none_or(|change| change.abs() > self.config.change_min);
+        match self.control {
+            Some(control) if changed => {
+                reading.command = self.seek(&control, &histogram, level, change, number);
+                reading.searching = reading.command.is_some();
+            }
+            Some(_) => {}
+            None => {
+                // The first look is what the others are compared with.
+                self.reference.get_or_insert(level.max(1.0));
+                reading.warning = change.is_some() && changed && !self.warned;
+                self.warned |= reading.warning;
+            }
+        }
+        Some(reading)
+    }
+
+    /// One round of the search: the best setting by this frame's histogram, or the present one if none is better.
+    fn seek(
+        &mut self,
+        control: &CameraControl,
+        histogram: &Histogram,
+        level: f32,
+        change: Option<f32>,
+        number: u64,
+    ) -> Option<CameraCommand> {
+        if change.is_some() {
+            self.rounds = 0;
+        }
+        self.rounds += 1;
+        // A brighter centre asks for less light and a darker one for more: first as much as makes it what it was, since
+        // what was clipped cannot be foretold; then the entropy decides.
+        let best = match change {
+            Some(change) => (-change).exp(),
+            None => histogram.best_scale(self.config.entropy_gain_min),
+        };
+        let most = self.config.step_max.max(1.0);
+        let step = best.powf(1.0 / self.response).clamp(1.0 / most, most);
+        let now = control.light(self.setting);
+        let setting = control.setting(now * step);
+        let moved = (control.light(setting) / now).ln().abs();
+        if moved < self.config.settled || self.rounds > ROUNDS_MAX {
+            self.reference = Some(level.max(1.0));
+            return None;
+        }
+        let command = CameraCommand {
+            setting,
+            from_frame: number + control.delay_frames.max(1),
+        };
+        self.pending = Some((command, level));
+        self.reference = None;
+        Some(command)
+    }
+
+    /// How the level answered to a change of light by `ratio`.
+    fn learn_response(&mut self, before: f32, after: f32, ratio: f32) {
+        let telling = TELLING.contains(&before) && TELLING.contains(&after);
+        // Less than a fifth of a stop drowns in what the scene changes by itself.
+        if !telling || ratio.ln().abs() < 0.15 {
+            return;
+        }
+        let answered =
+            ((after / before).ln() / ratio.ln()).clamp(*RESPONSES.start(), *RESPONSES.end());
+        self.response = 0.5 * (self.response + answered);
+    }
+
+    /// Mean brightness of the middle half of the centre's pixels, of 255: what crosses it counts little.
+    fn level(&mut self, frame: &Frame<'_>) -> Option<f32> {
+        let inside =
+            |[u, v]: [u16; 2]| usize::from(u) < frame.width_px && usize::from(v) < frame.height_px;
+        let last = *self.scene.last()?;
+        if !inside(last) || frame.check(frame.width_px, frame.height_px).is_err() {
+            return None;
+        }
+        self.levels.clear();
+        self.levels.extend(self.centre.iter().map(|&[u, v]| {
+            let [r, g, b] = frame.rgb(usize::from(u), usize::from(v)).map(u32::from);
+            ((r + 2 * g + b) / 4) as u8
+        }));
+        self.levels.sort_unstable();
+        let count = self.levels.len();
+        let middle = &self.levels[count / 4..count - count / 4];
+        let sum: u32 = middle.iter().map(|&level| u32::from(level)).sum();
+        Some(sum as f32 / middle.len().max(1) as f32)
+    }
+}
+
+/// Every n-th pixel, so that about `wanted` remain.
+fn thinned(pixels: &[[u16; 2]], wanted: usize) -> Vec<[u16; 2]> {
+    let step = (pixels.len() / wanted).max(1);
+    pixels.iter().step_by(step).copied().collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,109 @@
+//! How much would a picture tell at another exposure? Its histograms, stretched as more or less light would.
+
+use crate::image::Frame;
+
+/// Levels of red, green and blue.
+pub(super) struct Histogram {
+    counts: [[f32; 256]; 3],
+    total: f32,
+}
+
+/// Ratio of neighbouring levels that are tried: 2^(1/12), 6 %.
+const STEPS_PER_DOUBLING: f32 = 12.0;
+/// The farthest level that is predicted, in doublings: beyond, too much is clipped or drowned to be foretold.
+const DOUBLINGS: f32 = 2.0;
+/// What is clipped was brighter than 255; how much nobody knows. It is taken to go on as dense as it is in these levels
+/// below, until it is used up, or to twice 255.
+const BELOW_CLIPPING: std::ops::Range<usize> = 215..255;
+const CLIPPED_TO: f32 = 510.0;
+
+impl Histogram {
+    /// Counts the levels of some pixels.
+    pub(super) fn of(frame: &Frame<'_>, pixels: &[[u16; 2]]) -> Self {
+        let mut counts = [[0.0; 256]; 3];
+        for &[u, v] in pixels {
+            let rgb = frame.rgb(usize::from(u), usize::from(v));
+            for (counts, level) in counts.iter_mut().zip(rgb) {
+                counts[usize::from(level)] += 1.0;
+            }
+        }
+        Histogram {
+            counts,
+            total: pixels.len().max(1) as f32,
+        }
+    }
+
+    /// Entropy of the picture if all levels were `scale` times as high, bits (nubot2013 eq. 5).
+    pub(super) fn entropy(&self, scale: f32) -> f32 {
+        self.counts
+            .iter()
+            .map(|counts| self.channel_entropy(counts, scale))
+            .sum()
+    }
+
+    fn channel_entropy(&self, counts: &[f32; 256], scale: f32) -> f32 {
+        let mut stretched = [0.0f32; 256];
+        let below: f32 = counts[BELOW_CLIPPING].iter().sum();
+        let density = below / BELOW_CLIPPING.len() as f32;
+        let clipped_to = (255.0 + counts[255] / density.max(1e-6)).clamp(260.0, CLIPPED_TO);
+        for (level, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0.0) {
+            let from = level as f32;
+            let to = if level == 255 { clipped_to } else { from + 1.0 };
+            if scale == 1.0 {
+                stretched[level] += count;
+            } else {
+                spread(&mut stretched, from * scale, to * scale, count);
+            }
+        }
+        stretched
+            .iter()
+            .filter(|count| **count > 0.0)
+            .map(|count| {
+                let share = count / self.total;
+                -share * share.log2()
+            })
+            .sum()
+    }
+
+    /// The scale of levels with the highest entropy; 1 if none is better by `gain_min` bits.
+    ///
+    /// The entropy rises to one peak and falls: from 1 in each direction as long as it rises, past a ripple of one step.
+    pub(super) fn best_scale(&self, gain_min: f32) -> f32 {
+        // Unstretched levels have gaps that stretched ones have not: the comparison starts from a stretched one.
+        let here = self.entropy(1.0 + 1e-4);
+        let mut best = (here + gain_min, 1.0);
+        for sign in [-1.0f32, 1.0] {
+            let mut falls = 0;
+            let mut highest = here;
+            for step in 1..=(DOUBLINGS * STEPS_PER_DOUBLING) as u32 {
+                if falls > 2 {
+                    break;
+                }
+                let scale = (sign * step as f32 / STEPS_PER_DOUBLING).exp2();
+                let entropy = self.entropy(scale);
+                falls = if entropy > highest { 0 } else { falls + 1 };
+                highest = highest.max(entropy);
+                if entropy > best.0 {
+                    best = (entropy, scale);
+                }
+            }
+        }
+        best.1
+    }
+}
+
+/// Spreads a count evenly over the levels from..to; what lies above 255 is clipped to it.
+fn spread(levels: &mut [f32; 256], from: f32, to: f32, count: f32) {
+    let per_level = count / (to - from).max(1e-6);
+    let inside = to.min(255.0);
+    if inside < to {
+        levels[255] += per_level * (to - from.max(255.0));
+    }
+    let mut at = from;
+    while at < inside {
+        let level = at as usize;
+        let next = ((level + 1) as f32).min(inside);
+        levels[level.min(255)] += per_level * (next - at);
+        at = next;
+    }
+}

@@ -1,0 +1,352 @@
+//! What do the virtual sensors say? Windows of the image, each asked one question: lima2001 section 3.3.
+//!
+//! Nine bumpers around the camera, goals, ball, imminent kick, and whether the camera still sits under the mirror.
+//! The windows are configuration in image coordinates; those not configured are laid out from the ground map, so that
+//! any mirror has them.
+
+use crate::camera::CameraConfig;
+use crate::colours::{Class, NativeTable};
+use crate::config::{Window, WindowConfig};
+use crate::error::VisionError;
+use crate::ground_map::GroundMap;
+use crate::image::Frame;
+
+/// One bumper.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bumper {
+    /// Share of its window that is black, white or of a team's colour: not floor.
+    pub share: f32,
+    /// Is something there?
+    pub hit: bool,
+}
+
+/// What the windows of one frame say; places are columns and rows, pixels.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct WindowReadings {
+    /// The bumpers, from the left over the front to the right and round the back.
+    pub bumpers: Vec<Bumper>,
+    /// Middle of the blue goal, if it is in one of the goal windows.
+    pub blue_goal_px: Option<[f32; 2]>,
+    /// Middle of the yellow goal, if it is in one of the goal windows.
+    pub yellow_goal_px: Option<[f32; 2]>,
+    /// Middle of the ball, if it is in the ball window.
+    pub ball_px: Option<[f32; 2]>,
+    /// Does the ball touch the kicker?
+    pub kick: bool,
+    /// Middle of the camera's own lens in the mirror, where it stands out.
+    pub lens_px: Option<[f32; 2]>,
+    /// Is the lens inside its window? If not, mirror or camera were moved.
+    pub lens_centred: Option<bool>,
+}
+
+/// A window's pixels: a grid of at most [`GRID`] × [`GRID`].
+#[derive(Debug, Clone)]
+struct Samples {
+    pixels: Vec<[u16; 2]>,
+}
+
+/// The windows of one camera.
+#[derive(Debug, Clone)]
+pub(crate) struct Windows {
+    config: WindowConfig,
+    bumpers: Vec<Samples>,
+    goals: Vec<Samples>,
+    kick: Samples,
+    lens: Samples,
+    lens_window: Window,
+    /// Where each window is: bumpers, goals, ball, kick, lens.
+    laid: Vec<(&'static str, Window)>,
+}
+
+/// Samples along a window's side: a share of 1/256 is finer than any threshold.
+const GRID: usize = 16;
+/// The lens is sought in a square this many times as wide as its window.
+const LENS_SEARCH: f32 = 3.0;
+/// The lens is darker than this share of what surrounds it; a blacker robot around it hides it.
+const LENS_DARK: f32 = 0.6;
+/// Bumpers of lima2001: as many, evenly around.
+const BUMPERS: usize = 9;
+/// Directions of the three goal windows from forward, degrees.
+const GOALS_DEG: [f32; 3] = [40.0, 0.0, -40.0];
+
+impl Windows {
+    pub(crate) fn new(
+        map: &GroundMap,
+        camera: &CameraConfig,
+        config: &WindowConfig,
+    ) -> Result<Self, VisionError> {
+        let layout = Layout { map, camera };
+        let bumpers = match &config.bumpers[..] {
+            [] => layout.bumpers(config),
+            given => given.to_vec(),
+        };
+        let goals = match &config.goals[..] {
+            [] => layout.goals(),
+            given => given.to_vec(),
+        };
+        let kick = config.kick.or_else(|| layout.kick(config));
+        let lens_window = config.lens.unwrap_or_else(|| layout.lens());
+        let mut laid: Vec<(&'static str, Window)> = Vec::new();
+        laid.extend(bumpers.iter().map(|&window| ("bumper", window)));
+        laid.extend(goals.iter().map(|&window| ("goal", window)));
+        laid.extend(config.ball.map(|window| ("ball", window)));
+        laid.extend(kick.map(|window| ("kick", window)));
+        laid.push(("lens", lens_window));
+        for (name, window) in &laid {
+            let right = window.left_px + window.width_px;
+            let bottom = window.top_px + window.height_px;
+            let configured = match *name {
+                "bumper" => !config.bumpers.is_empty(),
+                "goal" => !config.goals.is_empty(),
+                "ball" => true,
+                "kick" => config.kick.is_some(),
+                _ => config.lens.is_some(),
+            };
+            let inside = right <= map.width_px as f32 && bottom <= map.height_px as f32;
+            if configured && !inside {
+                return Err(VisionError::Config {
+                    key: "windows",
+                    value: f64::from(right.max(bottom)),
+                    reason: "a window must lie inside the image",
+                });
+            }
+        }
+        let samples = |window: &Window| Samples::of(window, map, GRID);
+        Ok(Windows {
+            config: config.clone(),
+            bumpers: bumpers.iter().map(samples).collect(),
+            goals: goals.iter().map(samples).collect(),
+            kick: kick
+                .as_ref()
+                .map_or(Samples { pixels: Vec::new() }, samples),
+            lens: Samples::of(&lens_window.widened(LENS_SEARCH), map, 3 * GRID / 2),
+            lens_window,
+            laid,
+        })
+    }
+
+    pub(crate) fn laid(&self) -> &[(&'static str, Window)] {
+        &self.laid
+    }
+
+    pub(crate) fn read(
+        &self,
+        frame: &Frame<'_>,
+        table: &NativeTable,
+        ball_px: Option<[f32; 2]>,
+    ) -> WindowReadings {
+        let obstacle = |class| {
+            matches!(
+                class,
+                Class::BLACK | Class::WHITE | Class::CYAN | Class::MAGENTA
+            )
+        };
+        let bumpers = self.bumpers.iter().map(|samples| {
+            let share = samples.share(frame, table, obstacle);
+            Bumper {
+                share,
+                hit: share >= self.config.bumper_share,
+            }
+        });
+        let goal = |wanted: Class| {
+            let middles = self
+                .goals
+                .iter()
+                .filter_map(|samples| samples.middle(frame, table, wanted));
+            let (share, middle) = middles.max_by(|a, b| a.0.total_cmp(&b.0))?;
+            (share >= self.config.goal_share).then_some(middle)
+        };
+        let touching = self.kick.share(frame, table, |class| class == Class::BALL);
+        let lens_px = self.lens.lens(frame);
+        WindowReadings {
+            bumpers: bumpers.collect(),
+            blue_goal_px: goal(Class::BLUE),
+            yellow_goal_px: goal(Class::YELLOW),
+            ball_px: ball_px.filter(|&at| self.config.ball.is_none_or(|window| window.holds(at))),
+            kick: touching >= self.config.kick_share,
+            lens_px,
+            lens_centred: lens_px.map(|at| self.lens_window.holds(at)),
+        }
+    }
+}
+
+impl Samples {
+    fn of(window: &Window, map: &GroundMap, grid: usize) -> Self {
+        let along = |start: f32, length: f32, size: usize| -> Vec<u16> {
+            let count = (length.round() as usize).clamp(1, grid);
+            let mut places: Vec<u16> = (0..count)
+                .map(|step| start + length * (step as f32 + 0.5) / count as f32)
+                .filter(|place| (0.0..size as f32).contains(place))
+                .map(|place| place as u16)
+                .collect();
+            places.dedup();
+            places
+        };
+        let columns = along(window.left_px, window.width_px, map.width_px);
+        let rows = along(window.top_px, window.height_px, map.height_px);
+        Samples {
+            pixels: rows
+                .iter()
+                .flat_map(|&v| columns.iter().map(move |&u| [u, v]))
+                .collect(),
+        }
+    }
+
+    fn classes<'a>(
+        &'a self,
+        frame: &'a Frame<'_>,
+        table: &'a NativeTable,
+    ) -> impl Iterator<Item = ([u16; 2], Class)> + 'a {
+        let class = |[u, v]: [u16; 2]| table.class(frame.native(usize::from(u), usize::from(v)));
+        self.pixels.iter().map(move |&pixel| (pixel, class(pixel)))
+    }
+
+    fn share(&self, frame: &Frame<'_>, table: &NativeTable, wanted: impl Fn(Class) -> bool) -> f32 {
+        let found = self
+            .classes(frame, table)
+            .filter(|&(_, class)| wanted(class));
+        found.count() as f32 / self.pixels.len().max(1) as f32
+    }
+
+    /// Share and middle of a class's pixels.
+    fn middle(
+        &self,
+        frame: &Frame<'_>,
+        table: &NativeTable,
+        wanted: Class,
+    ) -> Option<(f32, [f32; 2])> {
+        let found = self
+            .classes(frame, table)
+            .filter(|&(_, class)| class == wanted);
+        let [u, v, count] = found.fold([0.0f32; 3], |[u, v, count], ([at_u, at_v], _)| {
+            [u + f32::from(at_u), v + f32::from(at_v), count + 1.0]
+        });
+        (count > 0.0).then(|| (count / self.pixels.len() as f32, [u / count, v / count]))
+    }
+
+    /// Middle of what is dark here, if it stands out from the rest and is not cut by the window's edge.
+    fn lens(&self, frame: &Frame<'_>) -> Option<[f32; 2]> {
+        let level = |[u, v]: [u16; 2]| {
+            let rgb = frame.rgb(usize::from(u), usize::from(v));
+            rgb.iter().map(|&channel| f32::from(channel)).sum::<f32>() / 3.0
+        };
+        let mut levels: Vec<f32> = self.pixels.iter().map(|&pixel| level(pixel)).collect();
+        levels.sort_by(f32::total_cmp);
+        let around = *levels.get(levels.len() * 3 / 4)?;
+        let dark = |pixel: [u16; 2]| level(pixel) < LENS_DARK * around;
+        let (first, last) = (self.pixels.first()?, self.pixels.last()?);
+        let at_edge =
+            |[u, v]: [u16; 2]| u == first[0] || v == first[1] || u == last[0] || v == last[1];
+        let (mut sum, mut count, mut cut) = ([0.0f32; 2], 0.0, 0.0);
+        for &pixel in self.pixels.iter().filter(|&&pixel| dark(pixel)) {
+            sum = [sum[0] + f32::from(pixel[0]), sum[1] + f32::from(pixel[1])];
+            count += 1.0;
+            cut += f32::from(u8::from(at_edge(pixel)));
+        }
+        // A disc inside the square touches its edge nowhere; a rod or two may.
+        let stands_out = count >= 4.0 && cut < 0.25 * count && around >= 8.0;
+        stands_out.then(|| sum.map(|sum| sum / count))
+    }
+}
+
+/// Lays out windows by what the map says of the ground.
+struct Layout<'a> {
+    map: &'a GroundMap,
+    camera: &'a CameraConfig,
+}
+
+impl Layout<'_> {
+    /// The pixel that shows a place of the ground best; none if it is farther off than a tenth of its distance.
+    fn pixel(&self, angle: f32, range: f32) -> Option<[f32; 2]> {
+        let [x, y] = [range * angle.cos(), range * angle.sin()];
+        let mut best = (0.1 * range, None);
+        for row in 0..self.map.height_px {
+            for column in 0..self.map.width_px {
+                let Some(ground) = self.map.at(column, row) else {
+                    continue;
+                };
+                let off = (ground.x - x).hypot(ground.y - y);
+                if off < best.0 {
+                    best = (off, Some([column as f32, row as f32]));
+                }
+            }
+        }
+        best.1
+    }
+
+    /// A square around a place of the ground that is as wide as `size` metres of ground along the ray.
+    fn square(&self, angle: f32, range: f32, size: f32) -> Option<Window> {
+        let middle = self.pixel(angle, range)?;
+        let [near, far] = [range - 0.5 * size, range + 0.5 * size].map(|at| self.pixel(angle, at));
+        let (near, far) = (near.unwrap_or(middle), far?);
+        let along = (far[0] - near[0]).hypot(far[1] - near[1]);
+        Some(Window::around(middle, along.max(3.0)))
+    }
+
+    fn bumpers(&self, config: &WindowConfig) -> Vec<Window> {
+        let quarter = std::f32::consts::FRAC_PI_2;
+        let step = std::f32::consts::TAU / BUMPERS as f32;
+        (0..BUMPERS)
+            .filter_map(|number| {
+                let angle = quarter - step * number as f32;
+                self.square(angle, config.bumper_range, config.bumper_size)
+            })
+            .collect()
+    }
+
+    fn goals(&self) -> Vec<Window> {
+        let [cu, cv] = self.camera.centre_px;
+        let smaller = cu.min(cv).min(self.map.width_px as f32 - cu);
+        let rim = self.camera.outer_radius_px.unwrap_or(smaller);
+        let [[xu, yu], [xv, yv]] = self.camera.image_from_robot();
+        GOALS_DEG
+            .iter()
+            .map(|degrees| {
+                let (sin, cos) = degrees.to_radians().sin_cos();
+                let direction = [xu * cos + yu * sin, xv * cos + yv * sin];
+                let middle = [
+                    cu + 0.75 * rim * direction[0],
+                    cv + 0.75 * rim * direction[1],
+                ];
+                Window::around(middle, 0.5 * rim)
+            })
+            .collect()
+    }
+
+    fn kick(&self, config: &WindowConfig) -> Option<Window> {
+        self.square(0.0, config.kick_range, config.kick_size)
+    }
+
+    /// A fiftieth of the image around where the axis should be: a mirror moved by more bends the map by centimetres.
+    fn lens(&self) -> Window {
+        let side = 0.02 * self.map.width_px.min(self.map.height_px) as f32;
+        Window::around(self.camera.centre_px, side.max(4.0))
+    }
+}
+
+impl Window {
+    fn around([u, v]: [f32; 2], side: f32) -> Self {
+        Window {
+            left_px: u - 0.5 * side,
+            top_px: v - 0.5 * side,
+            width_px: side,
+            height_px: side,
+        }
+    }
+
+    fn widened(self, factor: f32) -> Self {
+        let more = 0.5 * (factor - 1.0);
+        Window {
+            left_px: self.left_px - more * self.width_px,
+            top_px: self.top_px - more * self.height_px,
+            width_px: factor * self.width_px,
+            height_px: factor * self.height_px,
+        }
+    }
+
+    /// Is a place of the image inside?
+    pub fn holds(&self, [u, v]: [f32; 2]) -> bool {
+        (self.left_px..self.left_px + self.width_px).contains(&u)
+            && (self.top_px..self.top_px + self.height_px).contains(&v)
+    }
+}

@@ -1,0 +1,246 @@
+"""What does an image show? Line points, ball, robots and goals as structured arrays; and the calibrations.
+
+Images are arrays as OpenCV reads them: rows × columns × 3 (blue, green, red) or rows × columns (grey), bytes.
+Places are metres in the robot frame (x forward, y to the left); `u_px`, `v_px` are columns and rows of the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorball import _core
+from mirrorball._core import Camera, ColourTable, Field, GroundMap
+
+__all__ = [
+    "ColourTable",
+    "Eyes",
+    "Residual",
+    "Seen",
+    "calibrate_lines",
+    "calibrate_mask",
+    "calibrate_sizes",
+    "calibrate_strip",
+    "colours_from_labels",
+    "learn_colours",
+    "see",
+]
+
+Image = NDArray[np.uint8]
+Table = NDArray[np.void]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Everything that one image shows; each table is a structured array with the fields named here.
+
+    `points`: x_m, y_m, std_radial_m, std_tangential_m, u_px, v_px, width_m, contrast.
+    `refused`: u_px, v_px, reason: what looked like a line and is none.
+    `ball` (no or one row), `robots`, `goals`: x_m, y_m, cov_xx_m2, cov_xy_m2, cov_yy_m2, u_px, v_px, score, and
+    on_ground, pixels (ball), edge_x_m, edge_y_m, width_m, marker (robots), width_m, kind (goals).
+    """
+
+    points: Table
+    refused: Table
+    ball: Table
+    robots: Table
+    goals: Table
+    carpet_end_m: NDArray[np.float32]
+    """Where the carpet ends in each direction around the mirror's axis, from image right towards up; inf: not seen."""
+    carpet_share: float
+    """Share of the scanned pixels that are carpet."""
+    bumpers: NDArray[np.bool_]
+    """Something stands in the virtual bumper: from the left over the front to the right and round the back."""
+    kick: bool
+    """The ball touches the kicker."""
+    lens_centred: bool | None
+    """The camera's lens is where the mirror's axis should be; None where it cannot be told."""
+
+
+class Residual(NamedTuple):
+    """How well one image agrees with a calibration."""
+
+    image: int
+    points: int
+    rms_px: float
+    left_out: str | None
+
+
+def _table(columns: Mapping[str, Any]) -> Table:
+    arrays = {name: np.asarray(values, dtype=_word_or_number(values)) for name, values in columns.items()}
+    rows = len(next(iter(arrays.values())))
+    table = np.empty(rows, dtype=[(name, array.dtype) for name, array in arrays.items()])
+    for name, array in arrays.items():
+        table[name] = array
+    return table
+
+
+def _word_or_number(values: Any) -> Any:
+    # An empty list of words would become numbers.
+    return None if isinstance(values, np.ndarray) else f"<U{max([1, *map(len, values)])}"
+
+
+def _map(of: GroundMap | str | PathLike[str]) -> GroundMap:
+    return of if isinstance(of, GroundMap) else GroundMap.load(Path(of))
+
+
+class Eyes:
+    """The eyes of one camera, for images that follow each other: tables and colours are kept from image to image.
+
+    `camera` is taken from the map where it is left out; `mask` is false where the robot sees itself; `settings` is the
+    text of a TOML overlay's `[vision]` table, without that heading.
+    """
+
+    def __init__(
+        self,
+        *,
+        map: GroundMap | str | PathLike[str],
+        camera: Camera | None = None,
+        mask: NDArray[np.bool_] | None = None,
+        line_width_m: float = 0.125,
+        colours: ColourTable | None = None,
+        settings: str | None = None,
+    ) -> None:
+        self._eyes = _core.Eyes(
+            map=_map(map), camera=camera, mask=mask, line_width_m=line_width_m, settings_toml=settings
+        )
+        if colours is not None:
+            self._eyes.set_colours(colours)
+
+    @property
+    def scan_pixels(self) -> int:
+        """Different pixels that the scan lines read."""
+        return self._eyes.scan_pixels
+
+    @property
+    def scan_coverage(self) -> float:
+        """Share of the image that these are."""
+        return self._eyes.scan_coverage
+
+    def forget_light(self) -> None:
+        """Have the next image learned from anew: after a gap, or before an image of another place."""
+        self._eyes.forget_light()
+
+    def see(self, image: Image) -> Seen:
+        """Everything that an image shows; ValueError for one of another size, torn, or black."""
+        found = self._eyes.see(image)
+        return Seen(
+            points=_table(found["points"]),
+            refused=_table(found["refused"]),
+            ball=_table(found["ball"]),
+            robots=_table(found["robots"]),
+            goals=_table(found["goals"]),
+            carpet_end_m=found["carpet_end_m"],
+            carpet_share=found["carpet_share"],
+            bumpers=found["bumpers"],
+            kick=found["kick"],
+            lens_centred=found["lens_centred"],
+        )
+
+
+def see(
+    image: Image,
+    *,
+    map: GroundMap | str | PathLike[str],
+    camera: Camera | None = None,
+    mask: NDArray[np.bool_] | None = None,
+    line_width_m: float = 0.125,
+    colours: ColourTable | None = None,
+    settings: str | None = None,
+) -> Seen:
+    """Everything that one image shows. For many images of one camera, `Eyes` builds its tables only once."""
+    eyes = Eyes(map=map, camera=camera, mask=mask, line_width_m=line_width_m, colours=colours, settings=settings)
+    return eyes.see(image)
+
+
+def calibrate_strip(
+    *,
+    camera: Camera,
+    images: Sequence[Image],
+    directions_rad: Sequence[float],
+    first_edge_m: float,
+    spacing_m: float,
+    bars: int,
+    width_m: float,
+    first_bar: str = "black",
+) -> tuple[GroundMap, float, list[Residual]]:
+    """The ground map from images beside a radial strip of bars: the map, its residual in pixels, and each image's.
+
+    `directions_rad`: where the strip lies in the robot frame in each image.
+    """
+    found, rms_px, images_found = _core.calibrate_strip(
+        camera=camera,
+        images=list(images),
+        directions_rad=list(directions_rad),
+        first_edge_m=first_edge_m,
+        spacing_m=spacing_m,
+        bars=bars,
+        width_m=width_m,
+        first_bar=first_bar,
+    )
+    return found, rms_px, [Residual(*row) for row in images_found]
+
+
+def calibrate_lines(
+    *,
+    camera: Camera,
+    start: GroundMap | str | PathLike[str],
+    field: Field,
+    images: Sequence[Image],
+    settings: str | None = None,
+) -> tuple[GroundMap, float, float, list[Residual]]:
+    """The ground map from images anywhere on the field, without a strip; `start` may be a fifth off.
+
+    Gives the map, its residual in metres, the share of line points on markings, and each image's residual.
+    """
+    found, rms_m, share, images_found = _core.calibrate_lines(
+        camera=camera, start=_map(start), field=field, images=list(images), settings_toml=settings
+    )
+    return found, rms_m, share, [Residual(*row) for row in images_found]
+
+
+def calibrate_mask(*, camera: Camera, images: Sequence[Image]) -> NDArray[np.bool_]:
+    """Where the robot does not see itself, from at least six images of it turning in place: rows × columns."""
+    return _core.calibrate_mask(camera=camera, images=list(images))
+
+
+def calibrate_sizes(
+    *,
+    map: GroundMap | str | PathLike[str],
+    images: Sequence[Image],
+    camera: Camera | None = None,
+    line_width_m: float = 0.125,
+    settings: str | None = None,
+) -> Table:
+    """Widths of lines and ball in pixels over distance: distance_m, line_px, line_px_by_map, lines, and so of the ball."""
+    columns = _core.calibrate_sizes(
+        map=_map(map), images=list(images), camera=camera, line_width_m=line_width_m, settings_toml=settings
+    )
+    return _table(dict(columns))
+
+
+def learn_colours(
+    *,
+    map: GroundMap | str | PathLike[str],
+    images: Sequence[Image],
+    camera: Camera | None = None,
+    line_width_m: float = 0.125,
+    over: str = "yuv",
+    settings: str | None = None,
+) -> tuple[ColourTable, list[Residual]]:
+    """A table of what colours mean, from images without labels; `over` is "yuv" (16 MiB) or "uv" (64 KiB)."""
+    table, images_found = _core.learn_colours(
+        map=_map(map), images=list(images), camera=camera, line_width_m=line_width_m, over=over, settings_toml=settings
+    )
+    return table, [Residual(*row) for row in images_found]
+
+
+def colours_from_labels(path: str | PathLike[str], *, over: str = "yuv") -> ColourTable:
+    """A table of what colours mean, from labels.csv (file,u,v,class; files relative to it)."""
+    return _core.colours_from_labels(Path(path), over=over)

@@ -1,0 +1,124 @@
+"""Does Python see what the robot sees? Images as OpenCV reads them, against the samples' truth."""
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import mirrorball
+from mirrorball import Camera, ColourTable, GroundMap, Profile, vision
+
+SEQUENCE = Path(__file__).parents[1] / "samples/sequence"
+CALIBRATION = Path(__file__).parents[1] / "samples/calibration"
+
+
+def image(path: Path, flags: int = cv2.IMREAD_COLOR) -> vision.Image:
+    read = cv2.imread(str(path), flags)
+    assert read is not None
+    return np.asarray(read, dtype=np.uint8)
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as table:
+        return list(csv.DictReader(table))
+
+
+@pytest.fixture(scope="module")
+def camera() -> Camera:
+    return Camera.load(SEQUENCE / "robot.toml")
+
+
+@pytest.fixture(scope="module")
+def ground(camera: Camera) -> GroundMap:
+    return mirrorball.ground_map(camera=camera, profile=Profile.load(SEQUENCE / "mirror.csv"))
+
+
+@pytest.fixture(scope="module")
+def first() -> vision.Image:
+    return image(SEQUENCE / "frames/000.jpg")
+
+
+def in_robot_frame(pose: dict[str, str], place: dict[str, str]) -> tuple[float, float]:
+    dx, dy = float(place["x_m"]) - float(pose["x_m"]), float(place["y_m"]) - float(pose["y_m"])
+    cos, sin = np.cos(float(pose["theta_rad"])), np.sin(float(pose["theta_rad"]))
+    return cos * dx + sin * dy, -sin * dx + cos * dy
+
+
+def test_ball_is_found_where_it_lies(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+    seen = vision.see(first, map=ground, camera=camera)
+    ball = next(row for row in rows(SEQUENCE / "objects.csv") if row["kind"] == "ball")
+    x, y = in_robot_frame(rows(SEQUENCE / "truth.csv")[0], ball)
+    assert len(seen.ball) == 1 and bool(seen.ball["on_ground"][0])
+    assert np.hypot(seen.ball["x_m"][0] - x, seen.ball["y_m"][0] - y) < 0.15
+
+
+def test_points_lie_on_the_map_where_the_image_says(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+    points = vision.see(first, map=ground, camera=camera).points
+    assert len(points) > 100
+    u, v = np.round(points["u_px"]).astype(int), np.round(points["v_px"]).astype(int)
+    off = np.hypot(ground.x_m[v, u] - points["x_m"], ground.y_m[v, u] - points["y_m"])
+    assert np.nanmedian(off) < 0.05
+    assert np.all(points["std_radial_m"] > 0)
+
+
+def test_grey_images_and_slices_are_read_as_they_are(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+    grey = image(SEQUENCE / "frames/000.jpg", cv2.IMREAD_GRAYSCALE)
+    assert len(vision.see(grey, map=ground, camera=camera).points) > 100
+    wide = np.concatenate([first, first], axis=1)[:, : first.shape[1]]
+    packed = vision.see(first, map=ground, camera=camera)
+    assert np.array_equal(vision.see(wide, map=ground, camera=camera).points, packed.points)
+
+
+def test_a_map_alone_tells_the_camera(camera: Camera, ground: GroundMap) -> None:
+    found = Camera.of_map(ground)
+    assert found.centre_px == pytest.approx(camera.centre_px, abs=0.5)
+    assert found.forward_deg == pytest.approx(camera.forward_deg, abs=0.5)
+    assert found.flipped == camera.flipped
+
+
+def test_what_is_no_image_of_this_camera_is_refused(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+    eyes = vision.Eyes(map=ground, camera=camera)
+    with pytest.raises(ValueError, match="480"):
+        eyes.see(first[:100])
+    with pytest.raises(ValueError, match="rows × columns"):
+        eyes.see(np.zeros((480, 480, 4), dtype=np.uint8))
+    with pytest.raises(ValueError, match="black frame"):
+        eyes.see(np.zeros_like(first))
+    assert 0.1 < eyes.scan_coverage < 0.5
+
+
+def test_colours_without_labels_find_carpet_and_lines(
+    camera: Camera, ground: GroundMap, first: vision.Image, tmp_path: Path
+) -> None:
+    images = [image(SEQUENCE / row["file"]) for row in rows(SEQUENCE / "frames.csv")[::5]]
+    table, residuals = vision.learn_colours(map=ground, images=images, camera=camera)
+    assert all(residual.left_out is None for residual in residuals)
+    classes = table.classify(first)
+    points = vision.see(first, map=ground, camera=camera).points
+    strong = points[points["contrast"] > np.median(points["contrast"])]
+    on_lines = classes[np.round(strong["v_px"]).astype(int), np.round(strong["u_px"]).astype(int)]
+    assert np.mean(on_lines == table.names.index("white")) > 0.8
+    assert np.mean(classes == table.names.index("carpet")) > 0.2
+    table.save(tmp_path / "colours.table")
+    assert np.array_equal(ColourTable.load(tmp_path / "colours.table").classify(first), classes)
+
+
+def test_a_mask_covers_the_rods_and_not_the_floor() -> None:
+    strip = rows(CALIBRATION / "strip.csv")
+    camera = Camera.load(CALIBRATION / "robot.toml")
+    free = vision.calibrate_mask(camera=camera, images=[image(CALIBRATION / row["file"]) for row in strip])
+    assert free.shape == (camera.height_px, camera.width_px)
+    ground = mirrorball.ground_map(camera=camera, profile=Profile.load(CALIBRATION / "mirror.csv"))
+    on_floor = np.hypot(ground.x_m, ground.y_m) < 4.0
+    assert 0.85 < np.mean(free[on_floor]) < 0.999
+
+
+def test_lines_are_as_wide_as_the_map_says(camera: Camera, ground: GroundMap) -> None:
+    images = [image(SEQUENCE / row["file"]) for row in rows(SEQUENCE / "frames.csv")[::2]]
+    sizes = vision.calibrate_sizes(map=ground, images=images, camera=camera)
+    near = sizes[(sizes["distance_m"] < 4.0) & (sizes["lines"] >= 20)]
+    assert len(near) >= 3
+    # Blur widens a line that is hardly wider than a pixel.
+    assert np.all(np.abs(near["line_px"] - near["line_px_by_map"]) < 1.5)
