@@ -10,9 +10,10 @@ import tomllib
 from pathlib import Path
 
 import cv2
-import mirrorball
 import numpy as np
 from numpy.typing import NDArray
+
+import mirrorball
 
 REACH_M = 0.08  # an edge farther off than this from where it should be is another one
 PROFILES = 5  # parallel walks over the strip's middle half; their median bridges noise

@@ -5,8 +5,9 @@ import csv
 from pathlib import Path
 
 import cv2
-import mirrorball
 import numpy as np
+
+import mirrorball
 from mirrorball import vision
 
 POINT, REFUSED, BALL, ROBOT, GOAL = (60, 0, 255), (0, 200, 255), (0, 140, 255), (255, 120, 0), (255, 255, 0)

@@ -10,8 +10,9 @@ import csv
 from pathlib import Path
 
 import cv2
-import mirrorball
 import numpy as np
+
+import mirrorball
 from mirrorball import vision
 
 Label = tuple[str, int, int, str]
@@ -46,9 +47,9 @@ def main() -> None:
     parser.add_argument("--confirmed", action="store_true", help="also label what the eyes are sure of")
     parser.add_argument("--out", type=Path, required=True, help="where labels.csv and the pictures go")
     arguments = parser.parse_args()
-    labels = [
-        label for name, *corners, word in arguments.box for label in box_labels(name, tuple(map(int, corners)), word)
-    ]
+    labels: list[Label] = []
+    for name, u0, v0, u1, v1, word in arguments.box:
+        labels += box_labels(name, (int(u0), int(v0), int(u1), int(v1)), word)
     if arguments.confirmed:
         camera = mirrorball.Camera.load(arguments.folder / "robot.toml")
         profile = mirrorball.Profile.load(arguments.folder / "mirror.csv")

@@ -107,9 +107,7 @@ class Eyes:
         colours: ColourTable | None = None,
         settings: str | None = None,
     ) -> None:
-        self._eyes = _core.Eyes(
-            map=_map(map), camera=camera, mask=mask, line_width_m=line_width_m, settings_toml=settings
-        )
+        self._eyes = _core.Eyes(map=_map(map), camera=camera, mask=mask, line_width_m=line_width_m, settings_toml=settings)
         if colours is not None:
             self._eyes.set_colours(colours)
 

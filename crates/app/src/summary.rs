@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 use vision::ball::Ball;
+use vision::exposure::ExposureReading;
 
 use crate::cycle::Cycle;
 use crate::sample::Truth;
@@ -35,6 +36,9 @@ pub struct Summary {
     pub heading_error_rad: Option<Spread>,
     /// The ball, where truth knows it.
     pub ball: Option<BallSummary>,
+    /// How exposure followed the light, where it was commanded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<ExposureSummary>,
     /// Image to features, milliseconds, median.
     pub see_ms: f64,
     /// Features to pose, milliseconds, median.
@@ -54,6 +58,15 @@ pub struct BallSummary {
     pub error_m: f64,
 }
 
+/// How exposure followed the light.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct ExposureSummary {
+    /// Searches for the best setting that came to an end.
+    pub searches: usize,
+    /// The longest of them: frames from its first command to the first frame that was found well exposed.
+    pub longest_frames: usize,
+}
+
 /// Collects a run, cycle by cycle.
 #[derive(Default)]
 pub struct Tally {
@@ -64,6 +77,9 @@ pub struct Tally {
     heading: Vec<f64>,
     ball: BallSummary,
     ball_errors: Vec<f64>,
+    exposure: ExposureSummary,
+    /// The frame in which exposure began to be sought.
+    search_began: Option<usize>,
     see_ms: Vec<f64>,
     localize_ms: Vec<f64>,
 }
@@ -80,8 +96,24 @@ impl Tally {
             self.position.push(f64::from(error.position));
             self.heading.push(f64::from(error.heading.abs()));
         }
+        if let Some(reading) = &cycle.exposure {
+            self.add_exposure(reading);
+        }
         if let (Some(truth), Some(seen)) = (&cycle.inputs.truth, &cycle.seen) {
             self.add_ball(truth, seen.ball.as_ref());
+        }
+    }
+
+    fn add_exposure(&mut self, reading: &ExposureReading) {
+        let frame = self.line_points.len();
+        match (reading.searching, self.search_began) {
+            (true, None) => self.search_began = Some(frame),
+            (false, Some(began)) => {
+                self.search_began = None;
+                self.exposure.searches += 1;
+                self.exposure.longest_frames = self.exposure.longest_frames.max(frame - began);
+            }
+            _ => {}
         }
     }
 
@@ -118,6 +150,7 @@ impl Tally {
                 error_m: median(self.ball_errors),
                 ..self.ball
             }),
+            exposure: (self.exposure.searches > 0).then_some(self.exposure),
             see_ms: median(self.see_ms),
             localize_ms: median(self.localize_ms),
         }
@@ -169,6 +202,12 @@ impl Summary {
                 ball.within_range,
                 100.0 * ball.error_m,
                 ball.false_finds
+            );
+        }
+        if let Some(exposure) = &self.exposure {
+            println!(
+                "exposure: followed the light {} times, settled within {} frames",
+                exposure.searches, exposure.longest_frames
             );
         }
         println!(

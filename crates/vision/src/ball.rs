@@ -234,20 +234,27 @@ impl BallSearch<'_> {
                 self.table.class(native)
             })
         };
-        let (mut carpet, mut other) = (0, 0);
+        let [mut carpet, mut other, mut near_carpet, mut near_other] = [0u32; 4];
+        let [towards_u, towards_v] = [self.centre_px[0] - u, self.centre_px[1] - v];
+        let away = towards_u.hypot(towards_v).max(1.0);
         for way in 0..WAYS {
             let (sin, cos) = (std::f32::consts::TAU * way as f32 / WAYS as f32).sin_cos();
             let mut length = 0.0;
             while length <= reach && class(length, cos, sin) == Some(Class::BALL) {
                 length += 1.0;
             }
+            // Its near half touches the carpet; its height may hide what is far behind it.
+            let near = u32::from(cos * towards_u + sin * towards_v > 0.5 * away);
             match class(length + BESIDE_PX, cos, sin) {
-                Some(Class::CARPET) => carpet += 1,
+                Some(Class::CARPET) => (carpet, near_carpet) = (carpet + 1, near_carpet + near),
                 Some(Class::WHITE | Class::BLACK | Class::BALL | Class::CYAN | Class::MAGENTA) => {}
-                _ => other += 1,
+                _ => (other, near_other) = (other + 1, near_other + near),
             }
         }
-        carpet >= WAYS / 6 && carpet >= other
+        match near_carpet + near_other {
+            0 => carpet > other,
+            _ => near_carpet >= near_other,
+        }
     }
 
     /// Does the carpet end before the ball's middle on both its sides? Then it is something behind the carpet.

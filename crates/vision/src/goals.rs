@@ -36,6 +36,9 @@ pub struct Goal {
 /// Widest white thing still taken for a post, metres: its side of 0.125 aslant, blurred.
 const POST_WIDTH_MAX: f32 = 0.35;
 
+/// Side of a post, metres.
+const POST_SIDE: f32 = 0.125;
+
 /// Narrowest coloured thing taken for a goal, metres: half of the goal of 2001 may be hidden.
 const GOAL_WIDTH_MIN: f32 = 0.5;
 
@@ -76,12 +79,21 @@ pub(crate) fn goals(rays: &Rays, sights: &[RaySight]) -> Vec<Goal> {
     found
 }
 
-/// Share of the samples just beyond the carpet that have a colour; zero below half.
+/// Share of the samples beyond the carpet that have a colour; zero below 0.6.
+///
+/// A goal's wall is looked at just beyond the carpet. A post is higher than the mirror, so it covers its direction up to
+/// the horizon: a sticker on a robot, glare or a line does not.
 fn share(rays: &Rays, sight: &RaySight, end: usize, class: Class) -> f32 {
     if !(sight.carpet && sight.end.is_finite()) {
         return 0.0;
     }
-    let beyond = &rays.classes[sight.beyond..end.min(sight.beyond + 16)];
+    let far = if class == Class::WHITE {
+        let above = (sight.beyond..end).find(|&sample| rays.samples[sample].range.is_infinite());
+        above.unwrap_or(end)
+    } else {
+        end.min(sight.beyond + 16)
+    };
+    let beyond = &rays.classes[sight.beyond..far];
     let share =
         beyond.iter().filter(|&&found| found == class).count() as f32 / beyond.len().max(1) as f32;
     if share >= 0.6 { share } else { 0.0 }
@@ -110,6 +122,8 @@ fn goal(
     };
     match kind {
         GoalKind::Post if width > POST_WIDTH_MAX || range > 6.0 => return None,
+        // Half of its side may be hidden, and half a ray is as near as rays tell.
+        GoalKind::Post if width + 0.5 * ray_angle * range < 0.5 * POST_SIDE => return None,
         GoalKind::Blue | GoalKind::Yellow if width < GOAL_WIDTH_MIN => return None,
         _ => {}
     }

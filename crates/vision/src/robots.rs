@@ -52,6 +52,7 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
     let columns: Vec<Option<Column>> = (0..rays.count())
         .map(|ray| column(rays, &sights[ray], rays.starts[ray + 1], config))
         .collect();
+    let columns = smoothed(&columns);
     let count = columns.len();
     let joined = |a: usize, b: usize| match (columns[a], columns[b]) {
         (Some(a), Some(b)) => (a.range - b.range).abs() < 0.15 + 0.1 * a.range.min(b.range),
@@ -75,6 +76,19 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
         }
     }
     found
+}
+
+/// Ranges as the median of three neighbouring rays: a robot is as wide as several, noise ends a single one early.
+fn smoothed(columns: &[Option<Column>]) -> Vec<Option<Column>> {
+    let count = columns.len();
+    let median = |ray: usize| {
+        let own = columns[ray]?;
+        let range = |ray: usize| columns[ray % count].map_or(own.range, |column| column.range);
+        let (before, after) = (range(ray + count - 1), range(ray + 1));
+        let range = own.range.clamp(before.min(after), before.max(after));
+        Some(Column { range, ..own })
+    };
+    (0..count).map(median).collect()
 }
 
 /// A group wider than a robot is cut where it recedes between two nearer parts: robots side by side.

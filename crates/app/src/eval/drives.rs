@@ -63,8 +63,11 @@ pub fn drive(job: &Job<'_>) -> Result<(Vec<Row>, Vec<f64>)> {
     let mut spine = Spine::new(&setup, &config)?;
     let kidnaps = simulation.sim().scenario().kidnaps.iter();
     let kidnaps = kidnaps.map(|kidnap| kidnap.time).collect();
-    let cycles = simulation.filter_map(|sample| spine.take(sample));
-    let rows = cycles.filter_map(|cycle| row(&cycle)).collect();
+    let mut rows = Vec::new();
+    simulation.play(&mut spine, |cycle| {
+        rows.extend(row(&cycle));
+        Ok(())
+    })?;
     Ok((rows, kidnaps))
 }
 
