@@ -263,6 +263,12 @@ impl Spine {
         })
     }
 
+    /// Different pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
+    pub fn scan_coverage(&self) -> Option<(usize, f32)> {
+        let pattern = self.eyes.as_ref()?.pattern();
+        Some((pattern.pixels, pattern.coverage))
+    }
+
     /// Takes a sample; a frame ends a cycle.
     pub fn take(&mut self, sample: Sample) -> Option<Cycle> {
         match sample {

@@ -51,6 +51,12 @@ pub struct Args {
 struct Outcome {
     #[serde(flatten)]
     summary: Summary,
+    /// Different pixels that the scan lines read, and their share of the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scan_pixels: Option<usize>,
+    /// See `scan_pixels`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scan_share: Option<f32>,
     /// What the eyes found of what is known to be there.
     #[serde(skip_serializing_if = "Option::is_none")]
     eyes: Option<SightSummary>,
@@ -114,15 +120,24 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     bar.finish_and_clear();
     outputs.finish()?;
     let (summary, eyes) = (tally.summary(), sight.summary());
+    let coverage = spine.scan_coverage();
     if json {
         let outcome = Outcome {
             summary: summary.clone(),
+            scan_pixels: coverage.map(|(pixels, _)| pixels),
+            scan_share: coverage.map(|(_, share)| share),
             eyes,
         };
         println!("{}", serde_json::to_string(&outcome)?);
     } else {
         summary.print();
         eyes.iter().for_each(SightSummary::print);
+        if let Some((pixels, share)) = coverage {
+            println!(
+                "scan lines read {pixels} pixels, {:.1} % of the image",
+                100.0 * share
+            );
+        }
         println!("poses: {}", out.display());
     }
     ensure!(

@@ -189,6 +189,8 @@ pub struct ExposureControl {
     /// The level that the present setting was found to be best at; none while it is sought.
     reference: Option<f32>,
     rounds: u32,
+    /// Logarithm of the light's last step that entropy asked for; 0 before the first.
+    last_step: f32,
     /// Level ∝ light^response: 1 for a linear camera, about 0.45 with the usual gamma; learned from commands.
     response: f32,
     warned: bool,
@@ -272,6 +274,7 @@ impl ExposureControl {
             pending: None,
             reference: None,
             rounds: 0,
+            last_step: 0.0,
             response: FIRST_RESPONSE,
             warned: false,
             levels: Vec::new(),
@@ -342,7 +345,7 @@ impl ExposureControl {
         number: u64,
     ) -> Option<CameraCommand> {
         if change.is_some() {
-            self.rounds = 0;
+            (self.rounds, self.last_step) = (0, 0.0);
         }
         self.rounds += 1;
         // A brighter centre asks for less light and a darker one for more: first as much as makes it what it was, since
@@ -355,10 +358,15 @@ impl ExposureControl {
         let step = best.powf(1.0 / self.response).clamp(1.0 / most, most);
         let now = control.light(self.setting);
         let setting = control.setting(now * step);
-        let moved = (control.light(setting) / now).ln().abs();
-        if moved < self.config.settled || self.rounds > ROUNDS_MAX {
+        let moved = (control.light(setting) / now).ln();
+        // A step back, no longer than the one before: the peak lies between, where the entropy is flat.
+        let bracketed = moved * self.last_step < 0.0 && moved.abs() <= 1.2 * self.last_step.abs();
+        if moved.abs() < self.config.settled || bracketed || self.rounds > ROUNDS_MAX {
             self.reference = Some(level.max(1.0));
             return None;
+        }
+        if change.is_none() {
+            self.last_step = moved;
         }
         let command = CameraCommand {
             setting,

@@ -152,3 +152,20 @@ fn an_unknown_key_is_refused_with_file_and_line() {
         "{message}"
     );
 }
+
+#[test]
+fn a_commanded_exposure_is_in_force_from_the_image_it_names() {
+    let mut sim = small(|_| {});
+    sim.expose_from(2, 0.25, 1.0);
+    let level = |image: &Image| -> u64 { image.rgb.iter().map(|&byte| u64::from(byte)).sum() };
+    let images = sim.filter_map(|sample| match sample {
+        Sample::Image(image) => Some(level(&image)),
+        _ => None,
+    });
+    let levels: Vec<u64> = images.take(4).collect();
+    assert!(10 * levels[1] > 9 * levels[0], "{levels:?}");
+    assert!(
+        10 * levels[2] < 8 * levels[1] && 10 * levels[3] < 8 * levels[1],
+        "{levels:?}"
+    );
+}
