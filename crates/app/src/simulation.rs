@@ -109,7 +109,7 @@ impl Simulation {
     /// `commanded`: waits for what each frame's cycle says to the camera, as far as the camera's delay asks for it.
     fn run_ahead(mut self, commanded: bool) -> Result<Ahead> {
         let (sender, samples) = sync_channel(LEAD);
-        let (answers, commands) = sync_channel(ANSWERS);
+        let (answers, commands) = sync_channel::<Option<CameraCommand>>(ANSWERS);
         // A camera without control is never commanded: nobody needs to be waited for.
         let camera = self.sim.robot().exposure.filter(|_| commanded);
         let delay = camera.map(|camera| camera.delay_frames.max(1));
