@@ -352,7 +352,7 @@ impl Eyes {
             light.table = self.table_of(light.format, model, *light.adaptation.prior());
             light.weights = weights_of(&model);
             light.model = model;
-            self.measure_noise(light);
+            self.measure_noise(frame, light);
         }
     }
 
