@@ -241,7 +241,7 @@ impl Ahead {
     /// Says what a frame's cycle commands; once a frame, in their order.
     fn answer(&self, command: Option<CameraCommand>) {
         // A simulator that has ended needs no answer.
-        drop(self.answers.try_send(command));
+        let _ = self.answers.try_send(command);
     }
 }
 
