@@ -15,6 +15,8 @@ use vision::image::Image;
 use vision::robot::RobotConfig;
 use vision::{GroundMap, Mount, Profile, overlay};
 
+mod compass;
+
 use crate::cycle::SpineConfig;
 use crate::setup::Setup;
 use crate::table::Table;
@@ -34,6 +36,7 @@ enum What {
     Colours(colours::ColoursArgs),
     Mask(mask::MaskArgs),
     Sizes(sizes::SizesArgs),
+    Compass(compass::CompassArgs),
 }
 
 /// From images of the robot turning beside a radial strip of black and white bars.
@@ -128,6 +131,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         What::Colours(args) => return colours::run(args, json),
         What::Mask(args) => return mask::run(args, json),
         What::Sizes(args) => return sizes::run(args, json),
+        What::Compass(args) => return compass::run(args, json),
     };
     if json {
         println!("{}", serde_json::to_string(&outcome)?);

@@ -329,7 +329,9 @@ impl Spine {
                 }
                 Sample::Compass(compass) => self.localizer.compass(&compass),
                 Sample::Report(report) => self.team.hear(&report),
-                Sample::Imu(_) | Sample::Command(_) | Sample::Truth(_) | Sample::Frame(_) => {}
+                Sample::Imu(imu) => self.localizer.imu(&imu),
+                Sample::Command(command) => self.localizer.command(&command),
+                Sample::Truth(_) | Sample::Frame(_) => {}
             }
         }
         self.localizer.goals(stamp, &goals);

@@ -4,6 +4,7 @@ use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use localize::drive::{Drive, DriveConfig, DriveFrame, anywhere, normal, see};
+use localize::filter::{Belief, FilterConfig, Span, Way};
 use localize::matching::{MatchConfig, Matcher, Minimiser};
 use localize::relocalise::hough::{Hough, HoughConfig};
 use localize::relocalise::monte_carlo::{MonteCarlo, MonteCarloConfig};
@@ -11,6 +12,7 @@ use localize::relocalise::scan_map::{ScanMap, ScanMapConfig};
 use localize::sample::LinePoint;
 use localize::search::{HeadingPrior, Search};
 use localize::{DistanceField, Field, LocalizeConfig, Localizer, Pose};
+use nalgebra::{Matrix3, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -131,5 +133,35 @@ fn relocalising(criterion: &mut Criterion) {
     });
 }
 
-criterion_group!(place, tracking, relocalising);
+/// A frame's share of the filter: three readings of wheels and inertial unit each, and the update by a sight.
+fn fusing(criterion: &mut Criterion) {
+    let config = FilterConfig::default();
+    let covariance = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5));
+    let mut belief = Belief::new(Pose::new(1.0, 2.0, 0.5), &covariance, None, &config);
+    let span = Span {
+        seconds: 0.01,
+        acceleration: Some([0.1, -0.1]),
+        ..Span::default()
+    };
+    let way = Way {
+        motion: [0.015, 0.001, 0.002],
+        seconds: 0.01,
+        slip: 0.0,
+        watched: true,
+    };
+    criterion.bench_function("predict_and_update_a_frame", |bencher| {
+        bencher.iter(|| {
+            for _ in 0..3 {
+                belief.advance(&span, &config);
+                belief.gyro(0.2, 0.01, &config);
+                belief.wheels(&way, &config);
+            }
+            let pose = belief.pose();
+            belief.correct(pose, &covariance, &config);
+            black_box(belief.pose())
+        });
+    });
+}
+
+criterion_group!(place, tracking, relocalising, fusing);
 criterion_main!(place);

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::attitude::AttitudeConfig;
 use crate::distance::DistanceConfig;
 use crate::filter::FilterConfig;
 use crate::matching::MatchConfig;
@@ -24,6 +25,8 @@ pub struct LocalizeConfig {
     pub search: SearchConfig,
     /// Odometry and fusion.
     pub filter: FilterConfig,
+    /// The inertial unit: lean, gyro bias, rest.
+    pub attitude: AttitudeConfig,
     /// When a pose is trusted, suspected, given up.
     pub mode: ModeConfig,
     /// The compass.

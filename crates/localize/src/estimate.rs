@@ -3,6 +3,7 @@
 use nalgebra::Matrix3;
 
 use crate::frame::Pose;
+use crate::omni::Twist;
 use crate::search::Hypothesis;
 use crate::stamp::Stamp;
 
@@ -66,6 +67,14 @@ pub struct Estimate {
     pub half_known: bool,
     /// Estimated metres per metre and radians per radian of the odometry.
     pub odometry_scales: [f32; 2],
+    /// Estimated velocity in the robot's frame; none while lost.
+    pub twist: Option<Twist>,
+    /// Is a collision going on, so that the wheels are not believed?
+    pub collision: bool,
+    /// Estimated bias of the gyro about the vertical, rad/s.
+    pub gyro_bias: f32,
+    /// Estimated time from the frame's exposure to its stamp, seconds.
+    pub latency: f32,
     /// Poses that explain the points too, with their probabilities; without the pose itself.
     pub runners_up: Vec<Hypothesis>,
 }

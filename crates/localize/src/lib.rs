@@ -3,7 +3,10 @@
 //! The vocabulary that every other crate speaks (stamps, frames, the field, samples) lives here, because where
 //! things are is its language. No I/O, clock, thread or randomness of its own: stamps and generators are arguments.
 
+pub mod attitude;
 mod candidates;
+pub mod collision;
+pub mod compass;
 pub mod config;
 pub mod distance;
 pub mod drive;

@@ -80,6 +80,8 @@ pub struct Match {
     pub strain: f32,
     /// Lean (a, b), radians: the ground point (X, Y) was mapped about (aH, bH) + (aX + bY)(X, Y)/H short.
     pub lean: [f32; 2],
+    /// Variance of each of them, rad².
+    pub lean_variance: [f32; 2],
     /// Root mean square distance of the inliers from the markings, metres.
     pub residual: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
@@ -154,6 +156,11 @@ impl Matcher {
     /// The configuration in use.
     pub fn config(&self) -> &MatchConfig {
         &self.config
+    }
+
+    /// From now on frames lean by so much, radians (one sigma), beyond what their points were bent by already.
+    pub fn expect_lean(&mut self, std: f32) {
+        self.config.lean_std_deg = std.to_degrees();
     }
 
     /// Matches `points` (finite; robot frame) from `start`, whose error may be about `spread` metres.
@@ -405,9 +412,16 @@ impl Matcher {
         let scale = ((seen * weight + CLAIMED) / (weight + CLAIMED)).clamp(0.1, 25.0);
         let mut normal = sums.normal / scale;
         self.add_priors(&mut normal);
-        let covariance = normal.try_inverse().map_or_else(
-            || Matrix3::from_diagonal(&NOTHING_KNOWN.diagonal().map(|known| 1.0 / known)),
-            |inverse| inverse.fixed_view::<3, 3>(0, 0).into_owned(),
+        let (covariance, lean_variance) = normal.try_inverse().map_or_else(
+            || {
+                let nothing = NOTHING_KNOWN.diagonal().map(|known| 1.0 / known);
+                let lean = 1.0 / self.lean_information();
+                (Matrix3::from_diagonal(&nothing), [lean; 2])
+            },
+            |inverse| {
+                let pose_part = inverse.fixed_view::<3, 3>(0, 0).into_owned();
+                (pose_part, [inverse[(3, 3)], inverse[(4, 4)]])
+            },
         );
         let deviation = self.deviation(state);
         let reach_squared = self.config.reach_sigmas * self.config.reach_sigmas;
@@ -416,6 +430,7 @@ impl Matcher {
             covariance: (covariance + covariance.transpose()) * 0.5,
             strain: deviation.dot(&(self.expected.information * deviation)),
             lean: [state[3], state[4]],
+            lean_variance,
             residual: (sums.squares / weight).sqrt(),
             deviation: sums.deviations / count,
             inlier_share: sums.inliers / count,

@@ -1,6 +1,7 @@
 //! How would each paper's robot find its place? Every stage as that paper has it, by name.
 
 use crate::config::{LocalizeConfig, SuspectRule, Tracker};
+use crate::filter::Fusion;
 use crate::matching::Minimiser;
 use crate::relocalise::RelocaliserKind;
 
@@ -23,8 +24,10 @@ impl LocalizeConfig {
                 config.matching.lean_std_deg = 0.0;
             }
             "minho2016" => {
-                // IV and V.B: scan map, local search about the last position, heading by histograms, Kalman filter
-                // without an estimate of the odometry's scale.
+                // IV and V.B: scan map, local search about the last position, heading by histograms; a Kalman filter
+                // each for vision and odometry, fused by a node.
+                config.filter.fusion = Fusion::Decentralised;
+                config.attitude.bend = false;
                 config.relocalise.by = RelocaliserKind::ScanMap;
                 config.tracker = Tracker::ScanMap;
                 config.mode.rule = SuspectRule::Thresholds;

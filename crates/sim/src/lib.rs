@@ -6,6 +6,7 @@ mod ball;
 pub mod base;
 mod drive;
 pub mod film;
+pub mod fusion;
 pub mod light;
 mod play;
 pub mod render;

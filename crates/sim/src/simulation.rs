@@ -133,6 +133,8 @@ pub struct Sim {
     /// Settings to come: from which image on, counted from 0, those that were dropped not.
     films_to_come: VecDeque<(u64, FilmConfig)>,
     images: u64,
+    /// Are images rendered?
+    renders: bool,
     /// Light set by hand, in place of the scenario's.
     light_level: Option<f32>,
     /// A sector occluded by hand, degrees.
@@ -257,6 +259,7 @@ impl Sim {
             film: scenario.film,
             films_to_come: VecDeque::new(),
             images: 0,
+            renders: true,
             light_level: None,
             held_up: None,
             imu,
@@ -277,6 +280,12 @@ impl Sim {
             robot,
             field,
         })
+    }
+
+    /// The same without images: truth still comes when one would.
+    pub fn without_images(mut self) -> Self {
+        self.renders = false;
+        self
     }
 
     /// The scenario, its paths resolved.
@@ -511,7 +520,7 @@ impl Sim {
     }
 
     fn sense_image(&mut self, truth: &Truth) -> Option<Image> {
-        if self.failing(FaultKind::FramesDropped).is_some() {
+        if !self.renders || self.failing(FaultKind::FramesDropped).is_some() {
             return None;
         }
         while let Some(&(_, film)) = self

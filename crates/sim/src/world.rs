@@ -41,6 +41,8 @@ pub struct World {
     others: Vec<Other>,
     ball: Option<Ball>,
     base: Base,
+    /// Our robot's velocity at the end of the last step: what hits it in between is felt as well.
+    last_velocity: Vector,
     last_acceleration: Vector2<f32>,
 }
 
@@ -127,6 +129,7 @@ impl World {
             others,
             ball,
             base: Base::new(base, &scenario.wheels)?,
+            last_velocity: Vector::ZERO,
             last_acceleration: Vector2::zeros(),
         })
     }
@@ -146,9 +149,10 @@ impl World {
             ball.spin = spin;
             body.set_linvel(Vector::new(slower.x, slower.y), true);
         }
-        let before = self.physics.bodies[self.robot].linvel();
         self.physics.step();
-        let change = (self.physics.bodies[self.robot].linvel() - before) / STEP;
+        let velocity = self.physics.bodies[self.robot].linvel();
+        let change = (velocity - self.last_velocity) / STEP;
+        self.last_velocity = velocity;
         self.last_acceleration = Vector2::new(change.x, change.y);
     }
 
@@ -248,6 +252,7 @@ impl World {
         body.set_linvel(Vector::ZERO, true);
         body.set_angvel(0.0, true);
         self.base.halt();
+        self.last_velocity = Vector::ZERO;
     }
 
     /// Hits our robot with an impulse (N s, field frame).

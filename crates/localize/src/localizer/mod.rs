@@ -5,6 +5,8 @@
 //! share of inliers, deviation from the prediction, the best pose of the whole field, the compass.
 
 mod half;
+mod lean;
+mod motion;
 mod relocate;
 mod report;
 mod track;
@@ -19,17 +21,19 @@ use crate::config::{LocalizeConfig, Tracker};
 use crate::distance::DistanceField;
 use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
-use crate::filter::Belief;
+use crate::filter::{Belief, Span};
 use crate::frame::Pose;
 use crate::goals::ColouredGoals;
 use crate::matching::Matcher;
 use crate::relocalise::scan_map::{Origin, ScanMap};
 use crate::relocalise::{Relocaliser, RelocaliserKind};
-use crate::sample::{Compass, GoalSight, LinePoint, Odometry};
+use crate::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
 use crate::search::Search;
 use crate::stamp::Stamp;
 
 use half::HalfEvidence;
+use lean::LeanOffset;
+use motion::{Motion, Witness};
 
 /// Follows one robot over one field.
 #[derive(Debug, Clone)]
@@ -46,6 +50,13 @@ pub struct Localizer {
     belief: Option<Belief>,
     /// Up to when belief, rival and candidates have been moved.
     reached: Stamp,
+    /// What inertial unit, wheels and commands said last.
+    motion: Motion,
+    lean: LeanOffset,
+    /// Variances of the lean that the last tracked frame left.
+    lean_left: Option<[f32; 2]>,
+    /// Up to when the relocaliser's particles have been moved.
+    carried: Stamp,
     /// The last odometry sample and the rate of motion it showed (per second).
     odometry: Option<(Stamp, [f32; 3])>,
     /// No gap in the odometry since the last frame.
@@ -66,29 +77,22 @@ pub struct Localizer {
     past: u32,
     /// As it was after the last frame: a frame that comes later than odometry of its time goes on from here.
     base: Option<Box<Base>>,
-    /// Moves since then.
-    moves: Vec<Move>,
+    /// What was heard since then.
+    heard: Vec<Witness>,
 }
 
 /// What odometry moves, at one time.
 #[derive(Debug, Clone)]
 struct Base {
     reached: Stamp,
+    motion: Motion,
     belief: Option<Belief>,
     rival: Option<(Belief, u32)>,
     candidates: Candidates,
 }
 
-/// A motion in the robot frame (metres, metres, radians) between two times.
-#[derive(Debug, Clone, Copy)]
-struct Move {
-    from: Stamp,
-    to: Stamp,
-    motion: [f32; 3],
-}
-
-/// Most moves kept for a late frame: a second of odometry at 1 kHz.
-const MOVES_MAX: usize = 1000;
+/// Most samples kept for a late frame: a second of wheels, inertial unit and commands at 1 kHz each.
+const HEARD_MAX: usize = 3000;
 
 impl Localizer {
     /// Builds the field's tables, in parallel; knows nothing yet.
@@ -140,6 +144,10 @@ impl Localizer {
             )),
             belief: None,
             reached: Stamp(i64::MIN),
+            motion: Motion::default(),
+            lean: LeanOffset::new(&config.attitude),
+            lean_left: None,
+            carried: Stamp(i64::MIN),
             odometry: None,
             led: false,
             compass: None,
@@ -153,7 +161,7 @@ impl Localizer {
             checked: Stamp(i64::MIN),
             past: 0,
             base: None,
-            moves: Vec::new(),
+            heard: Vec::new(),
             config,
         };
         (localizer, origin.flatten())
@@ -186,6 +194,7 @@ impl Localizer {
         self.belief = Some(Belief::new(pose, covariance, None, &self.config.filter));
         self.half = HalfEvidence::told(&self.config.compass);
         self.reached = stamp;
+        self.carried = stamp;
         self.checked = stamp;
         self.led = true;
     }
@@ -205,7 +214,10 @@ impl Localizer {
             let seconds = self.reached.seconds_until(sample.stamp);
             self.led = self.follows() && (0.0..=gap).contains(&seconds);
             if self.led {
-                self.move_on(sample.stamp, motion);
+                self.carry(sample.stamp, motion);
+                self.hear(Witness::Wheels(*sample));
+            } else {
+                self.hear(Witness::WheelsAnew(*sample));
             }
             return;
         };
@@ -217,15 +229,46 @@ impl Localizer {
         self.past = 0;
         self.odometry = Some((sample.stamp, motion.map(|value| value / interval as f32)));
         if interval > gap {
-            self.led = false;
+            self.led &= self.motion.watched(sample.stamp, &self.config.attitude);
+            self.hear(Witness::WheelsAnew(*sample));
             return;
         }
         // A part of the interval may have been bridged already, for a frame between two samples.
-        let left = self.reached.seconds_until(sample.stamp).min(interval);
+        let left = self.carried.seconds_until(sample.stamp).min(interval);
         if left > 0.0 {
             let part = (left / interval) as f32;
-            self.move_on(sample.stamp, motion.map(|value| value * part));
+            self.carry(sample.stamp, motion.map(|value| value * part));
         }
+        self.hear(Witness::Wheels(*sample));
+    }
+
+    /// Feels how the robot turns, leans and is pushed. In the order of the stamps, as all samples.
+    pub fn imu(&mut self, sample: &Imu) {
+        let values = sample.acceleration.iter().chain(&sample.rate);
+        if values.copied().all(f32::is_finite) {
+            self.hear(Witness::Imu(*sample));
+        }
+    }
+
+    /// Notes what the motors are told.
+    pub fn command(&mut self, sample: &Command) {
+        let twist = sample.twist;
+        if [twist.x, twist.y, twist.theta]
+            .into_iter()
+            .all(f32::is_finite)
+        {
+            self.hear(Witness::Command(*sample));
+        }
+    }
+
+    /// Does something nearby (iron, a motor's current) turn the compass away from what the gyro says?
+    pub fn compass_disturbed(&self) -> bool {
+        self.motion.attitude.disturbed()
+    }
+
+    /// Roll, pitch and yaw by the inertial unit, radians.
+    pub fn attitude(&self) -> &crate::attitude::Attitude {
+        &self.motion.attitude
     }
 
     /// Notes a compass reading; it decides the half of the field, and where a search begins.
@@ -234,8 +277,14 @@ impl Localizer {
             return;
         }
         self.compass = Some(*sample);
+        let undisturbed = !self.motion.watched(sample.stamp, &self.config.attitude)
+            || self
+                .motion
+                .attitude
+                .compass(sample.stamp, sample.heading, &self.config.attitude);
         let config = &self.config.compass;
         if let Some(belief) = &self.belief
+            && undisturbed
             && self.reached.seconds_until(sample.stamp).abs() <= config.age_max
         {
             self.half
@@ -269,80 +318,148 @@ impl Localizer {
 
     /// Takes a frame's line points to a pose. Points that are not finite are left out.
     pub fn see(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
-        let points: Vec<LinePoint> = points.iter().filter(|point| sane(point)).copied().collect();
-        let later = self.go_back(stamp);
-        if self.follows() && self.reached.seconds_until(stamp) < 0.0 {
+        let mut points: Vec<LinePoint> =
+            points.iter().filter(|point| sane(point)).copied().collect();
+        let exposed = stamp + -f64::from(self.latency());
+        if let Some((of, _)) = &mut self.goals
+            && *of == stamp
+        {
+            *of = exposed;
+        }
+        let later = self.go_back(exposed);
+        if self.follows() && self.reached.seconds_until(exposed) < 0.0 {
             self.note_past();
             if self.past > 0 {
                 return self.estimate(stamp, Some(Reason::FromThePast), None, Vec::new());
             }
         }
-        let led = self.leads_to(stamp);
+        let led = self.leads_to(exposed);
         if led {
-            self.bridge(stamp);
+            self.bridge(exposed);
         }
         if !led || self.config.tracker == Tracker::None {
             self.forget();
         }
         self.led = true;
-        self.reached = stamp;
-        let estimate = if self.belief.is_some() {
-            self.track(stamp, &points)
+        let passed = self.reached.seconds_until(exposed);
+        self.reached = exposed;
+        self.carried = self.carried.max(exposed);
+        let lean = self.bend(exposed, &mut points);
+        let mut estimate = if self.belief.is_some() {
+            self.track(exposed, &points)
         } else {
-            self.relocate(stamp, &points)
+            self.relocate(exposed, &points)
         };
-        self.moves.clear();
+        if let Some((felt, expected)) = lean {
+            self.learn_lean(felt, &expected, &estimate, passed as f32);
+            for (value, mean) in estimate.lean.iter_mut().zip(expected.mean) {
+                *value += mean;
+            }
+        }
+        self.heard.clear();
         self.base = self.follows().then(|| {
             Box::new(Base {
                 reached: self.reached,
+                motion: self.motion.clone(),
                 belief: self.belief.clone(),
                 rival: self.rival.clone(),
                 candidates: self.candidates.clone(),
             })
         });
         for one in later {
-            self.shift(one);
+            self.hear(one);
         }
         Estimate {
+            stamp,
             line_points: points.len(),
+            ..self.at_stamp(stamp, estimate)
+        }
+    }
+
+    /// An estimate of a frame's exposure moved on to its stamp, where the two differ.
+    fn at_stamp(&mut self, stamp: Stamp, estimate: Estimate) -> Estimate {
+        let seconds = estimate.stamp.seconds_until(stamp);
+        if !(seconds > 0.0) {
+            return estimate;
+        }
+        // Beyond the last sample on a copy: later samples will tell it better.
+        let beyond = self.reached.seconds_until(stamp);
+        let Some(mut belief) = self.belief.clone() else {
+            return estimate;
+        };
+        if beyond > 0.0 {
+            let config = &self.config.attitude;
+            let span = self.motion.clone().span(self.reached, stamp, config);
+            belief.advance(&span, &self.config.filter);
+        }
+        Estimate {
+            pose: estimate.pose.and(Some(belief.pose())),
+            covariance: estimate
+                .pose
+                .map_or(estimate.covariance, |_| belief.covariance()),
+            twist: estimate.twist.and(Some(belief.twist())),
             ..estimate
         }
     }
 
-    /// For a frame that is older than the odometry heard since (cameras are slow): back to the last frame, forward to
-    /// this one; the moves after it are returned.
-    fn go_back(&mut self, stamp: Stamp) -> Vec<Move> {
+    /// From a frame's exposure to its stamp, as far as is known, seconds.
+    fn latency(&self) -> f32 {
+        self.belief
+            .as_ref()
+            .map_or(self.config.filter.camera_latency, Belief::latency)
+    }
+
+    /// Bends the points as the robot leant in their frame by the inertial unit: its lean, and what is expected of it.
+    fn bend(
+        &mut self,
+        exposed: Stamp,
+        points: &mut [LinePoint],
+    ) -> Option<([f32; 2], lean::ExpectedLean)> {
+        let (config, matching) = (&self.config.attitude, &self.config.matching);
+        let usual = matching.lean_std_deg.to_radians();
+        let felt = self.motion.lean_at(exposed, config);
+        let Some(felt) = felt.filter(|_| config.bend && usual > 0.0) else {
+            self.matcher.expect_lean(usual);
+            return None;
+        };
+        let expected = self.lean.expected(felt, usual);
+        lean::bend(points, expected.mean, matching.viewpoint_height);
+        self.matcher.expect_lean(expected.std);
+        Some((felt, expected))
+    }
+
+    fn learn_lean(
+        &mut self,
+        felt: [f32; 2],
+        expected: &lean::ExpectedLean,
+        estimate: &Estimate,
+        seconds: f32,
+    ) {
+        if let (Some(left), None) = (self.lean_left.take(), estimate.reason) {
+            let config = &self.config.attitude;
+            self.lean
+                .learn(felt, expected, estimate.lean, left, seconds, config);
+        }
+    }
+
+    /// For a frame that is older than what was heard since (cameras are slow): back to the last frame, forward to this
+    /// one; what was heard after it is returned.
+    fn go_back(&mut self, exposed: Stamp) -> Vec<Witness> {
         let Some(base) = self
             .base
-            .take_if(|base| base.reached <= stamp && stamp < self.reached)
+            .take_if(|base| base.reached <= exposed && exposed < self.reached)
         else {
             return Vec::new();
         };
         self.reached = base.reached;
+        self.motion = base.motion;
         self.belief = base.belief;
         self.rival = base.rival;
         self.candidates = base.candidates;
-        let mut later = Vec::new();
-        for one in std::mem::take(&mut self.moves) {
-            let (all, part) = (
-                one.from.seconds_until(one.to),
-                one.from.seconds_until(stamp),
-            );
-            let part = (part / all).clamp(0.0, 1.0) as f32;
-            if part > 0.0 {
-                self.shift(Move {
-                    to: one.to.min(stamp),
-                    motion: one.motion.map(|value| value * part),
-                    ..one
-                });
-            }
-            if part < 1.0 {
-                later.push(Move {
-                    from: one.from.max(stamp),
-                    motion: one.motion.map(|value| value * (1.0 - part)),
-                    ..one
-                });
-            }
+        let mut later = std::mem::take(&mut self.heard);
+        let after = later.partition_point(|one| one.stamp() <= exposed);
+        for one in later.drain(..after) {
+            self.hear(one);
         }
         later
     }
@@ -352,50 +469,115 @@ impl Localizer {
         self.belief.is_some() || !self.candidates.is_empty() || self.relocaliser.active()
     }
 
-    /// Has odometry been reported without a gap from the last frame to this one?
+    /// Has the motion been reported without a gap from the last frame to this one?
     fn leads_to(&self, stamp: Stamp) -> bool {
         let gap = self.config.mode.gap_max;
         self.led
             && self.follows()
             && self.reached.seconds_until(stamp) <= gap
-            && self
-                .odometry
-                .is_some_and(|(last, _)| last.seconds_until(stamp) <= gap)
+            && (self.motion.watched(stamp, &self.config.attitude)
+                || self
+                    .odometry
+                    .is_some_and(|(last, _)| last.seconds_until(stamp) <= gap))
     }
 
-    /// Carries on from the last odometry sample to the frame, at the rate last reported.
+    /// Carries on from the last sample to the frame.
     fn bridge(&mut self, stamp: Stamp) {
-        let seconds = self.reached.seconds_until(stamp) as f32;
+        let seconds = self.carried.seconds_until(stamp) as f32;
         if seconds > 0.0 {
             let rate = self.odometry.map_or([0.0; 3], |(_, rate)| rate);
-            self.move_on(stamp, rate.map(|value| value * seconds));
+            self.carry(stamp, rate.map(|value| value * seconds));
+        }
+        if self.reached < stamp {
+            let span = self.motion.span(self.reached, stamp, &self.config.attitude);
+            self.advance(&span, stamp);
         }
     }
 
-    fn move_on(&mut self, stamp: Stamp, motion: [f32; 3]) {
-        self.shift(Move {
-            from: self.reached,
-            to: stamp,
-            motion,
-        });
+    /// Moves the relocaliser's particles.
+    fn carry(&mut self, stamp: Stamp, motion: [f32; 3]) {
+        self.carried = stamp;
         self.relocaliser.moved(motion);
     }
 
-    /// Moves belief, rival and candidates, and notes it for a late frame.
-    fn shift(&mut self, one: Move) {
-        self.reached = one.to;
+    fn advance(&mut self, span: &Span, to: Stamp) {
+        self.reached = to;
         let config = &self.config.filter;
-        let seconds = one.from.seconds_until(one.to) as f32;
-        let belief = self.belief.iter_mut();
-        let rival = self.rival.iter_mut().map(|(belief, _)| belief);
-        for belief in belief.chain(rival).chain(self.candidates.beliefs()) {
-            belief.predict(one.motion, seconds, config);
-        }
-        if self.moves.len() >= MOVES_MAX {
-            self.moves.clear();
+        each(
+            &mut self.belief,
+            &mut self.rival,
+            &mut self.candidates,
+            |belief| {
+                belief.advance(span, config);
+            },
+        );
+    }
+
+    /// Moves belief, rival and candidates by a sample, and notes it for a late frame.
+    fn hear(&mut self, witness: Witness) {
+        let stamp = witness.stamp();
+        // What moves nothing needs no time either: the next frame's search begins then.
+        let reached = if self.reached.0 == i64::MIN {
+            stamp
+        } else {
+            self.reached
+        };
+        let ahead = stamp.max(reached);
+        let turning = if let Witness::Imu(imu) = &witness {
+            let config = &self.config.filter.collision;
+            let (span, turning) = self
+                .motion
+                .feel(imu, reached, &self.config.attitude, config);
+            self.advance(&span, ahead);
+            turning
+        } else {
+            let span = self.motion.span(reached, ahead, &self.config.attitude);
+            self.advance(&span, ahead);
+            None
+        };
+        self.tell(&witness, turning.as_ref());
+        if self.heard.len() >= HEARD_MAX {
+            self.heard.clear();
             self.base = None;
         }
-        self.moves.push(one);
+        self.heard.push(witness);
+    }
+
+    /// Tells belief, rival and candidates what a witness said at the time they have reached.
+    fn tell(&mut self, witness: &Witness, turning: Option<&motion::Turning>) {
+        let (config, attitude) = (&self.config.filter, &self.config.attitude);
+        let motion = &mut self.motion;
+        let way = match witness {
+            Witness::Wheels(odometry) => Some(motion.roll(odometry, attitude)),
+            Witness::WheelsAnew(odometry) => {
+                motion.roll_anew(odometry.stamp);
+                None
+            }
+            Witness::Command(command) => {
+                motion.told(command.twist);
+                None
+            }
+            Witness::Imu(_) => None,
+        };
+        each(
+            &mut self.belief,
+            &mut self.rival,
+            &mut self.candidates,
+            |belief| {
+                if matches!(witness, Witness::WheelsAnew(_)) {
+                    belief.wheels_interrupted();
+                }
+                if let Some(way) = &way {
+                    belief.wheels(way, config);
+                }
+                if let Some(turning) = turning {
+                    belief.gyro(turning.rate, turning.seconds, config);
+                    if turning.rests {
+                        belief.rest(turning.seconds);
+                    }
+                }
+            },
+        );
     }
 
     /// A sample older than the last: left out, unless the source's clock was set back.
@@ -406,7 +588,9 @@ impl Localizer {
             self.forget();
             self.odometry = None;
             self.compass = None;
+            self.motion = Motion::default();
             self.reached = Stamp(i64::MIN);
+            self.carried = Stamp(i64::MIN);
         }
     }
 
@@ -418,8 +602,23 @@ impl Localizer {
         self.rival = None;
         self.strikes = 0;
         self.base = None;
-        self.moves.clear();
+        self.heard.clear();
     }
+}
+
+/// Every belief that the motion moves.
+fn each(
+    belief: &mut Option<Belief>,
+    rival: &mut Option<(Belief, u32)>,
+    candidates: &mut Candidates,
+    act: impl FnMut(&mut Belief),
+) {
+    let belief = belief.iter_mut();
+    let rival = rival.iter_mut().map(|(belief, _)| belief);
+    belief
+        .chain(rival)
+        .chain(candidates.beliefs())
+        .for_each(act);
 }
 
 /// Only points that a camera can have seen take part.

@@ -87,6 +87,10 @@ impl Localizer {
             lean: best.lean,
             half_known: decided && !folded,
             odometry_scales: belief.scales(),
+            twist: Some(belief.twist()),
+            collision: belief.colliding(),
+            gyro_bias: belief.gyro_bias(),
+            latency: belief.latency(),
             runners_up: self.candidates.runners_up(folded),
         };
         if decided {

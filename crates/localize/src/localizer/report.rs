@@ -60,6 +60,10 @@ impl Localizer {
             lean: matched.map_or([0.0; 2], |matched| matched.lean),
             half_known,
             odometry_scales: belief.scales(),
+            twist: Some(belief.twist()),
+            collision: belief.colliding(),
+            gyro_bias: belief.gyro_bias(),
+            latency: belief.latency(),
             runners_up,
         }
     }
@@ -82,6 +86,10 @@ impl Localizer {
             lean: [0.0; 2],
             half_known: false,
             odometry_scales: [1.0, 1.0],
+            twist: None,
+            collision: false,
+            gyro_bias: 0.0,
+            latency: 0.0,
             runners_up,
         }
     }

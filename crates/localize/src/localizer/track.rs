@@ -53,6 +53,7 @@ impl Localizer {
         }
         self.rival = None;
         belief.absorb(matched.pose, &matched.covariance, &self.config.filter);
+        self.lean_left = Some(matched.lean_variance);
         // Forgets over about a second of frames.
         self.usual_share += 0.05 * (share - self.usual_share);
         self.belief = Some(belief);
@@ -161,6 +162,8 @@ impl Localizer {
             self.forget();
             return self.lost(stamp, Reason::Blind, Vec::new());
         }
+        let mut belief = belief;
+        belief.unseen(&self.config.filter);
         self.belief = Some(belief);
         self.estimate(stamp, Some(Reason::FewPoints), None, Vec::new())
     }

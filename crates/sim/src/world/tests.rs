@@ -149,6 +149,17 @@ fn a_push_moves_the_robot_and_its_wheels_miss_most_of_it() {
 }
 
 #[test]
+fn a_push_is_felt_as_an_acceleration() {
+    let mut world = world_with("start = { x = 0.0, y = 0.0 }\n[ball]\npresent = false");
+    world.step(Twist::default());
+    world.push([30.0, 0.0]);
+    world.step(Twist::default());
+    // 30 N s on 30 kg: 1 m/s within a step of 2 ms, less what the wheels hold.
+    let [ax, _] = world.acceleration();
+    assert!((450.0..=500.0).contains(&ax), "{ax}");
+}
+
+#[test]
 fn a_kidnap_moves_our_robot_alone() {
     let mut world = world_with("start = { x = 0.0, y = 0.0 }\n[ball]\nposition = [2.0, 1.0]");
     let ball = world.ball();

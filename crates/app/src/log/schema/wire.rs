@@ -136,6 +136,15 @@ pub(crate) struct Estimate {
     pub(crate) odometry_scales: Vec<f32>,
     #[prost(message, repeated)]
     pub(crate) runners_up: Vec<Hypothesis>,
+    /// Velocity in the robot's frame (m/s, m/s, rad/s); empty while lost.
+    #[prost(float, repeated)]
+    pub(crate) twist: Vec<f32>,
+    #[prost(bool)]
+    pub(crate) collision: bool,
+    #[prost(float, required)]
+    pub(crate) gyro_bias: f32,
+    #[prost(float, required)]
+    pub(crate) latency: f32,
 }
 
 /// Where things truly were, field frame, metres.

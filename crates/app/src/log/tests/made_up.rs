@@ -257,6 +257,14 @@ impl Any {
             lean: self.values(),
             half_known: number.is_multiple_of(2),
             odometry_scales: self.values(),
+            twist: (!lost).then(|| Twist {
+                x: self.value(),
+                y: self.value(),
+                theta: self.value(),
+            }),
+            collision: number.is_multiple_of(2),
+            gyro_bias: self.value(),
+            latency: self.value(),
             runners_up: vec![Hypothesis {
                 pose: self.pose(),
                 covariance: self.matrix(),

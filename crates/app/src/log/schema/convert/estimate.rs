@@ -3,6 +3,7 @@
 use anyhow::Result;
 use localize::Stamp;
 use localize::estimate::{Estimate, Mode, Reason};
+use localize::omni::Twist;
 use localize::search::Hypothesis;
 
 use super::super::wire;
@@ -33,6 +34,10 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         lean,
         half_known,
         odometry_scales,
+        twist,
+        collision,
+        gyro_bias,
+        latency,
         runners_up,
     } = estimate;
     wire::Estimate {
@@ -48,6 +53,10 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         half_known: *half_known,
         odometry_scales: odometry_scales.to_vec(),
         runners_up: runners_up.iter().map(hypothesis_to_wire).collect(),
+        twist: twist.map_or_else(Vec::new, |twist| vec![twist.x, twist.y, twist.theta]),
+        collision: *collision,
+        gyro_bias: *gyro_bias,
+        latency: *latency,
     }
 }
 
@@ -72,6 +81,13 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
             .into_iter()
             .map(hypothesis_from_wire)
             .collect::<Result<_>>()?,
+        twist: match estimate.twist[..] {
+            [x, y, theta] => Some(Twist { x, y, theta }),
+            _ => None,
+        },
+        collision: estimate.collision,
+        gyro_bias: estimate.gyro_bias,
+        latency: estimate.latency,
     })
 }
 

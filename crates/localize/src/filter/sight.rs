@@ -1,0 +1,58 @@
+//! What does a sight say by itself, and what together with an expectation? Gaussians of poses, headings on the circle.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::FilterConfig;
+use crate::frame::{Pose, wrap_angle};
+
+/// From the expected pose to another.
+pub(super) fn innovation(expected: Pose, pose: Pose) -> Vector3<f32> {
+    Vector3::new(
+        pose.x - expected.x,
+        pose.y - expected.y,
+        wrap_angle(pose.theta - expected.theta),
+    )
+}
+
+/// The pose so far from another.
+pub(super) fn moved(pose: Pose, step: &Vector3<f32>) -> Pose {
+    Pose::new(pose.x + step[0], pose.y + step[1], pose.theta + step[2])
+}
+
+/// Expectation and a sight independent of it, together.
+pub(super) fn fused(
+    expected: Pose,
+    covariance: &Matrix3<f32>,
+    pose: Pose,
+    sight: &Matrix3<f32>,
+) -> Option<(Pose, Matrix3<f32>)> {
+    let gain = covariance * (covariance + sight).try_inverse()?;
+    let left = covariance - gain * covariance;
+    let step = gain * innovation(expected, pose);
+    Some((moved(expected, &step), (left + left.transpose()) * 0.5))
+}
+
+/// The sight alone, given what became of an expectation by it; none where it said nothing.
+pub(super) fn alone(
+    expected: Pose,
+    covariance: &Matrix3<f32>,
+    found: Pose,
+    left: &Matrix3<f32>,
+) -> Option<(Pose, Matrix3<f32>)> {
+    // Directions that the sight left free keep a little of the expectation's information, so that it can be inverted.
+    let before = covariance.try_inverse()?;
+    let after = left.try_inverse()?;
+    let sight = (after - before * 0.999).try_inverse()?;
+    if !sight.diagonal().iter().all(|variance| *variance > 0.0) {
+        return None;
+    }
+    let step = sight * after * innovation(expected, found);
+    Some((moved(expected, &step), (sight + sight.transpose()) * 0.5))
+}
+
+/// What frame after frame repeats of a sight's error.
+pub(super) fn repeated(config: &FilterConfig) -> Matrix3<f32> {
+    let position = config.sight_std * config.sight_std;
+    let heading = config.sight_std_deg.to_radians().powi(2);
+    Matrix3::from_diagonal(&Vector3::new(position, position, heading))
+}
