@@ -1,6 +1,8 @@
-//! `mirrorball calibrate`: what does this camera show? Ground map from a strip or a drive, colours, own body, sizes.
+//! `mirrorball calibrate`: what does this camera show? Ground map from a strip or a drive, colours, own body, sizes; and,
+//! from a turn, where is north?
 
 mod colours;
+mod compass;
 mod mask;
 mod sizes;
 
@@ -14,8 +16,6 @@ use vision::calibrate::{
 use vision::image::Image;
 use vision::robot::RobotConfig;
 use vision::{GroundMap, Mount, Profile, overlay};
-
-mod compass;
 
 use crate::cycle::SpineConfig;
 use crate::setup::Setup;

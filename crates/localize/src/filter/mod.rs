@@ -56,8 +56,8 @@ pub struct FilterConfig {
     pub sight_std: f32,
     /// The same of its heading, degrees.
     pub sight_std_deg: f32,
-    /// How fast the twist changes unforeseen, m/s per square root of a second, while no inertial unit tells: what motors
-    /// do within a hundredth of a second, and more.
+    /// How fast the twist changes unforeseen, m/s per square root of a second, while no inertial unit tells: so much that
+    /// wheels alone say how it goes on.
     pub twist_noise: f32,
     /// The same of the turn, rad/s per square root of a second.
     pub spin_noise: f32,
@@ -98,8 +98,8 @@ impl Default for FilterConfig {
             noise_learning: 0.02,
             sight_std: 0.0015,
             sight_std_deg: 0.04,
-            twist_noise: 3.0,
-            spin_noise: 6.0,
+            twist_noise: 10.0,
+            spin_noise: 20.0,
             gyro_noise_deg: 0.06,
             gyro_bias_std_deg: 1.0,
             gyro_bias_drift_deg: 0.005,

@@ -49,6 +49,10 @@ fn estimate(half_known: bool) -> Estimate {
         lean: [0.0; 2],
         half_known,
         odometry_scales: [1.0; 2],
+        twist: None,
+        collision: false,
+        gyro_bias: 0.0,
+        latency: 0.0,
         runners_up: Vec::new(),
     }
 }

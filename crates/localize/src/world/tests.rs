@@ -26,6 +26,10 @@ fn estimate(stamp: Stamp, pose: Option<Pose>) -> Estimate {
         lean: [0.0; 2],
         half_known: true,
         odometry_scales: [1.0; 2],
+        twist: None,
+        collision: false,
+        gyro_bias: 0.0,
+        latency: 0.0,
         runners_up: Vec::new(),
     }
 }
