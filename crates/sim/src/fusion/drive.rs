@@ -186,6 +186,8 @@ fn scenario(
             ..Default::default()
         },
         others: Default::default(),
+        squad: Vec::new(),
+        radio: Default::default(),
         wheels: crate::scenario::WheelConfig {
             radius_scale: vec![RADIUS_SCALE],
             ..Default::default()
