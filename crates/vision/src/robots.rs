@@ -40,6 +40,8 @@ pub struct Robot {
 #[derive(Debug, Clone, Copy)]
 struct Column {
     range: f32,
+    /// The median of its own and both neighbours' ranges.
+    smooth: f32,
     /// Dark or coloured from the floor up.
     solid: bool,
     cyan: u32,
@@ -55,7 +57,7 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
     let columns = smoothed(&columns);
     let count = columns.len();
     let joined = |a: usize, b: usize| match (columns[a], columns[b]) {
-        (Some(a), Some(b)) => (a.range - b.range).abs() < 0.15 + 0.1 * a.range.min(b.range),
+        (Some(a), Some(b)) => (a.smooth - b.smooth).abs() < 0.15 + 0.1 * a.smooth.min(b.smooth),
         _ => false,
     };
     // Start at a gap, so that no group is cut where the circle is.
@@ -78,15 +80,15 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
     found
 }
 
-/// Ranges as the median of three neighbouring rays: a robot is as wide as several, noise ends a single one early.
+/// With the median of three neighbouring rays' ranges: a robot is as wide as several, noise ends a single one early.
 fn smoothed(columns: &[Option<Column>]) -> Vec<Option<Column>> {
     let count = columns.len();
     let median = |ray: usize| {
         let own = columns[ray]?;
         let range = |ray: usize| columns[ray % count].map_or(own.range, |column| column.range);
         let (before, after) = (range(ray + count - 1), range(ray + 1));
-        let range = own.range.clamp(before.min(after), before.max(after));
-        Some(Column { range, ..own })
+        let smooth = own.range.clamp(before.min(after), before.max(after));
+        Some(Column { smooth, ..own })
     };
     (0..count).map(median).collect()
 }
@@ -139,8 +141,10 @@ fn column(rays: &Rays, sight: &RaySight, end: usize, config: &ObjectConfig) -> O
     if beyond.is_empty() || 2 * foot.iter().filter(|&&c| c == Class::WHITE).count() > foot.len() {
         return None;
     }
+    let range = (rays.samples[first - 1].range + rays.samples[first].range) / 2.0;
     Some(Column {
-        range: (rays.samples[first - 1].range + rays.samples[first].range) / 2.0,
+        range,
+        smooth: range,
         solid: 2 * foot.iter().filter(dark).count() >= foot.len(),
         cyan: of(Class::CYAN),
         magenta: of(Class::MAGENTA),
