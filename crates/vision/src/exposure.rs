@@ -189,6 +189,8 @@ pub struct ExposureControl {
     /// The level that the present setting was found to be best at; none while it is sought.
     reference: Option<f32>,
     rounds: u32,
+    /// The level to get back to first, after the light changed.
+    aim: Option<f32>,
     /// Logarithm of the light's last step that entropy asked for; 0 before the first.
     last_step: f32,
     /// Level ∝ light^response: 1 for a linear camera, about 0.45 with the usual gamma; learned from commands.
@@ -274,6 +276,7 @@ impl ExposureControl {
             pending: None,
             reference: None,
             rounds: 0,
+            aim: None,
             last_step: 0.0,
             response: FIRST_RESPONSE,
             warned: false,
@@ -348,24 +351,35 @@ impl ExposureControl {
             (self.rounds, self.last_step) = (0, 0.0);
         }
         self.rounds += 1;
-        // A brighter centre asks for less light and a darker one for more: first as much as makes it what it was, since
-        // what was clipped cannot be foretold; then the entropy decides.
-        let best = match change {
-            Some(change) => (-change).exp(),
-            None => histogram.best_scale(self.config.entropy_gain_min),
+        // A brighter centre asks for less light and a darker one for more: as much as makes it what it was, since what was
+        // clipped cannot be foretold. Then the entropy decides.
+        if let Some(change) = change {
+            self.aim = Some(level.max(1.0) / change.exp());
+        }
+        let off = self.aim.map(|aim| (level.max(1.0) / aim).ln());
+        let aimed = off.filter(|off| off.abs() > self.config.settled * self.response);
+        let best = match aimed {
+            Some(off) => (-off).exp(),
+            None => {
+                self.aim = None;
+                histogram.best_scale(self.config.entropy_gain_min)
+            }
         };
         let most = self.config.step_max.max(1.0);
         let step = best.powf(1.0 / self.response).clamp(1.0 / most, most);
         let now = control.light(self.setting);
-        let setting = control.setting(now * step);
+        let mut wanted = step.ln();
+        // A step back: the peak was passed. Halved each time, the steps close in on it.
+        if aimed.is_none() && wanted * self.last_step < 0.0 {
+            wanted = wanted.signum() * wanted.abs().min(0.5 * self.last_step.abs());
+        }
+        let setting = control.setting(now * wanted.exp());
         let moved = (control.light(setting) / now).ln();
-        // A step back, no longer than the one before: the peak lies between, where the entropy is flat.
-        let bracketed = moved * self.last_step < 0.0 && moved.abs() <= 1.2 * self.last_step.abs();
-        if moved.abs() < self.config.settled || bracketed || self.rounds > ROUNDS_MAX {
+        if moved.abs() < self.config.settled || self.rounds > ROUNDS_MAX {
             self.reference = Some(level.max(1.0));
             return None;
         }
-        if change.is_none() {
+        if aimed.is_none() {
             self.last_step = moved;
         }
         let command = CameraCommand {
