@@ -502,10 +502,9 @@ impl Scenario {
             loss,
             delay: [soonest, latest],
         } = self.radio;
-        if !(rate_hz > 0.0 && rate_hz <= 1000.0)
-            || !(0.0..=1.0).contains(&loss)
-            || !(0.0 <= soonest && soonest <= latest && latest <= 10.0)
-        {
+        let delayed = 0.0 <= soonest && soonest <= latest && latest <= 10.0;
+        let spoken = rate_hz > 0.0 && rate_hz <= 1000.0;
+        if !(spoken && delayed && (0.0..=1.0).contains(&loss)) {
             return refuse(
                 "radio",
                 "wants rate_hz above 0, to 1000, loss from 0 to 1, delay from 0 to 10 in order"

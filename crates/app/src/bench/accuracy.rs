@@ -123,15 +123,21 @@ pub(super) fn drives(figures: &mut Vec<Figure>) -> Result<()> {
         ),
         figure("occluded_50_max", worse_cm(half.max), "cm", "<= 10"),
     ]);
+    searches(&field, &config, usual, figures);
+    Ok(())
+}
+
+/// How often a place is found from one frame, and again after the robot was carried off.
+fn searches(field: &Field, config: &LocalizeConfig, usual: DriveConfig, figures: &mut Vec<Figure>) {
     let frames = 1000;
     let percent = |part: usize, of: usize| 100.0 * part as f64 / of as f64;
-    let blind = find(&field, &config, &usual, false, 1, frames);
-    let led = find(&field, &config, &usual, true, 1, frames);
+    let blind = find(field, config, &usual, false, 1, frames);
+    let led = find(field, config, &usual, true, 1, frames);
     let covered = DriveConfig {
         covered: 0.25,
         ..usual
     };
-    let carried = kidnap(&field, &config, &covered, 1, 200);
+    let carried = kidnap(field, config, &covered, 1, 200);
     figures.extend([
         figure(
             "find_no_prior",
@@ -159,5 +165,4 @@ pub(super) fn drives(figures: &mut Vec<Figure>) -> Result<()> {
             ">= 99",
         ),
     ]);
-    Ok(())
 }

@@ -239,8 +239,8 @@ fn leans(course: Course, heard: &mut [Heard], rng: &mut ChaCha8Rng) -> Vec<(Stam
         let [a, b] = std::array::from_fn(|k| (smooth[k] - before[k]) / seconds);
         imu.rate[0] += b;
         imu.rate[1] -= a;
-        for k in 0..2 {
-            imu.acceleration[k] += GRAVITY * smooth[k];
+        for (acceleration, lean) in imu.acceleration.iter_mut().zip(smooth) {
+            *acceleration += GRAVITY * lean;
         }
         told.push((imu.stamp, smooth));
     }
