@@ -49,16 +49,16 @@ enum What {
 )]
 pub struct MapArgs {
     /// The folder.
-    dir: PathBuf,
+    pub(crate) dir: PathBuf,
     /// Where the map goes.
     #[arg(long, value_name = "MAP.npz")]
-    out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Also draw rings of equal distance into the first image.
     #[arg(long, value_name = "FILE.png")]
-    picture: Option<PathBuf>,
+    pub(crate) picture: Option<PathBuf>,
     /// Trust the mirror's profile and fit only tilt, offset and focal length.
     #[arg(long)]
-    profile: bool,
+    pub(crate) profile: bool,
 }
 
 /// From the field's own lines while driving: no strip, poses unknown.
@@ -69,37 +69,37 @@ pub struct MapArgs {
 #[command(after_help = "Example: mirrorball calibrate lines samples/sequence --out map.npz")]
 pub struct LinesArgs {
     /// The recording folder.
-    dir: PathBuf,
+    pub(crate) dir: PathBuf,
     /// Start from this map.
     #[arg(long, value_name = "START.npz")]
-    map: Option<PathBuf>,
+    pub(crate) map: Option<PathBuf>,
     /// Where the map goes.
     #[arg(long, value_name = "MAP.npz")]
-    out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Also draw rings of equal distance into the first image.
     #[arg(long, value_name = "FILE.png")]
-    picture: Option<PathBuf>,
+    pub(crate) picture: Option<PathBuf>,
 }
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Outcome {
-    images: usize,
-    used: usize,
+pub(crate) struct Outcome {
+    pub(crate) images: usize,
+    pub(crate) used: usize,
     left_out: Vec<LeftOut>,
     /// Root mean square residual, pixels along the radius (strip, profile).
     #[serde(skip_serializing_if = "Option::is_none")]
-    rms_px: Option<f64>,
+    pub(crate) rms_px: Option<f64>,
     /// Root mean square distance of the line points from the markings, metres (lines).
     #[serde(skip_serializing_if = "Option::is_none")]
-    rms_m: Option<f64>,
+    pub(crate) rms_m: Option<f64>,
     /// Share of the line points on markings (lines).
     #[serde(skip_serializing_if = "Option::is_none")]
-    inlier_share: Option<f64>,
+    pub(crate) inlier_share: Option<f64>,
     /// How the mirror really sits (profile).
     #[serde(skip_serializing_if = "Option::is_none")]
     mount: Option<Mount>,
-    map: PathBuf,
+    pub(crate) map: PathBuf,
 }
 
 #[derive(Serialize)]
@@ -167,7 +167,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     Ok(())
 }
 
-fn map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
+pub(crate) fn map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let camera = robot
@@ -232,7 +232,7 @@ fn strip_images(folder: &Path) -> Result<Vec<StripImage>> {
     Ok(images)
 }
 
-fn lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
+pub(crate) fn lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     let robot_file = args.dir.join("robot.toml");
     let setup = Setup::load(&robot_file, args.map.as_deref())?;
     let (camera, start) = setup

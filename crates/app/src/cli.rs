@@ -5,6 +5,8 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::arguments::WrongArguments;
+#[cfg(feature = "view")]
+use crate::view;
 use crate::{bench, calibrate, demo, doctor, eval, locate, recover, replay, simulate};
 #[cfg(feature = "python")]
 use crate::{mirror, script};
@@ -34,6 +36,8 @@ enum Command {
     Sim(simulate::Args),
     Replay(replay::Args),
     Run(crate::run::Args),
+    #[cfg(feature = "view")]
+    View(view::Args),
     Recover(recover::Args),
     Calibrate(calibrate::Args),
     Bench(bench::Args),
@@ -76,6 +80,8 @@ pub fn run() -> ExitCode {
         Command::Sim(args) => simulate::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),
         Command::Run(args) => crate::run::run(&args, cli.json),
+        #[cfg(feature = "view")]
+        Command::View(args) => view::run(&args, cli.json),
         Command::Calibrate(args) => calibrate::run(&args, cli.json),
         Command::Bench(args) => bench::run(&args, cli.json),
         Command::Eval(args) => eval::run(&args, cli.json),

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
-use localize::Stamp;
 use localize::config::{ConfigError, LocalizeConfig};
 use localize::estimate::Estimate;
 use localize::field::GoalColour;
@@ -14,6 +13,9 @@ use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
 use localize::team::{Report, TeamConfig, TeamModel, TeamView};
 use localize::toml_place::place;
 use localize::world::{World, WorldConfig, WorldModel};
+use localize::{Pose, Stamp};
+use nalgebra::Matrix3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use vision::VisionError;
 use vision::config::VisionConfig;
@@ -125,7 +127,7 @@ pub struct Timings {
 }
 
 /// How the stages work; a preset or an overlay file changes single values.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SpineConfig {
     /// From an image to features.
@@ -219,6 +221,16 @@ pub struct Spine {
     team: TeamModel,
     inputs: Inputs,
     last_sight: Option<Stamp>,
+    /// What the last frame said of the place.
+    known: Option<Known>,
+}
+
+/// A pose to go on from.
+#[derive(Clone, Copy)]
+struct Known {
+    stamp: Stamp,
+    pose: Pose,
+    covariance: Matrix3<f32>,
 }
 
 /// After a gap of this many seconds between frames the light may be quite another; its colours are learned anew.
@@ -260,6 +272,7 @@ impl Spine {
             localizer: localizer(setup, localize),
             inputs: Inputs::default(),
             last_sight: None,
+            known: None,
         })
     }
 
@@ -267,6 +280,22 @@ impl Spine {
     pub fn scan_coverage(&self) -> Option<(usize, f32)> {
         let pattern = self.eyes.as_ref()?.pattern();
         Some((pattern.pixels, pattern.coverage))
+    }
+
+    /// Takes over where another spine stood, so that settings can change while it drives: its pose, and what it had
+    /// taken since its last frame.
+    pub fn go_on_from(&mut self, other: &Spine) {
+        self.inputs = other.inputs.clone();
+        self.known = other.known;
+        if let Some(known) = self.known {
+            self.localizer
+                .set_pose(known.stamp, known.pose, &known.covariance);
+        }
+    }
+
+    /// Particles of the relocaliser, if it has some.
+    pub fn particles(&self) -> &[Pose] {
+        self.localizer.particles()
     }
 
     /// Takes a sample; a frame ends a cycle.
@@ -341,6 +370,11 @@ impl Spine {
         let team = self.team.view(stamp, &world, &estimate);
         // For the next frame: this one's estimate is told already.
         self.localizer.half_evidence(team.half_evidence);
+        self.known = estimate.pose.map(|pose| Known {
+            stamp,
+            pose,
+            covariance: estimate.covariance,
+        });
         let timings = Timings {
             see_ms,
             localize_ms: milliseconds(started),

@@ -49,6 +49,8 @@ pub mod run;
 #[cfg(feature = "python")]
 pub mod script;
 pub mod simulate;
+#[cfg(feature = "view")]
+pub mod view;
 pub mod virtual_hardware;
 
 pub mod cli;

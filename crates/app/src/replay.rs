@@ -23,6 +23,10 @@ pub struct Args {
     /// Write the log as a recording folder.
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
+    /// Show the log in a window, with the run computed again beside the recorded one.
+    #[cfg(feature = "view")]
+    #[arg(long, conflicts_with_all = ["verify", "export"])]
+    view: bool,
 }
 
 /// What `--json` prints.
@@ -53,6 +57,10 @@ struct Exported {
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
+    #[cfg(feature = "view")]
+    if args.view {
+        return crate::view::again(&args.log);
+    }
     let mut summary = Summary::default();
     if let Some(folder) = &args.export {
         let exported = log::export(Log::open(&args.log)?, folder)?;

@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+#[cfg(feature = "view")]
+use std::time::Duration;
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
@@ -11,7 +13,9 @@ use sim::Sim;
 use sim::scenario::Scenario;
 
 use crate::arguments;
-use crate::cycle::{Spine, SpineConfig, overlaid};
+use crate::cycle::{Cycle, Spine, SpineConfig, overlaid};
+#[cfg(feature = "view")]
+use crate::feed::Feed;
 use crate::interrupt;
 use crate::log::{ImageMode, LogConfig, Recorder};
 use crate::outputs::Outputs;
@@ -78,6 +82,10 @@ pub struct Args {
     /// Change a setting, as localize.matching.steps_max=20; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set_config: Vec<String>,
+    /// Show it in a window, at most in real time; closing the window changes nothing.
+    #[cfg(feature = "view")]
+    #[arg(long)]
+    view: bool,
 }
 
 /// What `--json` prints.
@@ -167,6 +175,29 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         return run_hardware(args, folder, json);
     }
     interrupt::watch()?;
+    #[cfg(feature = "view")]
+    if args.view {
+        let changes = overrides::table(&args.set)?;
+        let simulation = Simulation::changed(&args.scenario, &changes, args.seed, None)?;
+        let setup = simulation.setup()?;
+        let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
+        let config = overlaid(&config, overrides::table(&args.set_config)?)?;
+        let name = format!("sim {}", args.scenario.display());
+        return crate::view::beside(&name, setup, config, Feed::new(), |feed| {
+            let started = Instant::now();
+            play(args, json, |cycle| {
+                // A person watches at the pace of the world.
+                let ahead = cycle.stamp.seconds() - started.elapsed().as_secs_f64();
+                std::thread::sleep(Duration::from_secs_f64(ahead.clamp(0.0, 1.0)));
+                feed.publish(cycle);
+            })
+        });
+    }
+    play(args, json, |_| {})
+}
+
+/// Runs the scenario; `watch` sees every cycle.
+fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<()> {
     let changes = overrides::table(&args.set)?;
     let (scenario, _) = changed_scenario(&args.scenario, &changes, args.seed)?;
     if !scenario.squad.is_empty() {
@@ -197,6 +228,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let started = Instant::now();
     simulation.play(&mut spine, |cycle| {
         let cycle = Arc::new(cycle);
+        watch(&cycle);
         tally.add(&cycle, score::cycle_error(&cycle));
         outputs.write(&cycle)?;
         if let (Some(file), Some(truth)) = (&mut truths, &cycle.inputs.truth) {

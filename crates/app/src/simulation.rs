@@ -96,6 +96,11 @@ impl Simulation {
         &self.sim
     }
 
+    /// The simulator, to be meddled with between two samples.
+    pub fn sim_mut(&mut self) -> &mut Sim {
+        &mut self.sim
+    }
+
     /// How long it runs, seconds.
     pub fn duration(&self) -> f64 {
         self.duration

@@ -4,6 +4,7 @@
 //! gravity and compass through a proportional and an integral part, whose integral is the gyro's bias.
 
 use nalgebra::{Matrix3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::frame::wrap_angle;
@@ -13,7 +14,7 @@ use crate::stamp::Stamp;
 pub const GRAVITY: f32 = 9.806_65;
 
 /// How the attitude is held.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AttitudeConfig {
     /// Time in which gravity corrects the gyro's drift, seconds: longer than accelerations last.

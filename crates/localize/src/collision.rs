@@ -3,10 +3,11 @@
 //! minho2016 V.A: when robots collide their wheels drive on, spinning or skidding, and odometry errs largely; vision is
 //! then fused without it. Here the inertial unit takes the wheels' place meanwhile, so that a blind robot keeps its way.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// When are the wheels not believed?
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CollisionConfig {
     /// Felt acceleration beyond the commanded one from which on something hit the robot, m/s²: half of gravity, since

@@ -5,12 +5,13 @@
 //! data, without points that lie off it (local disturbance).
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::frame::wrap_angle;
 
 /// What makes a circle of a magnetometer's ellipse, and a heading of its direction.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompassCalibration {
     /// The ellipse's centre (hard iron), the magnetometer's own unit, robot frame x and y.

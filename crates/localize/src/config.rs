@@ -1,5 +1,6 @@
 //! What may be set about finding a place? One section per stage, each with its defaults and reasons.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::attitude::AttitudeConfig;
@@ -10,7 +11,7 @@ use crate::relocalise::RelocaliseConfig;
 use crate::search::SearchConfig;
 
 /// Everything about localisation.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LocalizeConfig {
     /// The look-up of distances to markings.
@@ -34,7 +35,7 @@ pub struct LocalizeConfig {
 }
 
 /// What follows the pose from frame to frame?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Tracker {
     /// Line points matched to the markings near the expected pose (`matching.minimiser` says how).
@@ -47,7 +48,7 @@ pub enum Tracker {
 }
 
 /// What makes a tracked pose suspect?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SuspectRule {
     /// Another pose of the whole field explains clearly more points.
@@ -58,7 +59,7 @@ pub enum SuspectRule {
 }
 
 /// When is a pose trusted, suspected, given up?
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModeConfig {
     /// What makes a tracked pose suspect.
@@ -129,7 +130,7 @@ impl Default for ModeConfig {
 }
 
 /// What is a compass good for among motors and steel? For deciding the half turn, not for a heading.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CompassConfig {
     /// Noise and slow bias together, degrees.

@@ -5,12 +5,13 @@
 //! straight lines and good to half a millimetre on the arcs, and the sign does not break off at the line's centre.
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::field::{Field, Marking};
 
 /// How the distance field is laid out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DistanceConfig {
     /// Side of a cell, metres. At 0.05 the tangent of the smallest arc (0.75 m) is off by at most 0.4 mm.

@@ -1,11 +1,12 @@
 //! Which way do the lines run? The robot's heading from histograms of its line points (minho2016 V.B).
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::sample::LinePoint;
 
 /// The histograms.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HeadingConfig {
     /// How far the heading may have turned since the last frame, degrees (minho2016 V.B: 40).

@@ -6,6 +6,7 @@
 //! with (x, y, θ) under a prior, since a robot stands a little differently everywhere.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
@@ -13,7 +14,7 @@ use crate::frame::{Pose, wrap_angle};
 use crate::sample::LinePoint;
 
 /// How the error is minimised.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Minimiser {
     /// Gauss-Newton on reweighted squares.
@@ -24,7 +25,7 @@ pub enum Minimiser {
 }
 
 /// How line points are matched.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MatchConfig {
     /// How the error is minimised.

@@ -10,7 +10,16 @@ use crate::sample::Odometry;
 use crate::stamp::Stamp;
 
 /// Velocity of the robot, or its motion in a given time, robot frame.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Default,
+    serde::Serialize,
+    serde::Deserialize,
+    schemars::JsonSchema,
+)]
 pub struct Twist {
     /// Forward, m/s (metres).
     pub x: f32,

@@ -328,6 +328,28 @@ impl Sim {
         self.world.kidnap(pose);
     }
 
+    /// Puts another robot elsewhere, standing; they are numbered as in [`Truth::others`].
+    pub fn move_other(&mut self, index: usize, pose: Pose) {
+        self.world.move_other(index, pose);
+    }
+
+    /// Makes a sensor fail from now on, or work again; `wheel` matters to a stuck wheel alone.
+    pub fn set_fault(&mut self, kind: FaultKind, wheel: usize, fails: bool) {
+        let time = self.time();
+        let over = |fault: &crate::scenario::Fault| fault.stop <= time || time < fault.start;
+        self.scenario
+            .faults
+            .retain(|fault| fault.kind != kind || over(fault));
+        if fails {
+            self.scenario.faults.push(crate::scenario::Fault {
+                kind,
+                start: time,
+                stop: f64::INFINITY,
+                wheel,
+            });
+        }
+    }
+
     /// Hits our robot with an impulse (N s, field frame).
     pub fn push(&mut self, impulse: [f32; 2]) {
         self.world.push(impulse);

@@ -255,6 +255,17 @@ impl World {
         self.last_velocity = Vector::ZERO;
     }
 
+    /// Puts another robot elsewhere, standing; a number that none has does nothing.
+    pub fn move_other(&mut self, index: usize, pose: Pose) {
+        if let Some(other) = self.others.get(index) {
+            let body = &mut self.physics.bodies[other.body];
+            body.set_translation(Vector::new(pose.x, pose.y), true);
+            body.set_rotation(Rotation::from_angle(pose.theta), true);
+            body.set_linvel(Vector::ZERO, true);
+            body.set_angvel(0.0, true);
+        }
+    }
+
     /// Hits our robot with an impulse (N s, field frame).
     pub fn push(&mut self, impulse: [f32; 2]) {
         self.physics.bodies[self.robot].apply_impulse(Vector::new(impulse[0], impulse[1]), true);

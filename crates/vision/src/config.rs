@@ -1,11 +1,12 @@
 //! What may a user change about the eyes? Every value with its unit and its reason.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::VisionError;
 
 /// `[vision]` of a robot's configuration.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VisionConfig {
     /// Where the image is read.
@@ -23,7 +24,7 @@ pub struct VisionConfig {
 }
 
 /// The scan pattern (minho2016 section III: 72 radial lines every 5°, 36 spirals each way every 10°).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScanConfig {
     /// Straight lines outward from the mirror's axis, evenly around it.
@@ -57,7 +58,7 @@ impl Default for ScanConfig {
 }
 
 /// What colours mean when no labelled table is given: the carpet is found in the image, all else is relative to it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ColourConfig {
     /// The carpet is sought among ground pixels nearer than this, metres: beyond lies more of the surroundings.
@@ -77,7 +78,7 @@ pub struct ColourConfig {
 }
 
 /// How carpet and white are followed from frame to frame, between what was learned and what is quite another light.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AdaptConfig {
     /// False: colours stay as they were learned.
@@ -119,7 +120,7 @@ impl Default for ColourConfig {
 }
 
 /// Which white runs are lines.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LineConfig {
     /// Narrowest run, in line widths; blur widens a run and never narrows it, a third of a pixel is allowed for noise.
@@ -156,7 +157,7 @@ impl Default for LineConfig {
 }
 
 /// Ball, robots and goals, and where the carpet ends.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
     /// Directions in which the first obstacle is sought, evenly around the mirror's axis; 2° is 14 cm at 4 m.
@@ -217,7 +218,7 @@ impl Default for ObjectConfig {
 }
 
 /// When and how far exposure and gain follow the light; what the camera can do is `[exposure]` of robot.toml.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ExposureConfig {
     /// False: exposure is neither watched nor changed.
@@ -251,7 +252,7 @@ impl Default for ExposureConfig {
 }
 
 /// A rectangle of the image, pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
     /// Its left edge.
@@ -265,7 +266,7 @@ pub struct Window {
 }
 
 /// The virtual sensors of lima2001 section 3.3. Windows that are not given are laid out by the ground map.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WindowConfig {
     /// The bumpers, from the left over the front to the right; none given: nine squares evenly around the robot.

@@ -2,7 +2,9 @@
 
 mod export;
 mod header;
+mod index;
 pub(crate) mod messages;
+mod old;
 pub(crate) mod picture;
 pub(crate) mod read;
 mod record;
@@ -18,10 +20,12 @@ use serde::{Deserialize, Serialize};
 
 pub use export::export;
 pub use header::Header;
-pub use picture::ImageMode;
+pub use index::{Index, Part};
+pub use picture::{Encoded, ImageMode};
 pub use read::{Log, Logged};
 pub use record::Recorder;
 pub use recover::recover;
+pub(crate) use schema::convert::mode_and_reason;
 pub use stream::End;
 pub use verify::{Difference, Verdict, verify};
 

@@ -13,9 +13,9 @@ use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// No record of ours comes near this; a longer one is a broken length, and is not allocated.
-const LONGEST_RECORD_BYTES: u64 = 256 * 1024 * 1024;
+pub(super) const LONGEST_RECORD_BYTES: u64 = 256 * 1024 * 1024;
 /// Before a record's content: what it is, and its length.
-const PREFIX_BYTES: usize = 9;
+pub(super) const PREFIX_BYTES: usize = 9;
 
 /// A part of the file that cannot be read; the reader stands behind it.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,7 +154,7 @@ impl Stream {
 }
 
 /// The records of a chunk whose checksum is right.
-fn unpack(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
+pub(super) fn unpack(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
     // The limit and the check beforehand keep broken lengths from being allocated.
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)

@@ -6,6 +6,7 @@
 //! information"), so that odometry cannot run away. Headings are kept unwrapped within a cycle.
 
 use nalgebra::{Matrix3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::sight::{innovation, moved};
@@ -15,7 +16,7 @@ use crate::frame::{Pose, wrap_angle};
 use crate::omni::Twist;
 
 /// What the members are told of their prediction and of when they are lost.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecentralisedConfig {
     /// How far the commanded motion is from the real one, share of it (motors lag, wheels slip).

@@ -7,6 +7,7 @@ pub mod joint;
 mod sight;
 
 use nalgebra::Matrix3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::frame::Pose;
@@ -17,7 +18,7 @@ use decentralised::Decentralised;
 use joint::Joint;
 
 /// Which filter fuses what the witnesses say?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Fusion {
     /// One filter over pose, twist, biases, scales and latency.
@@ -29,7 +30,7 @@ pub enum Fusion {
 }
 
 /// How far each witness of the motion is believed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FilterConfig {
     /// Which filter.

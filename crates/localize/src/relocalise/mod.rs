@@ -8,6 +8,7 @@ pub mod scan_map;
 
 use std::sync::Arc;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
@@ -23,7 +24,7 @@ use monte_carlo::{MonteCarlo, MonteCarloConfig};
 use scan_map::{ScanMap, ScanMapConfig};
 
 /// Who looks for the pose on the whole field.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RelocaliserKind {
     /// Branch and bound over all poses (ours).
@@ -38,7 +39,7 @@ pub enum RelocaliserKind {
 }
 
 /// Relocalisation.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RelocaliseConfig {
     /// Which one.

@@ -2,6 +2,7 @@
 
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt, SeedableRng};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
@@ -12,7 +13,7 @@ use crate::sample::LinePoint;
 use crate::search::HeadingPrior;
 
 /// The particle filter.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MonteCarloConfig {
     /// Particles (nubot2013 4: 600).

@@ -11,6 +11,7 @@ mod rank;
 mod tables;
 
 use nalgebra::Matrix3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
@@ -22,7 +23,7 @@ use crate::sample::LinePoint;
 use tables::Tables;
 
 /// How the whole field is searched.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SearchConfig {
     /// Side of a position cell, metres.

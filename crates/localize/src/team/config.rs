@@ -1,9 +1,10 @@
 //! What may be set about sharing among team-mates? Who we are, how long a word counts, when balls agree.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Sharing among team-mates.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TeamConfig {
     /// Our own number.

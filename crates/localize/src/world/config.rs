@@ -1,9 +1,10 @@
 //! What may be set about following objects? How they move, how reliably they are seen, when they are given up.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The world model.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorldConfig {
     /// The ball.
@@ -27,7 +28,7 @@ pub struct WorldConfig {
 }
 
 /// How a kind of object moves and is seen.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
     /// How its velocity wanders when nobody is known to touch it, m/s in a second.

@@ -9,6 +9,7 @@ mod lines;
 mod orientation;
 mod position;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::field::{Field, Marking};
@@ -19,7 +20,7 @@ use crate::search::HeadingPrior;
 pub use position::settle;
 
 /// The Hough transform and its correlation.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HoughConfig {
     /// Metres per pixel of the isometric plane (lima2001 4.4: 6.95 mm).

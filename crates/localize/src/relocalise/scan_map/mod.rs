@@ -14,6 +14,7 @@ mod pattern;
 mod store;
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
@@ -29,7 +30,7 @@ use pattern::{LAYERS, scan, sort};
 pub use store::Origin;
 
 /// Pattern and error of the scan map.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScanMapConfig {
     /// Side of a cell, metres (minho2016 IV: 0.1).

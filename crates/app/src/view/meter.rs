@@ -1,0 +1,42 @@
+//! How quickly is the window drawn? Frames over the last second, and over all.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// The rate is counted over this long.
+const WINDOW: Duration = Duration::from_secs(1);
+
+/// Counts frames.
+#[derive(Debug, Default)]
+pub(crate) struct Meter {
+    recent: VecDeque<Instant>,
+    first: Option<Instant>,
+    frames: u64,
+}
+
+impl Meter {
+    /// A frame begins.
+    pub(crate) fn frame(&mut self, now: Instant) {
+        self.first.get_or_insert(now);
+        self.frames += 1;
+        self.recent.push_back(now);
+        while (self.recent.front()).is_some_and(|first| now - *first > WINDOW) {
+            self.recent.pop_front();
+        }
+    }
+
+    /// Frames over the last second.
+    pub(crate) fn rate(&self) -> f64 {
+        self.recent.len() as f64 / WINDOW.as_secs_f64()
+    }
+
+    /// All frames, and the seconds since the first.
+    pub(crate) fn total(&self) -> (u64, f64) {
+        let seconds = self.first.map_or(0.0, |first| {
+            self.recent
+                .back()
+                .map_or(0.0, |last| (*last - first).as_secs_f64())
+        });
+        (self.frames, seconds)
+    }
+}

@@ -1,0 +1,87 @@
+//! How is each device? Rate, age and errors, in a table for a glance; and what the view itself costs and loses.
+
+use eframe::egui::{self, Color32, Ui};
+
+use crate::view::devices::State;
+use crate::view::ink;
+use crate::view::session::Session;
+
+/// Rates are counted over so many seconds.
+const WINDOW: f64 = 2.0;
+
+/// Draws the panel.
+pub(crate) fn show(ui: &mut Ui, session: &Session) {
+    let devices = &session.devices;
+    let rates = session.series.rates_hz(session.clock.at, WINDOW);
+    egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
+        egui::Grid::new("devices")
+            .striped(true)
+            .num_columns(7)
+            .show(ui, |ui| {
+                for name in [
+                    "Device",
+                    "State",
+                    "Rate",
+                    "Age",
+                    "Longest gap",
+                    "Samples",
+                    "Errors",
+                ] {
+                    ui.strong(name);
+                }
+                ui.end_row();
+                for (device, rate) in devices.all.iter().zip(rates) {
+                    let state = device.state(devices.now);
+                    ui.label(device.name);
+                    ui.colored_label(colour(state), state.name());
+                    ui.monospace(format!("{rate:6.1} Hz"));
+                    match device.age(devices.now) {
+                        Some(age) => ui.monospace(format!("{:6.0} ms", 1e3 * age)),
+                        None => ui.weak("-"),
+                    };
+                    ui.monospace(format!("{:6.0} ms", 1e3 * device.longest_gap));
+                    ui.monospace(device.samples.to_string());
+                    match &device.fault {
+                        Some(fault) => {
+                            let text = format!("{}: {fault}", device.faults);
+                            ui.colored_label(ink::VERMILION, text)
+                        }
+                        None => ui.monospace("0"),
+                    };
+                    ui.end_row();
+                }
+            });
+        ui.separator();
+        ui.label(format!(
+            "{} cycles counted; {} did not get to the view in time (the robot does not wait for it)",
+            devices.cycles, devices.dropped
+        ));
+        if session.log_path().is_some() {
+            ui.weak("Of a log: what was played since the last leap; rates from the whole log.");
+        }
+        let faults = session.series.samples().iter().filter(|s| s.fault);
+        let count = faults.clone().count();
+        if count > 0 {
+            let first = faults.clone().next().map_or(0.0, |sample| sample.time);
+            ui.colored_label(
+                ink::ORANGE,
+                format!("{count} frames of this run could not be used, the first at {first:.2} s"),
+            );
+        }
+        if let Some(now) = &session.now {
+            let timings = &now.cycle.timings;
+            ui.label(format!(
+                "this cycle: see {:.2} ms, localize {:.2} ms",
+                timings.see_ms, timings.localize_ms
+            ));
+        }
+    });
+}
+
+fn colour(state: State) -> Color32 {
+    match state {
+        State::Running => ink::GREEN,
+        State::Absent => ink::GREY,
+        State::Silent | State::Stuck => ink::VERMILION,
+    }
+}

@@ -1,0 +1,318 @@
+//! How is vision and localisation set? Every value with its unit and meaning; what differs from the default is marked.
+
+use std::path::Path;
+
+use anyhow::Context;
+use eframe::egui::{self, Color32, RichText, Ui};
+
+use crate::cycle::SpineConfig;
+use crate::view::ink;
+use crate::view::session::Session;
+use crate::view::settings::{self, Setting};
+use crate::view::source::worker::Order;
+
+/// Room for a setting's name, points.
+const NAME_WIDTH: f32 = 170.0;
+
+/// The panel's memory.
+pub(crate) struct Parameters {
+    all: Vec<Setting>,
+    /// What runs: a simulation with it, layers are painted by it, a log can be computed again with it.
+    config: SpineConfig,
+    /// What is typed, perhaps not fit to run.
+    edited: toml::Table,
+    /// Of the source whose settings these are.
+    source: Option<String>,
+    /// Only settings whose name or meaning holds this are shown.
+    filter: String,
+    /// Only those that differ from the default.
+    different: bool,
+    /// The overlay's file.
+    file: String,
+    /// What came of the last edit, saving or loading; true if it went well.
+    word: Option<(bool, String)>,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        let config = SpineConfig::default();
+        Parameters {
+            all: settings::all(),
+            edited: toml::Table::try_from(&config).unwrap_or_default(),
+            config,
+            source: None,
+            filter: String::new(),
+            different: false,
+            file: "overlay.toml".to_owned(),
+            word: None,
+        }
+    }
+}
+
+impl Parameters {
+    /// The settings in force.
+    pub(crate) fn config(&self) -> &SpineConfig {
+        &self.config
+    }
+
+    /// Takes the settings of a source that was opened.
+    pub(crate) fn follow(&mut self, session: &Session) {
+        if self.source.as_ref() != Some(&session.name) {
+            self.source = Some(session.name.clone());
+            self.take(session.ran_with.clone());
+        }
+    }
+
+    fn take(&mut self, config: SpineConfig) {
+        self.edited = toml::Table::try_from(&config).unwrap_or_default();
+        self.config = config;
+    }
+
+    /// Puts settings in force: a simulation takes them between two cycles, layers are painted by them.
+    pub(crate) fn apply(&mut self, session: &mut Session, config: SpineConfig) {
+        self.take(config);
+        session.version += 1;
+        if let Some(worker) = session.source.simulation() {
+            worker.order(Order::Configure(Box::new(self.config.clone())));
+        }
+    }
+
+    /// Draws the panel.
+    pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
+        self.follow(session);
+        self.actions(ui, session);
+        if let Some((well, word)) = &self.word {
+            ui.colored_label(if *well { ink::GREEN } else { ink::VERMILION }, word);
+        }
+        if let Some(worker) = session.source.simulation()
+            && let Some(refused) = worker.status().refused
+        {
+            ui.colored_label(ink::VERMILION, refused);
+        }
+        ui.horizontal(|ui| {
+            ui.label("Search");
+            ui.add(egui::TextEdit::singleline(&mut self.filter).desired_width(160.0));
+            ui.checkbox(&mut self.different, "Only what differs");
+        });
+        let mut changed = None;
+        egui::ScrollArea::vertical()
+            .auto_shrink(false)
+            .show(ui, |ui| changed = self.table(ui));
+        if let Some((path, value)) = changed {
+            self.change(session, &path, value);
+        }
+    }
+
+    fn actions(&mut self, ui: &mut Ui, session: &mut Session) {
+        ui.horizontal_wrapped(|ui| {
+            ui.menu_button("Preset", |ui| {
+                for name in localize::presets::PRESETS {
+                    if ui.button(name).clicked() {
+                        match SpineConfig::preset(name) {
+                            Ok(config) => self.apply(session, config),
+                            Err(error) => self.word = Some((false, format!("{error:#}"))),
+                        }
+                    }
+                }
+            });
+            if session.log_path().is_some() {
+                let hint =
+                    "Computes the whole log once more with these settings, beside the recorded run";
+                if ui.button("Recompute log").on_hover_text(hint).clicked() {
+                    session.compute_again(&self.config);
+                }
+                if ui.button("As recorded").clicked() {
+                    self.apply(session, session.ran_with.clone());
+                }
+            }
+            ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(140.0));
+            let hint =
+                "Writes what differs from the defaults; run, sim and locate take it as --config";
+            if ui.button("Save overlay").on_hover_text(hint).clicked() {
+                self.word = Some(self.save());
+            }
+            if ui.button("Load overlay").clicked() {
+                match SpineConfig::load("default", Some(Path::new(&self.file))) {
+                    Ok(config) => {
+                        self.apply(session, config);
+                        self.word = Some((true, format!("loaded {}", self.file)));
+                    }
+                    Err(error) => self.word = Some((false, format!("{error:#}"))),
+                }
+            }
+        });
+    }
+
+    fn save(&self) -> (bool, String) {
+        let overlay = settings::overlay(&SpineConfig::default(), &self.config);
+        let count = self
+            .all
+            .iter()
+            .filter(|setting| settings::get(&overlay, &setting.path).is_some())
+            .count();
+        match std::fs::write(&self.file, overlay.to_string()) {
+            Ok(()) => (true, format!("{count} settings saved in {}", self.file)),
+            Err(error) => (false, format!("cannot write {}: {error}", self.file)),
+        }
+    }
+
+    /// Changes settings by hand of another panel; what does not work is said here.
+    pub(crate) fn edit(&mut self, session: &mut Session, change: impl FnOnce(&mut SpineConfig)) {
+        let mut config = self.config.clone();
+        change(&mut config);
+        match config.vision.check() {
+            Ok(()) => self.apply(session, config),
+            Err(error) => self.word = Some((false, error.to_string())),
+        }
+    }
+
+    /// Tries a value; one that does not work is not taken, and said.
+    fn change(&mut self, session: &mut Session, path: &[String], value: toml::Value) {
+        match value.as_str() {
+            Some(settings::UNSET) => settings::unset(&mut self.edited, path),
+            _ => settings::set(&mut self.edited, path, value),
+        }
+        let checked = self
+            .edited
+            .clone()
+            .try_into::<SpineConfig>()
+            .map_err(anyhow::Error::from)
+            .and_then(|config| {
+                config.vision.check()?;
+                config.localize.check()?;
+                Ok(config)
+            })
+            .with_context(|| format!("{} is not taken", path.join(".")));
+        match checked {
+            Ok(config) => {
+                self.apply(session, config);
+                self.word = None;
+            }
+            Err(error) => self.word = Some((false, format!("{error:#}"))),
+        }
+    }
+
+    /// All rows; the one that was changed.
+    fn table(&self, ui: &mut Ui) -> Option<(Vec<String>, toml::Value)> {
+        let needle = self.filter.to_lowercase();
+        let mut changed = None;
+        let mut section = String::new();
+        for setting in &self.all {
+            let name = setting.name();
+            let told = needle.is_empty()
+                || name.to_lowercase().contains(&needle)
+                || setting.help.to_lowercase().contains(&needle);
+            let unset = toml::Value::from(settings::UNSET);
+            let value = settings::get(&self.edited, &setting.path).unwrap_or(&unset);
+            let differs = settings::tidy(value) != setting.default;
+            if !told || (self.different && !differs) {
+                continue;
+            }
+            let (last, before) = (setting.path.last(), setting.path.split_last());
+            let own = before.map_or(String::new(), |(_, before)| before.join("."));
+            if own != section {
+                ui.add_space(4.0);
+                ui.strong(&own);
+                section = own;
+            }
+            ui.horizontal(|ui| {
+                let mark = if differs { "*" } else { " " };
+                ui.monospace(RichText::new(mark).color(ink::ORANGE).strong());
+                let text = last.map_or("", String::as_str);
+                let text = if differs {
+                    RichText::new(text).color(accent(ui)).strong()
+                } else {
+                    RichText::new(text)
+                };
+                let help = format!("{}\n\nDefault: {}", setting.help, setting.default);
+                let size = egui::Vec2::new(NAME_WIDTH, ui.spacing().interact_size.y);
+                let left = egui::Layout::left_to_right(egui::Align::Center);
+                ui.allocate_ui_with_layout(size, left, |ui| {
+                    ui.set_min_width(NAME_WIDTH);
+                    ui.add(egui::Label::new(text).truncate())
+                        .on_hover_text(&help);
+                });
+                if let Some(value) = editor(ui, setting, value) {
+                    changed = Some((setting.path.clone(), value));
+                }
+                ui.label(setting.unit);
+                if differs && ui.small_button("Default").clicked() {
+                    changed = Some((setting.path.clone(), setting.default.clone()));
+                }
+                ui.add(egui::Label::new(RichText::new(&setting.help).weak()).truncate())
+                    .on_hover_text(help);
+            });
+        }
+        changed
+    }
+}
+
+fn accent(ui: &Ui) -> Color32 {
+    if ui.visuals().dark_mode {
+        ink::ORANGE
+    } else {
+        ink::BLUE
+    }
+}
+
+/// Edits one value; the new one if it was changed.
+fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::Value> {
+    match value {
+        toml::Value::Boolean(on) => {
+            let mut on = *on;
+            ui.checkbox(&mut on, "").changed().then(|| on.into())
+        }
+        toml::Value::Integer(number) => {
+            let mut number = *number;
+            let drag = egui::DragValue::new(&mut number).update_while_editing(false);
+            ui.add(drag).changed().then(|| number.into())
+        }
+        toml::Value::Float(number) => drag(ui, *number).map(toml::Value::Float),
+        toml::Value::String(text) if !setting.choices.is_empty() => {
+            let mut chosen = text.clone();
+            egui::ComboBox::from_id_salt(setting.name())
+                .selected_text(text)
+                .show_ui(ui, |ui| {
+                    for choice in &setting.choices {
+                        ui.selectable_value(&mut chosen, choice.clone(), choice);
+                    }
+                });
+            (chosen != *text).then(|| chosen.into())
+        }
+        toml::Value::Array(values) if values.iter().any(toml::Value::is_float) => {
+            let mut values = values.clone();
+            let mut changed = false;
+            for value in &mut values {
+                if let Some(number) = value.as_float().and_then(|number| drag(ui, number)) {
+                    *value = toml::Value::Float(number);
+                    changed = true;
+                }
+            }
+            changed.then_some(toml::Value::Array(values))
+        }
+        // Windows of the image: Calibration moves them.
+        toml::Value::Array(values) => {
+            ui.monospace(format!("{} given", values.len()));
+            None
+        }
+        toml::Value::Table(_) => {
+            ui.monospace("given");
+            None
+        }
+        other => {
+            ui.monospace(other.to_string().trim_matches('"'));
+            None
+        }
+    }
+}
+
+fn drag(ui: &mut Ui, number: f64) -> Option<f64> {
+    // Shown as a person would write it.
+    let mut short: f64 = format!("{:?}", number as f32).parse().unwrap_or(number);
+    let speed = (short.abs() * 0.01).max(0.001);
+    let drag = egui::DragValue::new(&mut short)
+        .speed(speed)
+        .max_decimals(6)
+        .update_while_editing(false);
+    ui.add(drag).changed().then_some(short)
+}

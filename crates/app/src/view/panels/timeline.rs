@@ -1,0 +1,249 @@
+//! Which moment is shown? Play, step, seek, marks, and the run's modes at a glance; logs of any length.
+
+use eframe::egui::{self, Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2};
+use localize::estimate::Mode;
+
+use crate::view::ink;
+use crate::view::series::Series;
+use crate::view::session::Session;
+use crate::view::source::Source;
+
+/// Height of the bar, points.
+const BAR: f32 = 34.0;
+/// Speeds to choose from.
+const SPEEDS: [f64; 8] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0, 50.0];
+
+/// The panel's memory.
+#[derive(Default)]
+pub(crate) struct Timeline {
+    /// The text of the next mark.
+    text: String,
+}
+
+impl Timeline {
+    /// Draws the panel.
+    pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
+        self.buttons(ui, session);
+        bar(ui, session);
+        if let Some(fault) = &session.fault {
+            ui.colored_label(ink::VERMILION, fault);
+        }
+        recomputed(ui, session);
+        egui::ScrollArea::vertical()
+            .auto_shrink(false)
+            .show(ui, |ui| {
+                for line in &session.missing {
+                    ui.colored_label(ink::ORANGE, line);
+                }
+                marks(ui, session);
+            });
+    }
+
+    fn buttons(&mut self, ui: &mut Ui, session: &mut Session) {
+        ui.horizontal_wrapped(|ui| {
+            let live = matches!(session.source, Source::Live(_));
+            let playing = session.clock.playing;
+            if ui
+                .button("|<")
+                .on_hover_text("To the start (Home)")
+                .clicked()
+                && let Some((start, _)) = session.source.span()
+            {
+                session.seek(start);
+            }
+            if ui
+                .button("<")
+                .on_hover_text("A cycle back (Left)")
+                .clicked()
+            {
+                session.step(-1);
+            }
+            let name = if playing { "Pause" } else { "Play" };
+            if ui.button(name).on_hover_text("Space").clicked() {
+                session.play_or_pause();
+            }
+            if ui.button(">").on_hover_text("A cycle on (Right)").clicked() {
+                session.step(1);
+            }
+            let to_end = if live { "Now" } else { ">|" };
+            if ui
+                .button(to_end)
+                .on_hover_text("To the end (End)")
+                .clicked()
+            {
+                if live {
+                    session.clock.playing = true;
+                } else if let Some((_, end)) = session.source.span() {
+                    session.seek(end);
+                }
+            }
+            speed(ui, session);
+            if let (Some((start, end)), at) = (session.span(), session.clock.at) {
+                ui.monospace(format!("{at:.3} s  ({start:.1} to {end:.1} s)"));
+            }
+            ui.add(
+                egui::TextEdit::singleline(&mut self.text)
+                    .hint_text("mark")
+                    .desired_width(90.0),
+            );
+            if ui.button("Mark").on_hover_text("M").clicked() {
+                session.mark(&std::mem::take(&mut self.text));
+            }
+        });
+    }
+}
+
+fn speed(ui: &mut Ui, session: &mut Session) {
+    let before = session.clock.speed;
+    let owned = session.source.simulation().is_some();
+    let watched = matches!(session.source, Source::Live(_)) && !owned;
+    // What somebody else drives goes at its own speed.
+    ui.add_enabled_ui(!watched, |ui| {
+        egui::ComboBox::from_id_salt("speed")
+            .width(60.0)
+            .selected_text(format!("{before} x"))
+            .show_ui(ui, |ui| {
+                for speed in SPEEDS {
+                    let text = format!("{speed} x");
+                    ui.selectable_value(&mut session.clock.speed, speed, text);
+                }
+            });
+    });
+    if session.clock.speed != before {
+        session.pace(session.clock.speed);
+    }
+}
+
+/// The run as a bar: its modes, its errors, its marks, and the moment shown.
+fn bar(ui: &mut Ui, session: &mut Session) {
+    let size = Vec2::new(ui.available_width().max(1.0), BAR);
+    let (response, painter) = ui.allocate_painter(size, Sense::click_and_drag());
+    let rect = response.rect;
+    painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
+    let Some((start, end)) = session.span() else {
+        return;
+    };
+    let length = (end - start).max(1e-3);
+    let place = |time: f64| rect.left() + ((time - start) / length) as f32 * rect.width();
+    modes(&painter, rect, &session.series, &place);
+    for mark in &session.marks {
+        let at = place(mark.time);
+        painter.vline(at, rect.y_range(), Stroke::new(2.0, ink::YELLOW));
+        painter.text(
+            Pos2::new(at + 3.0, rect.top()),
+            Align2::LEFT_TOP,
+            &mark.text,
+            FontId::proportional(11.0),
+            ink::YELLOW,
+        );
+    }
+    let at = place(session.clock.at);
+    let cursor = ui.visuals().strong_text_color();
+    painter.vline(at, rect.y_range(), Stroke::new(2.0, cursor));
+    if let Some(pointer) = response.interact_pointer_pos() {
+        let part = f64::from((pointer.x - rect.left()) / rect.width()).clamp(0.0, 1.0);
+        session.seek(start + part * length);
+    } else if let Some(pointer) = response.hover_pos() {
+        let part = f64::from((pointer.x - rect.left()) / rect.width());
+        response.on_hover_text(format!("{:.2} s", start + part * length));
+    }
+}
+
+/// Lower third: the mode. Above: the position error, half a metre high at most.
+fn modes(painter: &egui::Painter, rect: Rect, series: &Series, place: &impl Fn(f64) -> f32) {
+    let samples = series.samples();
+    let columns = rect.width().max(1.0) as usize;
+    let share = samples.len().div_ceil(columns).max(1);
+    let split = rect.bottom() - rect.height() / 3.0;
+    let chunks = samples.chunks(share);
+    for (chunk, next) in chunks.clone().zip(chunks.skip(1).map(Some).chain([None])) {
+        let (Some(first), Some(last)) = (chunk.first(), chunk.last()) else {
+            continue;
+        };
+        let worst = chunk.iter().map(|sample| sample.mode);
+        let worst = worst.max_by_key(|mode| match mode {
+            Mode::Tracking => 0,
+            Mode::Global => 1,
+            Mode::Lost => 2,
+        });
+        let until = next.and_then(|next| next.first()).unwrap_or(last).time;
+        let (left, right) = (place(first.time), place(until).max(place(first.time) + 1.0));
+        let colour = ink::mode(worst.unwrap_or(Mode::Lost));
+        let low = Rect::from_x_y_ranges(left..=right, split..=rect.bottom());
+        painter.rect_filled(low, 0.0, colour);
+        let error = chunk
+            .iter()
+            .map(|s| s.value(crate::view::series::Quantity::Error))
+            .filter(|error| error.is_finite())
+            .fold(0.0, f32::max);
+        if error > 0.0 {
+            let height = (error / 0.5).min(1.0) * (split - rect.top());
+            let high = Rect::from_x_y_ranges(left..=right, split - height..=split);
+            painter.rect_filled(high, 0.0, ink::VERMILION.gamma_multiply(0.8));
+        }
+    }
+}
+
+/// How the run computed once more compares.
+fn recomputed(ui: &mut Ui, session: &mut Session) {
+    let Some(recompute) = &session.recompute else {
+        return;
+    };
+    let mut forget = false;
+    ui.horizontal_wrapped(|ui| {
+        let cm = |error: Option<f32>| {
+            error.map_or("unknown".to_owned(), |e| format!("{:.2} cm", 100.0 * e))
+        };
+        let state = if recompute.done {
+            ""
+        } else {
+            "computing again: "
+        };
+        ui.colored_label(
+            ink::PURPLE,
+            format!(
+                "{state}{} cycles, {} poses differ; mean error recorded {}, recomputed {}{}",
+                recompute.cycles,
+                recompute.different,
+                cm(session.series.mean_error()),
+                cm(recompute.series.mean_error()),
+                if recompute.sight {
+                    ""
+                } else {
+                    " (from the recorded line points: the log holds no exact images)"
+                }
+            ),
+        );
+        if let Some(fault) = &recompute.fault {
+            ui.colored_label(ink::VERMILION, fault);
+        }
+        forget = ui.button("Forget").clicked();
+    });
+    if forget {
+        session.recompute = None;
+    }
+}
+
+fn marks(ui: &mut Ui, session: &mut Session) {
+    let (mut go, mut remove) = (None, None);
+    for (number, mark) in session.marks.iter().enumerate() {
+        ui.horizontal(|ui| {
+            if ui.link(format!("{:.3} s", mark.time)).clicked() {
+                go = Some(mark.time);
+            }
+            ui.label(&mark.text);
+            if ui.small_button("Remove").clicked() {
+                remove = Some(number);
+            }
+        });
+    }
+    if let Some(time) = go {
+        session.seek(time);
+    }
+    if let Some(number) = remove {
+        session.marks.remove(number);
+    }
+    if session.marks.is_empty() {
+        ui.colored_label(Color32::GRAY, "No marks.");
+    }
+}

@@ -1,0 +1,99 @@
+//! Which part is seen, how large? Scroll to zoom about the pointer, drag to pan, double-click for the whole.
+
+use eframe::egui::{Pos2, Rect, Response, Ui, Vec2};
+
+/// Least and most enlargement over the whole picture.
+const ZOOM: [f32; 2] = [0.5, 60.0];
+/// Scrolled points for an enlargement by e.
+const SCROLL: f32 = 300.0;
+
+/// A part of a picture whose coordinates are `f32` pairs, x to the right, y down.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PanZoom {
+    /// Enlargement over the whole picture.
+    pub(crate) zoom: f32,
+    /// What is in the middle, as a part of the picture's size.
+    pub(crate) middle: Vec2,
+}
+
+impl Default for PanZoom {
+    fn default() -> Self {
+        PanZoom {
+            zoom: 1.0,
+            middle: Vec2::splat(0.5),
+        }
+    }
+}
+
+/// How a picture lies on the screen.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placed {
+    /// Where its left top corner is.
+    pub(crate) origin: Pos2,
+    /// Points a unit of the picture.
+    pub(crate) scale: f32,
+}
+
+impl PanZoom {
+    /// Follows pointer and wheel; `size`: the picture's. Dragging pans where `pans`.
+    pub(crate) fn follow(
+        &mut self,
+        ui: &Ui,
+        response: &Response,
+        size: Vec2,
+        pans: bool,
+    ) -> Placed {
+        let area = response.rect;
+        if pans && response.dragged() {
+            let scale = self.scale(area, size);
+            self.middle -= response.drag_delta() / (scale * size);
+        }
+        if let Some(pointer) = response.hover_pos() {
+            let scrolled = ui.input(|input| input.smooth_scroll_delta().y);
+            let pinched = ui.input(|input| input.zoom_delta());
+            let factor = (scrolled / SCROLL).exp() * pinched;
+            if factor != 1.0 {
+                let before = self.placed(area, size).to_picture(pointer);
+                self.zoom = (self.zoom * factor).clamp(ZOOM[0], ZOOM[1]);
+                let after = self.placed(area, size).to_picture(pointer);
+                self.middle += (before - after) / size;
+            }
+        }
+        if response.double_clicked() {
+            *self = PanZoom::default();
+        }
+        self.middle = self.middle.clamp(Vec2::ZERO, Vec2::splat(1.0));
+        self.placed(area, size)
+    }
+
+    /// How the picture lies in an area.
+    pub(crate) fn placed(&self, area: Rect, size: Vec2) -> Placed {
+        let scale = self.scale(area, size);
+        Placed {
+            origin: area.center() - self.middle * size * scale,
+            scale,
+        }
+    }
+
+    fn scale(&self, area: Rect, size: Vec2) -> f32 {
+        let whole = (area.width() / size.x).min(area.height() / size.y);
+        (whole * self.zoom).max(1e-3)
+    }
+}
+
+impl Placed {
+    /// Where a place of the picture is on the screen.
+    pub(crate) fn to_screen(&self, x: f32, y: f32) -> Pos2 {
+        self.origin + self.scale * Vec2::new(x, y)
+    }
+
+    /// Which place of the picture is there.
+    pub(crate) fn to_picture(&self, at: Pos2) -> Vec2 {
+        (at - self.origin) / self.scale
+    }
+
+    /// The whole picture on the screen.
+    pub(crate) fn rect(&self, size: Vec2) -> Rect {
+        Rect::from_min_size(self.origin, size * self.scale)
+    }
+}

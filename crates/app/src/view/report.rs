@@ -1,0 +1,161 @@
+//! What is handed on? A picture of the window, or a folder with all that the view knows of a moment and a run.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use eframe::egui::ColorImage;
+use vision::image::Image;
+
+use super::series::Quantity;
+use super::session::Session;
+use super::settings;
+use super::source::image_of;
+use crate::cycle::SpineConfig;
+
+/// Columns of the table of the run, with what they are scaled by.
+const COLUMNS: [(&str, Quantity); 8] = [
+    ("error_m", Quantity::Error),
+    ("heading_error_deg", Quantity::HeadingError),
+    ("std_x_m", Quantity::StdX),
+    ("std_y_m", Quantity::StdY),
+    ("residual_m", Quantity::Residual),
+    ("line_points", Quantity::LinePoints),
+    ("see_ms", Quantity::See),
+    ("localize_ms", Quantity::Localize),
+];
+
+/// Writes a picture of the window.
+pub(crate) fn save(picture: &ColorImage, path: &Path) -> Result<()> {
+    let rgb = picture
+        .pixels
+        .iter()
+        .flat_map(|pixel| [pixel.r(), pixel.g(), pixel.b()])
+        .collect();
+    let [width_px, height_px] = picture.size;
+    let image = Image {
+        width_px,
+        height_px,
+        rgb,
+    };
+    Ok(image.save(path)?)
+}
+
+/// Writes a report: report.md, run.csv, overlay.toml, and pictures of window and camera.
+pub(crate) fn write(
+    folder: &Path,
+    session: &Session,
+    config: &SpineConfig,
+    window: Option<&ColorImage>,
+) -> Result<()> {
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot create {}", folder.display()))?;
+    let put = |name: &str, text: String| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    if let Some(window) = window {
+        save(window, &folder.join("window.png"))?;
+    }
+    let image = session.now.as_ref().and_then(|now| image_of(&now.cycle));
+    if let Some(image) = image {
+        image.save(&folder.join("camera.png"))?;
+    }
+    put("run.csv", table(session))?;
+    let overlay = settings::overlay(&SpineConfig::default(), config);
+    put("overlay.toml", overlay.to_string())?;
+    put("report.md", words(session)?)
+}
+
+fn table(session: &Session) -> String {
+    let names: Vec<&str> = COLUMNS.iter().map(|(name, _)| *name).collect();
+    let mut text = format!("stamp_s,x_m,y_m,theta_rad,mode,{}\n", names.join(","));
+    for sample in session.series.samples() {
+        let number = |value: f32| {
+            if value.is_finite() {
+                format!("{value}")
+            } else {
+                String::new()
+            }
+        };
+        let values: Vec<String> = sample
+            .pose
+            .into_iter()
+            .map(number)
+            .chain([format!("{:?}", sample.mode).to_lowercase()])
+            .chain(
+                COLUMNS
+                    .iter()
+                    .map(|(_, quantity)| number(sample.value(*quantity))),
+            )
+            .collect();
+        text += &format!("{:.6},{}\n", sample.time, values.join(","));
+    }
+    text
+}
+
+fn words(session: &Session) -> Result<String> {
+    let mut text = format!("# {}\n\n", session.name);
+    writeln!(text, "mirrorball {}\n", env!("CARGO_PKG_VERSION"))?;
+    if let Some(now) = &session.now {
+        let estimate = &now.cycle.estimate;
+        writeln!(
+            text,
+            "At {:.3} s: {}",
+            now.cycle.stamp.seconds(),
+            crate::log::mode_and_reason(estimate)
+        )?;
+        if let Some(pose) = estimate.pose {
+            writeln!(
+                text,
+                "Pose {:.3} m, {:.3} m, {:.2}°; residual {:.1} cm, {} line points, {:.0} % on markings",
+                pose.x,
+                pose.y,
+                pose.theta.to_degrees(),
+                100.0 * estimate.residual,
+                estimate.line_points,
+                100.0 * estimate.inlier_share
+            )?;
+        }
+    }
+    if let Some(error) = session.series.mean_error() {
+        writeln!(
+            text,
+            "\nMean position error of the run: {:.2} cm",
+            100.0 * error
+        )?;
+    }
+    if let Some(again) = &session.recompute {
+        let error = again.series.mean_error().unwrap_or(f32::NAN);
+        writeln!(
+            text,
+            "Computed again with overlay.toml: {:.2} cm, {} of {} poses differ",
+            100.0 * error,
+            again.different,
+            again.cycles
+        )?;
+    }
+    writeln!(text, "\n## Marks\n")?;
+    for mark in &session.marks {
+        writeln!(text, "- {:.3} s {}", mark.time, mark.text)?;
+    }
+    writeln!(text, "\n## Devices\n")?;
+    for device in &session.devices.all {
+        let state = device.state(session.devices.now).name();
+        writeln!(
+            text,
+            "- {}: {state}, {} samples, longest gap {:.0} ms, {} errors",
+            device.name,
+            device.samples,
+            1e3 * device.longest_gap,
+            device.faults
+        )?;
+    }
+    if !session.missing.is_empty() {
+        writeln!(text, "\n## Missing\n")?;
+        for line in &session.missing {
+            writeln!(text, "- {line}")?;
+        }
+    }
+    Ok(text)
+}

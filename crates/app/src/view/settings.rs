@@ -1,0 +1,272 @@
+//! Which settings are there, what do they mean, in which unit? Read off the configuration's own structs and their comments.
+
+use schemars::schema_for;
+use serde_json::Value as Json;
+
+use crate::cycle::SpineConfig;
+
+/// In place of a value that is not given.
+pub(crate) const UNSET: &str = "not given";
+
+/// One setting.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Setting {
+    /// Keys from the root: vision, scan, range_max.
+    pub(crate) path: Vec<String>,
+    /// What it means: its comment in the source.
+    pub(crate) help: String,
+    /// In which unit; empty for counts, shares and choices.
+    pub(crate) unit: &'static str,
+    /// What may be chosen; empty where it is no choice.
+    pub(crate) choices: Vec<String>,
+    /// What it is unless somebody says otherwise.
+    pub(crate) default: toml::Value,
+}
+
+impl Setting {
+    /// Its keys joined by dots.
+    pub(crate) fn name(&self) -> String {
+        self.path.join(".")
+    }
+}
+
+/// Every setting of vision and localisation, section by section.
+pub(crate) fn all() -> Vec<Setting> {
+    let schema = Json::from(schema_for!(SpineConfig));
+    let defaults = toml::Table::try_from(SpineConfig::default()).unwrap_or_default();
+    let mut settings = Vec::new();
+    collect(&schema, &schema, &defaults, &mut Vec::new(), &mut settings);
+    settings
+}
+
+/// The value at a path.
+pub(crate) fn get<'a>(table: &'a toml::Table, path: &[String]) -> Option<&'a toml::Value> {
+    let (last, sections) = path.split_last()?;
+    let mut table = table;
+    for section in sections {
+        table = table.get(section)?.as_table()?;
+    }
+    table.get(last)
+}
+
+/// Puts a value at a path, with the sections on the way there.
+pub(crate) fn set(table: &mut toml::Table, path: &[String], value: toml::Value) {
+    let Some((last, sections)) = path.split_last() else {
+        return;
+    };
+    let mut table = table;
+    for section in sections {
+        let entry = table
+            .entry(section.clone())
+            .or_insert_with(|| toml::Table::new().into());
+        let Some(inner) = entry.as_table_mut() else {
+            return;
+        };
+        table = inner;
+    }
+    table.insert(last.clone(), value);
+}
+
+/// Takes the value at a path away.
+pub(crate) fn unset(table: &mut toml::Table, path: &[String]) {
+    let Some((last, sections)) = path.split_last() else {
+        return;
+    };
+    let mut table = table;
+    for section in sections {
+        let Some(inner) = table.get_mut(section).and_then(toml::Value::as_table_mut) else {
+            return;
+        };
+        table = inner;
+    }
+    table.remove(last);
+}
+
+/// What of `config` differs from `base`: an overlay that `--config` takes.
+pub(crate) fn overlay(base: &SpineConfig, config: &SpineConfig) -> toml::Table {
+    let tables = [base, config].map(|config| toml::Table::try_from(config).unwrap_or_default());
+    let mut overlay = toml::Table::new();
+    for setting in all() {
+        let [before, after] = [&tables[0], &tables[1]].map(|table| get(table, &setting.path));
+        if let (true, Some(value)) = (before != after, after) {
+            set(&mut overlay, &setting.path, tidy(value));
+        }
+    }
+    overlay
+}
+
+/// A value as people write it: 0.1 where a 32-bit float holds 0.10000000149.
+pub(crate) fn tidy(value: &toml::Value) -> toml::Value {
+    match value {
+        toml::Value::Float(number) => {
+            let short = format!("{:?}", *number as f32).parse();
+            toml::Value::Float(short.unwrap_or(*number))
+        }
+        toml::Value::Array(values) => toml::Value::Array(values.iter().map(tidy).collect()),
+        other => other.clone(),
+    }
+}
+
+fn collect(
+    root: &Json,
+    schema: &Json,
+    defaults: &toml::Table,
+    path: &mut Vec<String>,
+    settings: &mut Vec<Setting>,
+) {
+    let Some(properties) = schema.get("properties").and_then(Json::as_object) else {
+        return;
+    };
+    for (key, property) in properties {
+        // What may be left out, and is by default.
+        let unset = toml::Value::from(UNSET);
+        let default = defaults.get(key).unwrap_or(&unset);
+        path.push(key.clone());
+        let target = resolve(root, property);
+        match default {
+            toml::Value::Table(inner) => collect(root, target, inner, path, settings),
+            default => {
+                let own = property.get("description").and_then(Json::as_str);
+                let help = own.or(target.get("description").and_then(Json::as_str));
+                let help = help.unwrap_or_default().replace('\n', " ");
+                settings.push(Setting {
+                    unit: unit(key, &help, default),
+                    choices: choices(target),
+                    path: path.clone(),
+                    default: tidy(default),
+                    help,
+                });
+            }
+        }
+        path.pop();
+    }
+}
+
+/// What a reference stands for.
+fn resolve<'a>(root: &'a Json, schema: &'a Json) -> &'a Json {
+    let inner = schema
+        .get("allOf")
+        .and_then(|all| all.get(0))
+        .unwrap_or(schema);
+    let pointer = inner.get("$ref").and_then(Json::as_str);
+    let target = pointer.and_then(|pointer| root.pointer(pointer.trim_start_matches('#')));
+    target.unwrap_or(inner)
+}
+
+fn choices(schema: &Json) -> Vec<String> {
+    let texts = |values: &Vec<Json>| -> Vec<String> {
+        values
+            .iter()
+            .filter_map(|value| value.as_str().map(str::to_owned))
+            .collect()
+    };
+    if let Some(values) = schema.get("enum").and_then(Json::as_array) {
+        return texts(values);
+    }
+    let variants = schema.get("oneOf").and_then(Json::as_array);
+    let mut found = Vec::new();
+    for variant in variants.into_iter().flatten() {
+        found.extend(
+            variant
+                .get("const")
+                .and_then(Json::as_str)
+                .map(str::to_owned),
+        );
+        found.extend(
+            variant
+                .get("enum")
+                .and_then(Json::as_array)
+                .into_iter()
+                .flat_map(texts),
+        );
+    }
+    found
+}
+
+/// The unit that a name ends with, else the one that the comment names.
+fn unit(key: &str, help: &str, default: &toml::Value) -> &'static str {
+    let number = matches!(
+        default,
+        toml::Value::Float(_) | toml::Value::Integer(_) | toml::Value::Array(_)
+    );
+    if !number {
+        return "";
+    }
+    for (end, unit) in [
+        ("_deg", "°"),
+        ("_px", "px"),
+        ("_ms", "ms"),
+        ("_hz", "Hz"),
+        ("_percent", "%"),
+    ] {
+        if key.ends_with(end) || key.contains(&format!("{end}_")) {
+            return unit;
+        }
+    }
+    for (word, unit) in [
+        ("m/s²", "m/s²"),
+        ("m/s", "m/s"),
+        ("metres per square root", "m/√m"),
+        ("radians per square root", "rad/√rad"),
+        ("degrees per", "°/m"),
+        ("metres per second", "m/s"),
+        ("line widths", "line widths"),
+        ("standard deviations", "σ"),
+        (", metres", "m"),
+        ("metres.", "m"),
+        ("metres)", "m"),
+        (", seconds", "s"),
+        ("Seconds", "s"),
+        ("seconds", "s"),
+        (", degrees", "°"),
+        ("radians", "rad"),
+        (", pixels", "px"),
+        ("turns;", "turns"),
+    ] {
+        if help.contains(word) {
+            return unit;
+        }
+    }
+    ""
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_setting_explains_itself() {
+        let settings = all();
+        assert!(settings.len() > 60, "{}", settings.len());
+        for setting in &settings {
+            assert!(!setting.help.is_empty(), "{}", setting.name());
+        }
+        let range = settings
+            .iter()
+            .find(|setting| setting.name() == "vision.scan.range_max")
+            .expect("a setting");
+        assert_eq!(
+            (range.unit, &range.default),
+            ("m", &toml::Value::Float(9.0))
+        );
+        let tracker = settings
+            .iter()
+            .find(|setting| setting.name() == "localize.tracker")
+            .expect("a setting");
+        assert_eq!(tracker.choices, ["matching", "scan_map", "none"]);
+    }
+
+    #[test]
+    fn an_overlay_holds_what_differs_and_brings_it_back() {
+        let mut config = SpineConfig::default();
+        config.vision.scan.range_max = 7.1;
+        config.localize.mode.strikes_max = 3;
+        let overlay = overlay(&SpineConfig::default(), &config);
+        let text = overlay.to_string();
+        assert!(text.contains("range_max = 7.1\n"), "{text}");
+        assert_eq!(text.matches('=').count(), 2, "{text}");
+        let back: SpineConfig = toml::from_str(&text).expect("a configuration");
+        assert_eq!(back.vision, config.vision);
+        assert_eq!(back.localize, config.localize);
+    }
+}

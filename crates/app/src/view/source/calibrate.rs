@@ -1,0 +1,67 @@
+//! Runs a map calibration beside the view: it takes from seconds to minutes.
+
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, channel};
+
+use anyhow::Result;
+use vision::calibrate::ImageResidual;
+
+use crate::calibrate::{self, LinesArgs, MapArgs, Outcome};
+
+/// What to calibrate from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Kind {
+    /// Images of a strip of bars.
+    #[default]
+    Strip,
+    /// The same, with the mirror's profile trusted.
+    Profile,
+    /// A drive over the field.
+    Lines,
+}
+
+/// What came of it: the summary, and image by image.
+pub(crate) type Found = (Outcome, Vec<ImageResidual>);
+
+/// A calibration under way.
+pub(crate) struct Running(Receiver<Result<Found>>);
+
+impl Running {
+    /// Starts a calibration of a folder; the map goes to `out`.
+    pub(crate) fn start(kind: Kind, dir: PathBuf, out: PathBuf) -> std::io::Result<Self> {
+        let (sender, receiver) = channel();
+        std::thread::Builder::new()
+            .name("calibrate".to_owned())
+            .spawn(move || {
+                let picture = None;
+                let found = match kind {
+                    Kind::Lines => calibrate::lines(&LinesArgs {
+                        dir,
+                        map: None,
+                        out,
+                        picture,
+                    }),
+                    Kind::Strip | Kind::Profile => calibrate::map(&MapArgs {
+                        dir,
+                        out,
+                        picture,
+                        profile: kind == Kind::Profile,
+                    }),
+                };
+                // The panel may be gone.
+                let _ = sender.send(found);
+            })?;
+        Ok(Running(receiver))
+    }
+
+    /// What came of it, once.
+    pub(crate) fn take(&self) -> Option<Result<Found>> {
+        match self.0.try_recv() {
+            Ok(found) => Some(found),
+            Err(std::sync::mpsc::TryRecvError::Empty) => None,
+            Err(std::sync::mpsc::TryRecvError::Disconnected) => {
+                Some(Err(anyhow::anyhow!("the calibration broke off")))
+            }
+        }
+    }
+}

@@ -1,0 +1,126 @@
+//! What if the log's run had had other settings? A thread computes it once more from the recorded inputs.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+
+use anyhow::{Context, Result};
+use vision::robot::BaseConfig;
+
+use crate::cycle::{Spine, SpineConfig};
+use crate::log::{ImageMode, Log};
+use crate::setup::Setup;
+use crate::view::series::{Sample, Series};
+
+/// Cycles that may wait for the view to take them.
+const WAITING: usize = 256;
+
+/// What the thread says.
+enum News {
+    /// A cycle; true if its pose is the recorded one to the last bit.
+    Cycle(Box<Sample>, bool),
+    /// It broke off.
+    Broken(String),
+}
+
+/// A run computed once more; dropping it ends its thread.
+pub(crate) struct Recompute {
+    news: Receiver<News>,
+    stop: Arc<AtomicBool>,
+    /// The numbers of the cycles so far.
+    pub(crate) series: Series,
+    /// Cycles computed.
+    pub(crate) cycles: u64,
+    /// Of these, poses that are not the recorded ones.
+    pub(crate) different: u64,
+    /// Whether vision was computed again, too.
+    pub(crate) sight: bool,
+    /// True once all is computed.
+    pub(crate) done: bool,
+    /// Why it broke off.
+    pub(crate) fault: Option<String>,
+}
+
+impl Recompute {
+    /// Starts to compute the log at `path` with other settings.
+    pub(crate) fn start(path: &Path, config: SpineConfig) -> Result<Self> {
+        let sight = Log::open(path)?.header().images == ImageMode::Png;
+        let (sender, news) = sync_channel(WAITING);
+        let stop = Arc::new(AtomicBool::new(false));
+        let (stopped, path) = (stop.clone(), path.to_owned());
+        std::thread::Builder::new()
+            .name("recompute".to_owned())
+            .spawn(move || {
+                if let Err(error) = compute(&path, &config, sight, &stopped, &sender) {
+                    // The view may have gone on to something else.
+                    let _ = sender.send(News::Broken(format!("{error:#}")));
+                }
+            })?;
+        Ok(Recompute {
+            news,
+            stop,
+            series: Series::default(),
+            cycles: 0,
+            different: 0,
+            sight,
+            done: false,
+            fault: None,
+        })
+    }
+
+    /// Takes what was computed since the last call.
+    pub(crate) fn poll(&mut self) {
+        loop {
+            match self.news.try_recv() {
+                Ok(News::Cycle(sample, same)) => {
+                    self.cycles += 1;
+                    self.different += u64::from(!same);
+                    self.series.push(*sample);
+                }
+                Ok(News::Broken(fault)) => self.fault = Some(fault),
+                Err(TryRecvError::Empty) => return,
+                Err(TryRecvError::Disconnected) => {
+                    self.done = true;
+                    return;
+                }
+            }
+        }
+    }
+}
+
+impl Drop for Recompute {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+fn compute(
+    path: &PathBuf,
+    config: &SpineConfig,
+    sight: bool,
+    stop: &AtomicBool,
+    sender: &SyncSender<News>,
+) -> Result<()> {
+    let log = Log::open(path)?;
+    let folder = tempfile::tempdir().context("no room for the log's files")?;
+    log.header().write_files(folder.path())?;
+    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
+    let mut spine = Spine::new(&setup, config)?;
+    let base: BaseConfig = setup.robot.base.clone().unwrap_or_default();
+    for logged in log {
+        let logged = logged?;
+        for sample in logged.samples(sight)? {
+            let Some(cycle) = spine.take(sample) else {
+                continue;
+            };
+            let same = cycle.estimate.pose == logged.cycle.estimate.pose;
+            let sample = Sample::of(&cycle, &base, 0);
+            let news = News::Cycle(Box::new(sample), same);
+            if stop.load(Ordering::Relaxed) || sender.send(news).is_err() {
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,128 @@
+//! What does a robot elsewhere see? Its live stream, read by a thread of its own, which waits for it if it goes away.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+use super::Shown;
+use super::live::Inbox;
+use crate::feed::{Nothing, Subscription};
+use crate::log::{Header, Logged};
+use crate::setup::Setup;
+use crate::stream::{Client, Event};
+
+/// A robot that listens answers within this.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// Between two looks at the connection.
+const POLL: Duration = Duration::from_millis(100);
+/// Between two attempts to reach a robot that went away.
+const RETRY: Duration = Duration::from_secs(1);
+
+/// The thread's lease: when it is dropped, the thread ends.
+pub(crate) struct Lease(Arc<AtomicBool>);
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A robot that is being watched.
+pub(crate) struct Remote {
+    /// What its log would start with.
+    pub(crate) header: Header,
+    /// Its robot, field and map.
+    pub(crate) setup: Setup,
+    /// The files that the setup's paths lead to.
+    pub(crate) folder: tempfile::TempDir,
+    /// Ends the thread.
+    pub(crate) lease: Lease,
+}
+
+/// Connects to `host:port`, waits for the robot's files, and then hands its cycles over.
+pub(crate) fn connect(address: &str, inbox: Inbox) -> Result<Remote> {
+    let mut client = Client::connect(address, PATIENCE)?;
+    let until = Instant::now() + PATIENCE;
+    let header = loop {
+        match client.next(POLL)? {
+            Some(Event::Header(header)) => break *header,
+            _ if Instant::now() > until => bail!("{address} does not say which robot it is"),
+            _ => {}
+        }
+    };
+    let folder = tempfile::tempdir().context("no room for the robot's files")?;
+    header.write_files(folder.path())?;
+    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let (stopped, address) = (stop.clone(), address.to_owned());
+    std::thread::Builder::new()
+        .name("watch".to_owned())
+        .spawn(move || watch(client, &address, &inbox, &stopped))?;
+    Ok(Remote {
+        header,
+        setup,
+        folder,
+        lease: Lease(stop),
+    })
+}
+
+fn watch(mut client: Client, address: &str, inbox: &Inbox, stop: &AtomicBool) {
+    while !stop.load(Ordering::Relaxed) {
+        match client.next(POLL) {
+            Ok(Some(Event::Cycle(logged))) => inbox.put(shown(*logged)),
+            Ok(_) => {}
+            Err(error) => {
+                inbox.say(Some(format!("{error:#}; waiting for it to come back")));
+                let Some(again) = reconnect(address, stop) else {
+                    return;
+                };
+                client = again;
+                inbox.say(None);
+            }
+        }
+    }
+}
+
+fn reconnect(address: &str, stop: &AtomicBool) -> Option<Client> {
+    while !stop.load(Ordering::Relaxed) {
+        if let Ok(client) = Client::connect(address, PATIENCE) {
+            return Some(client);
+        }
+        std::thread::sleep(RETRY);
+    }
+    None
+}
+
+fn shown(logged: Logged) -> Shown {
+    let mut cycle = logged.cycle;
+    // A broken image leaves a cycle that is still worth seeing.
+    let image = logged.image.and_then(|image| image.decode().ok());
+    cycle.inputs.image = image.map(Into::into);
+    Shown {
+        cycle: Arc::new(cycle),
+        particles: Vec::new(),
+    }
+}
+
+/// Hands on the cycles of a run beside, until it ends.
+pub(crate) fn pump(subscription: Subscription, inbox: Inbox) -> std::io::Result<Lease> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopped = stop.clone();
+    std::thread::Builder::new()
+        .name("watch".to_owned())
+        .spawn(move || {
+            while !stopped.load(Ordering::Relaxed) {
+                match subscription.recv_timeout(POLL) {
+                    Ok(cycle) => inbox.put(Shown::new(cycle, Vec::new())),
+                    Err(Nothing::Yet) => {}
+                    Err(Nothing::Ever) => {
+                        inbox.say(Some("the run has ended".to_owned()));
+                        return;
+                    }
+                }
+            }
+        })?;
+    Ok(Lease(stop))
+}

@@ -1,0 +1,218 @@
+//! A window on this machine's display: opened, remembered, closed. Its thread steps back behind whatever drives.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, anyhow, bail};
+use eframe::egui;
+use egui_tiles::Tree;
+use serde::{Deserialize, Serialize};
+
+use super::Outcome;
+use super::layout::Preset;
+use super::panels::{Pane, camera, field, plots};
+use super::session::Session;
+use super::shell::{Picture, View};
+use super::source::live::{Inbox, Live};
+use super::source::remote;
+use crate::cycle::SpineConfig;
+use crate::feed::Feed;
+use crate::setup::Setup;
+
+/// The name by which desktops and the folder of what is remembered know it.
+const NAME: &str = "mirrorball";
+/// What is remembered goes by this key.
+const MEMORY: &str = "view";
+/// The window at first, points: fits a laptop.
+const SIZE: [f32; 2] = [1280.0, 800.0];
+/// How far the view's threads step back: half as much processor time as `nice` gives at most.
+const NICE: i32 = 10;
+/// A picture is taken after so many frames with a cycle: layers are painted by then.
+const SETTLED_FRAMES: u32 = 12;
+
+/// What the command line asks of the window.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Wishes {
+    /// In place of the remembered arrangement.
+    pub(crate) preset: Option<Preset>,
+    /// A picture, and then out.
+    pub(crate) screenshot: Option<PathBuf>,
+    /// Out after so many seconds.
+    pub(crate) leave_after: Option<f64>,
+}
+
+/// What is remembered from one time to the next.
+#[derive(Serialize, Deserialize)]
+struct Memory {
+    preset: Preset,
+    tree: Tree<Pane>,
+    camera: camera::Shows,
+    field: field::Shows,
+    plots: plots::Plots,
+}
+
+/// Fails in a line where no window can be.
+pub(crate) fn display() -> Result<()> {
+    if std::env::var_os("DISPLAY").is_none_or(|display| display.is_empty()) {
+        bail!(
+            "no display to open a window on (DISPLAY is not set): go to a desktop, use `ssh -X`, or `xvfb-run`"
+        );
+    }
+    Ok(())
+}
+
+/// Shows a session until its window is closed.
+pub(crate) fn show(session: Session, wishes: Wishes) -> Result<Outcome> {
+    // The pool belongs to whoever computes: its threads begin before this one steps back.
+    rayon::broadcast(|_| ());
+    // Where it cannot step back (a stricter system), the view merely runs beside the others.
+    let _ = rustix::process::setpriority_process(None, NICE);
+    let options = eframe::NativeOptions {
+        viewport: egui::ViewportBuilder::default()
+            .with_title(format!("Mirrorball: {}", session.name))
+            .with_app_id(NAME)
+            .with_inner_size(SIZE),
+        renderer: eframe::Renderer::Glow,
+        // Cycles set the pace; a software renderer has no display to wait for.
+        glow_options: eframe::egui_glow::GlowConfiguration {
+            vsync: false,
+            ..Default::default()
+        },
+        persist_window: wishes.screenshot.is_none(),
+        ..Default::default()
+    };
+    let outcome = Arc::new(Mutex::new(None));
+    let told = outcome.clone();
+    let start = move |context: &eframe::CreationContext<'_>| {
+        let preset = wishes.preset.unwrap_or(Preset::Watch);
+        let mut view = View::new(session, preset);
+        recall(&mut view, context.storage, &wishes);
+        view.wake_by_source(&context.egui_ctx);
+        Ok(Box::new(Window {
+            view,
+            wishes,
+            frames: 0,
+            opened: Instant::now(),
+            told,
+        }) as Box<dyn eframe::App>)
+    };
+    eframe::run_native(NAME, options, Box::new(start)).map_err(|error| {
+        // Of the system's word the reason alone: where in its source it arose helps nobody.
+        let words = error.to_string();
+        let reason = words.rsplit(": ").next().unwrap_or(&words);
+        let display = std::env::var("DISPLAY").unwrap_or_default();
+        anyhow!("cannot open a window on display {display}: {reason}")
+    })?;
+    let outcome = outcome
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .take();
+    outcome.context("the window closed before it was drawn")
+}
+
+fn recall(view: &mut View, storage: Option<&dyn eframe::Storage>, wishes: &Wishes) {
+    // A picture shows what its command says, whoever takes it.
+    if wishes.screenshot.is_some() {
+        return;
+    }
+    let memory = storage.and_then(|storage| eframe::get_value::<Memory>(storage, MEMORY));
+    let Some(memory) = memory else {
+        return;
+    };
+    if wishes.preset.is_none() {
+        (view.preset, view.tree) = (memory.preset, memory.tree);
+    }
+    view.panels.camera.shows = memory.camera;
+    view.panels.field.shows = memory.field;
+    view.panels.plots = memory.plots;
+}
+
+struct Window {
+    view: View,
+    wishes: Wishes,
+    /// Frames since there is a cycle.
+    frames: u32,
+    opened: Instant,
+    told: Arc<Mutex<Option<Outcome>>>,
+}
+
+impl eframe::App for Window {
+    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
+        self.view.ui(ui);
+        let ctx = ui.ctx();
+        if let Some(seconds) = self.wishes.leave_after
+            && self.opened.elapsed().as_secs_f64() > seconds
+        {
+            ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+        }
+        if let Some(path) = &self.wishes.screenshot {
+            let looks_at_nothing = self.view.session.name.is_empty();
+            self.frames += u32::from(self.view.session.now.is_some() || looks_at_nothing);
+            if self.frames == SETTLED_FRAMES {
+                let picture = Picture::File(path.clone());
+                self.view.picture(ctx, picture);
+            } else if self.frames > SETTLED_FRAMES && self.view.pictures.is_empty() {
+                ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+            }
+            ctx.request_repaint_after(Duration::from_millis(30));
+        }
+    }
+
+    fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        if self.wishes.screenshot.is_some() {
+            return;
+        }
+        let memory = Memory {
+            preset: self.view.preset,
+            tree: self.view.tree.clone(),
+            camera: self.view.panels.camera.shows,
+            field: self.view.panels.field.shows,
+            plots: self.view.panels.plots.clone(),
+        };
+        eframe::set_value(storage, MEMORY, &memory);
+    }
+
+    fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
+        let (frames, seconds) = self.view.meter.total();
+        let devices = &self.view.session.devices;
+        let outcome = Outcome {
+            frames,
+            seconds,
+            frames_per_s: frames as f64 / seconds.max(1e-3),
+            cycles: devices.cycles,
+            dropped_cycles: devices.dropped,
+        };
+        *self.told.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
+    }
+}
+
+/// Cycles that may wait for the view to take them.
+const WAITING: usize = 16;
+
+/// Runs `drive`, which publishes to the feed it is given, in a thread of its own, and shows its cycles in a window until
+/// that is closed; `drive` then goes on to its end, as it would with no window at all.
+pub fn beside(
+    name: &str,
+    setup: Setup,
+    config: SpineConfig,
+    feed: Feed,
+    drive: impl FnOnce(Feed) -> Result<()> + Send,
+) -> Result<()> {
+    display()?;
+    let inbox = Inbox::default();
+    let lease = remote::pump(feed.subscribe(WAITING), inbox.clone())?;
+    std::thread::scope(|scope| {
+        let driving = std::thread::Builder::new()
+            .name("drive".to_owned())
+            .spawn_scoped(scope, || drive(feed))?;
+        let live = Live::new(inbox, None).with_lease(lease, None);
+        let session = Session::live(name.to_owned(), live, setup, config);
+        if let Err(error) = show(session, Wishes::default()) {
+            eprintln!("mirrorball: {error:#}; the run goes on without a window");
+        }
+        driving
+            .join()
+            .unwrap_or_else(|_| Err(anyhow!("the run broke off")))
+    })
+}

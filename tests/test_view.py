@@ -1,0 +1,156 @@
+"""Does a real window open, draw and obey? Under Xvfb, where that is installed; skipped elsewhere."""
+
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PROGRAM = ROOT / "target" / "release" / "mirrorball"
+SCENARIO = ROOT / "config" / "scenarios" / "demo.toml"
+# A loaded machine opens a window slowly; nothing waits for it to pass.
+PATIENCE_S = 120.0
+
+
+def environment(folder: Path, display: str | None) -> dict[str, str]:
+    """Nothing remembered from another window, and a display or none."""
+    own = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    own |= {"HOME": str(folder), "XDG_DATA_HOME": str(folder / "data")}
+    return own | ({"DISPLAY": display} if display else {})
+
+
+def has_view() -> bool:
+    return PROGRAM.exists() and subprocess.run([PROGRAM, "view", "--help"], capture_output=True, check=False).returncode == 0
+
+
+@pytest.fixture(scope="module")
+def display() -> Iterator[str]:
+    if not has_view():
+        pytest.skip("mirrorball is not built, or without its view")
+    server = shutil.which("Xvfb")
+    if server is None:
+        pytest.skip("Xvfb is not installed")
+    read, write = os.pipe()
+    arguments = [server, "-displayfd", str(write), "-screen", "0", "1280x800x24", "-nolisten", "tcp"]
+    with subprocess.Popen(arguments, pass_fds=[write], stderr=subprocess.DEVNULL) as running:
+        os.close(write)
+        with os.fdopen(read) as told:
+            number = told.readline().strip()
+        if not number:
+            pytest.skip("Xvfb does not start here")
+        yield f":{number}"
+        running.terminate()
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("view") / "demo.mcap"
+    done = subprocess.run(
+        [PROGRAM, "sim", SCENARIO, "--duration", "2", "--record", path], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return path
+
+
+def picture(path: Path) -> np.ndarray:
+    """Pixels of a PNG, by the program that every image here can be read with."""
+    from PIL import Image
+
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+@pytest.mark.parametrize("preset", ["watch", "eyes", "place", "simulate", "calibrate", "health"])
+def test_each_arrangement_of_a_log_is_drawn(display: str, log: Path, tmp_path: Path, preset: str) -> None:
+    pytest.importorskip("PIL")
+    shot = tmp_path / "shot.png"
+    arguments = [PROGRAM, "view", log, "--at", "1", "--preset", preset, "--screenshot", shot]
+    done = subprocess.run(
+        arguments,
+        env=environment(tmp_path, display),
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    pixels = picture(shot)
+    assert pixels.shape == (800, 1280, 3)
+    colours = np.unique(pixels.reshape(-1, 3), axis=0)
+    assert len(colours) > 500, "an image of the floor has many colours, an empty window few"
+
+
+def test_without_a_display_the_view_says_so_in_a_line(tmp_path: Path) -> None:
+    if not has_view():
+        pytest.skip("mirrorball is not built, or without its view")
+    for display in (None, ":7777"):
+        done = subprocess.run(
+            [PROGRAM, "view", SCENARIO],
+            env=environment(tmp_path, display),
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+        )
+        assert done.returncode == 1
+        assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+        assert "display" in done.stderr or "window" in done.stderr
+
+
+def test_keys_reach_a_real_window(display: str, log: Path, tmp_path: Path) -> None:
+    if shutil.which("xdotool") is None:
+        pytest.skip("xdotool is not installed")
+    own = environment(tmp_path, display)
+    with subprocess.Popen([PROGRAM, "view", log], env=own, cwd=tmp_path, stderr=subprocess.PIPE) as window:
+        try:
+            found = subprocess.run(
+                ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"],
+                env=own,
+                capture_output=True,
+                text=True,
+                timeout=PATIENCE_S,
+                check=True,
+            )
+            name = found.stdout.split()[0]
+            subprocess.run(["xdotool", "windowfocus", name], env=own, check=True)
+            until = time.monotonic() + PATIENCE_S
+            # Keys pressed before the window listens are lost: press until it obeys.
+            while not list(tmp_path.glob("mirrorball_*.png")) and time.monotonic() < until:
+                subprocess.run(["xdotool", "mousemove", "640", "10", "key", "ctrl+s"], env=own, check=True)
+                time.sleep(1.0)
+            assert list(tmp_path.glob("mirrorball_*.png")), "Ctrl+S takes a picture"
+        finally:
+            window.kill()
+
+
+def test_a_run_goes_on_when_its_window_is_gone(display: str, tmp_path: Path) -> None:
+    if shutil.which("xdotool") is None:
+        pytest.skip("xdotool is not installed")
+    own = environment(tmp_path, display)
+    poses = [tmp_path / "with.csv", tmp_path / "without.csv"]
+    common = [PROGRAM, "sim", SCENARIO, "--duration", "3", "--json", "--out"]
+    subprocess.run([*common, poses[1]], check=True, capture_output=True)
+    with subprocess.Popen([*common, poses[0], "--view"], env=own, stdout=subprocess.PIPE, text=True) as run:
+        found = subprocess.run(
+            ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"],
+            env=own,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=True,
+        )
+        name = found.stdout.split()[0]
+        subprocess.run(["xdotool", "windowfocus", name], env=own, check=True)
+        # Keys pressed before the window listens are lost: press until it is gone.
+        while run.poll() is None:
+            subprocess.run(["xdotool", "mousemove", "640", "10", "key", "ctrl+q"], env=own, check=True)
+            time.sleep(0.5)
+        out, _ = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 0
+    assert json.loads(out)["simulated_s"] == 3.0
+    assert poses[0].read_bytes() == poses[1].read_bytes(), "the same bits, watched or not"
