@@ -45,8 +45,9 @@ const PART_MAX: f32 = 20.0;
 const TWIST_STD: [f32; 3] = [3.0, 3.0, 6.0];
 /// How much a standing robot trembles, metres and radians per square root of a second.
 const TREMBLE: [f32; 2] = [0.002, 0.0005];
-/// Part of a shock that the accelerometer may miss: it saturates, and its axes are no better aligned.
-const SHOCK_PART: f32 = 0.2;
+/// Part of a shock that the accelerometer misses: its scale and axes are no better. Were it more, nobody could say
+/// afterwards that the wheels err.
+const SHOCK_PART: f32 = 0.03;
 /// No variance falls below this: what single precision resolves beside a metre, squared.
 const VARIANCE_MIN: f32 = 1e-13;
 
