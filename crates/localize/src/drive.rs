@@ -144,8 +144,8 @@ impl<R: Rng> Drive<R> {
             self.pose.y + vy * dt,
             self.pose.theta + turn * dt,
         );
-        // In the robot frame, about the middle of the turn, as wheels integrate it.
-        let (sin, cos) = (self.pose.theta + 0.5 * turn * dt).sin_cos();
+        // In the robot frame at the start, as odometry is told.
+        let (sin, cos) = self.pose.theta.sin_cos();
         let motion = [
             (cos * vx + sin * vy) * dt,
             (cos * vy - sin * vx) * dt,
