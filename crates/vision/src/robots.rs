@@ -102,7 +102,7 @@ fn split(
     config: &ObjectConfig,
     found: &mut Vec<Robot>,
 ) {
-    let range = |place: usize| columns[group[place]].map_or(f32::INFINITY, |c| c.range);
+    let range = |place: usize| columns[group[place]].map_or(f32::INFINITY, |c| c.smooth);
     let nearest = (0..group.len()).map(range).fold(f32::INFINITY, f32::min);
     let ray_angle = std::f32::consts::TAU / columns.len() as f32;
     // Seen corner on, the league's square robot is √2 wider than its side.
