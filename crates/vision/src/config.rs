@@ -83,7 +83,10 @@ pub struct ColourConfig {
 pub struct AdaptConfig {
     /// False: colours stay as they were learned.
     pub enabled: bool,
-    /// Share of the way that the tracked colours go towards each frame's: 0.03 is about a second at 30 frames a second.
+    /// Every so many frames are looked at: light that changes faster is learned anew.
+    pub every: u32,
+    /// Share of the way that the tracked colours go towards each such frame's: 0.25 of every tenth is about a second at
+    /// 30 frames a second.
     pub rate: f32,
     /// Brightness follows by this factor up or down, at most; another light is learned anew.
     pub brightness_max: f32,
@@ -97,7 +100,8 @@ impl Default for AdaptConfig {
     fn default() -> Self {
         AdaptConfig {
             enabled: true,
-            rate: 0.03,
+            every: 10,
+            rate: 0.25,
             brightness_max: 1.6,
             chroma_max: 0.25,
             rebuild_off: 0.08,

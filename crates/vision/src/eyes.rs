@@ -85,6 +85,8 @@ struct Light {
     carpet_share: f32,
     format: PixelFormat,
     adaptation: Adaptation,
+    /// Seen in this light.
+    frames: u32,
 }
 
 /// Fewer runs than this do not tell white's colour.
@@ -303,6 +305,7 @@ impl Eyes {
             model,
             format,
             adaptation: Adaptation::new(model),
+            frames: 0,
         }
     }
 
@@ -332,7 +335,8 @@ impl Eyes {
     /// Follows slow changes of the light by what this frame confirms.
     fn follow(&mut self, frame: &Frame<'_>, light: &mut Light, seen: &Seen) {
         let config = &self.config.colours.adapt;
-        if !config.enabled || seen.learned {
+        light.frames += 1;
+        if !config.enabled || seen.learned || !light.frames.is_multiple_of(config.every.max(1)) {
             return;
         }
         let is_carpet = |index: usize| {
