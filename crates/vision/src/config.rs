@@ -85,8 +85,8 @@ pub struct AdaptConfig {
     pub enabled: bool,
     /// Every so many frames are looked at: light that changes faster is learned anew.
     pub every: u32,
-    /// Share of the way that the tracked colours go towards each such frame's: 0.25 of every tenth is about a second at
-    /// 30 frames a second.
+    /// Share of the way that the tracked colours go towards each such frame's: 0.03 of every tenth takes some ten seconds
+    /// at 30 frames a second.
     pub rate: f32,
     /// Brightness follows by this factor up or down, at most; another light is learned anew.
     pub brightness_max: f32,
@@ -101,7 +101,7 @@ impl Default for AdaptConfig {
         AdaptConfig {
             enabled: true,
             every: 10,
-            rate: 0.25,
+            rate: 0.03,
             brightness_max: 1.6,
             chroma_max: 0.25,
             rebuild_off: 0.08,
