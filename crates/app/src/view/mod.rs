@@ -12,6 +12,7 @@ mod keys;
 mod layers;
 mod layout;
 mod meter;
+mod named;
 mod panels;
 mod panzoom;
 mod report;

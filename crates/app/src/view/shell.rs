@@ -10,6 +10,7 @@ use egui_tiles::Tree;
 use super::layers::{Layers, Wanted};
 use super::layout::{self, PRESETS, Preset};
 use super::meter::Meter;
+use super::named::Named;
 use super::panels::{Desk, PANES, Pane, Panels};
 use super::session::Session;
 use super::source::Source;
@@ -194,7 +195,8 @@ impl View {
         ui.label("A log (.mcap) or a scenario (.toml):");
         ui.horizontal(|ui| {
             let line = egui::TextEdit::singleline(&mut self.path).desired_width(260.0);
-            let entered = ui.add(line).lost_focus() && ui.input(|i| i.key_pressed(Key::Enter));
+            let entered = ui.add(line).named("Log or scenario").lost_focus()
+                && ui.input(|i| i.key_pressed(Key::Enter));
             if ui.button("Open").clicked() || entered {
                 let path = PathBuf::from(self.path.trim());
                 self.open(&path, &ui.ctx().clone());

@@ -207,6 +207,7 @@ fn a_log_computed_again_with_its_own_settings_gives_its_own_poses_and_with_other
     let mut harness = opened(Preset::Eyes);
     let same = |view: &View| view.session.recompute.as_ref().is_some_and(|r| r.done);
     harness.get_by_label("Recompute log").click();
+    harness.run_steps(1);
     until(&mut harness, "the run", same);
     let recompute = harness.state().session.recompute.as_ref().expect("a run");
     assert_eq!((recompute.fault.as_deref(), recompute.different), (None, 0));
@@ -217,6 +218,7 @@ fn a_log_computed_again_with_its_own_settings_gives_its_own_poses_and_with_other
     view.panels.parameters.apply(&mut view.session, config);
     harness.run_steps(2);
     harness.get_by_label("Recompute log").click();
+    harness.run_steps(1);
     until(&mut harness, "the run", same);
     let recompute = harness.state().session.recompute.as_ref().expect("a run");
     assert!(recompute.different > 0);

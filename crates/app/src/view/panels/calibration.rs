@@ -16,6 +16,7 @@ use crate::cycle::SPINE_FILE;
 use crate::log::Header;
 use crate::view::brush::{Brush, Tool};
 use crate::view::ink;
+use crate::view::named::Named;
 use crate::view::session::Session;
 use crate::view::settings;
 use crate::view::source::calibrate::{Found, Kind, Running};
@@ -87,7 +88,7 @@ impl Calibration {
                 .show(ui, |ui| {
                     ui.label("A folder with robot.toml, field.toml, map.npz (masked pixels show no ground), the colour table, the labels with their images, and settings.");
                     ui.horizontal(|ui| {
-                        ui.add(egui::TextEdit::singleline(&mut self.folder).desired_width(180.0));
+                        ui.add(egui::TextEdit::singleline(&mut self.folder).desired_width(180.0)).named("Folder to write");
                         if ui.button("Write").clicked() {
                             let written = self.write(session, brush, parameters);
                             self.say(written.map(|()| format!("written: {}", self.folder)));
@@ -174,9 +175,11 @@ impl Calibration {
         });
         ui.horizontal(|ui| {
             ui.label("Folder");
-            ui.add(egui::TextEdit::singleline(&mut self.dir).desired_width(180.0));
+            ui.add(egui::TextEdit::singleline(&mut self.dir).desired_width(180.0))
+                .named("Folder");
             ui.label("map");
-            ui.add(egui::TextEdit::singleline(&mut self.out).desired_width(120.0));
+            ui.add(egui::TextEdit::singleline(&mut self.out).desired_width(120.0))
+                .named("map");
         });
         let idle = self.running.is_none();
         let button = egui::Button::new(if idle { "Calibrate" } else { "Calibrating" });
@@ -365,7 +368,7 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
                 ("height ", &mut window.height_px),
             ] {
                 let drag = egui::DragValue::new(value).prefix(prefix).suffix(" px");
-                changed |= ui.add(drag.max_decimals(1)).changed();
+                changed |= ui.add(drag.max_decimals(1)).named(name).changed();
             }
             ui.end_row();
         }

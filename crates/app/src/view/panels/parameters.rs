@@ -7,6 +7,7 @@ use eframe::egui::{self, Color32, RichText, Ui};
 
 use crate::cycle::SpineConfig;
 use crate::view::ink;
+use crate::view::named::Named;
 use crate::view::session::Session;
 use crate::view::settings::{self, Setting};
 use crate::view::source::worker::Order;
@@ -91,7 +92,8 @@ impl Parameters {
         }
         ui.horizontal(|ui| {
             ui.label("Search");
-            ui.add(egui::TextEdit::singleline(&mut self.filter).desired_width(160.0));
+            ui.add(egui::TextEdit::singleline(&mut self.filter).desired_width(160.0))
+                .named("Search");
             ui.checkbox(&mut self.different, "Only what differs");
         });
         let mut changed = None;
@@ -125,7 +127,8 @@ impl Parameters {
                     self.apply(session, session.ran_with.clone());
                 }
             }
-            ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(140.0));
+            ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(140.0))
+                .named("Configuration file");
             let hint =
                 "Writes what differs from the defaults; run, sim and locate take it as --config";
             if ui.button("Save overlay").on_hover_text(hint).clicked() {
@@ -260,14 +263,20 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
     match value {
         toml::Value::Boolean(on) => {
             let mut on = *on;
-            ui.checkbox(&mut on, "").changed().then(|| on.into())
+            ui.checkbox(&mut on, "")
+                .named(&setting.name())
+                .changed()
+                .then(|| on.into())
         }
         toml::Value::Integer(number) => {
             let mut number = *number;
             let drag = egui::DragValue::new(&mut number).update_while_editing(false);
-            ui.add(drag).changed().then(|| number.into())
+            ui.add(drag)
+                .named(&setting.name())
+                .changed()
+                .then(|| number.into())
         }
-        toml::Value::Float(number) => drag(ui, *number).map(toml::Value::Float),
+        toml::Value::Float(number) => drag(ui, &setting.name(), *number).map(toml::Value::Float),
         toml::Value::String(text) if !setting.choices.is_empty() => {
             let mut chosen = text.clone();
             egui::ComboBox::from_id_salt(setting.name())
@@ -276,14 +285,19 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
                     for choice in &setting.choices {
                         ui.selectable_value(&mut chosen, choice.clone(), choice);
                     }
-                });
+                })
+                .response
+                .named(&setting.name());
             (chosen != *text).then(|| chosen.into())
         }
         toml::Value::Array(values) if values.iter().any(toml::Value::is_float) => {
             let mut values = values.clone();
             let mut changed = false;
             for value in &mut values {
-                if let Some(number) = value.as_float().and_then(|number| drag(ui, number)) {
+                if let Some(number) = value
+                    .as_float()
+                    .and_then(|number| drag(ui, &setting.name(), number))
+                {
                     *value = toml::Value::Float(number);
                     changed = true;
                 }
@@ -306,7 +320,7 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
     }
 }
 
-fn drag(ui: &mut Ui, number: f64) -> Option<f64> {
+fn drag(ui: &mut Ui, name: &str, number: f64) -> Option<f64> {
     // Shown as a person would write it.
     let mut short: f64 = format!("{:?}", number as f32).parse().unwrap_or(number);
     let speed = (short.abs() * 0.01).max(0.001);
@@ -314,5 +328,5 @@ fn drag(ui: &mut Ui, number: f64) -> Option<f64> {
         .speed(speed)
         .max_decimals(6)
         .update_while_editing(false);
-    ui.add(drag).changed().then_some(short)
+    ui.add(drag).named(name).changed().then_some(short)
 }

@@ -8,6 +8,7 @@ use localize::omni::Twist;
 use sim::scenario::FaultKind;
 
 use crate::view::ink;
+use crate::view::named::Named;
 use crate::view::session::Session;
 use crate::view::source::worker::{Order, SimWorker};
 
@@ -94,7 +95,7 @@ impl Simulator {
                     }
                     let seed = self.seed.get_or_insert(status.seed);
                     ui.label("seed");
-                    ui.add(egui::DragValue::new(seed));
+                    ui.add(egui::DragValue::new(seed)).named("seed");
                     if ui.button("Restart").clicked() {
                         worker.order(Order::Restart(*seed));
                         self.faults = [false; FAULTS.len()];
@@ -137,7 +138,9 @@ impl Simulator {
                             self.open = Some(path.clone());
                         }
                     }
-                });
+                })
+                .response
+                .named("Scenario");
         });
     }
 
@@ -149,21 +152,26 @@ impl Simulator {
                     .speed(0.05)
                     .prefix("x ")
                     .suffix(" m"),
-            );
+            )
+            .named("kidnapped to x");
             ui.add(
                 egui::DragValue::new(y)
                     .speed(0.05)
                     .prefix("y ")
                     .suffix(" m"),
-            );
-            ui.add(egui::DragValue::new(degrees).suffix("°"));
+            )
+            .named("kidnapped to y");
+            ui.add(egui::DragValue::new(degrees).suffix("°"))
+                .named("kidnapped to heading");
             if ui.button("Kidnap").clicked() {
                 worker.order(Order::Kidnap(Pose::new(*x, *y, degrees.to_radians())));
             }
         });
         ui.horizontal_wrapped(|ui| {
-            ui.add(egui::DragValue::new(&mut self.push).suffix(" N s"));
-            ui.add(egui::DragValue::new(&mut self.push_deg).suffix("°"));
+            ui.add(egui::DragValue::new(&mut self.push).suffix(" N s"))
+                .named("strength of the push");
+            ui.add(egui::DragValue::new(&mut self.push_deg).suffix("°"))
+                .named("direction of the push");
             if ui.button("Push").clicked() {
                 let (sin, cos) = self.push_deg.to_radians().sin_cos();
                 worker.order(Order::Push([self.push * cos, self.push * sin]));
@@ -174,8 +182,10 @@ impl Simulator {
                 egui::DragValue::new(&mut self.kick)
                     .speed(0.1)
                     .suffix(" m/s"),
-            );
-            ui.add(egui::DragValue::new(&mut self.kick_deg).suffix("°"));
+            )
+            .named("speed of the kick");
+            ui.add(egui::DragValue::new(&mut self.kick_deg).suffix("°"))
+                .named("direction of the kick");
             let now = session.now.as_ref();
             let truth = now.and_then(|now| now.cycle.inputs.truth.as_ref());
             let ball = truth.and_then(|truth| truth.ball);
@@ -196,7 +206,7 @@ impl Simulator {
             }
             if let Some(level) = &mut self.light {
                 let slider = egui::Slider::new(level, 0.02..=4.0).logarithmic(true);
-                if ui.add(slider).changed() || switched {
+                if ui.add(slider).named("light").changed() || switched {
                     worker.order(Order::Light(Some(*level)));
                 }
             } else if switched {
@@ -212,8 +222,13 @@ impl Simulator {
         });
         ui.horizontal_wrapped(|ui| {
             ui.label("white balance");
-            for gain in &mut changed.white_balance {
-                ui.add(egui::DragValue::new(gain).speed(0.01).range(0.2..=4.0));
+            for (gain, channel) in changed
+                .white_balance
+                .iter_mut()
+                .zip(["red", "green", "blue"])
+            {
+                ui.add(egui::DragValue::new(gain).speed(0.01).range(0.2..=4.0))
+                    .named(channel);
             }
         });
         if changed != film {
@@ -227,9 +242,12 @@ impl Simulator {
             }
             if let Some((middle, width)) = &mut self.occlusion {
                 let middle = egui::DragValue::new(middle).suffix("°").prefix("at ");
-                changed |= ui.add(middle).changed();
+                changed |= ui.add(middle).named("middle of the occlusion").changed();
                 let width = egui::DragValue::new(width).suffix("°").prefix("wide ");
-                changed |= ui.add(width.range(0.0..=360.0)).changed();
+                changed |= ui
+                    .add(width.range(0.0..=360.0))
+                    .named("width of the occlusion")
+                    .changed();
             }
             if changed {
                 worker.order(Order::Occlude(self.occlusion));
@@ -249,7 +267,8 @@ impl Simulator {
                 egui::DragValue::new(&mut self.wheel)
                     .range(0..=3)
                     .prefix("wheel "),
-            );
+            )
+            .named("wheel that fails");
         });
     }
 

@@ -4,6 +4,7 @@ use eframe::egui::{self, Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui,
 use localize::estimate::Mode;
 
 use crate::view::ink;
+use crate::view::named::Named;
 use crate::view::series::Series;
 use crate::view::session::Session;
 use crate::view::source::Source;
@@ -85,7 +86,8 @@ impl Timeline {
                 egui::TextEdit::singleline(&mut self.text)
                     .hint_text("mark")
                     .desired_width(90.0),
-            );
+            )
+            .named("text of the mark");
             if ui.button("Mark").on_hover_text("M").clicked() {
                 session.mark(&std::mem::take(&mut self.text));
             }
@@ -107,7 +109,9 @@ fn speed(ui: &mut Ui, session: &mut Session) {
                     let text = format!("{speed} x");
                     ui.selectable_value(&mut session.clock.speed, speed, text);
                 }
-            });
+            })
+            .response
+            .named("speed");
     });
     if session.clock.speed != before {
         session.pace(session.clock.speed);
