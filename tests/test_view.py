@@ -69,7 +69,7 @@ def picture(path: Path) -> np.ndarray:
 def test_each_arrangement_of_a_log_is_drawn(display: str, log: Path, tmp_path: Path, preset: str) -> None:
     pytest.importorskip("PIL")
     shot = tmp_path / "shot.png"
-    arguments = [PROGRAM, "view", log, "--at", "1", "--preset", preset, "--screenshot", shot]
+    arguments: list[str | Path] = [PROGRAM, "view", log, "--at", "1", "--preset", preset, "--screenshot", shot]
     done = subprocess.run(
         arguments,
         env=environment(tmp_path, display),
@@ -133,7 +133,7 @@ def test_a_run_goes_on_when_its_window_is_gone(display: str, tmp_path: Path) -> 
         pytest.skip("xdotool is not installed")
     own = environment(tmp_path, display)
     poses = [tmp_path / "with.csv", tmp_path / "without.csv"]
-    common = [PROGRAM, "sim", SCENARIO, "--duration", "3", "--json", "--out"]
+    common: list[str | Path] = [PROGRAM, "sim", SCENARIO, "--duration", "3", "--json", "--out"]
     subprocess.run([*common, poses[1]], check=True, capture_output=True)
     with subprocess.Popen([*common, poses[0], "--view"], env=own, stdout=subprocess.PIPE, text=True) as run:
         found = subprocess.run(

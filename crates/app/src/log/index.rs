@@ -60,9 +60,8 @@ impl Index {
         let mut topics = HashMap::new();
         let (parts, end) = match summary(path) {
             Ok(Some(summary)) => {
-                for (id, channel) in &summary.channels {
-                    topics.insert(*id, channel.topic.clone());
-                }
+                let channels = summary.channels.iter();
+                topics.extend(channels.map(|(id, channel)| (*id, channel.topic.clone())));
                 let part = |chunk: &mcap::records::ChunkIndex| Part {
                     offset: chunk.chunk_start_offset,
                     length: chunk.chunk_length,

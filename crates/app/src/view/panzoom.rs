@@ -83,17 +83,17 @@ impl PanZoom {
 
 impl Placed {
     /// Where a place of the picture is on the screen.
-    pub(crate) fn to_screen(&self, x: f32, y: f32) -> Pos2 {
+    pub(crate) fn to_screen(self, x: f32, y: f32) -> Pos2 {
         self.origin + self.scale * Vec2::new(x, y)
     }
 
     /// Which place of the picture is there.
-    pub(crate) fn to_picture(&self, at: Pos2) -> Vec2 {
+    pub(crate) fn to_picture(self, at: Pos2) -> Vec2 {
         (at - self.origin) / self.scale
     }
 
     /// The whole picture on the screen.
-    pub(crate) fn rect(&self, size: Vec2) -> Rect {
+    pub(crate) fn rect(self, size: Vec2) -> Rect {
         Rect::from_min_size(self.origin, size * self.scale)
     }
 }

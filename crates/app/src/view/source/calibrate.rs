@@ -1,7 +1,7 @@
 //! Runs a map calibration beside the view: it takes from seconds to minutes.
 
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 
 use anyhow::Result;
 use vision::calibrate::ImageResidual;
@@ -29,7 +29,7 @@ pub(crate) struct Running(Receiver<Result<Found>>);
 impl Running {
     /// Starts a calibration of a folder; the map goes to `out`.
     pub(crate) fn start(kind: Kind, dir: PathBuf, out: PathBuf) -> std::io::Result<Self> {
-        let (sender, receiver) = channel();
+        let (sender, receiver) = sync_channel(1);
         std::thread::Builder::new()
             .name("calibrate".to_owned())
             .spawn(move || {

@@ -1,6 +1,6 @@
 //! What if the log's run had had other settings? A thread computes it once more from the recorded inputs.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
@@ -96,7 +96,7 @@ impl Drop for Recompute {
 }
 
 fn compute(
-    path: &PathBuf,
+    path: &Path,
     config: &SpineConfig,
     sight: bool,
     stop: &AtomicBool,

@@ -1,7 +1,7 @@
 //! A simulation of the view's own: a thread that plays a scenario at its pace and takes orders between two samples.
 
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -20,6 +20,9 @@ use crate::simulation::Simulation;
 
 /// A pause lasts at most so long before the thread looks for orders again.
 const NAP: Duration = Duration::from_millis(20);
+
+/// So many orders wait at most: some seconds of a hand that drives, one order a drawn frame.
+const ORDERS: usize = 256;
 /// Behind its pace by more than this, it does not try to catch up, seconds.
 const LATE: f64 = 0.1;
 
@@ -79,7 +82,7 @@ pub(crate) struct Status {
 pub(crate) struct SimWorker {
     /// The scenario's file.
     pub(crate) scenario: PathBuf,
-    orders: Sender<Order>,
+    orders: SyncSender<Order>,
     status: Arc<Mutex<Status>>,
 }
 
@@ -103,7 +106,7 @@ impl SimWorker {
             film: *simulation.sim().film(),
             refused: None,
         }));
-        let (orders, received) = channel();
+        let (orders, received) = sync_channel(ORDERS);
         let mut running = Running {
             scenario: scenario.to_owned(),
             setup: simulation.setup()?,
@@ -130,8 +133,8 @@ impl SimWorker {
 
     /// Asks for something; it is done between two samples.
     pub(crate) fn order(&self, order: Order) {
-        // The thread ends with this sender alone.
-        let _ = self.orders.send(order);
+        // The thread ends with this sender alone; what a stuck one cannot take is not waited for.
+        let _ = self.orders.try_send(order);
     }
 
     /// How it stands.
