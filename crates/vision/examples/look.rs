@@ -109,7 +109,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 &record[1],
                 &image,
                 &map,
-                &eyes,
+                &mut eyes,
                 &seen,
                 truth.get(index),
                 &field,
@@ -126,7 +126,7 @@ fn save(
     file: &str,
     image: &Image,
     map: &GroundMap,
-    eyes: &Eyes,
+    eyes: &mut Eyes,
     seen: &vision::Seen,
     pose: Option<&Pose>,
     field: &Field,
@@ -157,8 +157,9 @@ fn save(
     }
     points.flush()?;
     let mut classes = overlay::enlarged(image, 2);
-    for (sample, class) in eyes.pattern().samples.iter().zip(eyes.classes()) {
-        let colour = overlay::class_colour(*class);
+    let of_samples = eyes.classify(&image.frame())?.to_vec();
+    for (sample, class) in eyes.pattern().samples.iter().zip(of_samples) {
+        let colour = overlay::class_colour(class);
         let (u, v) = (2 * i64::from(sample.u), 2 * i64::from(sample.v));
         overlay::dot(&mut classes, u, v, colour);
         overlay::dot(&mut classes, u + 1, v, colour);

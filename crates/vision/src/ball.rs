@@ -69,6 +69,22 @@ impl Visited {
 /// A region larger than this is no ball, pixels: flooding stops.
 const LARGEST_REGION: usize = 20_000;
 
+/// Pixels beside one of a region: two far, so that noise and a thin cable do not cut a ball.
+const NEIGHBOURS: [(i32, i32); 12] = [
+    (-1, 0),
+    (1, 0),
+    (0, -1),
+    (0, 1),
+    (-2, 0),
+    (2, 0),
+    (0, -2),
+    (0, 2),
+    (-1, -1),
+    (1, -1),
+    (-1, 1),
+    (1, 1),
+];
+
 /// Directions in which a region's surroundings are looked at.
 const WAYS: usize = 24;
 /// So far outside the region its blurred edge has ended, pixels.
@@ -97,40 +113,31 @@ impl BallSearch<'_> {
 
     fn flood(&self, [u, v]: [u16; 2], visited: &mut Visited, region: &mut Vec<[u16; 2]>) {
         region.clear();
-        let width = self.map.width_px;
+        let (width, height) = (self.map.width_px, self.map.height_px);
         if !visited.visit(usize::from(v) * width + usize::from(u)) {
             return;
         }
         region.push([u, v]);
         let mut next = 0;
         while next < region.len() && region.len() < LARGEST_REGION {
-            let [u, v] = region[next];
+            let [u, v] = region[next].map(i32::from);
             next += 1;
-            // Two pixels far, so that noise and a thin cable do not cut a ball.
-            for (du, dv) in [
-                (-1i32, 0i32),
-                (1, 0),
-                (0, -1),
-                (0, 1),
-                (-2, 0),
-                (2, 0),
-                (0, -2),
-                (0, 2),
-                (-1, -1),
-                (1, -1),
-                (-1, 1),
-                (1, 1),
-            ] {
-                let (u, v) = (i32::from(u) + du, i32::from(v) + dv);
-                if u < 0 || v < 0 || u as usize >= width || v as usize >= self.map.height_px {
+            let inside = |column: i32, row: i32| {
+                (0..width as i32).contains(&column) && (0..height as i32).contains(&row)
+            };
+            // Near the border each neighbour is asked whether it is inside.
+            let inner = inside(u - 2, v - 2) && inside(u + 2, v + 2);
+            for (du, dv) in NEIGHBOURS {
+                let (column, row) = (u + du, v + dv);
+                if !(inner || inside(column, row)) {
                     continue;
                 }
-                let (column, row) = (u as usize, v as usize);
+                let (column, row) = (column as usize, row as usize);
                 // Once visited a pixel's class is known: in the region, or not of it.
                 if visited.visit(row * width + column)
                     && self.table.class(self.frame.native(column, row)) == Class::BALL
                 {
-                    region.push([u as u16, v as u16]);
+                    region.push([column as u16, row as u16]);
                 }
             }
         }

@@ -15,6 +15,7 @@ use crate::image::{Frame, PixelFormat, rgb_of_yuv, yuv_of_rgb};
 use crate::labels::ColourTable;
 use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points, thresholds};
 use crate::rays::{RaySight, Rays};
+use crate::reach::Reach;
 use crate::read::{BrightnessReader, ClassReader};
 use crate::robots::{Robot, robots};
 use crate::scan::ScanPattern;
@@ -58,6 +59,7 @@ pub struct Eyes {
     line_width: f32,
     pattern: ScanPattern,
     brightness: BrightnessReader,
+    reach: Reach,
     /// Reads all of the pattern's samples.
     every: ClassReader,
     /// Reads each [`SHARE_STEP`]th of them.
@@ -145,6 +147,7 @@ impl Eyes {
         Ok(Eyes {
             map: map.clone(),
             brightness: BrightnessReader::new(&places, map.width_px, map.height_px),
+            reach: Reach::new(&pattern, rays.count()),
             every: ClassReader::new(places),
             some_classes: vec![Class::OTHER; some.len()],
             some: ClassReader::new(some),
@@ -178,9 +181,14 @@ impl Eyes {
         self.windows.laid()
     }
 
-    /// The classes of the pattern's samples in the last frame that [`Eyes::see`] saw, one a sample.
-    pub fn classes(&self) -> &[Class] {
-        &self.classes
+    /// The classes of the pattern's samples in a frame, one a sample, under the light of the frame that was seen last.
+    pub fn classify(&mut self, frame: &Frame<'_>) -> Result<&[Class], VisionError> {
+        frame.check(self.map.width_px, self.map.height_px)?;
+        if let Some(light) = self.light.take() {
+            self.read_every(frame, &light.table);
+            self.light = Some(light);
+        }
+        Ok(&self.classes)
     }
 
     /// Carpet and white under the present light, once a frame was seen.
@@ -418,7 +426,6 @@ impl Eyes {
         seen: &mut Seen,
     ) {
         self.rays.read_beyond(frame, &light.table);
-        self.read_every(frame, &light.table);
         seen.robots = robots(&self.rays, sights, &self.config.objects);
         seen.goals = goals(&self.rays, sights);
         let search = BallSearch {
@@ -429,13 +436,11 @@ impl Eyes {
             carpet_end: &seen.carpet_end,
             centre_px: self.centre_px,
         };
-        let seeds = self.pattern.samples.iter().zip(&self.classes);
+        let seeds = self.rays.of_class(Class::BALL);
         let seeds = seeds
-            .filter(|&(sample, &class)| {
-                // The near part of a ball seems to lie no farther than it is.
-                class == Class::BALL && !search.beyond_carpet(sample.turns, sample.range / 1.5)
-            })
-            .map(|(sample, _)| [sample.u, sample.v]);
+            // The near part of a ball seems to lie no farther than it is.
+            .filter(|(turns, sample)| !search.beyond_carpet(*turns, sample.range / 1.5))
+            .map(|(_, sample)| [sample.u, sample.v]);
         seen.ball = search.best(seeds, &mut self.visited);
         let ball_px = seen.ball.map(|ball| ball.at_px);
         seen.windows = self.windows.read(frame, &light.table, ball_px);
@@ -444,6 +449,8 @@ impl Eyes {
     fn find_lines(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
         let reading = Reading {
             pattern: &self.pattern,
+            reach: &self.reach,
+            places: self.every.places(),
             brightness: &self.brightness,
             thresholds: &self.thresholds,
         };

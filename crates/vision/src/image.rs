@@ -133,6 +133,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Red, green and blue of a pixel inside the frame.
+    #[inline]
     pub fn rgb(&self, column: usize, row: usize) -> [u8; 3] {
         let native = self.native(column, row);
         if self.format.is_yuv() {
@@ -143,8 +144,18 @@ impl<'a> Frame<'a> {
     }
 
     /// A pixel's channels as the camera has them: Y, U, V of YUV formats, red, green, blue of all others.
-    #[inline]
+    #[inline(always)]
     pub fn native(&self, column: usize, row: usize) -> [u8; 3] {
+        if self.format == PixelFormat::Rgb8 {
+            let start = row * self.stride + 3 * column;
+            let bytes = &self.data[start..start + 3];
+            return [bytes[0], bytes[1], bytes[2]];
+        }
+        self.shared_native(column, row)
+    }
+
+    /// As [`Frame::native`]; kept apart, since its many cases are too much to stand in every loop.
+    fn shared_native(&self, column: usize, row: usize) -> [u8; 3] {
         let start = row * self.stride;
         let at = |offset: usize| self.data[start + offset];
         match self.format {

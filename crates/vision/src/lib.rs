@@ -17,6 +17,7 @@ pub mod carpet;
 pub mod colours;
 pub mod labels;
 
+mod reach;
 mod read;
 
 mod rays;

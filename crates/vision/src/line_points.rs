@@ -10,6 +10,7 @@ use crate::carpet::CarpetModel;
 use crate::colours::{Class, NativeTable};
 use crate::config::LineConfig;
 use crate::image::Frame;
+use crate::reach::Reach;
 use crate::read::BrightnessReader;
 use crate::runs::{Run, peaks};
 use crate::scan::{ScanPattern, ScanSample};
@@ -56,6 +57,9 @@ pub struct SeenLinePoint {
 /// What was read along the scan lines.
 pub(crate) struct Reading<'a> {
     pub(crate) pattern: &'a ScanPattern,
+    pub(crate) reach: &'a Reach,
+    /// Column and row of each sample, together in memory.
+    pub(crate) places: &'a [[u16; 2]],
     /// Brightness by the weights that tell white from carpet.
     pub(crate) brightness: &'a BrightnessReader,
     /// How high a peak must be to be looked at, one a sample; see [`thresholds`].
@@ -83,20 +87,23 @@ pub(crate) fn line_points(
     refused: &mut Vec<RefusedRun>,
 ) {
     let mut values = vec![0; reading.pattern.longest()];
-    for piece in &reading.pattern.pieces {
-        let range = piece.start as usize..piece.end as usize;
+    let pieces = &reading.pattern.pieces;
+    for (number, piece) in pieces.iter().enumerate() {
+        let end = reading.reach.end(number, pieces, judge.carpet_end);
+        let range = piece.start as usize..end;
         let values = &mut values[..range.len()];
         reading.brightness.pick(range.clone(), values);
         let thresholds = &reading.thresholds[range.clone()];
         let line = Line {
-            samples: &reading.pattern.samples[range],
+            samples: &reading.pattern.samples[range.clone()],
+            places: &reading.places[range],
             values,
         };
         peaks(line.values, thresholds, |run| {
             match judge.point(&line, &run) {
                 Ok(point) => points.push(point),
                 Err(reason) => refused.push(RefusedRun {
-                    at_px: line.at_px(run.peak as f32),
+                    at_px: line.at_px(run.peak),
                     reason,
                 }),
             }
@@ -142,6 +149,7 @@ fn white_contrast(model: &CarpetModel) -> f32 {
 /// One piece of a scan line as it was read.
 struct Line<'a> {
     samples: &'a [ScanSample],
+    places: &'a [[u16; 2]],
     values: &'a [u8],
 }
 
@@ -157,10 +165,19 @@ impl Line<'_> {
         )
     }
 
-    fn at_px(&self, index: f32) -> [f32; 2] {
+    fn at_px(&self, index: usize) -> [f32; 2] {
+        self.places[index].map(f32::from)
+    }
+
+    fn between_px(&self, index: f32) -> [f32; 2] {
         let (a, b, part) = self.between(index);
         let mix = |a: u16, b: u16| f32::from(a) + part * (f32::from(b) - f32::from(a));
         [mix(a.u, b.u), mix(a.v, b.v)]
+    }
+
+    /// A sample's place in the image.
+    fn place(&self, index: usize) -> [usize; 2] {
+        self.places[index].map(usize::from)
     }
 
     fn ground(&self, index: f32) -> [f32; 2] {
@@ -212,7 +229,7 @@ impl Judge<'_> {
                 std_radial: self.config.position_std_px * sample.radial_px,
                 std_tangential: self.config.position_std_px * sample.tangential_px,
             },
-            at_px: line.at_px(middle),
+            at_px: line.between_px(middle),
             contrast: run.contrast,
             width,
         })
@@ -228,10 +245,8 @@ impl Judge<'_> {
     ) -> Option<usize> {
         let carpet = |step: usize| {
             let index = foot.checked_add_signed(outward * step as isize)?;
-            let sample = line.samples.get(index)?;
-            let native = self
-                .frame
-                .native(usize::from(sample.u), usize::from(sample.v));
+            let [u, v] = line.places.get(index)?.map(usize::from);
+            let native = self.frame.native(u, v);
             (self.table.class(native) == Class::CARPET).then_some(index)
         };
         let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
@@ -304,10 +319,8 @@ struct Colours {
 impl Colours {
     fn of(frame: &Frame<'_>, line: &Line<'_>, run: &Run) -> Self {
         let colour = |index: usize| {
-            let sample = &line.samples[index];
-            frame
-                .rgb(usize::from(sample.u), usize::from(sample.v))
-                .map(f32::from)
+            let [u, v] = line.place(index);
+            frame.rgb(u, v).map(f32::from)
         };
         let (left, right) = (colour(run.left_foot), colour(run.right_foot));
         let end = line.samples.len() - 1;

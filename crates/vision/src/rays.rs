@@ -129,6 +129,22 @@ impl Rays {
         }
     }
 
+    /// The samples of a class, each with its ray's direction, turns.
+    pub(crate) fn of_class(&self, class: Class) -> impl Iterator<Item = (f32, &RaySample)> {
+        let ends = self.starts.windows(2).enumerate();
+        ends.flat_map(move |(ray, ends)| {
+            let turns = ray as f32 / self.count() as f32;
+            let classes = &self.classes[ends[0]..ends[1]];
+            // Most rays show none: whole vector registers at a time.
+            let any = classes
+                .iter()
+                .fold(false, |any, &found| any | (found == class));
+            let here = if any { ends[0]..ends[1] } else { 0..0 };
+            here.filter(move |&index| self.classes[index] == class)
+                .map(move |index| (turns, &self.samples[index]))
+        })
+    }
+
     fn read_to(&mut self, end: usize, ray: usize, frame: &Frame<'_>, table: &NativeTable) {
         let range = self.read[ray]..end;
         let classes = &mut self.classes[range.clone()];

@@ -268,6 +268,11 @@ impl ClassReader {
         }
     }
 
+    /// Column and row of each.
+    pub(crate) fn places(&self) -> &[[u16; 2]] {
+        &self.places
+    }
+
     /// How many places there are.
     pub(crate) fn len(&self) -> usize {
         self.places.len()

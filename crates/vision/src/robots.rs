@@ -108,9 +108,19 @@ fn split(
     // Seen corner on, the league's square robot is √2 wider than its side.
     let robot_width = 2.0 * config.robot_radius * std::f32::consts::SQRT_2;
     if group.len() as f32 * ray_angle * nearest > robot_width {
-        let least =
-            |places: std::ops::Range<usize>| places.map(range).fold(f32::INFINITY, f32::min);
-        let dip = |place: usize| range(place) - least(0..place).max(least(place + 1..group.len()));
+        // The nearest part before each place, and from each place on.
+        let running = |nearest: &mut f32, place| {
+            *nearest = range(place).min(*nearest);
+            Some(*nearest)
+        };
+        let before: Vec<f32> = (0..group.len()).scan(f32::INFINITY, running).collect();
+        let mut after: Vec<f32> = (0..group.len())
+            .rev()
+            .scan(f32::INFINITY, running)
+            .collect();
+        after.reverse();
+        // Asked for inner places only.
+        let dip = |place: usize| range(place) - before[place - 1].max(after[place + 1]);
         let cut = (1..group.len().saturating_sub(1)).max_by(|&a, &b| dip(a).total_cmp(&dip(b)));
         if let Some(cut) = cut.filter(|&cut| dip(cut) > 0.1) {
             split(rays, sights, columns, &group[..cut], config, found);

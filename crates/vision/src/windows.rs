@@ -230,15 +230,17 @@ impl Samples {
             let rgb = frame.rgb(usize::from(u), usize::from(v));
             rgb.iter().map(|&channel| f32::from(channel)).sum::<f32>() / 3.0
         };
-        let mut levels: Vec<f32> = self.pixels.iter().map(|&pixel| level(pixel)).collect();
-        levels.sort_by(f32::total_cmp);
-        let around = *levels.get(levels.len() * 3 / 4)?;
-        let dark = |pixel: [u16; 2]| level(pixel) < LENS_DARK * around;
+        let levels: Vec<f32> = self.pixels.iter().map(|&pixel| level(pixel)).collect();
+        let mut ranked = levels.clone();
+        let upper_quarter = levels.len() * 3 / 4;
+        ranked.get(upper_quarter)?;
+        let (_, &mut around, _) = ranked.select_nth_unstable_by(upper_quarter, f32::total_cmp);
         let (first, last) = (self.pixels.first()?, self.pixels.last()?);
         let at_edge =
             |[u, v]: [u16; 2]| u == first[0] || v == first[1] || u == last[0] || v == last[1];
         let (mut sum, mut count, mut cut) = ([0.0f32; 2], 0.0, 0.0);
-        for &pixel in self.pixels.iter().filter(|&&pixel| dark(pixel)) {
+        let pixels = self.pixels.iter().zip(&levels);
+        for (&pixel, _) in pixels.filter(|&(_, &level)| level < LENS_DARK * around) {
             sum = [sum[0] + f32::from(pixel[0]), sum[1] + f32::from(pixel[1])];
             count += 1.0;
             cut += f32::from(u8::from(at_edge(pixel)));

@@ -239,7 +239,9 @@ impl Painter {
         if job.wanted.scan {
             let mut layer =
                 ColorImage::filled([image.width_px, image.height_px], Color32::TRANSPARENT);
-            for (sample, &class) in eyes.pattern().samples.iter().zip(eyes.classes()) {
+            let classes = eyes.classify(&image.frame());
+            let classes = classes.map_err(|error| error.to_string())?.to_vec();
+            for (sample, class) in eyes.pattern().samples.iter().zip(classes) {
                 let at = usize::from(sample.v) * image.width_px + usize::from(sample.u);
                 layer.pixels[at] = ink::class(class);
             }
