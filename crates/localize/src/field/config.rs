@@ -203,6 +203,18 @@ fn limited_sizes(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str
     let (half_length, half_width) = (config.length / 2.0, config.width / 2.0);
     let wide = "does not fit on the goal line";
     let deep = "reaches beyond the halfway line";
+    // A field may have one area only.
+    let whole = Area {
+        depth: half_length,
+        width: config.width,
+    };
+    let both = penalty_area.depth > 0.0 && penalty_area.width > 0.0;
+    let (inside, deeper, wider) = if both {
+        let around = "reaches beyond the penalty area";
+        (*penalty_area, around, around)
+    } else {
+        (whole, deep, wide)
+    };
     let round = "does not fit on the field";
     let far = "is more than any field has";
     let (circle, arc) = (config.centre_circle_radius, config.corner_arc_radius);
@@ -212,8 +224,8 @@ fn limited_sizes(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str
         ("corner_arc_radius", arc, half_width, round),
         ("spot_radius", config.spot_radius, half_width, round),
         ("penalty_spot", config.penalty_spot, half_length, deep),
-        ("goal_area.depth", goal_area.depth, half_length, deep),
-        ("goal_area.width", goal_area.width, config.width, wide),
+        ("goal_area.depth", goal_area.depth, inside.depth, deeper),
+        ("goal_area.width", goal_area.width, inside.width, wider),
         ("penalty_area.depth", penalty_area.depth, half_length, deep),
         ("penalty_area.width", penalty_area.width, config.width, wide),
         ("goal.width", goal.width, config.width, wide),

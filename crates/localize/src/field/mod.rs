@@ -266,6 +266,16 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn a_goal_area_lies_inside_its_penalty_area_where_there_are_both() {
+        let mut config = league_18x12("centres").config;
+        config.goal_area.depth = config.penalty_area.depth + 0.1;
+        let message = Field::new(config.clone()).expect_err("deeper").to_string();
+        assert!(message.starts_with("goal_area.depth"), "{message}");
+        config.penalty_area = Area::default();
+        assert!(Field::new(config).is_ok());
+    }
+
+    #[test]
     fn every_field_that_comes_along_loads() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
         let mut names: Vec<_> = std::fs::read_dir(&folder)
