@@ -195,6 +195,8 @@ pub struct ObjectConfig {
     pub robot_width_max: f32,
     /// What has a marker but no dark foot is a robot if it stands this much before what ends the carpet beside it, metres.
     pub robot_before_min: f32,
+    /// A post stands this much before what ends the carpet on both its sides, metres: half a goal's depth is carpet too.
+    pub post_before_min: f32,
     /// Robots are sought up to this distance, metres.
     pub robot_range_max: f32,
 }
@@ -216,6 +218,7 @@ impl Default for ObjectConfig {
             robot_width_min: 0.15,
             robot_width_max: 1.1,
             robot_before_min: 0.4,
+            post_before_min: 0.25,
             robot_range_max: 7.0,
         }
     }
@@ -383,6 +386,7 @@ impl VisionConfig {
             ("objects.robot_range_max", self.objects.robot_range_max),
             ("objects.robot_width_max", self.objects.robot_width_max),
             ("objects.robot_before_min", self.objects.robot_before_min),
+            ("objects.post_before_min", self.objects.post_before_min),
             ("colours.adapt.rate", self.colours.adapt.rate),
             ("colours.adapt.rebuild_off", self.colours.adapt.rebuild_off),
             ("exposure.ring_range", self.exposure.ring_range),

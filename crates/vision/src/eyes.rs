@@ -427,7 +427,7 @@ impl Eyes {
     ) {
         self.rays.read_beyond(frame, &light.table);
         seen.robots = robots(&self.rays, sights, &self.config.objects);
-        seen.goals = goals(&self.rays, sights);
+        seen.goals = goals(&self.rays, sights, &self.config.objects);
         let search = BallSearch {
             frame,
             map: &self.map,

@@ -3,7 +3,8 @@
 use localize::frame::{At, RobotFrame};
 
 use crate::colours::Class;
-use crate::rays::{RaySight, Rays};
+use crate::config::ObjectConfig;
+use crate::rays::{RaySight, Rays, stands_on_carpet};
 
 /// What was seen of a goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,7 +44,7 @@ const POST_SIDE: f32 = 0.125;
 const GOAL_WIDTH_MIN: f32 = 0.5;
 
 /// Groups rays that end in a goal's colour.
-pub(crate) fn goals(rays: &Rays, sights: &[RaySight]) -> Vec<Goal> {
+pub(crate) fn goals(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> Vec<Goal> {
     let mut found = Vec::new();
     for (kind, class) in [
         (GoalKind::Blue, Class::BLUE),
@@ -68,7 +69,7 @@ pub(crate) fn goals(rays: &Rays, sights: &[RaySight]) -> Vec<Goal> {
             let ray = (first + step) % count;
             let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
             if !follows {
-                found.extend(goal(rays, sights, &share, &group, kind));
+                found.extend(goal(rays, sights, &share, &group, kind, config));
                 group.clear();
             }
             if share[ray] > 0.0 {
@@ -105,6 +106,7 @@ fn goal(
     share: &[f32],
     group: &[usize],
     kind: GoalKind,
+    config: &ObjectConfig,
 ) -> Option<Goal> {
     let ends: Vec<[f32; 2]> = group
         .iter()
@@ -124,6 +126,10 @@ fn goal(
         GoalKind::Post if width > POST_WIDTH_MAX || range > 6.0 => return None,
         // Half of its side may be hidden, and half a ray is as near as rays tell.
         GoalKind::Post if width + 0.5 * ray_angle * range < 0.5 * POST_SIDE => return None,
+        // A wall or a window behind the carpet's edge has the same edge beside it.
+        GoalKind::Post if !stands_on_carpet(sights, group, range, config.post_before_min) => {
+            return None;
+        }
         GoalKind::Blue | GoalKind::Yellow if width < GOAL_WIDTH_MIN => return None,
         _ => {}
     }

@@ -206,6 +206,24 @@ impl Rays {
     }
 }
 
+/// Does the carpet reach farther on both sides of neighbouring rays that end at `range`, by `more` metres at least?
+///
+/// Past one ray at the silhouette's edge, which may graze it.
+pub(crate) fn stands_on_carpet(
+    sights: &[RaySight],
+    group: &[usize],
+    range: f32,
+    more: f32,
+) -> bool {
+    let (Some(first), Some(last)) = (group.first(), group.last()) else {
+        return false;
+    };
+    let count = sights.len();
+    [(first + count - 2) % count, (last + 2) % count]
+        .iter()
+        .all(|&ray| sights[ray].end - range >= more)
+}
+
 /// How many samples are carpet before the first that is not.
 fn leading_carpet(classes: &[Class]) -> usize {
     let other = |class: &Class| *class != Class::CARPET;

@@ -6,7 +6,7 @@ use localize::frame::{At, RobotFrame};
 
 use crate::colours::Class;
 use crate::config::ObjectConfig;
-use crate::rays::{RaySight, Rays};
+use crate::rays::{RaySight, Rays, stands_on_carpet};
 
 /// The colour that a robot wears.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -176,14 +176,7 @@ fn robot(
     if width < config.robot_width_min || width > config.robot_width_max {
         return None;
     }
-    let count = columns.len();
-    // Past one ray at the silhouette's edge, which may graze it.
-    let beside = [
-        (group[0] + count - 2) % count,
-        (group[group.len() - 1] + 2) % count,
-    ];
-    let before = |ray: usize| sights[ray].end - nearest.range >= config.robot_before_min;
-    let stands_out = beside.iter().all(|&ray| before(ray));
+    let stands_out = stands_on_carpet(sights, group, nearest.range, config.robot_before_min);
     let solid = members.iter().filter(|column| column.solid).count() as f32 / members.len() as f32;
     let [mut x, mut y] = [0.0, 0.0];
     for member in &members {
