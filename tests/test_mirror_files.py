@@ -85,10 +85,11 @@ def test_report_writes_every_figure_twice_and_one_page(tmp_path: Path) -> None:
     assert not re.search(r'(src|href)="(?!data:)', page)
 
 
-def test_the_same_report_is_written_twice(tmp_path: Path) -> None:
-    for folder in ("first", "second"):
-        report(lima2001(), folder=tmp_path / folder)
-    for name in ("index.html", "ground.svg", "ground.png"):
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_the_same_report_is_written_twice_by_however_many_processes(tmp_path: Path) -> None:
+    for folder, processes in (("first", 1), ("second", 3)):
+        report(lima2001(), folder=tmp_path / folder, processes=processes)
+    for name in ("index.html", "ground.svg", "ground.png", "surface.svg", "sizes.png"):
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
 
 

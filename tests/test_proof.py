@@ -72,6 +72,36 @@ field = "{root}/config/fields/msl_18x12.toml"
 pose = [-3.24, 1.73, 30.0]
 step = 0.2
 reach = 0.25
+
+[[parts]]
+name = "eyes"
+title = "Eyes"
+[parts.run.eyes]
+presets = ["default"]
+recordings = [{{ name = "recorded", folder = "{root}/samples/sequence" }}]
+variants = [{{ name = "played", scenario = "{root}/config/scenarios/demo.toml", set = {{ duration = 1.5 }} }}]
+
+[[parts]]
+name = "fusion"
+title = "Fusion"
+[parts.run.fusion]
+robot = "{root}/config/robots/default.toml"
+courses = ["plain"]
+estimators = ["joint", "odometry"]
+duration = 8.0
+
+[[parts]]
+name = "team"
+title = "Team"
+[parts.run.team]
+variants = [{{ name = "usual", seconds = 5.0 }}, {{ name = "a liar", liars = 1, seconds = 5.0 }}]
+
+[[parts]]
+name = "squad"
+title = "Squad"
+[parts.run.squad]
+presets = ["default"]
+variants = [{{ name = "squad", scenario = "{root}/config/scenarios/squad.toml", set = {{ duration = 1.5 }} }}]
 """
 
 
@@ -102,8 +132,16 @@ def test_every_kind_of_part_ends_in_tables_and_one_page(result: dict[str, Any]) 
     assert figures["stills", "", "default", "within 0.5 m, %"]["value"] == 100.0
     assert figures["searches", "", "default", "right, %"]["value"] >= 90.0
     assert figures["landscape", "", "error surface", "lowest cell from the truth, cm"]["value"] < 30.0
+    for source in ("recorded", "played"):
+        right = figures["eyes", source, "default", "line points right (5 m), %"]
+        assert right["value"] > 95.0 and right["interval"]["low"] <= right["value"] <= right["interval"]["high"]
+        assert figures["eyes", source, "default", "ball found (6 m), %"]["value"] > 80.0
+    joint, wheels = (figures["fusion", "plain", name, "mean position, cm"]["value"] for name in ("joint", "odometry"))
+    assert joint < 2.0 < 3.0 * joint < wheels and figures["fusion", "plain", "joint", "NEES (3 is honest)"]["value"] > 0.5
+    alone, team = (figures["team", "usual", name, "error of the ball, cm"]["value"] for name in ("best robot", "team"))
+    assert 1.0 < team < alone < 40.0 and ("squad", "squad", "team", "error of the ball, cm") in figures
     page = Path(result["page"]).read_text()
-    assert page.count("<img") >= 7 and "5.907 (table 1)" in page and "It is small." in page
+    assert page.count("<img") >= 13 and "5.907 (table 1)" in page and "It is small." in page
 
 
 def test_the_same_seeds_give_the_same_rows(tmp_path: Path) -> None:
@@ -130,13 +168,17 @@ def test_our_experiments_name_files_that_exist_and_figures_that_come_out(result:
     names = {one["name"] for part in result["parts"] for one in part["figures"]}
     methods = {one["method"] for part in result["parts"] for one in part["figures"]} | {"lima2001", "nubot2013"}
     folder = ROOT / "config/experiments"
-    assert {"all", "lima2001", "minho2016", "nubot2013"} <= {path.stem for path in folder.glob("*.toml")}
+    assert {"all", "eyes", "fusion", "lima2001", "minho2016", "nubot2013", "team"} <= {
+        path.stem for path in folder.glob("*.toml")
+    }
     for path in folder.glob("*.toml"):
         for part in tomllib.loads(path.read_text())["parts"]:
             (run,) = part["run"].values()
             variants = run.get("variants", [])
-            for named in (run.get("scenario"), run.get("field"), *(one.get("scenario") for one in variants)):
+            for named in (run.get("scenario"), run.get("field"), run.get("robot"), *(one.get("scenario") for one in variants)):
                 assert named is None or (folder / named).is_file(), (path, named)
+            for recording in run.get("recordings", []):
+                assert (folder / recording["folder"] / "truth.csv").is_file(), (path, recording)
             for stated in part.get("paper", []):
                 assert stated["figure"] in names, (path, stated)
                 known = methods | {one["name"] for one in variants}

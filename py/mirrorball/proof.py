@@ -231,11 +231,83 @@ def landscape(columns: Columns) -> list[Figure]:
     return [above, relief]
 
 
+def eyes(columns: Columns) -> list[Figure]:
+    """Share of line points that are right, and of markings, ball and robots that are found, over their distance."""
+    kinds = [
+        ("line point", "line points right"),
+        ("marking", "markings sampled"),
+        ("ball", "ball found"),
+        ("robot", "robots found"),
+    ]
+    drawn = []
+    for method in unique(columns["method"]):
+        figure, axes = _grid(2, 2, height=2.6)
+        for ax, (kind, title) in zip((ax for line in axes for ax in line), kinds, strict=True):
+            for index, variant in enumerate(unique(columns["variant"])):
+                mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["kind"] == kind)
+                # A handful in a bin says nothing.
+                mine &= columns["count"] >= 10
+                share = 100.0 * columns["right"][mine] / columns["count"][mine]
+                ax.plot(columns["range_m"][mine] + 0.25, share, ".-", linewidth=1.2, markersize=5.0,
+                        color=COLOURS[index % len(COLOURS)], label=variant)  # fmt: skip
+            ax.set(xlim=(0.0, 9.0), ylim=(0.0, 104.0), xlabel="distance / m", ylabel="%", title=f"{method}: {title}")
+        axes[0][0].legend(frameon=False, fontsize=7, loc="lower left")
+        drawn.append(figure)
+    return drawn
+
+
+def fusion(columns: Columns) -> list[Figure]:
+    """Error of each estimator on each course, and how honest each is: one dot a seed, a bar for their mean."""
+    titles = [("position_m", 100.0, "mean position error / cm"), ("blind_m", 100.0, "after 2 s without sight / cm"),
+              ("after_hit_m", 100.0, "in the second after a hit / cm"), ("nees", 1.0, "NEES (3 is honest)")]  # fmt: skip
+    drawn = []
+    for name, scale, title in titles:
+        # Wheels alone state no uncertainty: NEES 0 is none.
+        known = columns[name] > 0.0
+        if known.any():
+            drawn.append(_bars(columns, known, scale * columns[name], title, log=True))
+    if drawn and "nees" in columns:
+        drawn[-1].axes[0].axhline(3.0, color=TRUTH, linewidth=0.8)
+    return drawn
+
+
+def team(columns: Columns) -> list[Figure]:
+    """Error of the ball as each robot and as the team know it: one dot a robot and seed, a bar for their mean."""
+    known = np.isfinite(columns["error_m"])
+    return [_bars(columns, known, 100.0 * columns["error_m"], "error of the ball / cm", log=False)] if known.any() else []
+
+
+def _bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: str, *, log: bool) -> Figure:
+    figure, ((ax,),) = _grid(1, 1, height=3.4)
+    variants, methods = unique(columns["variant"][known]), unique(columns["method"][known])
+    width = 0.8 / len(methods)
+    for index, method in enumerate(methods):
+        colour = COLOURS[index % len(COLOURS)]
+        cells = [values[known & (columns["method"] == method) & (columns["variant"] == variant)] for variant in variants]
+        places = np.arange(len(variants)) + width * (index - 0.5 * (len(methods) - 1))
+        means = [cell.mean() if cell.size else np.nan for cell in cells]
+        ax.bar(places, means, 0.9 * width, color=colour, alpha=0.55, label=method)
+        for place, cell in zip(places, cells, strict=True):
+            ax.plot(np.full(cell.size, place), cell, ".", color=colour, markersize=3.0)
+    ax.set_xticks(np.arange(len(variants)), variants, fontsize=8)
+    if log:
+        ax.set_yscale("log")
+    ax.set(ylabel=title, title=title)
+    ax.legend(frameon=False, fontsize=8, ncols=min(6, len(methods)), loc="upper left")
+    # The legend stands above the bars.
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high * ((high / low) ** 0.2 if log else 1.15))
+    return figure
+
+
 DRAWINGS: dict[str, Callable[[Columns], list[Figure]]] = {
     "stills": stills,
     "drives": drives,
     "times": times,
     "searches": searches,
     "landscape": landscape,
+    "eyes": eyes,
+    "fusion": fusion,
+    "team": team,
 }
 """How each kind of part is drawn."""

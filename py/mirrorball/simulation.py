@@ -20,6 +20,9 @@ from typing import Any
 BUILD = Path(__file__).parents[2] / "target" / "release" / "mirrorball"
 """The executable of a build beside which this package lies."""
 
+CARRIED = Path(__file__).parent / "bin" / "mirrorball"
+"""The one that a wheel carries: without Python and windows, of the same version."""
+
 PATHS = {"robot", "field", "profile", "file", "labels", "colours"}
 """Keys of scenario and robot files that name other files."""
 
@@ -113,9 +116,9 @@ def simulate(run: Run | str | Path, **options: Any) -> dict[str, Any]:
 
 
 def program() -> str:
-    """The executable: $MIRRORBALL, the one this Python runs in, the one on the PATH, or that of the build beside it."""
+    """The executable: $MIRRORBALL, the one this Python runs in, the wheel's, the one on the PATH, or the build's beside it."""
     given = os.environ.get("MIRRORBALL")
-    for candidate in (given, _embedding(), shutil.which("mirrorball"), str(BUILD)):
+    for candidate in (given, _embedding(), str(CARRIED), shutil.which("mirrorball"), str(BUILD)):
         if candidate and Path(candidate).is_file():
             return candidate
     raise FileNotFoundError("there is no executable mirrorball: put it on the PATH, or name it in $MIRRORBALL")

@@ -5,8 +5,10 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
-/// A difference below this part of the old value is the host's noise.
+/// A difference below this part of the old value is the host's noise, in times.
 const NOISE: f64 = 0.1;
+/// The same in all else: equal seeds give equal figures, another compiler or processor other last digits.
+const ROUNDING: f64 = 0.01;
 
 /// Figures of a run, as `bench --json` prints them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,10 +26,41 @@ pub struct Measured {
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// Its unit; `ms` is better small, all else large.
+    /// Its unit.
     pub unit: String,
     /// Bound to be met, as text with its direction.
     pub wanted: String,
+}
+
+impl Measured {
+    /// How bad a value is, as its bound tells: small ones are good under `<=`, large ones under `>=`, near ones to `about`.
+    fn badness(&self, value: f64) -> f64 {
+        if self.wanted.starts_with(">=") || self.unit.contains("real time") {
+            return -value;
+        }
+        match self.wanted.strip_prefix("about ").map(str::parse::<f64>) {
+            Some(Ok(aim)) => (value - aim).abs(),
+            // Also of times without a bound, and of counts that should be 0.
+            _ => value,
+        }
+    }
+
+    /// Is its bound met? None where there is none.
+    fn met(&self) -> Option<bool> {
+        let bound = self.wanted.trim_start_matches(['<', '>', '=', ' ']);
+        let bound: f64 = bound.parse().ok()?;
+        Some(if self.wanted.starts_with(">=") {
+            self.value >= bound
+        } else {
+            self.value <= bound
+        })
+    }
+
+    /// Changes below this part of the value mean nothing.
+    fn noise(&self) -> f64 {
+        let timed = self.unit == "ms" || self.unit.contains("real time");
+        if timed { NOISE } else { ROUNDING }
+    }
 }
 
 /// A figure beside its earlier value.
@@ -39,8 +72,8 @@ pub struct Compared {
     pub before: f64,
     /// What it is.
     pub now: f64,
-    /// Now over before.
-    pub ratio: f64,
+    /// Now over before; none of a figure that was 0.
+    pub ratio: Option<f64>,
     /// same, better, worse.
     pub verdict: &'static str,
 }
@@ -70,38 +103,86 @@ impl Baseline {
         });
         pairs
             .map(|(before, now)| {
-                let ratio = now.value / before.value;
-                // How many times better; for times, smaller is.
-                let gain = if now.unit == "ms" { 1.0 / ratio } else { ratio };
-                let verdict = match gain {
-                    gain if gain > 1.0 + NOISE => "better",
-                    gain if gain < 1.0 / (1.0 + NOISE) => "worse",
+                let change = now.badness(now.value) - now.badness(before.value);
+                let noise = now.noise() * before.value.abs();
+                let verdict = match change {
+                    change if change > noise => "worse",
+                    change if change < -noise => "better",
                     _ => "same",
                 };
                 Compared {
                     name: now.name.clone(),
                     before: before.value,
                     now: now.value,
-                    ratio,
+                    ratio: (before.value != 0.0).then(|| now.value / before.value),
                     verdict,
                 }
             })
             .collect()
     }
+
+    /// Names that the earlier one has and this one has not.
+    pub fn missing(&self, earlier: &Baseline) -> Vec<String> {
+        let known = |name: &str| self.figures.iter().any(|one| one.name == name);
+        let gone = earlier.figures.iter().filter(|one| !known(&one.name));
+        gone.map(|one| one.name.clone()).collect()
+    }
 }
 
-/// The table for people; another machine's figures are named as such.
-pub fn print(now: &Baseline, earlier: &Baseline, compared: &[Compared]) {
-    if now.machine != earlier.machine {
-        println!("the baseline is of another machine: {}", earlier.machine);
-    }
-    println!("{:<24} {:>10} {:>10} {:>7}", "", "before", "now", "ratio");
-    for one in compared {
+/// The table for people: each figure beside its bound and, if there is a baseline, beside what it was.
+pub fn print(now: &Baseline, earlier: Option<&Baseline>, compared: &[Compared], gone: &[String]) {
+    if let Some(earlier) = earlier.filter(|earlier| earlier.machine != now.machine) {
         println!(
-            "{:<24} {:>10.4} {:>10.4} {:>7.2} {}",
-            one.name, one.before, one.now, one.ratio, one.verdict
+            "the baseline is of another machine ({}): its times are not these",
+            earlier.machine
         );
     }
+    for figure in &now.figures {
+        println!("{}", line(figure, earlier.is_some(), compared));
+    }
+    if earlier.is_none() {
+        return;
+    }
+    let count = |verdict| compared.iter().filter(|one| one.verdict == verdict).count();
+    println!(
+        "{} better, {} worse, {} the same (times within {:.0} %, all else within {:.0} %)",
+        count("better"),
+        count("worse"),
+        count("same"),
+        100.0 * NOISE,
+        100.0 * ROUNDING
+    );
+    if !gone.is_empty() {
+        println!("in the baseline only: {}", gone.join(", "));
+    }
+}
+
+fn line(figure: &Measured, has_baseline: bool, compared: &[Compared]) -> String {
+    let Measured {
+        name,
+        value,
+        unit,
+        wanted,
+    } = figure;
+    let missed = if figure.met() == Some(false) {
+        " missed"
+    } else {
+        ""
+    };
+    let mut line = format!("{name:<26} {value:>10.4} {unit:<16} wanted {wanted:<10}{missed:<7}");
+    if has_baseline {
+        let was = compared.iter().find(|one| one.name == *name);
+        line += &was.map_or_else(
+            || " new".to_owned(),
+            |was| {
+                let ratio = was
+                    .ratio
+                    .map_or_else(String::new, |ratio| format!(" x {ratio:.2}"));
+                format!(" was {:>10.4}{ratio:<8} {}", was.before, was.verdict)
+            },
+        );
+    }
+    line.trim_end().to_owned()
 }
 
 #[cfg(test)]
@@ -109,11 +190,16 @@ mod tests {
     use super::*;
 
     fn baseline(values: &[(&str, f64, &str)]) -> Baseline {
-        let figures = values.iter().map(|&(name, value, unit)| Measured {
+        let values: Vec<_> = values.iter().map(|&(n, v, u)| (n, v, u, "-")).collect();
+        bounded(&values)
+    }
+
+    fn bounded(values: &[(&str, f64, &str, &str)]) -> Baseline {
+        let figures = values.iter().map(|&(name, value, unit, wanted)| Measured {
             name: name.to_owned(),
             value,
             unit: unit.to_owned(),
-            wanted: "-".to_owned(),
+            wanted: wanted.to_owned(),
         });
         Baseline {
             machine: "a machine".to_owned(),
@@ -123,8 +209,16 @@ mod tests {
 
     #[test]
     fn less_time_and_more_speed_are_better_and_noise_is_neither() {
-        let before = baseline(&[("see", 1.0, "ms"), ("play", 8.0, "x"), ("gone", 1.0, "ms")]);
-        let now = baseline(&[("see", 0.5, "ms"), ("play", 4.0, "x"), ("new", 1.0, "ms")]);
+        let before = baseline(&[
+            ("see", 1.0, "ms"),
+            ("play", 8.0, "x real time"),
+            ("gone", 1.0, "ms"),
+        ]);
+        let now = baseline(&[
+            ("see", 0.5, "ms"),
+            ("play", 4.0, "x real time"),
+            ("new", 1.0, "ms"),
+        ]);
         let verdicts: Vec<_> = now
             .compared(&before)
             .iter()
@@ -133,6 +227,30 @@ mod tests {
         assert_eq!(verdicts, ["better", "worse"]);
         let near = baseline(&[("see", 1.05, "ms")]);
         assert_eq!(near.compared(&before)[0].verdict, "same");
+    }
+
+    #[test]
+    fn accuracies_are_judged_by_the_direction_of_their_bound() {
+        let before = bounded(&[
+            ("error", 0.40, "cm", "<= 0.7"),
+            ("found", 99.0, "%", ">= 97"),
+            ("nees", 3.5, "", "about 3"),
+            ("alarms", 0.0, "frames", "0"),
+        ]);
+        let now = bounded(&[
+            ("error", 0.42, "cm", "<= 0.7"),
+            ("found", 99.5, "%", ">= 97"),
+            ("nees", 2.9, "", "about 3"),
+            ("alarms", 2.0, "frames", "0"),
+        ]);
+        let compared = now.compared(&before);
+        let verdicts: Vec<_> = compared.iter().map(|one| one.verdict).collect();
+        assert_eq!(verdicts, ["worse", "same", "better", "worse"]);
+        assert_eq!(compared[3].ratio, None);
+        assert_eq!(now.figures[3].met(), Some(false));
+        assert_eq!(now.figures[2].met(), None);
+        assert_eq!(baseline(&[]).missing(&now).len(), 4);
+        assert!(line(&now.figures[3], true, &compared).contains("missed"));
     }
 
     #[test]

@@ -1,6 +1,7 @@
-//! `mirrorball bench`: how fast is it on this machine? Medians of each stage on one core, beside what is wanted.
+//! `mirrorball bench`: how fast and how exact is it on this machine? Each stage's figures beside what is wanted.
 
 mod accuracy;
+mod others;
 
 use std::hint::black_box;
 use std::path::PathBuf;
@@ -33,7 +34,7 @@ use crate::score::spread;
 use crate::setup::Setup;
 use crate::simulation::Simulation;
 
-/// Measure every stage on this machine: medians, one core.
+/// Measure every stage on this machine: times (medians, one core) and accuracies.
 ///
 /// Each figure stands beside the one that is wanted. Let the machine rest meanwhile.
 #[derive(clap::Args)]
@@ -69,6 +70,9 @@ struct Report {
     /// Beside the baseline's, if one was given.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     compared: Vec<Compared>,
+    /// What the baseline has and this run has not.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    gone: Vec<String>,
 }
 
 impl Report {
@@ -95,11 +99,12 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         machine: machine(),
         figures: Vec::new(),
         compared: Vec::new(),
+        gone: Vec::new(),
     };
     // Before minutes of measuring.
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
     type Bench = fn(&mut Vec<Figure>) -> Result<()>;
-    let benches: [(&[&str], Bench); 6] = [
+    let benches: [(&[&str], Bench); 9] = [
         (
             &[
                 "see_lines_480",
@@ -128,8 +133,11 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             papers,
         ),
         (accuracy::DRIVES, accuracy::drives),
+        (others::FUSED, others::fused),
+        (others::SEEN, others::seen),
         (&["render_480_nine_robots"], rendering),
         (&["simulation_30_hz", "game_all_cores"], simulating),
+        (others::MIRRORS, others::mirrors),
     ];
     for (names, bench) in benches {
         if names.iter().any(|name| name.contains(&args.only)) {
@@ -148,23 +156,16 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     }
     if let Some(earlier) = &earlier {
         report.compared = kept.compared(earlier);
+        report.gone = kept.missing(earlier);
     }
     if json {
         println!("{}", serde_json::to_string(&report)?);
         return Ok(());
     }
     println!("{}", report.machine);
-    for Figure {
-        name,
-        value,
-        unit,
-        wanted,
-    } in &report.figures
-    {
-        println!("{name:<24} {value:>10.4} {unit:<16} wanted {wanted}");
-    }
-    if let Some(earlier) = &earlier {
-        baseline::print(&kept, earlier, &report.compared);
+    baseline::print(&kept, earlier.as_ref(), &report.compared, &report.gone);
+    if let Some(path) = &args.save {
+        println!("kept in {}", path.display());
     }
     Ok(())
 }

@@ -30,8 +30,8 @@ pub struct TrueScene<'a> {
     pub field: &'a Field,
     /// What a pixel shows.
     pub map: &'a GroundMap,
-    /// Ball and robots, where they are known.
-    pub objects: &'a [TrueObject],
+    /// Ball and robots; none where nobody knows what is there.
+    pub objects: Option<&'a [TrueObject]>,
 }
 
 /// What `--json` prints of the eyes.
@@ -65,6 +65,36 @@ pub struct SightSummary {
     pub posts_right: usize,
 }
 
+/// One thing that could be seen or was believed to be, and whether that was right.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Note {
+    /// What.
+    pub kind: NoteKind,
+    /// How far from the robot, metres; of what was taken for something, where that lies.
+    pub range: f32,
+    /// Right, or found.
+    pub right: bool,
+}
+
+/// What a note is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum NoteKind {
+    /// A line point; right within max(5 cm, 2 pixels) of a marking.
+    Point,
+    /// Five centimetres of marking; right with a right point within a quarter of a metre.
+    Marking,
+    /// The ball, more than half visible.
+    Ball,
+    /// Another robot.
+    Robot,
+    /// A robot that was found; right if its nearest edge is to 10 cm.
+    Edge,
+    /// Something else that was taken for the ball; never right.
+    FalseBall,
+    /// Something else that was taken for a robot; never right.
+    FalseRobot,
+}
+
 /// Collects frames.
 #[derive(Default)]
 pub struct SightTally {
@@ -83,6 +113,8 @@ const PIECE: f32 = 0.05;
 const REACH: f32 = 0.25;
 /// Markings nearer than this are under the robot, metres.
 const NEAREST: f32 = 0.4;
+/// Markings farther than this are not looked for, metres.
+const FARTHEST: f32 = 6.0;
 /// A find this near to the true ball, metres and share of its distance, is a find.
 const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
 /// A find whose middle is this near to a robot's is a find of it, metres: as wide as a robot.
@@ -91,9 +123,14 @@ const ROBOT_TOLERANCE: f32 = 0.5;
 impl SightTally {
     /// Scores one frame.
     pub fn add(&mut self, seen: &Seen, scene: &TrueScene<'_>) {
-        self.add_points(seen, scene);
-        self.add_ball(seen, scene);
-        self.add_robots(seen, scene);
+        self.add_noting(seen, scene, &mut |_| {});
+    }
+
+    /// Scores one frame, thing by thing.
+    pub fn add_noting(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
+        self.add_points(seen, scene, note);
+        self.add_ball(seen, scene, note);
+        self.add_robots(seen, scene, note);
         let config = &scene.field.config;
         let posts = [-1.0f32, 1.0].into_iter().flat_map(|end| {
             [-1.0f32, 1.0].map(|side| {
@@ -116,7 +153,7 @@ impl SightTally {
         }
     }
 
-    fn add_points(&mut self, seen: &Seen, scene: &TrueScene<'_>) {
+    fn add_points(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
         let markings = &scene.field.markings;
         let mut good = Vec::new();
         for point in &seen.line_points {
@@ -132,6 +169,11 @@ impl SightTally {
             if right {
                 good.push(on_field);
             }
+            note(Note {
+                kind: NoteKind::Point,
+                range: at.distance(),
+                right,
+            });
             if at.distance() <= 5.0 {
                 self.summary.points += 1;
                 self.right += usize::from(right);
@@ -144,16 +186,24 @@ impl SightTally {
         for at in overlay::marking_points(markings, PIECE) {
             let from_robot = scene.pose.inverse() * at;
             let range = from_robot.distance();
-            if !(NEAREST..=4.0).contains(&range) || scene.hidden(from_robot) {
+            if !(NEAREST..=FARTHEST).contains(&range) || scene.hidden(from_robot) {
                 continue;
             }
-            self.pieces += 1;
-            self.sampled += usize::from(good.iter().any(|point| point.distance_to(at) <= REACH));
+            let right = good.iter().any(|point| point.distance_to(at) <= REACH);
+            note(Note {
+                kind: NoteKind::Marking,
+                range,
+                right,
+            });
+            if range <= 4.0 {
+                self.pieces += 1;
+                self.sampled += usize::from(right);
+            }
         }
     }
 
-    fn add_ball(&mut self, seen: &Seen, scene: &TrueScene<'_>) {
-        let truth = scene.objects.iter().find(|object| object.is_ball);
+    fn add_ball(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
+        let truth = scene.things().iter().find(|object| object.is_ball);
         let at = truth.map(|ball| scene.pose.inverse() * ball.at);
         let hit = match (&seen.ball, at) {
             (Some(found), Some(at)) => {
@@ -162,30 +212,46 @@ impl SightTally {
             }
             _ => false,
         };
-        self.summary.balls_false +=
-            usize::from(seen.ball.is_some() && !hit && !scene.objects.is_empty());
+        if let Some(found) = seen
+            .ball
+            .as_ref()
+            .filter(|_| !hit && scene.objects.is_some())
+        {
+            self.summary.balls_false += 1;
+            note(Note {
+                kind: NoteKind::FalseBall,
+                range: found.at.distance(),
+                right: false,
+            });
+        }
         if let (Some(ball), Some(at)) = (truth, at)
-            && at.distance() <= 6.0
             && scene.more_than_half(ball, at)
         {
-            self.summary.balls += 1;
-            self.summary.balls_found += usize::from(hit);
+            note(Note {
+                kind: NoteKind::Ball,
+                range: at.distance(),
+                right: hit,
+            });
+            let near = at.distance() <= 6.0;
+            self.summary.balls += usize::from(near);
+            self.summary.balls_found += usize::from(near && hit);
         }
     }
 
-    fn add_robots(&mut self, seen: &Seen, scene: &TrueScene<'_>) {
-        if scene.objects.is_empty() {
+    fn add_robots(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
+        if scene.objects.is_none() {
             return;
         }
         let radius = vision::config::ObjectConfig::default().robot_radius;
         let truths: Vec<At<RobotFrame>> = scene
-            .objects
+            .things()
             .iter()
             .filter(|object| !object.is_ball)
             .map(|robot| scene.pose.inverse() * robot.at)
             .collect();
-        for truth in truths.iter().filter(|truth| truth.distance() <= 4.0) {
-            let nearest = seen
+        for truth in &truths {
+            let near = truth.distance() <= 4.0;
+            let found = seen
                 .robots
                 .iter()
                 .min_by(|a, b| {
@@ -193,20 +259,37 @@ impl SightTally {
                         .total_cmp(&b.at.distance_to(*truth))
                 })
                 .filter(|robot| robot.at.distance_to(*truth) <= ROBOT_TOLERANCE);
-            self.summary.robots += 1;
-            if let Some(found) = nearest {
-                self.summary.robots_found += 1;
+            let mut noted = |kind, right| {
+                note(Note {
+                    kind,
+                    range: truth.distance(),
+                    right,
+                });
+            };
+            noted(NoteKind::Robot, found.is_some());
+            self.summary.robots += usize::from(near);
+            if let Some(found) = found {
                 let edge = truth.distance() - radius;
-                self.edges_right += usize::from((found.edge.distance() - edge).abs() <= 0.1);
+                let right = (found.edge.distance() - edge).abs() <= 0.1;
+                noted(NoteKind::Edge, right);
+                self.summary.robots_found += usize::from(near);
+                self.edges_right += usize::from(near && right);
             }
         }
         let strangers = seen.robots.iter().filter(|robot| {
-            robot.edge.distance() <= 4.0
-                && truths
-                    .iter()
-                    .all(|truth| truth.distance_to(robot.at) > 2.0 * ROBOT_TOLERANCE)
+            truths
+                .iter()
+                .all(|truth| truth.distance_to(robot.at) > 2.0 * ROBOT_TOLERANCE)
         });
-        self.summary.robots_false += strangers.count();
+        for stranger in strangers {
+            let range = stranger.edge.distance();
+            self.summary.robots_false += usize::from(range <= 4.0);
+            note(Note {
+                kind: NoteKind::FalseRobot,
+                range,
+                right: false,
+            });
+        }
     }
 
     /// All frames in numbers; none if no frame was added.
@@ -257,6 +340,10 @@ impl SightSummary {
 }
 
 impl TrueScene<'_> {
+    fn things(&self) -> &[TrueObject] {
+        self.objects.unwrap_or_default()
+    }
+
     /// Where a point of the upright map really lies (MATH.md 2, "Tilt").
     fn upright(&self, at: At<RobotFrame>) -> At<RobotFrame> {
         let ([a, b], height) = (self.lean, self.viewpoint_height);
@@ -267,7 +354,7 @@ impl TrueScene<'_> {
     /// Does a robot stand before this place?
     fn hidden(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
-        self.objects
+        self.things()
             .iter()
             .filter(|object| !object.is_ball)
             .any(|robot| {
@@ -278,10 +365,10 @@ impl TrueScene<'_> {
             })
     }
 
-    /// Is more than half of the ball visible? Taken for granted where nobody counted its pixels.
+    /// Is more than half of the ball visible? Where nobody counted its pixels: does no robot stand before it?
     fn more_than_half(&self, ball: &TrueObject, at: At<RobotFrame>) -> bool {
         let Some(visible) = ball.visible_px else {
-            return true;
+            return !self.hidden(at);
         };
         vision::ball::whole_pixels(
             self.map,

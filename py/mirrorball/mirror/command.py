@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import math
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,7 @@ def report(source: str, *, out: str, mirrors: int, seed: int) -> Result:
         tolerances=plan.tolerances,
         mirrors=mirrors,
         seed=seed,
+        processes=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
     )
     result = {**_summary(plan), "page": str(written.page)}
     if written.errors is not None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import io
+import os
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +41,8 @@ STYLE: Any = {
     "svg.hashsalt": "mirrorball",
     # A fixed place: else every tick's text is measured only to keep the title off it, a sixth of the drawing.
     "axes.titley": 1.0,
+    # Hinting moves strokes onto pixels; a tenth of the drawing.
+    "text.hinting": "none",
 }
 """How matplotlib draws the figures of a page."""
 
@@ -76,10 +80,12 @@ def report(
     mirrors: int = 0,
     seed: int = 1,
     progress: bool = True,
+    processes: int = 1,
 ) -> Report:
     """Judges a design and writes its figures, their numbers (CSV) and `index.html` into a folder (made if missing).
 
-    `mirrors` imperfect mirrors are tried against `tolerances`; 0 leaves that out.
+    `mirrors` imperfect mirrors are tried against `tolerances`; 0 leaves that out. More processes share the drawing; they are
+    forked, which a program with threads of its own (a notebook) had better not ask for.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -87,13 +93,15 @@ def report(
     judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
     errors = None
     with matplotlib.rc_context(STYLE):
-        sections = [_section(draw(judged), heading, folder / name) for name, (heading, draw) in FIGURES.items()]
+        _draw({name: partial(draw, judged) for name, (_, draw) in FIGURES.items()}, folder, processes)
         if mirrors:
             errors = monte_carlo(
                 mirror, camera=camera, tolerances=tolerances, count=mirrors, reach_m=reach_m, seed=seed, progress=progress
             )
-            sections.append(_section(figures.tolerances(errors), "Tolerances", folder / "tolerances"))
-            sections.append(_error_table(errors))
+            _draw({"tolerances": partial(figures.tolerances, errors)}, folder, 1)
+    sections = [_section(name, heading, folder) for name, (heading, _) in FIGURES.items()]
+    if errors is not None:
+        sections += [_section("tolerances", "Tolerances", folder), _error_table(errors)]
     _write_tables(judged, folder)
     page = folder / "index.html"
     page.write_text(_page(judged, camera, sections), encoding="utf-8")
@@ -118,12 +126,40 @@ def _write_tables(judged: Judgement, folder: Path) -> None:
         (folder / f"{name}.csv").write_text(text, encoding="utf-8")
 
 
-def _section(figure: Figure, heading: str, path: Path) -> str:
-    figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
-    pixels = io.BytesIO()
-    figure.savefig(pixels, format="png", pil_kwargs={"compress_level": 1})
-    path.with_suffix(".png").write_bytes(pixels.getvalue())
-    return inline(pixels.getvalue(), heading)
+def _draw(wanted: dict[str, Callable[[], Figure]], folder: Path, processes: int) -> None:
+    """Draws figures as SVG and PNG, each process every so-manieth."""
+    names = list(wanted)
+    processes = min(processes, len(names)) if hasattr(os, "fork") else 1
+    shares = [names[index::processes] for index in range(processes)]
+    children = []
+    for share in shares[1:]:
+        child = os.fork()
+        if child == 0:
+            # No cleaning up of what is the parent's: its buffers and what it registered with atexit.
+            try:
+                _draw_here(wanted, share, folder)
+                os._exit(0)
+            except BaseException:
+                traceback.print_exc()
+                os._exit(1)
+        children.append(child)
+    try:
+        _draw_here(wanted, shares[0], folder)
+    finally:
+        failed = [child for child in children if os.waitpid(child, 0)[1] != 0]
+    if failed:
+        raise OSError(f"{folder}: a figure could not be written")
+
+
+def _draw_here(wanted: dict[str, Callable[[], Figure]], names: list[str], folder: Path) -> None:
+    for name in names:
+        figure = wanted[name]()
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
+        figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": 1})
+
+
+def _section(name: str, heading: str, folder: Path) -> str:
+    return inline((folder / f"{name}.png").read_bytes(), heading)
 
 
 def _metres(value: float, digits: int = 3) -> str:

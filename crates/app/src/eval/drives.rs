@@ -20,6 +20,9 @@ const WRONG: f32 = 0.5;
 /// A pose this near is right again after a kidnap, metres and radians (3°).
 const RIGHT: (f32, f32) = (0.15, 0.052);
 
+/// Drives are cut into pieces this long for the intervals of shares, seconds: what goes wrong lasts for less, mostly.
+const PIECE_S: f64 = 5.0;
+
 /// One frame of a drive.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
@@ -105,9 +108,8 @@ struct Score {
     mean: [f64; 3],
     std: [f64; 3],
     max: [f64; 3],
-    frames: usize,
-    lost: usize,
-    wrong: usize,
+    /// Frames lost, silently wrong, and all, in each piece of the run.
+    pieces: Vec<[usize; 3]>,
     /// Seconds from each kidnap to the right pose; infinite where it never came.
     back: Vec<f64>,
 }
@@ -120,8 +122,6 @@ fn score(rows: &[Row], kidnaps: &[f64], settle: f64) -> Score {
         .filter_map(|row| row.error())
         .map(|error| error.map(f64::from))
         .collect();
-    score.frames = scored.len();
-    score.lost = scored.len() - errors.len();
     let count = errors.len().max(1) as f64;
     for axis in 0..3 {
         let values = || errors.iter().map(|error| error[axis]);
@@ -131,10 +131,19 @@ fn score(rows: &[Row], kidnaps: &[f64], settle: f64) -> Score {
         score.std[axis] = (squares / count).sqrt();
         score.max[axis] = values().map(f64::abs).fold(0.0, f64::max);
     }
-    let silently = |row: &&&Row| {
+    let silently = |row: &Row| {
         row.mode == Mode::Tracking && row.error().is_some_and(|e| e[0].hypot(e[1]) >= WRONG)
     };
-    score.wrong = scored.iter().filter(silently).count();
+    for row in scored {
+        let piece = ((row.stamp_s - settle) / PIECE_S) as usize;
+        if score.pieces.len() <= piece {
+            score.pieces.resize(piece + 1, [0; 3]);
+        }
+        let [lost, wrong, all] = &mut score.pieces[piece];
+        *lost += usize::from(row.pose.is_none());
+        *wrong += usize::from(silently(row));
+        *all += 1;
+    }
     score.back = kidnaps
         .iter()
         .map(|&time| {
@@ -225,11 +234,13 @@ fn figures_of(variant: &str, method: &str, scores: &[Score]) -> Vec<Figure> {
         Figure::mean(variant, method, name, &values)
     };
     let largest = |name, value: fn(&Score) -> f64| {
-        let value = scores.iter().map(value).reduce(f64::max);
-        Figure::plain(variant, method, name, value)
+        let runs: Vec<f64> = scores.iter().map(value).collect();
+        Figure::largest(variant, method, name, &runs)
     };
-    let total = |count: fn(&Score) -> usize| scores.iter().map(count).sum::<usize>();
-    let frames = total(|score| score.frames);
+    let pieces = |which: usize| -> Vec<(usize, usize)> {
+        let pieces = scores.iter().flat_map(|score| &score.pieces);
+        pieces.map(|piece| (piece[which], piece[2])).collect()
+    };
     let mut figures = vec![
         each("mean |x|, cm", |score| 100.0 * score.mean[0]),
         each("mean |y|, cm", |score| 100.0 * score.mean[1]),
@@ -240,19 +251,8 @@ fn figures_of(variant: &str, method: &str, scores: &[Score]) -> Vec<Figure> {
         largest("largest |x|, cm", |score| 100.0 * score.max[0]),
         largest("largest |y|, cm", |score| 100.0 * score.max[1]),
         largest("largest |θ|, rad", |score| score.max[2]),
-        // Frames of a run are not independent: no interval.
-        Figure::plain(
-            variant,
-            method,
-            "lost, % of frames",
-            (frames > 0).then(|| 100.0 * total(|score| score.lost) as f64 / frames as f64),
-        ),
-        Figure::plain(
-            variant,
-            method,
-            "silently wrong, % of frames",
-            (frames > 0).then(|| 100.0 * total(|score| score.wrong) as f64 / frames as f64),
-        ),
+        Figure::ratio(variant, method, "lost, % of frames", &pieces(0)),
+        Figure::ratio(variant, method, "silently wrong, % of frames", &pieces(1)),
     ];
     let back: Vec<f64> = scores.iter().flat_map(|score| score.back.clone()).collect();
     if !back.is_empty() {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use localize::presets::PRESETS;
+use localize::team::experiment::ROBOTS;
 use serde::Deserialize;
 
 /// An experiment file. Paths are relative to it.
@@ -74,6 +75,92 @@ pub enum Run {
     Times(Times),
     /// Error over all places for one sight, and over headings.
     Landscape(Landscape),
+    /// What the eyes find of what is there, on recordings and simulated drives.
+    Eyes(Eyes),
+    /// Each way of fusing wheels, inertial unit and sights, on simulated drives without images.
+    Fusion(Fusion),
+    /// A ball far from everybody as each robot and the team know it, without images.
+    Team(Team),
+    /// The same rendered: a scenario with a squad.
+    Squad(SquadRuns),
+}
+
+/// What is looked at.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Eyes {
+    /// Settings to compare.
+    pub presets: Vec<String>,
+    /// Recording folders with truth.csv.
+    #[serde(default)]
+    pub recordings: Vec<Recorded>,
+    /// Scenarios; each is run with every seed.
+    #[serde(default)]
+    pub variants: Vec<Variant>,
+}
+
+/// A recording folder.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recorded {
+    /// Its name in tables.
+    pub name: String,
+    /// Where it lies.
+    pub folder: PathBuf,
+}
+
+/// Drives of `sim::fusion`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fusion {
+    /// The robot's file, which names the field.
+    pub robot: PathBuf,
+    /// What happens on the drives; all courses if left out.
+    #[serde(default)]
+    pub courses: Vec<String>,
+    /// Who estimates; all estimators if left out.
+    #[serde(default)]
+    pub estimators: Vec<String>,
+    /// Length of a drive, seconds.
+    pub duration: f64,
+}
+
+/// Drawn drives of five robots around a ball.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Team {
+    /// Circumstances to compare.
+    pub variants: Vec<Circumstance>,
+}
+
+/// What the network and the team do; what is left out is `localize::team::experiment::Trial`'s own.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Circumstance {
+    /// Its name in tables.
+    pub name: String,
+    /// Frames between two words of a robot, at 30 frames a second.
+    pub frames_per_word: Option<usize>,
+    /// Share of the words that are lost.
+    pub loss: Option<f32>,
+    /// Longest time that a word is under way, seconds.
+    pub delay_max: Option<f32>,
+    /// Robots that lie.
+    pub liars: Option<usize>,
+    /// Scored where the ball is farther than this from every honest robot, metres.
+    pub beyond: Option<f32>,
+    /// Seconds of each drive.
+    pub seconds: Option<f32>,
+}
+
+/// Scenarios with a squad.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SquadRuns {
+    /// Settings to compare.
+    pub presets: Vec<String>,
+    /// Scenarios; each is run with every seed.
+    pub variants: Vec<Variant>,
 }
 
 /// Each variant with each preset and seed.
@@ -189,15 +276,41 @@ impl Part {
             Some(name) => bail!("there is no preset {name:?}"),
             None => Ok(()),
         };
+        let found = |variants: &mut [Variant], common: Option<&PathBuf>| {
+            for variant in variants {
+                let Some(scenario) = variant.scenario.as_ref().or(common) else {
+                    bail!("variant {:?} names no scenario", variant.name);
+                };
+                variant.scenario = Some(folder.join(scenario));
+            }
+            Ok(())
+        };
         match &mut self.run {
             Run::Drives(drives) => {
                 known(&drives.presets)?;
-                for variant in &mut drives.variants {
-                    let scenario = variant.scenario.as_ref().or(drives.scenario.as_ref());
-                    let Some(scenario) = scenario else {
-                        bail!("variant {:?} names no scenario", variant.name);
-                    };
-                    variant.scenario = Some(folder.join(scenario));
+                found(&mut drives.variants, drives.scenario.as_ref())?;
+            }
+            Run::Eyes(eyes) => {
+                known(&eyes.presets)?;
+                found(&mut eyes.variants, None)?;
+                for one in &mut eyes.recordings {
+                    one.folder = folder.join(&one.folder);
+                }
+            }
+            Run::Squad(squad) => {
+                known(&squad.presets)?;
+                found(&mut squad.variants, None)?;
+            }
+            Run::Fusion(fusion) => {
+                fusion.robot = folder.join(&fusion.robot);
+                super::fusion::check(fusion)?;
+            }
+            Run::Team(team) => {
+                if let Some(one) = team.variants.iter().find(|one| one.liars >= Some(ROBOTS)) {
+                    bail!(
+                        "variant {:?}: a team of {ROBOTS} needs an honest robot",
+                        one.name
+                    );
                 }
             }
             Run::Stills(stills) => {

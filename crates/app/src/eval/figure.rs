@@ -1,5 +1,7 @@
 //! What came out, and how sure is it? Figures with their interval, beside the paper's, in a file and in a table.
 
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use super::experiment::Stated;
@@ -28,7 +30,7 @@ pub struct Interval {
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// What lies in it: the mean with 95 % confidence, or 90 % of all values.
+    /// What lies in it: the true value with 95 % confidence, 90 % of all values, or the value of each run.
     pub kind: &'static str,
 }
 
@@ -50,6 +52,20 @@ const STUDENT: [f64; 20] = [
     12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160,
     2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
 ];
+
+/// Of so many degrees of freedom; beyond 20 the normal distribution's 1.96 is near enough, 2.1 on the safe side.
+fn student(freedom: usize) -> f64 {
+    STUDENT.get(freedom - 1).copied().unwrap_or(2.1)
+}
+
+/// Resamplings of a bootstrap: the ends of its interval are then good to some percent.
+const RESAMPLES: usize = 1000;
+
+fn deviation(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let count = values.clone().count() as f64;
+    let mean = values.clone().sum::<f64>() / count;
+    (values.map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()
+}
 
 impl Figure {
     /// A number without an interval.
@@ -74,9 +90,7 @@ impl Figure {
                 .map(|value| (value - mean).powi(2))
                 .sum::<f64>()
                 / (count - 1.0);
-            // From 20 on the normal distribution's 1.96 is near enough, 2.0 on the safe side.
-            let t = STUDENT.get(values.len() - 2).copied().unwrap_or(2.0);
-            let half = t * (variance / count).sqrt();
+            let half = student(values.len() - 1) * (variance / count).sqrt();
             Interval {
                 low: mean - half,
                 high: mean + half,
@@ -110,6 +124,87 @@ impl Figure {
                 kind: CONFIDENCE,
             });
         }
+        figure
+    }
+
+    /// A share or rate per hundred over pieces of runs, (hits, of how many) each, with the interval of a ratio of sums.
+    ///
+    /// What follows one another in a piece is alike and counts once: the pieces are the sample, not their frames. Where
+    /// all pieces agree on nothing or all, it is Wilson's interval over the pieces.
+    pub fn ratio(
+        variant: &str,
+        method: &str,
+        name: &'static str,
+        pieces: &[(usize, usize)],
+    ) -> Self {
+        let pieces: Vec<(f64, f64)> = pieces
+            .iter()
+            .filter(|(_, count)| *count > 0)
+            .map(|&(hits, count)| (hits as f64, count as f64))
+            .collect();
+        let mut figure = Figure::plain(variant, method, name, None);
+        let (hits, count) = pieces.iter().fold((0.0, 0.0), |(hits, count), piece| {
+            (hits + piece.0, count + piece.1)
+        });
+        if pieces.is_empty() {
+            return figure;
+        }
+        let (p, k) = (hits / count, pieces.len() as f64);
+        figure.value = Some(100.0 * p);
+        if hits == 0.0 || hits == count {
+            let all = if hits == 0.0 { 0 } else { pieces.len() };
+            figure.interval = Figure::share("", "", name, all, pieces.len()).interval;
+        } else if pieces.len() > 1 {
+            let squares: f64 = pieces.iter().map(|(h, n)| (h - p * n).powi(2)).sum();
+            let half = student(pieces.len() - 1) * (k / (k - 1.0) * squares).sqrt() / count;
+            figure.interval = Some(Interval {
+                low: 100.0 * (p - half).max(0.0),
+                high: 100.0 * (p + half),
+                kind: CONFIDENCE,
+            });
+        }
+        figure
+    }
+
+    /// The largest of the runs' own largest, with the range of these.
+    pub fn largest(variant: &str, method: &str, name: &'static str, runs: &[f64]) -> Self {
+        let high = runs.iter().copied().reduce(f64::max);
+        let low = runs.iter().copied().reduce(f64::min);
+        let interval = low.zip(high).filter(|_| runs.len() > 1);
+        Figure {
+            interval: interval.map(|(low, high)| Interval {
+                low,
+                high,
+                kind: "of each run",
+            }),
+            ..Figure::plain(variant, method, name, high)
+        }
+    }
+
+    /// Standard deviation of independent values, with the interval of a thousand resamplings: errors have heavy tails, so
+    /// that the χ² of Gaussian ones would be too sure.
+    pub fn deviation(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
+        let mut figure = Figure::plain(variant, method, name, None);
+        if values.len() < 2 {
+            return figure;
+        }
+        figure.value = Some(deviation(values.iter().copied()));
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut drawn: Vec<f64> = (0..RESAMPLES)
+            .map(|_| {
+                let picked: Vec<f64> = values
+                    .iter()
+                    .map(|_| values[rng.random_range(0..values.len())])
+                    .collect();
+                deviation(picked.into_iter())
+            })
+            .collect();
+        drawn.sort_by(f64::total_cmp);
+        figure.interval = Some(Interval {
+            low: drawn[RESAMPLES / 40],
+            high: drawn[RESAMPLES - 1 - RESAMPLES / 40],
+            kind: CONFIDENCE,
+        });
         figure
     }
 
@@ -199,6 +294,35 @@ mod tests {
         assert_eq!(figure.value, Some(100.0));
         assert!((interval.high - 100.0).abs() < 1e-9, "{interval:?}");
         assert!((interval.low - 95.9).abs() < 0.1, "{interval:?}");
+    }
+
+    #[test]
+    fn what_follows_one_another_counts_once() {
+        // Ten pieces of a hundred frames, two of them wholly lost: as sure as two of ten, not as two hundred of thousand.
+        let pieces: Vec<(usize, usize)> =
+            (0..10).map(|k| (100 * usize::from(k < 2), 100)).collect();
+        let figure = Figure::ratio("", "", "%", &pieces);
+        let interval = figure.interval.expect("ten pieces");
+        // 2.262 · sqrt(10/9 · (2·80² + 8·20²)) / 1000 = 30.2 %.
+        assert!((figure.value.expect("counted") - 20.0).abs() < 1e-9);
+        assert!((interval.high - 50.16).abs() < 0.05, "{interval:?}");
+        assert_eq!(interval.low, 0.0);
+        let never = Figure::ratio("", "", "%", &[(0, 30); 4]).interval;
+        assert!((never.expect("four pieces").high - 49.0).abs() < 0.1);
+        assert_eq!(Figure::ratio("", "", "%", &[(0, 0)]).value, None);
+    }
+
+    #[test]
+    fn a_deviations_interval_holds_it_and_narrows_with_the_number() {
+        let width = |count: u32| {
+            let values: Vec<f64> = (0..count).map(|k| f64::from((k * 37) % 101)).collect();
+            let figure = Figure::deviation("", "", "cm", &values);
+            let (value, interval) = figure.value.zip(figure.interval).expect("many values");
+            assert!(interval.low < value && value < interval.high);
+            interval.high - interval.low
+        };
+        let (few, many) = (width(25), width(400));
+        assert!((2.0..8.0).contains(&(few / many)), "{few} {many}");
     }
 
     #[test]

@@ -2,12 +2,15 @@
 
 pub mod drives;
 pub mod experiment;
+pub mod eyes;
 pub mod figure;
+pub mod fusion;
 pub mod landscape;
 pub mod output;
 mod page;
 pub mod searches;
 pub mod stills;
+pub mod team;
 pub mod times;
 
 use std::path::{Path, PathBuf};
@@ -25,7 +28,7 @@ use output::{PartResults, Results, Rows};
 /// The same seeds give the same figures, but for times.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball eval lima2001 --out out/lima2001\n\
-                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, all) or a file of your own.")]
+                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, all) or a file of your own.")]
 pub struct Args {
     /// The experiment.
     name: String,
@@ -136,6 +139,10 @@ fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<P
             "landscape",
             landscape::run(landscape, seed, &mut rows, &bar),
         ),
+        Run::Eyes(eyes) => ("eyes", eyes::run(eyes, seeds, &mut rows, &bar)),
+        Run::Fusion(fusion) => ("fusion", fusion::run(fusion, seeds, &mut rows, &bar)),
+        Run::Team(team) => ("team", team::drawn(team, seeds, &mut rows, &bar)),
+        Run::Squad(squad) => ("team", team::rendered(squad, seeds, &mut rows, &bar)),
     };
     bar.finish_and_clear();
     let mut figures = figures.with_context(|| format!("part {:?}", part.name))?;

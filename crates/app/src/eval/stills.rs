@@ -101,12 +101,6 @@ fn figures_of(preset: &str, errors: &[[f32; 3]], outliers: usize, count: usize) 
             .collect()
     };
     let degrees = 1f64.to_degrees();
-    let spread = |values: &[f64]| {
-        let count = values.len() as f64;
-        let mean = values.iter().sum::<f64>() / count;
-        let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-        (values.len() > 1).then(|| (squares / (count - 1.0)).sqrt())
-    };
     let (x, y, theta) = (values(0, 100.0), values(1, 100.0), values(2, degrees));
     vec![
         Figure::share("", preset, "located, %", errors.len() + outliers, count),
@@ -114,8 +108,8 @@ fn figures_of(preset: &str, errors: &[[f32; 3]], outliers: usize, count: usize) 
         Figure::mean("", preset, "mean of x, cm", &x),
         Figure::mean("", preset, "mean of y, cm", &y),
         Figure::mean("", preset, "mean of θ, °", &theta),
-        Figure::plain("", preset, "σ of x, cm", spread(&x)),
-        Figure::plain("", preset, "σ of y, cm", spread(&y)),
-        Figure::plain("", preset, "σ of θ, °", spread(&theta)),
+        Figure::deviation("", preset, "σ of x, cm", &x),
+        Figure::deviation("", preset, "σ of y, cm", &y),
+        Figure::deviation("", preset, "σ of θ, °", &theta),
     ]
 }

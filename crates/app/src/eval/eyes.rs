@@ -1,0 +1,287 @@
+//! What do the eyes find of what is there, and how far away? Line points, markings, ball and robots against truth.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use indicatif::ProgressBar;
+use localize::Stamp;
+use rayon::prelude::*;
+use vision::config::ObjectConfig;
+
+use super::experiment::{Eyes, Recorded, Variant};
+use super::figure::Figure;
+use super::output::{Rows, quoted};
+use crate::cycle::{Cycle, Spine, SpineConfig, overlaid};
+use crate::locate::FOREIGN_POINT_STD;
+use crate::recording::Recording;
+use crate::score;
+use crate::setup::Setup;
+use crate::sight_score::{Note, NoteKind, SightTally, TrueObject, TrueScene};
+use crate::simulation::Simulation;
+
+/// Runs are cut into pieces this long for the intervals of shares, seconds: by then everything stands elsewhere.
+const PIECE_S: f64 = 1.0;
+/// Width of the tables' bins of distance, metres.
+const BIN: f32 = 0.5;
+/// Line points, ball, and the rest are judged up to here, metres: what `locate` prints.
+const POINT_RANGE: f32 = 5.0;
+const BALL_RANGE: f32 = 6.0;
+const NEAR_RANGE: f32 = 4.0;
+
+/// Right ones and all, by what and bin of distance.
+type Counts = BTreeMap<(NoteKind, usize), [usize; 2]>;
+
+/// A second of a run.
+#[derive(Default)]
+struct Piece {
+    frames: usize,
+    counts: Counts,
+}
+
+/// One run, second by second, and the time of each frame in milliseconds.
+#[derive(Default)]
+struct Looked {
+    pieces: Vec<Piece>,
+    times_ms: Vec<f64>,
+}
+
+enum Source<'a> {
+    Recorded(&'a Recorded),
+    Simulated(&'a Variant, u64),
+}
+
+impl Source<'_> {
+    fn name(&self) -> &str {
+        match self {
+            Source::Recorded(one) => &one.name,
+            Source::Simulated(variant, _) => &variant.name,
+        }
+    }
+
+    fn look(&self, preset: &str) -> Result<Looked> {
+        match self {
+            Source::Recorded(one) => recorded(&one.folder, preset),
+            Source::Simulated(variant, seed) => simulated(variant, *seed, preset),
+        }
+    }
+}
+
+/// Looks at every source with every preset; counts by distance to CSV, figures back.
+pub fn run(
+    eyes: &Eyes,
+    seeds: std::ops::Range<u64>,
+    rows: &mut Rows,
+    bar: &ProgressBar,
+) -> Result<Vec<Figure>> {
+    let simulated = eyes.variants.iter().flat_map(|variant| {
+        let seeds = seeds.clone();
+        seeds.map(move |seed| Source::Simulated(variant, seed))
+    });
+    let recorded = eyes.recordings.iter().map(Source::Recorded);
+    let sources: Vec<Source<'_>> = recorded.chain(simulated).collect();
+    let jobs: Vec<(&str, &Source<'_>)> = eyes
+        .presets
+        .iter()
+        .flat_map(|preset| sources.iter().map(move |source| (preset.as_str(), source)))
+        .collect();
+    bar.set_length(jobs.len() as u64);
+    let looked: Vec<Looked> = jobs
+        .par_iter()
+        .map(|(preset, source)| {
+            let done = source
+                .look(preset)
+                .with_context(|| source.name().to_owned());
+            bar.inc(1);
+            done
+        })
+        .collect::<Result<_>>()?;
+    rows.header("variant,method,kind,range_m,right,count")?;
+    let mut figures = Vec::new();
+    let names = sources.iter().map(Source::name);
+    let mut names: Vec<&str> = names.collect();
+    names.dedup();
+    for name in names {
+        for preset in &eyes.presets {
+            let mine = jobs.iter().zip(&looked);
+            let mine: Vec<&Looked> = mine
+                .filter(|((method, source), _)| *method == preset.as_str() && source.name() == name)
+                .map(|(_, looked)| looked)
+                .collect();
+            write_rows(rows, name, preset, &mine)?;
+            figures.extend(figures_of(name, preset, &mine));
+        }
+    }
+    Ok(figures)
+}
+
+/// Shares in percent that the default eyes find in a recording: right line points (5 m), markings sampled (4 m), ball (6 m)
+/// and robots (4 m).
+pub fn shares_found(folder: &Path) -> Result<[Option<f64>; 4]> {
+    let looked = recorded(folder, "default")?;
+    let figures = figures_of("", "", &[&looked]);
+    Ok(SHARES.map(|name| figures.iter().find(|one| one.name == name)?.value))
+}
+
+const SHARES: [&str; 4] = [
+    "line points right (5 m), %",
+    "markings sampled (4 m), %",
+    "ball found (6 m), %",
+    "robots found (4 m), %",
+];
+
+fn recorded(folder: &Path, preset: &str) -> Result<Looked> {
+    let setup = Setup::load(&folder.join("robot.toml"), None)?;
+    let recording = Recording::open(folder, FOREIGN_POINT_STD)?;
+    let (truth, objects) = (recording.truth.clone(), recording.objects.clone());
+    ensure!(!truth.is_empty(), "{}: no truth.csv", folder.display());
+    let mut spine = Spine::new(&setup, &SpineConfig::preset(preset)?)?;
+    let mut looked = Looked::default();
+    for cycle in recording.filter_map(|sample| spine.take(sample)) {
+        let there = objects.get(&cycle.stamp).map(Vec::as_slice);
+        if let Some(pose) = score::pose_at(&truth, cycle.stamp) {
+            looked.add(&cycle, &setup, pose, there);
+        }
+    }
+    Ok(looked)
+}
+
+fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
+    let scenario = variant.scenario.as_deref().context("no scenario")?;
+    let simulation = Simulation::changed(scenario, &variant.set, Some(seed), None)?;
+    let setup = simulation.setup()?;
+    let config = overlaid(&SpineConfig::preset(preset)?, variant.config.clone())?;
+    let mut spine = Spine::new(&setup, &config)?;
+    let mut looked = Looked::default();
+    simulation.play(&mut spine, |cycle| {
+        let Some(truth) = &cycle.inputs.truth else {
+            return Ok(());
+        };
+        let thing = |is_ball, at| TrueObject {
+            is_ball,
+            at,
+            visible_px: None,
+        };
+        let mut there: Vec<TrueObject> = truth.ball.map(|at| thing(true, at)).into_iter().collect();
+        there.extend(truth.robots.iter().map(|&at| thing(false, at)));
+        looked.add(&cycle, &setup, truth.pose, Some(&there));
+        Ok(())
+    })?;
+    Ok(looked)
+}
+
+impl Looked {
+    fn add(
+        &mut self,
+        cycle: &Cycle,
+        setup: &Setup,
+        pose: localize::Pose,
+        objects: Option<&[TrueObject]>,
+    ) {
+        let (Some(seen), Some((_, map))) = (&cycle.seen, &setup.camera) else {
+            return;
+        };
+        let piece = piece_of(cycle.stamp);
+        if self.pieces.len() <= piece {
+            self.pieces.resize_with(piece + 1, Piece::default);
+        }
+        let Piece { frames, counts } = &mut self.pieces[piece];
+        *frames += 1;
+        self.times_ms.push(f64::from(cycle.timings.see_ms));
+        let scene = TrueScene {
+            pose,
+            lean: cycle.estimate.lean,
+            viewpoint_height: setup
+                .viewpoint_height
+                .unwrap_or(ObjectConfig::default().viewpoint_height),
+            field: &setup.field,
+            map,
+            objects,
+        };
+        SightTally::default().add_noting(seen, &scene, &mut |note: Note| {
+            let bin = (note.range / BIN) as usize;
+            let [right, all] = counts.entry((note.kind, bin)).or_default();
+            *right += usize::from(note.right);
+            *all += 1;
+        });
+    }
+}
+
+fn piece_of(stamp: Stamp) -> usize {
+    (stamp.seconds() / PIECE_S) as usize
+}
+
+fn write_rows(rows: &mut Rows, variant: &str, preset: &str, runs: &[&Looked]) -> Result<()> {
+    let mut sums = Counts::new();
+    for piece in runs.iter().flat_map(|run| &run.pieces) {
+        for (&key, &[right, all]) in &piece.counts {
+            let sum = sums.entry(key).or_default();
+            sum[0] += right;
+            sum[1] += all;
+        }
+    }
+    for ((kind, bin), [right, all]) in sums {
+        let range = bin as f32 * BIN;
+        let (variant, kind) = (quoted(variant), name_of(kind));
+        rows.row(format_args!(
+            "{variant},{preset},{kind},{range:.1},{right},{all}"
+        ))?;
+    }
+    Ok(())
+}
+
+fn name_of(kind: NoteKind) -> &'static str {
+    match kind {
+        NoteKind::Point => "line point",
+        NoteKind::Marking => "marking",
+        NoteKind::Ball => "ball",
+        NoteKind::Robot => "robot",
+        NoteKind::Edge => "robot's edge",
+        NoteKind::FalseBall => "no ball",
+        NoteKind::FalseRobot => "no robot",
+    }
+}
+
+fn figures_of(variant: &str, method: &str, runs: &[&Looked]) -> Vec<Figure> {
+    let pieces: Vec<&Piece> = runs.iter().flat_map(|run| &run.pieces).collect();
+    let within = |kind: NoteKind, range: f32| -> Vec<(usize, usize)> {
+        let last = (range / BIN) as usize;
+        let sum = |piece: &&Piece| {
+            let counts = piece.counts.range((kind, 0)..(kind, last));
+            counts.fold((0, 0), |sum, (_, one)| (sum.0 + one[0], sum.1 + one[1]))
+        };
+        pieces.iter().map(sum).collect()
+    };
+    // Something that is not there: how often in a frame, not how often right.
+    let false_ones = |kind, range| -> Vec<(usize, usize)> {
+        let counted = within(kind, range).into_iter().zip(&pieces);
+        counted
+            .map(|((_, all), piece)| (all, piece.frames))
+            .collect()
+    };
+    let share = |name, counted: Vec<(usize, usize)>| Figure::ratio(variant, method, name, &counted);
+    let times = runs.iter().flat_map(|run| run.times_ms.iter().copied());
+    let [points, markings, ball, robots] = SHARES;
+    let mut figures = vec![
+        share(points, within(NoteKind::Point, POINT_RANGE)),
+        share(markings, within(NoteKind::Marking, NEAR_RANGE)),
+        share(ball, within(NoteKind::Ball, BALL_RANGE)),
+        share(
+            "false balls, per 100 frames",
+            false_ones(NoteKind::FalseBall, f32::MAX),
+        ),
+        share(robots, within(NoteKind::Robot, NEAR_RANGE)),
+        share(
+            "their edge right to 10 cm, %",
+            within(NoteKind::Edge, NEAR_RANGE),
+        ),
+        share(
+            "false robots (4 m), per 100 frames",
+            false_ones(NoteKind::FalseRobot, NEAR_RANGE),
+        ),
+        Figure::median(variant, method, "time to see, ms", times.collect()),
+    ];
+    // Where there is no ball or robot, nothing can be found.
+    figures.retain(|figure| figure.value.is_some());
+    figures
+}

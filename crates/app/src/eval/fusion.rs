@@ -1,0 +1,158 @@
+//! Which way of fusing knows the robot's place best? Every course with every seed, each estimator on the same samples.
+
+use anyhow::{Result, bail};
+use indicatif::ProgressBar;
+use localize::Field;
+use rayon::prelude::*;
+use serde::Serialize;
+use sim::fusion::{Course, Estimator, FusionExperiment, Row};
+use vision::RobotConfig;
+
+use super::experiment::Fusion;
+use super::figure::Figure;
+use super::output::Rows;
+
+/// Does it name courses and estimators that exist?
+pub fn check(fusion: &Fusion) -> Result<()> {
+    named(&Course::ALL, &fusion.courses)?;
+    named(&Estimator::ALL, &fusion.estimators)?;
+    Ok(())
+}
+
+/// Drives and judges; a row for each course, seed and estimator to CSV, figures over the seeds back.
+pub fn run(
+    fusion: &Fusion,
+    seeds: std::ops::Range<u64>,
+    rows: &mut Rows,
+    bar: &ProgressBar,
+) -> Result<Vec<Figure>> {
+    let robot = RobotConfig::load(&fusion.robot)?;
+    let field = Field::load(&robot.field)?;
+    let courses = named(&Course::ALL, &fusion.courses)?;
+    let estimators = named(&Estimator::ALL, &fusion.estimators)?;
+    let jobs: Vec<(Course, u64)> = courses
+        .iter()
+        .flat_map(|&course| seeds.clone().map(move |seed| (course, seed)))
+        .collect();
+    bar.set_length(jobs.len() as u64);
+    let driven: Vec<Vec<Row>> = jobs
+        .par_iter()
+        .map(|&(course, seed)| {
+            let experiment = FusionExperiment {
+                seeds: seed..seed + 1,
+                duration: fusion.duration,
+                courses: vec![course],
+                estimators: estimators.clone(),
+                ..FusionExperiment::default()
+            };
+            let rows = experiment.run(&robot, &field);
+            bar.inc(1);
+            Ok(rows?)
+        })
+        .collect::<Result<_>>()?;
+    rows.header("variant,method,seed,frames,position_m,position_max_m,heading_deg,blind_m,after_hit_m,along_m,nees,nees_inside,searched,latency_s")?;
+    for (&(_, seed), found) in jobs.iter().zip(&driven) {
+        for row in found {
+            write_row(rows, seed, row)?;
+        }
+    }
+    let all: Vec<&Row> = driven.iter().flatten().collect();
+    let cells = courses
+        .iter()
+        .flat_map(|&course| estimators.iter().map(move |&one| (course, one)));
+    Ok(cells
+        .flat_map(|(course, estimator)| {
+            let mine = all.iter().copied();
+            let mine = mine.filter(|row| row.course == course && row.estimator == estimator);
+            figures_of(
+                &name_of(&course),
+                &name_of(&estimator),
+                &mine.collect::<Vec<_>>(),
+            )
+        })
+        .collect())
+}
+
+fn write_row(rows: &mut Rows, seed: u64, row: &Row) -> Result<()> {
+    let maybe = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
+    rows.row(format_args!(
+        "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5}",
+        name_of(&row.course),
+        name_of(&row.estimator),
+        row.frames,
+        row.position,
+        row.position_max,
+        row.heading_deg,
+        maybe(row.blind),
+        maybe(row.after_hit),
+        row.along,
+        row.nees,
+        row.nees_inside,
+        row.searched,
+        row.latency
+    ))
+}
+
+fn figures_of(variant: &str, method: &str, rows: &[&Row]) -> Vec<Figure> {
+    let values = |get: fn(&Row) -> Option<f32>| -> Vec<f64> {
+        rows.iter()
+            .filter_map(|row| get(row))
+            .map(f64::from)
+            .collect()
+    };
+    let mean = |name: &'static str, get: fn(&Row) -> Option<f32>| {
+        Figure::mean(variant, method, name, &values(get))
+    };
+    let mut figures = vec![
+        mean("mean position, cm", |row| Some(100.0 * row.position)),
+        Figure::largest(
+            variant,
+            method,
+            "largest position, cm",
+            &values(|row| Some(100.0 * row.position_max)),
+        ),
+        mean("mean heading, °", |row| Some(row.heading_deg)),
+        mean("after 2 s blind, cm", |row| row.blind.map(|m| 100.0 * m)),
+        mean("in the second after a hit, cm", |row| {
+            row.after_hit.map(|m| 100.0 * m)
+        }),
+        mean("along the way, cm", |row| Some(100.0 * row.along)),
+        // The wheels alone state no uncertainty.
+        mean("NEES (3 is honest)", |row| {
+            (row.nees > 0.0).then_some(row.nees)
+        }),
+        mean("inside the 95 % band, %", |row| {
+            (row.nees > 0.0).then_some(100.0 * row.nees_inside)
+        }),
+        mean("searched or lost, % of frames", |row| {
+            (row.frames > 0).then(|| 100.0 * row.searched as f32 / row.frames as f32)
+        }),
+        mean("scale off at the end, %", |row| {
+            row.scale_off.map(|share| 100.0 * share)
+        }),
+        mean("latency believed, ms", |row| Some(1e3 * row.latency)),
+    ];
+    figures.retain(|figure| figure.value.is_some());
+    figures
+}
+
+/// Those of all whose names are wanted; all, if none is.
+fn named<T: Copy + Serialize>(all: &[T], wanted: &[String]) -> Result<Vec<T>> {
+    if wanted.is_empty() {
+        return Ok(all.to_vec());
+    }
+    let find = |name: &String| {
+        let Some(&found) = all.iter().find(|one| name_of(*one) == *name) else {
+            let known: Vec<String> = all.iter().map(name_of).collect();
+            bail!("there is no {name:?}; there are {}", known.join(", "));
+        };
+        Ok(found)
+    };
+    wanted.iter().map(find).collect()
+}
+
+/// As it is written in files.
+fn name_of<T: Serialize>(one: &T) -> String {
+    let value = serde_json::to_value(one).unwrap_or_default();
+    value.as_str().unwrap_or_default().to_owned()
+}

@@ -1,0 +1,181 @@
+//! How much better does the team know a far ball than its best robot? Drawn drives by the thousand, rendered ones to check.
+
+use anyhow::{Context, Result};
+use indicatif::ProgressBar;
+use localize::team::experiment::{BallScore, Trial, shared_ball};
+use rayon::prelude::*;
+
+use super::experiment::{Circumstance, SquadRuns, Team, Variant};
+use super::figure::Figure;
+use super::output::{Rows, quoted};
+use crate::cycle::{SpineConfig, overlaid};
+use crate::simulation::changed_scenario;
+use crate::squad::{Fared, Squad};
+
+/// One run of a team: mean errors of the ball, metres.
+struct Known {
+    /// By each robot alone.
+    alone: Vec<f64>,
+    /// By the team.
+    team: Option<f64>,
+    /// Squared error of the team's ball in its own standard deviations, where it was scored.
+    nees: Option<f64>,
+}
+
+const HEADER: &str = "variant,method,seed,robot,error_m";
+
+/// Plays drawn drives, without images.
+pub fn drawn(
+    team: &Team,
+    seeds: std::ops::Range<u64>,
+    rows: &mut Rows,
+    bar: &ProgressBar,
+) -> Result<Vec<Figure>> {
+    bar.set_length(team.variants.len() as u64 * (seeds.end - seeds.start));
+    rows.header(HEADER)?;
+    let mut figures = Vec::new();
+    for variant in &team.variants {
+        let trial = trial_of(variant);
+        let seeds: Vec<u64> = seeds.clone().collect();
+        let runs: Vec<Known> = seeds
+            .par_iter()
+            .map(|&seed| {
+                let score = shared_ball(seed..seed + 1, &trial);
+                bar.inc(1);
+                known(&score)
+            })
+            .collect();
+        write_rows(rows, &variant.name, &seeds, &runs)?;
+        figures.extend(figures_of(&variant.name, &runs));
+    }
+    Ok(figures)
+}
+
+fn trial_of(variant: &Circumstance) -> Trial {
+    let usual = Trial::default();
+    Trial {
+        frames_per_word: variant
+            .frames_per_word
+            .unwrap_or(usual.frames_per_word)
+            .max(1),
+        loss: variant.loss.unwrap_or(usual.loss),
+        delay_max: variant.delay_max.unwrap_or(usual.delay_max),
+        liars: variant.liars.unwrap_or(usual.liars),
+        beyond: variant.beyond.unwrap_or(usual.beyond),
+        seconds: variant.seconds.unwrap_or(usual.seconds),
+    }
+}
+
+fn known(score: &BallScore) -> Known {
+    let honest = score.single.iter().copied().filter(|error| *error > 0.0);
+    let scored = score.frames > 0;
+    Known {
+        alone: honest.map(f64::from).collect(),
+        team: scored.then_some(f64::from(score.merged)),
+        nees: scored.then_some(f64::from(score.nees)),
+    }
+}
+
+/// Plays scenarios with a squad, images included; a squad uses all cores by itself.
+pub fn rendered(
+    squads: &SquadRuns,
+    seeds: std::ops::Range<u64>,
+    rows: &mut Rows,
+    bar: &ProgressBar,
+) -> Result<Vec<Figure>> {
+    bar.set_length(
+        (squads.variants.len() * squads.presets.len()) as u64 * (seeds.end - seeds.start),
+    );
+    rows.header(HEADER)?;
+    let seeds: Vec<u64> = seeds.collect();
+    let mut figures = Vec::new();
+    for variant in &squads.variants {
+        for preset in &squads.presets {
+            let mut runs = Vec::new();
+            for &seed in &seeds {
+                let fared = play(variant, preset, seed)
+                    .with_context(|| format!("variant {:?}", variant.name))?;
+                bar.inc(1);
+                runs.push(Known::of(&fared));
+            }
+            let name = match squads.presets.len() {
+                1 => variant.name.clone(),
+                _ => format!("{}, {preset}", variant.name),
+            };
+            write_rows(rows, &name, &seeds, &runs)?;
+            figures.extend(figures_of(&name, &runs));
+        }
+    }
+    Ok(figures)
+}
+
+fn play(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<Fared>> {
+    let path = variant.scenario.as_deref().context("no scenario")?;
+    let (scenario, _) = changed_scenario(path, &variant.set, Some(seed))?;
+    let config = overlaid(&SpineConfig::preset(preset)?, variant.config.clone())?;
+    Squad::new((path, &scenario), &config, scenario.duration, None)?.play(|_| ())
+}
+
+impl Known {
+    fn of(fared: &[Fared]) -> Self {
+        let alone = fared
+            .iter()
+            .filter_map(|one| Some(one.own_far_ball_m?.mean));
+        let team: Vec<f64> = fared
+            .iter()
+            .filter_map(|one| Some(one.team_far_ball_m?.mean))
+            .collect();
+        Known {
+            alone: alone.collect(),
+            team: (!team.is_empty()).then(|| team.iter().sum::<f64>() / team.len() as f64),
+            nees: None,
+        }
+    }
+
+    fn best(&self) -> Option<f64> {
+        self.alone.iter().copied().reduce(f64::min)
+    }
+
+    fn usual(&self) -> Option<f64> {
+        let count = self.alone.len() as f64;
+        (count > 0.0).then(|| self.alone.iter().sum::<f64>() / count)
+    }
+}
+
+fn write_rows(rows: &mut Rows, variant: &str, seeds: &[u64], runs: &[Known]) -> Result<()> {
+    let variant = quoted(variant);
+    for (seed, run) in seeds.iter().zip(runs) {
+        for (robot, error) in run.alone.iter().enumerate() {
+            rows.row(format_args!(
+                "{variant},alone,{seed},{},{error:.5}",
+                robot + 1
+            ))?;
+        }
+        if let Some(error) = run.team {
+            rows.row(format_args!("{variant},team,{seed},,{error:.5}"))?;
+        }
+    }
+    Ok(())
+}
+
+fn figures_of(variant: &str, runs: &[Known]) -> Vec<Figure> {
+    let centimetres = |get: fn(&Known) -> Option<f64>| -> Vec<f64> {
+        let values = runs.iter().filter_map(get);
+        values.map(|error| 100.0 * error).collect()
+    };
+    let name = "error of the ball, cm";
+    let ratios: Vec<f64> = runs
+        .iter()
+        .filter_map(|run| Some(run.team? / run.best()?))
+        .collect();
+    let nees: Vec<f64> = runs.iter().filter_map(|run| run.nees).collect();
+    let mut figures = vec![
+        Figure::mean(variant, "mean robot", name, &centimetres(Known::usual)),
+        Figure::mean(variant, "best robot", name, &centimetres(Known::best)),
+        Figure::mean(variant, "team", name, &centimetres(|run| run.team)),
+        Figure::mean(variant, "team", "over the best robot's", &ratios),
+        Figure::mean(variant, "team", "NEES (2 is honest)", &nees),
+    ];
+    figures.retain(|figure| figure.value.is_some());
+    figures
+}
