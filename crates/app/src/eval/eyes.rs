@@ -20,8 +20,10 @@ use crate::setup::Setup;
 use crate::sight_score::{Note, NoteKind, SightTally, TrueObject, TrueScene};
 use crate::simulation::Simulation;
 
-/// Runs are cut into pieces this long for the intervals of shares, seconds: by then everything stands elsewhere.
+/// Runs are cut into pieces this long for the intervals of shares, seconds: by then everything stands elsewhere. A short
+/// recording is cut into as many as ten all the same.
 const PIECE_S: f64 = 1.0;
+const PIECES: f64 = 10.0;
 /// Width of the tables' bins of distance, metres.
 const BIN: f32 = 0.5;
 /// Line points, ball, and the rest are judged up to here, metres: what `locate` prints.
@@ -40,8 +42,9 @@ struct Piece {
 }
 
 /// One run, second by second, and the time of each frame in milliseconds.
-#[derive(Default)]
 struct Looked {
+    piece_s: f64,
+    first: Option<Stamp>,
     pieces: Vec<Piece>,
     times_ms: Vec<f64>,
 }
@@ -136,7 +139,8 @@ fn recorded(folder: &Path, preset: &str) -> Result<Looked> {
     let (truth, objects) = (recording.truth.clone(), recording.objects.clone());
     ensure!(!truth.is_empty(), "{}: no truth.csv", folder.display());
     let mut spine = Spine::new(&setup, &SpineConfig::preset(preset)?)?;
-    let mut looked = Looked::default();
+    let lasts = truth.first().zip(truth.last());
+    let mut looked = Looked::new(lasts.map_or(0.0, |(first, last)| last.stamp - first.stamp));
     for cycle in recording.filter_map(|sample| spine.take(sample)) {
         let there = objects.get(&cycle.stamp).map(Vec::as_slice);
         if let Some(pose) = score::pose_at(&truth, cycle.stamp) {
@@ -152,7 +156,7 @@ fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
     let setup = simulation.setup()?;
     let config = overlaid(&SpineConfig::preset(preset)?, variant.config.clone())?;
     let mut spine = Spine::new(&setup, &config)?;
-    let mut looked = Looked::default();
+    let mut looked = Looked::new(simulation.duration());
     simulation.play(&mut spine, |cycle| {
         let Some(truth) = &cycle.inputs.truth else {
             return Ok(());
@@ -171,6 +175,16 @@ fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
 }
 
 impl Looked {
+    /// Of a run that lasts so many seconds.
+    fn new(duration: f64) -> Self {
+        Looked {
+            piece_s: PIECE_S.min((duration / PIECES).max(1e-3)),
+            first: None,
+            pieces: Vec::new(),
+            times_ms: Vec::new(),
+        }
+    }
+
     fn add(
         &mut self,
         cycle: &Cycle,
@@ -181,7 +195,8 @@ impl Looked {
         let (Some(seen), Some((_, map))) = (&cycle.seen, &setup.camera) else {
             return;
         };
-        let piece = piece_of(cycle.stamp);
+        let first = *self.first.get_or_insert(cycle.stamp);
+        let piece = ((cycle.stamp - first) / self.piece_s) as usize;
         if self.pieces.len() <= piece {
             self.pieces.resize_with(piece + 1, Piece::default);
         }
@@ -205,10 +220,6 @@ impl Looked {
             *all += 1;
         });
     }
-}
-
-fn piece_of(stamp: Stamp) -> usize {
-    (stamp.seconds() / PIECE_S) as usize
 }
 
 fn write_rows(rows: &mut Rows, variant: &str, preset: &str, runs: &[&Looked]) -> Result<()> {

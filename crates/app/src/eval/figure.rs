@@ -157,9 +157,12 @@ impl Figure {
         } else if pieces.len() > 1 {
             let squares: f64 = pieces.iter().map(|(h, n)| (h - p * n).powi(2)).sum();
             let half = student(pieces.len() - 1) * (k / (k - 1.0) * squares).sqrt() / count;
+            // A share ends at all; a rate (several in a frame) does not.
+            let is_share = pieces.iter().all(|(hits, count)| hits <= count);
+            let most = if is_share { 1.0 } else { f64::INFINITY };
             figure.interval = Some(Interval {
                 low: 100.0 * (p - half).max(0.0),
-                high: 100.0 * (p + half),
+                high: 100.0 * (p + half).min(most),
                 kind: CONFIDENCE,
             });
         }
