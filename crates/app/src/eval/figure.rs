@@ -257,7 +257,7 @@ impl Figure {
                 None => short(paper.value),
             });
         format!(
-            "{:<24} {:<12} {:<28} {value:>10} {interval:<22} {paper}",
+            "{:<26} {:<14} {:<35} {value:>10} {interval:<22} {paper}",
             self.variant, self.method, self.name
         )
         .trim_end()

@@ -121,7 +121,7 @@ impl Results {
         for part in &self.parts {
             println!("\n{}", part.title);
             println!(
-                "{:<24} {:<12} {:<28} {:>10} {:<22} paper",
+                "{:<26} {:<14} {:<35} {:>10} {:<22} paper",
                 "", "", "", "value", "interval"
             );
             for figure in &part.figures {
