@@ -31,7 +31,7 @@ def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
         _carry_executable()
         return maturin.build_wheel(wheel_directory, config_settings, metadata_directory)
     finally:
-        # Beside the sources it would go stale.
+        # Beside the sources it would go stale. It must not be in .gitignore: maturin leaves out what is.
         shutil.rmtree(CARRIED, ignore_errors=True)
 
 
