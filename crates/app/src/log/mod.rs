@@ -25,6 +25,7 @@ pub use picture::{Encoded, ImageMode};
 pub use read::{Log, Logged};
 pub use record::Recorder;
 pub use recover::recover;
+#[cfg(feature = "view")]
 pub(crate) use schema::convert::mode_and_reason;
 pub use stream::End;
 pub use verify::{Difference, Verdict, verify};
