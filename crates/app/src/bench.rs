@@ -157,6 +157,8 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if let Some(earlier) = &earlier {
         report.compared = kept.compared(earlier);
         report.gone = kept.missing(earlier);
+        // What was not asked for is not missing.
+        report.gone.retain(|name| name.contains(&args.only));
     }
     if json {
         println!("{}", serde_json::to_string(&report)?);
