@@ -1,11 +1,13 @@
 """Does `mirrorball run` play the simulated robot through its true wire formats? The virtual hardware."""
 
 import csv
+import hmac
 import json
 import math
 import os
 import pty
 import signal
+import socket
 import subprocess
 import time
 from pathlib import Path
@@ -160,3 +162,87 @@ def test_a_key_drives_and_letting_go_stops(tmp_path: Path) -> None:
     assert report["wheels_stopped"]
     # One key press drives for 0.6 s at 100 commands a second.
     assert 20 < commands["driving"] < 120 and commands["stands_last"]
+
+
+def free_port() -> int:
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+        return port
+
+
+def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tmp_path: Path) -> None:
+    sim = hardware(tmp_path / "robot", "--truth", tmp_path / "truth.csv")
+    listen, tell, phrase = free_port(), free_port(), "known to both sides"
+    network = tmp_path / "network.toml"
+    network.write_text(
+        f'[[outputs]]\nto = "127.0.0.1:{tell}"\nformat = "json"\n\n[commands]\nbind = "127.0.0.1:{listen}"\nkey = "{phrase}"\n'
+    )
+    states = socket.socket(type=socket.SOCK_DGRAM)
+    states.bind(("127.0.0.1", tell))
+    states.settimeout(30)
+    run = start("run", "--robot", tmp_path / "robot", "--network", network, "--json")
+    while "pose" not in (state := json.loads(states.recv(65535))) or state["pose"] is None:
+        pass
+    out = socket.socket(type=socket.SOCK_DGRAM)
+
+    def send(sequence: int, key: str, **wish: object) -> None:
+        command = {"version": 1, "session": 1, "sequence": sequence, "valid_ms": 100, **wish}
+        content = json.dumps(command).encode()
+        code = hmac.new(key.encode(), content, "sha256").digest()[:16]
+        out.sendto(content + code, ("127.0.0.1", listen))
+
+    forward = {"x": 0.8, "y": 0.0, "theta": 0.0}
+    for sequence in range(50):
+        send(sequence, phrase, drive=forward, needs_pose=True)
+        time.sleep(0.03)
+    send(50, phrase, kick={"speed": 5.0})
+    silent = time.monotonic()
+    time.sleep(0.5)
+    # Neither a copy nor a command under another key drives.
+    for sequence in range(51, 61):
+        send(10, phrase, drive=forward)
+        send(sequence, "known to nobody", drive=forward)
+        time.sleep(0.03)
+    time.sleep(0.5)
+    states.close()
+    out.close()
+    run.send_signal(signal.SIGTERM)
+    report = ended(run)
+    sim.send_signal(signal.SIGTERM)
+    audit = ended(sim)["commands"]
+    commands = report["commands"]
+    assert commands["refused"] == {"old": 10, "unsealed": 10}
+    assert commands["obeyed"] + commands["overruled"] == 51 and commands["obeyed"] > 40
+    assert audit["driving"] > 40 and audit["kicks"] == 1 and audit["too_long"] == 0
+    # The last command holds for 100 ms; the rest is this machine's.
+    assert audit["last_driving_s"] < silent + 0.25 and audit["stands_last"]
+    with (tmp_path / "truth.csv").open() as file:
+        truth = [(float(row["stamp_s"]), float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
+    drove = [row[1:] for row in truth if silent - 1.4 < row[0] < silent - 0.1]
+    stands = [row[1:] for row in truth if row[0] > silent + 0.45]
+    assert math.dist(drove[0], drove[-1]) > 0.5
+    assert math.dist(stands[0], stands[-1]) < 0.02
+
+
+@pytest.mark.parametrize("base", ["vesc-uart", "vesc-slcan"])
+def test_a_robot_with_a_vesc_at_each_wheel_is_driven_and_stopped(tmp_path: Path, base: str) -> None:
+    robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
+    patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0 }, { x = 0.0, y = 2.0 }]\n")
+    sim = hardware(robot, "--base", base, "--truth", tmp_path / "truth.csv")
+    run = start("run", "--robot", robot, "--patrol", patrol, "--json")
+    time.sleep(6)
+    told = time.monotonic()
+    run.send_signal(signal.SIGTERM)
+    report = ended(run)
+    time.sleep(0.5)
+    sim.send_signal(signal.SIGTERM)
+    audit = ended(sim)["commands"]
+    state = {device["device"]: device for device in report["devices"]}
+    assert state["base"]["state"] == "running" and state["base"]["damaged"] == 0, state["base"]
+    assert report["wheels_stopped"] and report["tracking"] > 60
+    assert audit["driving"] > 100 and audit["driven_at_once"] == 0
+    assert audit["last_driving_s"] < told + 0.5 and audit["stands_last"]
+    with (tmp_path / "truth.csv").open() as file:
+        truth = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
+    assert math.dist(truth[0], truth[-1]) > 0.5

@@ -87,13 +87,13 @@ def write_plan(path: Path, faults: list[dict[str, Any]]) -> None:
 class Processes:
     """The virtual hardware and the robot's process."""
 
-    def __init__(self, out: Path, seconds: float, faults: list[dict[str, Any]], rate: int) -> None:
+    def __init__(self, program: Path, out: Path, seconds: float, faults: list[dict[str, Any]], rate: int) -> None:
         """Starts both, the robot first: any order must do."""
         self.out = out
         (out / "patrol.toml").write_text(PATROL)
         write_plan(out / "faults.toml", faults)
         robot = out / "robot"
-        hardware = [PROGRAM, "sim", SCENARIO, "--hardware", robot, "--faults", out / "faults.toml", "--rate", str(rate)]
+        hardware = [program, "sim", SCENARIO, "--hardware", robot, "--faults", out / "faults.toml", "--rate", str(rate)]
         hardware += ["--truth", out / "truth.csv", "--duration", str(seconds + 3.0), "--json"]
         self.sim = subprocess.Popen(
             [*map(str, hardware)], stdout=(out / "sim.json").open("w"), stderr=(out / "sim.err").open("w")
@@ -102,7 +102,7 @@ class Processes:
             if self.sim.poll() is not None:
                 raise RuntimeError((out / "sim.err").read_text())
             time.sleep(0.02)
-        play = [PROGRAM, "run", "--robot", robot, "--patrol", out / "patrol.toml", "--record", out / "log.mcap"]
+        play = [program, "run", "--robot", robot, "--patrol", out / "patrol.toml", "--record", out / "log.mcap"]
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -207,12 +207,14 @@ def judge(fault: dict[str, Any], report: dict[str, Any], poses: list[tuple[float
     return verdict
 
 
-def reads(out: Path) -> list[str]:
+def reads(program: Path, out: Path) -> list[str]:
     """What is wrong with the logs."""
+    if not list(out.glob("log*.mcap")):
+        return ["there is no log"]
     problems = []
     for log in sorted(out.glob("log*.mcap")):
         whole = out / f"whole_{log.name}"
-        done = subprocess.run([PROGRAM, "recover", log, "--out", whole], capture_output=True, text=True, check=False)
+        done = subprocess.run([program, "recover", log, "--out", whole], capture_output=True, text=True, check=False)
         if done.returncode != 0:
             problems.append(f"{log.name}: {done.stderr.strip()}")
         whole.unlink(missing_ok=True)
@@ -227,13 +229,14 @@ def fault_run(
     pause_s: float = PAUSE_S,
     within_s: float = 1.0,
     rate: int = 30,
+    program: Path = PROGRAM,
 ) -> tuple[list[Verdict], list[str], dict[str, Any]]:
     """Runs the plan; verdicts on each fault, problems of the whole, and the robot's own report."""
     out.mkdir(parents=True, exist_ok=True)
     for old in [*out.glob("log*.mcap"), *(out / "robot").glob("*.toml")]:
         old.unlink()
     faults = plan(seconds, kinds, pause_s)
-    processes = Processes(out, seconds, faults, rate)
+    processes = Processes(program, out, seconds, faults, rate)
     problems = []
     try:
         viewer = processes.watch()
@@ -258,7 +261,7 @@ def fault_run(
     report = json.loads((out / "run.json").read_text())
     hardware = json.loads((out / "sim.json").read_text())
     commands = hardware["commands"]
-    if commands["too_long"] or commands["last_driving_s"] > told + 0.1:
+    if commands["too_long"] or commands["driven_at_once"] or commands["last_driving_s"] > told + 0.1:
         problems.append(f"the wheels were driven without a fresh command: {commands}")
     if not commands["driving"] or not report["wheels_stopped"] or not commands["stands_last"]:
         problems.append(f"the wheels were not told to stop at the end: {commands}")
@@ -266,7 +269,11 @@ def fault_run(
         problems.append("the frozen process's last command did not run out")
     if len(report["log"]["files"]) < 2:
         problems.append("no new log was begun after the disk was full")
-    problems += reads(out)
+    if hardware["slipped_s"] > 0.01 * seconds:
+        problems.append(
+            f"this machine was too busy to play the world in time: it stood still for {hardware['slipped_s']:.1f} s"
+        )
+    problems += reads(program, out)
     poses = errors(out)
     verdicts = [judge(fault, report, poses, within_s) for fault in hardware["faults"]]
     near = sorted(error for _, error in poses)
@@ -288,8 +295,9 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--rate", type=int, default=30, help="images per second")
     parser.add_argument("--out", type=Path, default=Path("out/faults"))
+    parser.add_argument("--program", type=Path, default=PROGRAM, help="the executable to try")
     given = parser.parse_args()
-    verdicts, problems, summary = fault_run(given.out, 60.0 * given.minutes, rate=given.rate)
+    verdicts, problems, summary = fault_run(given.out, 60.0 * given.minutes, rate=given.rate, program=given.program)
     for verdict in verdicts:
         after = "never" if verdict.recovered_s is None else f"{verdict.recovered_s:5.2f} s"
         named = "named" if verdict.named else "NOT NAMED"

@@ -1,8 +1,8 @@
-//! Bytes into the decoder of `slcan`; the first says in which pieces. `cargo +nightly fuzz run slcan`
+//! Bytes into the decoder of `slcan`; the first says in which pieces. `tools/fuzz 60 slcan`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]
-#[expect(dead_code, reason = "one protocol of five")]
+#[expect(dead_code, reason = "one protocol of seven")]
 mod oracle;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {

@@ -7,6 +7,7 @@ use std::time::Duration;
 use std::time::Instant;
 
 use anyhow::{Result, ensure};
+use hw::config::Bus;
 use localize::Field;
 use serde::Serialize;
 use sim::Sim;
@@ -64,6 +65,9 @@ pub struct Args {
     /// The scenario's path moves the robot, whatever the base board is told.
     #[arg(long, requires = "hardware")]
     own_path: bool,
+    /// How the virtual base is spoken to: our board's protocol, or a VESC for each wheel by UART or by an slcan adapter.
+    #[arg(long, value_name = "BUS", value_parser = ["board", "vesc-uart", "vesc-slcan"], default_value = "board", requires = "hardware")]
+    base: String,
     /// Format of the virtual camera's images.
     #[arg(long, value_name = "FORMAT", value_parser = ["RGB3", "YUYV"], default_value = "RGB3", requires = "hardware")]
     format: String,
@@ -157,6 +161,11 @@ fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
         folder,
         faults: args.faults.as_deref(),
         own_path: args.own_path,
+        bus: match args.base.as_str() {
+            "vesc-uart" => Bus::VescUart,
+            "vesc-slcan" => Bus::VescSlcan,
+            _ => Bus::Board,
+        },
         format: &args.format,
         truth: args.truth.as_deref(),
     };

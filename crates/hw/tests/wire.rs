@@ -2,6 +2,7 @@
 
 mod oracle;
 
+use hw::wire::frames::{FRAME_BYTES_MAX, FrameHeader};
 use hw::wire::{CanFrame, Fault, bno085, board, slcan, vesc, vesc_can, wit};
 use oracle::messages;
 use proptest::collection::vec;
@@ -69,6 +70,11 @@ fn wit_values_have_the_scale_of_its_protocol() {
     let found = messages(wit::stream(), &one_g, &[]);
     assert_eq!(found[0].kind, wit::Kind::Acceleration);
     assert!((found[0].si()[2] - 9.806_65).abs() < 1e-5);
+    // 0x4000 of 0x8000 is half of 2000 °/s.
+    let rate = hex("55 52 00 00 00 00 00 40 00 00 E7");
+    let found = messages(wit::stream(), &rate, &[]);
+    assert_eq!(found[0].kind, wit::Kind::Rate);
+    assert!((found[0].si()[2] - 1000_f32.to_radians()).abs() < 1e-3);
     let turn = wit::Wit {
         kind: wit::Kind::Angle,
         raw: [0, 0, -16384, 0],
@@ -251,6 +257,30 @@ proptest! {
         oracle::wit(&bytes, &cuts);
         oracle::vesc(&bytes, &cuts);
         oracle::slcan(&bytes, &cuts);
+    }
+
+    #[test]
+    fn no_header_and_no_frame_is_taken_for_what_it_is_not(
+        noise in vec(any::<u8>(), 0..60),
+        numbers in any::<[u32; 6]>(), stamp_ns in any::<i64>(), at in 0..44usize, flip in any::<u8>(),
+        id in any::<u32>(), command in prop_oneof![Just(1u32), Just(3), Just(9), Just(16), Just(27)], length in 0u8..10,
+    ) {
+        oracle::frames(&noise);
+        oracle::can(&noise);
+        let [fourcc, width_px, height_px, stride, sequence, bytes] = numbers;
+        let bytes = bytes % (2 * FRAME_BYTES_MAX);
+        let header = FrameHeader { fourcc, width_px, height_px, stride, sequence, bytes, stamp_ns };
+        let mut sent = header.encode();
+        prop_assert_eq!(FrameHeader::decode(&sent), (bytes <= FRAME_BYTES_MAX).then_some(header));
+        sent[at] ^= flip;
+        oracle::frames(&sent);
+        prop_assert!(flip == 0 || FrameHeader::decode(&sent).is_none());
+        let mut kernel = [0; 16];
+        let id = 1 << 31 | command << 8 | id & 0x6000_00FF;
+        kernel[..4].copy_from_slice(&id.to_ne_bytes());
+        kernel[4] = length;
+        kernel[8..].copy_from_slice(&stamp_ns.to_ne_bytes());
+        oracle::can(&kernel);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Any datagram to the gate of commands. `cargo +nightly fuzz run --fuzz-dir fuzz/network commands`
+//! Any datagram to the gate of commands. `tools/fuzz 60 commands`
 #![no_main]
 
 use app::net::CommandConfig;

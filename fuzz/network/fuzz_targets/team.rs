@@ -1,4 +1,4 @@
-//! Any datagram to the team's talk. `cargo +nightly fuzz run --fuzz-dir fuzz/network team`
+//! Any datagram to the team's talk. `tools/fuzz 60 team`
 #![no_main]
 
 use app::net::LinkConfig;

@@ -7,6 +7,8 @@ use hw::{Devices, Event, HardwareConfig, Health, Inbox, State};
 
 use super::Finding;
 use crate::cycle::{Spine, SpineConfig};
+use crate::net::NetworkConfig;
+use crate::run::outside::NETWORK_FILE;
 use crate::run::robot::files;
 use crate::sample::{Content, Frame, Picture, Sample};
 use crate::setup::Setup;
@@ -58,7 +60,48 @@ pub(super) fn findings(path: &Path, listen: f64) -> Vec<Finding> {
             "docs/hardware.toml has every key; `mirrorball run --list` the devices of this machine",
         )),
     }
+    findings.extend(network(&folder.join(NETWORK_FILE)));
     findings
+}
+
+/// What the robot's network.toml opens; nothing without one.
+fn network(path: &Path) -> Option<Finding> {
+    if !path.exists() {
+        return None;
+    }
+    let config = match NetworkConfig::load(path) {
+        Ok(config) => config,
+        Err(error) => {
+            let remedy = "docs/network.md has every key";
+            return Some(Finding::bad(NETWORK_FILE, format!("{error:#}"), remedy));
+        }
+    };
+    let mut open: Vec<String> = Vec::new();
+    open.extend(
+        config
+            .outputs
+            .iter()
+            .map(|out| format!("state to {}", out.to)),
+    );
+    open.extend(
+        config
+            .commands
+            .map(|commands| format!("commands at {}", commands.bind)),
+    );
+    open.extend(
+        config
+            .team
+            .map(|team| format!("the team at {}", team.group)),
+    );
+    open.extend(
+        config
+            .stream
+            .map(|stream| format!("viewers at {}:{}", stream.bind, stream.port)),
+    );
+    if open.is_empty() {
+        open.push("nothing is open".to_owned());
+    }
+    Some(Finding::fine(NETWORK_FILE, open.join(", ")))
 }
 
 fn summary(hardware: &HardwareConfig) -> String {

@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 
@@ -32,6 +33,7 @@ pub struct Recorder {
     next_index: u64,
     writer: Option<JoinHandle<Result<Written>>>,
     fault: Arc<OnceLock<String>>,
+    safe: Arc<AtomicU64>,
     notes: Notes,
     path: PathBuf,
 }
@@ -51,8 +53,12 @@ impl Recorder {
         let mut writer = Writer::begin(path, header, field, config, notes.clone())?;
         let queue = Arc::new(Queue::new(pace, config.queue_images, config.queue_cycles));
         let fault = Arc::new(OnceLock::new());
+        let safe = writer.safe();
         let (end, failed) = (Closing(queue.clone()), fault.clone());
         let run = move || {
+            if pace == Pace::Live {
+                hw::realtime::stand_back();
+            }
             let done = writer.run(&end.0).and_then(|()| writer.close());
             if let Err(error) = &done {
                 failed.get_or_init(|| format!("{error:#}"));
@@ -67,6 +73,7 @@ impl Recorder {
             next_index: 0,
             writer: Some(thread),
             fault,
+            safe,
             notes,
             path: path.to_owned(),
         })
@@ -83,6 +90,11 @@ impl Recorder {
     /// Takes a line for people, which goes into the log with the next cycle.
     pub fn note(&self, stamp: Stamp, text: &str) {
         self.notes.put(stamp, text);
+    }
+
+    /// Cycles that are safe from a kill.
+    pub fn safe(&self) -> u64 {
+        self.safe.load(Ordering::Relaxed)
     }
 
     /// Writes what waits, then index and summary.

@@ -1,6 +1,8 @@
 //! What does a log's thread do? It writes the cycles that wait, and flushes them so often that a kill costs little.
 
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -22,6 +24,7 @@ pub(super) struct Writer {
     field_scene: Option<Field>,
     notes: Notes,
     written: Written,
+    safe: Arc<AtomicU64>,
 }
 
 impl Writer {
@@ -69,7 +72,13 @@ impl Writer {
             field_scene: Some(field.clone()),
             notes,
             written: Written::default(),
+            safe: Arc::default(),
         })
+    }
+
+    /// Where the number of cycles stands that are safe from a kill.
+    pub(super) fn safe(&self) -> Arc<AtomicU64> {
+        self.safe.clone()
     }
 
     /// Writes what the queue holds until it is closed.
@@ -95,6 +104,7 @@ impl Writer {
             lost.cycles += dropped.cycles;
             if flushed.elapsed() >= self.period {
                 self.sink.flush()?;
+                self.safe.store(self.written.cycles, Ordering::Relaxed);
                 flushed = Instant::now();
             }
         }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::{SocketAddr, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -53,6 +54,8 @@ pub struct Order {
     pub drive: Option<Drive>,
     /// A kick, once.
     pub kick: Option<Kick>,
+    /// Drive only while there is a pose.
+    pub needs_pose: bool,
     /// How long it holds after its arrival.
     pub valid: Duration,
 }
@@ -116,6 +119,7 @@ impl Gate {
         Ok(Order {
             drive: command.drive,
             kick: command.kick,
+            needs_pose: command.needs_pose,
             valid: Duration::from_secs_f32(valid_ms / 1e3),
         })
     }
@@ -123,18 +127,26 @@ impl Gate {
 
 /// A thread that listens; dropping it ends it.
 pub struct Commands {
-    shared: Arc<Mutex<Inbox>>,
+    shared: Arc<Shared>,
     address: SocketAddr,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
-struct Inbox {
-    drive: Option<(Drive, Instant)>,
-    kick: Option<(Kick, Instant)>,
-    taken: u64,
-    refused: BTreeMap<Refused, u64>,
-    ending: bool,
+struct Shared {
+    counts: Mutex<Counts>,
+    ending: AtomicBool,
+}
+
+/// What became of the datagrams.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
+pub struct Counts {
+    /// Commands that were carried out.
+    pub obeyed: u64,
+    /// Good commands that were not carried out: another drives, there is no pose or no base.
+    pub overruled: u64,
+    /// Datagrams that were no command to us, for each reason.
+    pub refused: BTreeMap<Refused, u64>,
 }
 
 /// The thread looks this often whether it is to end.
@@ -143,8 +155,11 @@ const LOOK: Duration = Duration::from_millis(100);
 const LONGEST: usize = 2048;
 
 impl Commands {
-    /// Listens for commands.
-    pub fn listen(config: &CommandConfig) -> Result<Self> {
+    /// Listens for commands, and hands each one on as it comes; `obey` says whether it is carried out.
+    pub fn listen(
+        config: &CommandConfig,
+        mut obey: impl FnMut(Order) -> bool + Send + 'static,
+    ) -> Result<Self> {
         let address = resolve(&config.bind)
             .with_context(|| format!("[commands] bind = {:?}", config.bind))?;
         ensure!(
@@ -157,21 +172,20 @@ impl Commands {
             .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;
         socket.set_read_timeout(Some(LOOK))?;
         let address = socket.local_addr()?;
-        let shared = Arc::new(Mutex::new(Inbox::default()));
-        let inbox = shared.clone();
+        let shared = Arc::new(Shared::default());
+        let own = shared.clone();
         let started = Instant::now();
         let thread = std::thread::Builder::new()
             .name("commands".to_owned())
             .spawn(move || {
                 let mut datagram = [0; LONGEST];
-                while !lock(&inbox).ending {
+                while !own.ending.load(Ordering::Relaxed) {
                     // A timeout, or an error of an earlier datagram's way back: neither ends listening.
                     let Ok(length) = socket.recv(&mut datagram) else {
                         continue;
                     };
-                    let now = Instant::now();
-                    let order = gate.pass(&datagram[..length], (now - started).as_secs_f64());
-                    lock(&inbox).take(order, now);
+                    let order = gate.pass(&datagram[..length], started.elapsed().as_secs_f64());
+                    own.count(order.map(&mut obey));
                 }
             })?;
         Ok(Commands {
@@ -186,32 +200,15 @@ impl Commands {
         self.address
     }
 
-    /// How to drive now and until when; none without a fresh command: then the wheels stop.
-    pub fn drive(&self) -> Option<(Drive, Instant)> {
-        let now = Instant::now();
-        lock(&self.shared).drive.filter(|(_, until)| *until > now)
-    }
-
-    /// A kick that is still wanted, and until when; each once.
-    pub fn take_kick(&self) -> Option<(Kick, Instant)> {
-        let now = Instant::now();
-        lock(&self.shared)
-            .kick
-            .take()
-            .filter(|(_, until)| *until > now)
-    }
-
-    /// Commands taken so far, and datagrams refused for each reason.
-    pub fn counts(&self) -> (u64, Vec<(Refused, u64)>) {
-        let inbox = lock(&self.shared);
-        let refused = inbox.refused.iter().map(|(why, count)| (*why, *count));
-        (inbox.taken, refused.collect())
+    /// What became of the datagrams so far.
+    pub fn counts(&self) -> Counts {
+        self.shared.lock().clone()
     }
 }
 
 impl Drop for Commands {
     fn drop(&mut self) {
-        lock(&self.shared).ending = true;
+        self.shared.ending.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // Its panic was told when it happened.
             let _ = thread.join();
@@ -219,21 +216,18 @@ impl Drop for Commands {
     }
 }
 
-impl Inbox {
-    fn take(&mut self, order: Result<Order, Refused>, now: Instant) {
-        match order {
-            Ok(order) => {
-                self.taken += 1;
-                let until = now + order.valid;
-                self.drive = order.drive.map(|drive| (drive, until)).or(self.drive);
-                self.kick = order.kick.map(|kick| (kick, until)).or(self.kick);
-            }
-            Err(why) => *self.refused.entry(why).or_default() += 1,
+impl Shared {
+    fn count(&self, obeyed: Result<bool, Refused>) {
+        let mut counts = self.lock();
+        match obeyed {
+            Ok(true) => counts.obeyed += 1,
+            Ok(false) => counts.overruled += 1,
+            Err(why) => *counts.refused.entry(why).or_default() += 1,
         }
     }
-}
 
-// A panic of the other side leaves what was taken, which is still true.
-fn lock(inbox: &Mutex<Inbox>) -> MutexGuard<'_, Inbox> {
-    inbox.lock().unwrap_or_else(PoisonError::into_inner)
+    // A panic of the other side leaves counts that are still true.
+    fn lock(&self) -> MutexGuard<'_, Counts> {
+        self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }

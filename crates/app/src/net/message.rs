@@ -158,6 +158,10 @@ pub struct Command {
     #[prost(message, optional)]
     #[serde(default)]
     pub kick: Option<Kick>,
+    /// Drive only while the robot knows where it is.
+    #[prost(bool)]
+    #[serde(default)]
+    pub needs_pose: bool,
 }
 
 /// A velocity in the robot frame.

@@ -60,19 +60,21 @@ impl NetworkConfig {
 
     /// Starts what is configured, on the cycles of `feed`.
     ///
-    /// `header` and `field`: what viewers get first. `clock`: the time that stamps samples, now. `session`: larger for
-    /// each start, nanoseconds since 1970 will do.
+    /// `header` and `field`: what viewers get first. `session`: larger for each start, nanoseconds since 1970 will do.
+    /// `clock`: the time that stamps samples, now. `obey`: carries out another program's command, or says that it does not.
     pub fn start(
         &self,
         feed: &Feed,
         (header, field): (&Header, &Field),
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
+        obey: impl FnMut(Order) -> bool + Send + 'static,
     ) -> Result<Network> {
         let stream = |config| stream::Server::start(feed, header, field, config);
         let team = |config| Link::join(feed, config, session, clock);
+        let listen = |config| Commands::listen(config, obey);
         Ok(Network {
-            commands: self.commands.as_ref().map(Commands::listen).transpose()?,
+            commands: self.commands.as_ref().map(listen).transpose()?,
             team: self.team.as_ref().map(team).transpose()?,
             stream: self.stream.as_ref().map(stream).transpose()?,
             sender: (!self.outputs.is_empty())

@@ -19,7 +19,10 @@ impl std::fmt::Debug for Key {
 }
 
 /// Why a datagram is refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, thiserror::Error, serde::Serialize,
+)]
+#[serde(rename_all = "lowercase")]
 pub enum Refused {
     /// Something else speaks here.
     #[error("no message of ours")]

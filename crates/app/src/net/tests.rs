@@ -1,6 +1,6 @@
 //! Claims about the network: what is on the wire, and what no datagram can do.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::net::UdpSocket;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -14,11 +14,13 @@ use nalgebra::Matrix4;
 use proptest::prelude::*;
 use prost::Message;
 
-use super::commands::Gate;
+use super::commands::{Counts, Gate};
 use super::message::{Command, Drive, Echo, Health, Kick, Spot, State, TeamWord, Thing, VERSION};
 use super::seal::{CODE_BYTES, Key, Refused, seal};
 use super::team::Talk;
-use super::{CommandConfig, Commands, Link, LinkConfig, NetworkConfig, OutputConfig, Sender};
+use super::{
+    CommandConfig, Commands, Link, LinkConfig, NetworkConfig, Order, OutputConfig, Sender,
+};
 use crate::cycle::Cycle;
 use crate::feed::Feed;
 use crate::log::tests::made_up::cycle;
@@ -73,6 +75,7 @@ fn command(sequence: u64) -> Command {
             theta: 1.0,
         }),
         kick: None,
+        needs_pose: false,
     }
 }
 
@@ -183,52 +186,52 @@ fn every_cycle_is_told_in_both_formats() {
 }
 
 #[test]
-fn a_command_holds_until_its_deadline_and_a_kick_happens_once() {
+fn each_command_is_handed_on_once_and_holds_no_longer_than_configured() {
     let config = CommandConfig {
         bind: "127.0.0.1:0".to_owned(),
-        valid_max_ms: 10_000.0,
         ..CommandConfig::default()
     };
-    let commands = Commands::listen(&config).expect("listening");
-    assert_eq!(commands.drive(), None);
+    let (hand_on, orders) = std::sync::mpsc::channel();
+    let obey = move |order: Order| {
+        let kicks = order.kick.is_some();
+        hand_on.send(order).expect("taken");
+        kicks
+    };
+    let commands = Commands::listen(&config, obey).expect("listening");
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
+    let send = |content: &[u8]| socket.send_to(content, commands.address()).expect("sent");
     let long = Command {
         valid_ms: 1e9,
+        needs_pose: true,
         kick: Some(Kick {
             speed: 3.0,
             lofted: true,
         }),
         ..command(1)
     };
-    let json = serde_json::to_vec(&long).expect("JSON");
-    for content in [json, b"what is this?".to_vec(), long.encode_to_vec()] {
-        socket.send_to(&content, commands.address()).expect("sent");
-    }
-    let started = Instant::now();
-    while commands.counts().1.len() < 2 && started.elapsed() < PATIENCE {
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    let (drive, until) = commands.drive().expect("a drive");
-    assert_eq!((drive.x, drive.theta), (0.5, 1.0));
-    assert!(until <= Instant::now() + Duration::from_secs(10));
-    assert!(commands.take_kick().is_some_and(|(kick, _)| kick.lofted));
-    assert_eq!(commands.take_kick(), None);
+    send(&serde_json::to_vec(&long).expect("JSON"));
+    send(b"what is this?");
+    send(&long.encode_to_vec());
+    send(&command(2).encode_to_vec());
+    let first = orders.recv_timeout(PATIENCE).expect("an order");
+    assert_eq!(first.valid, Duration::from_millis(100));
     assert_eq!(
-        commands.counts(),
-        (1, vec![(Refused::Foreign, 1), (Refused::Old, 1)])
+        first.drive.map(|drive| (drive.x, drive.theta)),
+        Some((0.5, 1.0))
     );
-    let short = Command {
-        valid_ms: 0.0,
-        ..command(2)
-    };
-    socket
-        .send_to(&short.encode_to_vec(), commands.address())
-        .expect("sent");
+    assert!(first.needs_pose && first.kick.is_some_and(|kick| kick.lofted));
+    let second = orders.recv_timeout(PATIENCE).expect("an order");
+    assert!(!second.needs_pose && second.kick.is_none());
     let started = Instant::now();
-    while commands.drive().is_some() && started.elapsed() < PATIENCE {
+    while commands.counts().overruled == 0 && started.elapsed() < PATIENCE {
         std::thread::sleep(Duration::from_millis(1));
     }
-    assert_eq!(commands.drive(), None, "a drive that is over");
+    let counts = Counts {
+        obeyed: 1,
+        overruled: 1,
+        refused: BTreeMap::from([(Refused::Foreign, 1), (Refused::Old, 1)]),
+    };
+    assert_eq!(commands.counts(), counts);
 }
 
 #[test]
@@ -237,10 +240,10 @@ fn nobody_beyond_this_machine_drives_the_robot_without_a_key() {
         bind: "0.0.0.0:0".to_owned(),
         ..CommandConfig::default()
     };
-    let refusal = Commands::listen(&config).err().expect("refused");
+    let refusal = Commands::listen(&config, |_| true).err().expect("refused");
     assert!(refusal.to_string().contains("set a key"), "{refusal:#}");
     config.key = Some("short".to_owned());
-    assert!(Commands::listen(&config).is_err());
+    assert!(Commands::listen(&config, |_| true).is_err());
     assert!(toml::from_str::<NetworkConfig>("[comands]\n").is_err());
     let whole = include_str!("../../../../docs/network.md");
     let example = whole

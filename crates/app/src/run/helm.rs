@@ -40,14 +40,14 @@ pub enum Refused {
 }
 
 /// Where everyone who drives commands the robot; clones are the same.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Helm {
-    base: Option<hw::Helm>,
     shared: Arc<Mutex<Shared>>,
 }
 
 #[derive(Default)]
 struct Shared {
+    base: Option<hw::Helm>,
     pose: Option<(Stamp, Pose)>,
     /// Who commanded last, and when.
     driver: Option<(Driver, Stamp)>,
@@ -56,12 +56,14 @@ struct Shared {
 }
 
 impl Helm {
-    /// The helm of a base, if there is one.
-    pub fn new(base: Option<hw::Helm>) -> Self {
-        Helm {
-            base,
-            shared: Arc::default(),
-        }
+    /// A helm that commands nothing yet.
+    pub fn new() -> Self {
+        Helm::default()
+    }
+
+    /// From now on this base is commanded, if there is one.
+    pub fn attach(&self, base: Option<hw::Helm>) {
+        self.lock().base = base;
     }
 
     /// Drives until the deadline (CLOCK_MONOTONIC), or for as long as hardware.toml lets a command live if that is sooner.
@@ -74,9 +76,9 @@ impl Helm {
         deadline: Stamp,
         needs_pose: bool,
     ) -> Result<(), Refused> {
-        let base = self.base.as_ref().ok_or(Refused::NoBase)?;
         let now = hw::now();
         let mut shared = self.lock();
+        let base = shared.base.clone().ok_or(Refused::NoBase)?;
         shared.take(driver, now)?;
         shared.needs_pose = needs_pose;
         let mut deadline = deadline;
@@ -93,9 +95,7 @@ impl Helm {
 
     /// Kicks once, unless that cannot be done before the deadline.
     pub fn kick(&self, driver: Driver, kick: Kick, deadline: Stamp) -> Result<(), Refused> {
-        self.lock().take(driver, hw::now())?;
-        let base = self.base.as_ref().ok_or(Refused::NoBase)?;
-        Ok(base.kick(kick, deadline)?)
+        Ok(self.taken(driver)?.kick(kick, deadline)?)
     }
 
     /// Turns the left and right dribbling wheel (rad/s, positive pulls the ball in) until the deadline.
@@ -105,21 +105,29 @@ impl Helm {
         speeds: [f32; 2],
         deadline: Stamp,
     ) -> Result<(), Refused> {
-        self.lock().take(driver, hw::now())?;
-        let base = self.base.as_ref().ok_or(Refused::NoBase)?;
-        Ok(base.dribble(speeds, deadline)?)
+        Ok(self.taken(driver)?.dribble(speeds, deadline)?)
+    }
+
+    /// The base, if this driver may command it now.
+    fn taken(&self, driver: Driver) -> Result<hw::Helm, Refused> {
+        let mut shared = self.lock();
+        let base = shared.base.clone().ok_or(Refused::NoBase)?;
+        shared.take(driver, hw::now())?;
+        Ok(base)
     }
 
     /// Stops the wheels now, whoever drives.
     pub fn halt(&self) {
-        if let Some(base) = &self.base {
+        let base = self.lock().base.clone();
+        if let Some(base) = base {
             base.halt(Duration::ZERO);
         }
     }
 
     /// Stops the wheels for good, waiting so long at most until the bus has been told; false if it was not.
     pub fn close(&self, patience: Duration) -> bool {
-        self.base.as_ref().is_none_or(|base| base.close(patience))
+        let base = self.lock().base.clone();
+        base.is_none_or(|base| base.close(patience))
     }
 
     /// The latest pose and its stamp.
@@ -131,7 +139,9 @@ impl Helm {
     pub fn publish(&self, stamp: Stamp, pose: Option<Pose>) {
         let mut shared = self.lock();
         shared.pose = pose.map(|pose| (stamp, pose));
-        if pose.is_none() && std::mem::take(&mut shared.needs_pose) {
+        let blind = pose.is_none() && std::mem::take(&mut shared.needs_pose);
+        drop(shared);
+        if blind {
             self.halt();
         }
     }
@@ -175,7 +185,7 @@ mod tests {
 
     #[test]
     fn without_a_base_or_a_pose_nothing_drives() {
-        let helm = Helm::new(None);
+        let helm = Helm::new();
         let soon = hw::now() + 1.0;
         let refused = helm.drive(Driver::Hand, Drive::default(), soon, false);
         assert!(matches!(refused, Err(Refused::NoBase)));

@@ -97,9 +97,11 @@ impl Keeper {
         (self.kept, said)
     }
 
-    /// Ends the log that is written now, as far as it can be.
+    /// Ends the log that is written now, as far as it can be; one that holds nothing is taken away again.
     fn end(&mut self) -> Option<String> {
-        match self.recorder.take()?.finish() {
+        let recorder = self.recorder.take()?;
+        let safe = recorder.safe();
+        match recorder.finish() {
             Ok(written) => {
                 self.kept.cycles += written.cycles;
                 self.kept.images += written.images;
@@ -107,12 +109,23 @@ impl Keeper {
                 self.kept.images_dropped += written.dropped.images;
                 None
             }
-            Err(error) => Some(format!("the log was not closed: {error:#}")),
+            Err(error) => {
+                self.kept.cycles += safe;
+                if safe == 0
+                    && let Some(path) = self.kept.files.pop()
+                {
+                    let _gone = std::fs::remove_file(path);
+                }
+                Some(format!("the log was not closed: {error:#}"))
+            }
         }
     }
 
     fn begin(&mut self) -> Option<String> {
-        let path = numbered(&self.path, self.kept.files.len() + 1);
+        let path = match self.kept.files.len() {
+            0 => self.path.clone(),
+            files => numbered(&self.path, files + 1),
+        };
         match Recorder::create(&path, &self.header, &self.field, Pace::Live, &self.config) {
             Ok(recorder) => {
                 self.recorder = Some(recorder);

@@ -3,6 +3,7 @@
 pub mod helm;
 pub mod keeper;
 pub mod latency;
+pub mod outside;
 pub mod patrol;
 mod play;
 pub mod robot;
@@ -51,6 +52,9 @@ pub struct Args {
     /// Offer the log's topics live to Foxglove, Lichtblick and our own view (default: 127.0.0.1:8765).
     #[arg(long, value_name = "ADDRESS:PORT", num_args = 0..=1, default_missing_value = "127.0.0.1:8765")]
     live: Option<SocketAddr>,
+    /// Who is told what and who may command, by UDP (docs/network.md); default: network.toml in the robot's folder, if there.
+    #[arg(long, value_name = "FILE.toml")]
+    network: Option<PathBuf>,
     /// End after so many seconds.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
     duration: Option<f64>,

@@ -1,6 +1,5 @@
 //! What happens between start and stop? What devices deliver goes through the spine; the wheels stop before all else ends.
 
-use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -14,6 +13,7 @@ use localize::Stamp;
 
 use super::helm::Helm;
 use super::keeper::Keeper;
+use super::outside::{self, Outside};
 use super::patrol::Patrol;
 use super::robot::Robot;
 use super::status::{Remarks, Report, Status};
@@ -24,7 +24,6 @@ use crate::feed::Feed;
 use crate::log::{Header, LogConfig};
 use crate::outputs::Outputs;
 use crate::sample::{Content, Frame, Picture, Sample};
-use crate::stream::{Server, StreamConfig};
 
 /// Samples that may wait for the spine: more than a second of every device.
 const WAITING_MAX: usize = 1024;
@@ -44,8 +43,8 @@ pub(super) struct Play {
     keeper: Option<Keeper>,
     poses: Option<Poses>,
     feed: Feed,
-    /// Ends with the run.
-    _live: Option<Server>,
+    helm: Helm,
+    outside: Outside,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
@@ -65,16 +64,9 @@ impl Play {
         let field = &robot.setup.field;
         let keep = |path: &Path| Keeper::start(path, header.clone(), field, &log_config);
         let keeper = args.record.as_deref().map(keep).transpose()?;
-        let feed = Feed::new();
-        let offer = |address: &SocketAddr| {
-            let stream = StreamConfig {
-                bind: address.ip().to_string(),
-                port: address.port(),
-                ..StreamConfig::default()
-            };
-            Server::start(&feed, &header, field, &stream)
-        };
-        let live = args.live.as_ref().map(offer).transpose()?;
+        let (feed, helm) = (Feed::new(), Helm::new());
+        let network = outside::configured(args.network.as_deref(), &robot.folder, args.live)?;
+        let outside = Outside::start(&network, &feed, (&header, field), &helm)?;
         let poses = args.out.as_deref().map(Poses::start).transpose()?;
         Ok(Play {
             robot,
@@ -82,7 +74,8 @@ impl Play {
             keeper,
             poses,
             feed,
-            _live: live,
+            helm,
+            outside,
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -93,7 +86,8 @@ impl Play {
     /// Plays until the end is asked for.
     pub(super) fn run(mut self, stop: &Stop) -> Result<Report> {
         let mut status = Status::new();
-        // Threads take over the priority of the one that starts them: those of the log were started before.
+        // Threads take over the priority of the one that starts them: those of log and network were started before.
+        hw::realtime::be_prompt();
         if let Some(priority) = self.realtime {
             let _told = hw::realtime::set_priority(priority)
                 .inspect_err(|error| status.say(&format!("no real-time priority: {error}")));
@@ -102,20 +96,21 @@ impl Play {
         }
         let inbox = Inbox::new(WAITING_MAX);
         let devices = Devices::start(&self.robot.hardware, &self.robot.setup.robot, &inbox)?;
-        let helm = Helm::new(devices.base.as_ref().map(Base::helm));
-        let driver = self.start_driver(&helm, stop)?;
+        self.helm.attach(devices.base.as_ref().map(Base::helm));
+        let driver = self.start_driver(stop)?;
         status.say(&welcome(&self.robot.hardware, self.teleop));
         let mut watch = Watch::new();
         while !stop.is_raised() && status.elapsed() < self.duration {
             if let Some(event) = inbox.take(PATIENCE) {
-                self.take(event, &mut watch, &helm, &mut status);
+                self.take(event, &mut watch, &mut status);
             }
             if let Some(frame) = watch.blind(hw::now()) {
-                self.turn(Sample::Frame(frame), &mut watch, &helm, &mut status);
+                self.turn(Sample::Frame(frame), &mut watch, &mut status);
             }
             status.glance(watch.last.as_deref(), || devices.health());
         }
-        let wheels_stopped = helm.close(LAST_WORD);
+        let wheels_stopped = self.helm.close(LAST_WORD);
+        let commands = self.outside.commands();
         stop.raise();
         let health = devices.health();
         drop(devices);
@@ -133,11 +128,12 @@ impl Play {
             }
             kept
         });
-        Ok(status.report(inbox.dropped(), watch.refused, wheels_stopped, health, kept))
+        let lost = (inbox.dropped(), watch.refused);
+        Ok(status.report(lost, (wheels_stopped, commands), health, kept))
     }
 
-    fn start_driver(&mut self, helm: &Helm, stop: &Stop) -> Result<Option<JoinHandle<()>>> {
-        let (helm, stop) = (helm.clone(), stop.clone());
+    fn start_driver(&mut self, stop: &Stop) -> Result<Option<JoinHandle<()>>> {
+        let (helm, stop) = (self.helm.clone(), stop.clone());
         let name = |name: &str| std::thread::Builder::new().name(name.to_owned());
         let started = match (self.patrol.take(), self.teleop) {
             (Some(patrol), _) => name("patrol").spawn(move || patrol.drive(&helm, &stop)),
@@ -154,7 +150,7 @@ impl Play {
             .context("cannot start the driver's thread")
     }
 
-    fn take(&mut self, event: Event, watch: &mut Watch, helm: &Helm, status: &mut Status) {
+    fn take(&mut self, event: Event, watch: &mut Watch, status: &mut Status) {
         let sample = match event {
             Event::Frame(frame) => Sample::Frame(watch.frame(frame)),
             Event::Odometry(odometry) => Sample::Odometry(odometry),
@@ -175,18 +171,23 @@ impl Play {
             }
         };
         if is_number(&sample) {
-            self.turn(sample, watch, helm, status);
+            self.turn(sample, watch, status);
         } else {
             watch.refused += 1;
         }
     }
 
-    fn turn(&mut self, sample: Sample, watch: &mut Watch, helm: &Helm, status: &mut Status) {
+    fn turn(&mut self, sample: Sample, watch: &mut Watch, status: &mut Status) {
         let taken = hw::now();
+        if matches!(sample, Sample::Frame(_)) {
+            for report in self.outside.reports() {
+                self.spine.take(Sample::Report(report));
+            }
+        }
         let Some(cycle) = self.spine.take(sample) else {
             return;
         };
-        helm.publish(cycle.stamp, cycle.estimate.pose);
+        self.helm.publish(cycle.stamp, cycle.estimate.pose);
         let published = hw::now();
         status.cycle(&cycle, taken, published);
         let cycle = Arc::new(cycle);

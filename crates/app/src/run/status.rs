@@ -10,6 +10,7 @@ use super::keeper::Kept;
 use super::latency::{Quantiles, Times};
 use super::teller::Teller;
 use crate::cycle::Cycle;
+use crate::net::commands::Counts;
 use crate::outputs::mode_name;
 
 /// Time between two looks of a terminal's status line, seconds.
@@ -58,6 +59,8 @@ pub struct Report {
     pub memory_mb: f64,
     /// The wheels were told to stop before the end; true without a base.
     pub wheels_stopped: bool,
+    /// Commands of other programs, if they may command.
+    pub commands: Option<Counts>,
     /// Every device.
     pub devices: Vec<Health>,
     /// Every change of a device, in order.
@@ -239,12 +242,11 @@ impl Status {
         self.memory_max_mb = Some(self.memory_max_mb.map_or(memory, |most| most.max(memory)));
     }
 
-    /// The result.
+    /// The result; with what was lost (given way, and no numbers), and what became of wheels and commands.
     pub fn report(
         mut self,
-        inbox: hw::Dropped,
-        samples_refused: u64,
-        wheels_stopped: bool,
+        (inbox, samples_refused): (hw::Dropped, u64),
+        (wheels_stopped, commands): (bool, Option<Counts>),
         devices: Vec<Health>,
         log: Option<Kept>,
     ) -> Report {
@@ -268,6 +270,7 @@ impl Status {
             memory_max_mb: self.memory_max_mb,
             memory_mb: memory_mb(),
             wheels_stopped,
+            commands,
             devices,
             changes: self.changes,
             log,
@@ -308,6 +311,13 @@ impl Report {
                 health.damaged,
                 health.faults,
                 health.reopened
+            );
+        }
+        if let Some(commands) = &self.commands {
+            let refused: u64 = commands.refused.values().sum();
+            println!(
+                "commands of other programs: {} carried out, {} overruled, {refused} refused",
+                commands.obeyed, commands.overruled
             );
         }
         for file in self.log.iter().flat_map(|log| &log.files) {

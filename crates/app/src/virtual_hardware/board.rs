@@ -5,7 +5,8 @@ use hw::wire::board::{self, Encoders, Heading, Inertia, Kicker, Message, Packet,
 use localize::Stamp;
 use localize::omni::{Omni, Twist};
 use localize::sample::{Compass, Imu};
-use serde::Serialize;
+
+use super::orders::Orders;
 
 /// Time between reports of battery, kicker and switches, seconds.
 const SLOW: f64 = 0.1;
@@ -13,41 +14,17 @@ const SLOW: f64 = 0.1;
 const BATTERY_MV: u16 = 25_200;
 const CAPACITOR_DV: u16 = 2_400;
 
-/// What the board was told, for whoever wants to know whether the robot was ever driven without a fresh command.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
-pub(super) struct Audit {
-    /// Commands that turn a wheel.
-    pub(super) driving: u64,
-    /// Commands to stand.
-    pub(super) standing: u64,
-    /// Commands that wanted to hold for more than 100 ms: there must be none.
-    pub(super) too_long: u64,
-    /// Driving commands that came first after the line was opened anew: there must be none.
-    pub(super) driven_at_once: u64,
-    /// Times that a driving command ran out and the board stopped the wheels by itself.
-    pub(super) ran_out: u64,
-    /// When the last driving command came, CLOCK_MONOTONIC, seconds.
-    pub(super) last_driving_s: f64,
-    /// When the last command came, CLOCK_MONOTONIC, seconds.
-    pub(super) last_s: f64,
-    /// The last command was to stand.
-    pub(super) stands_last: bool,
-}
-
 /// The board's firmware.
 pub(super) struct Board {
     omni: Omni,
     ticks_per_turn: f32,
     commands: Stream<Packet>,
     sequence: u16,
-    /// What is commanded, and until when it holds.
-    wanted: Option<(Twist, Stamp)>,
-    told_since_plugged: bool,
+    pub(super) orders: Orders,
     last_kick: u16,
     /// Counts at the last restart.
     zero: [u32; 4],
     next_slow: f64,
-    pub(super) audit: Audit,
 }
 
 impl Board {
@@ -57,19 +34,17 @@ impl Board {
             ticks_per_turn,
             commands: board::stream(),
             sequence: 0,
-            wanted: None,
-            told_since_plugged: false,
+            orders: Orders::default(),
             last_kick: 0,
             zero: [0; 4],
             next_slow: 0.0,
-            audit: Audit::default(),
         }
     }
 
     /// The line was pulled out or put in: what was half received is forgotten.
     pub(super) fn plugged_anew(&mut self) {
         self.commands.clear();
-        self.told_since_plugged = false;
+        self.orders.plugged_anew();
     }
 
     /// Takes what was sent to the board.
@@ -82,48 +57,22 @@ impl Board {
                     if usize::from(command.wheels) == self.omni.wheels() {
                         let (twist, _) = self.omni.twist(&speeds[..self.omni.wheels()]);
                         let drives = command.speed_crad != [0; 4];
-                        self.obey(twist, drives, command.valid_ms, now);
+                        self.orders.obey(twist, drives, command.valid_ms, now);
                     }
                 }
                 Message::TwistCommand(command) => {
                     let [x, y, theta] = [command.forward_mm, command.left_mm, command.turn_mrad]
                         .map(|value| f32::from(value) * 1e-3);
                     let twist = Twist { x, y, theta };
-                    self.obey(twist, twist != Twist::default(), command.valid_ms, now);
+                    self.orders
+                        .obey(twist, twist != Twist::default(), command.valid_ms, now);
                 }
-                Message::KickCommand(_) => self.last_kick = packet.sequence,
+                Message::KickCommand(_) => {
+                    self.last_kick = packet.sequence;
+                    self.orders.audit.kicks += 1;
+                }
                 _ => {}
             }
-        }
-    }
-
-    fn obey(&mut self, twist: Twist, drives: bool, valid_ms: u16, now: Stamp) {
-        let audit = &mut self.audit;
-        audit.last_s = now.seconds();
-        audit.stands_last = !drives;
-        audit.too_long += u64::from(valid_ms > 100);
-        if drives {
-            audit.driving += 1;
-            audit.last_driving_s = now.seconds();
-            audit.driven_at_once += u64::from(!self.told_since_plugged);
-        } else {
-            audit.standing += 1;
-        }
-        self.told_since_plugged = true;
-        let until = now + f64::from(valid_ms) * 1e-3;
-        self.wanted = drives.then_some((twist, until));
-    }
-
-    /// What the wheels are to do now: nothing once the command has run out.
-    pub(super) fn wanted(&mut self, now: Stamp) -> Twist {
-        match self.wanted {
-            Some((twist, until)) if now < until => twist,
-            Some(_) => {
-                self.wanted = None;
-                self.audit.ran_out += 1;
-                Twist::default()
-            }
-            None => Twist::default(),
         }
     }
 
@@ -166,7 +115,7 @@ impl Board {
             bytes.extend(self.say(Switches {
                 time_us,
                 bumpers: 0,
-                flags: u8::from(self.wanted.is_none()) << 1,
+                flags: u8::from(self.orders.stale()) << 1,
             }));
         }
         bytes

@@ -10,10 +10,12 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
-use hw::wire::frames::{FrameHeader, SETTINGS_BYTES};
+use hw::wire::frames::{FrameHeader, HEADER_BYTES, SETTINGS_BYTES};
 
 /// How long a reader may take for a frame before it is hung up on: a dead one must not hold the thread.
 const WRITE_TIME: Duration = Duration::from_millis(500);
+/// Wanted room for a frame on its way, bytes: 480 × 480 pixels in three bytes each, and the system's own.
+const SEND_BUFFER_BYTES: usize = 1 << 20;
 /// Longest wait for a reader or a frame before the thread looks whether it is to end.
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -119,6 +121,8 @@ impl Shared {
 
     /// Sends frames to one reader until it is gone or the camera is unplugged.
     fn serve(&self, mut peer: UnixStream, encoding: Encoding, sequence: &mut u32) {
+        // A whole frame should fit, or sender and reader take turns; as much of it as the system allows.
+        let _less = socket2::SockRef::from(&peer).set_send_buffer_size(SEND_BUFFER_BYTES);
         let ready = peer
             .set_nonblocking(false)
             .and_then(|()| peer.set_read_timeout(Some(WRITE_TIME)))
@@ -141,12 +145,13 @@ impl Shared {
             }
             let Some(shot) = shot else { continue };
             *sequence = sequence.wrapping_add(1);
-            encode(&shot, encoding, *sequence, &mut bytes);
-            let length = match shot.cut {
-                Some(share) => (bytes.len() as f32 * share) as usize,
-                None => bytes.len(),
+            let pixels = encode(&shot, encoding, &mut bytes);
+            let pixels = match shot.cut {
+                Some(share) => &pixels[..(pixels.len() as f32 * share) as usize],
+                None => pixels,
             };
-            if peer.write_all(&bytes[..length]).is_err() {
+            let header = header(&shot, encoding, *sequence);
+            if peer.write_all(&header).is_err() || peer.write_all(pixels).is_err() {
                 return;
             }
             if shot.cut.is_some() {
@@ -163,8 +168,8 @@ impl Shared {
     }
 }
 
-/// Header and bytes of a frame.
-fn encode(shot: &Shot, encoding: Encoding, sequence: u32, bytes: &mut Vec<u8>) {
+/// What goes before a frame.
+fn header(shot: &Shot, encoding: Encoding, sequence: u32) -> [u8; HEADER_BYTES] {
     let [width_px, height_px] = shot.size_px;
     let stride = encoding.row_bytes(width_px);
     let header = FrameHeader {
@@ -176,16 +181,20 @@ fn encode(shot: &Shot, encoding: Encoding, sequence: u32, bytes: &mut Vec<u8>) {
         bytes: (stride * height_px) as u32,
         stamp_ns: shot.stamp_ns,
     };
-    bytes.clear();
-    bytes.extend_from_slice(&header.encode());
+    header.encode()
+}
+
+/// A frame's bytes; `yuyv` holds those of another encoding than the shot's own.
+fn encode<'a>(shot: &'a Shot, encoding: Encoding, yuyv: &'a mut Vec<u8>) -> &'a [u8] {
     if encoding != Encoding::Yuyv {
-        bytes.extend_from_slice(&shot.rgb);
-        return;
+        return &shot.rgb;
     }
+    yuyv.clear();
     for pair in shot.rgb.chunks_exact(6) {
         let [a, b] =
             [0, 3].map(|at| vision::image::yuv_of_rgb([pair[at], pair[at + 1], pair[at + 2]]));
         let mean = |a: u8, b: u8| ((u16::from(a) + u16::from(b)) / 2) as u8;
-        bytes.extend_from_slice(&[a[0], mean(a[1], b[1]), b[0], mean(a[2], b[2])]);
+        yuyv.extend_from_slice(&[a[0], mean(a[1], b[1]), b[0], mean(a[2], b[2])]);
     }
+    yuyv
 }

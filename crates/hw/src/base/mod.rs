@@ -3,85 +3,29 @@
 mod link;
 mod odometer;
 mod orders;
+mod report;
+mod server;
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use localize::Stamp;
-use localize::omni::{Omni, Twist};
-use localize::sample::Command;
+use localize::omni::Omni;
 use vision::robot::BaseConfig;
 
 pub use orders::{Drive, Kick};
+pub use report::{KickerReport, PowerReport, SwitchReport};
 
 use crate::clock;
 use crate::config::{BaseDevice, Bus};
 use crate::error::HwError;
-use crate::health::{Health, Monitor, State};
-use crate::inbox::{Event, Inbox};
-use crate::worker::{Bell, Watch, Worker};
-use link::{Link, Said, Wheels};
-use odometer::{Moved, Odometer};
-use orders::{Order, Orders};
-
-/// Battery and motors.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct PowerReport {
-    /// When it was measured.
-    pub stamp: Stamp,
-    /// Battery, volts.
-    pub battery: f32,
-    /// Hottest motor driver, °C.
-    pub temperature_c: f32,
-    /// Current of each motor, amperes.
-    pub current: [f32; 4],
-    /// Fault code of each motor's driver, 0 for none (VESC).
-    pub fault: [u8; 4],
-}
-
-impl PowerReport {
-    /// One driver's temperature, 0.1 °C; the first wheel's begins a new round.
-    fn heat(&mut self, wheel: usize, temperature_ddeg: i16) {
-        let temperature_c = f32::from(temperature_ddeg) * 0.1;
-        self.temperature_c = if wheel == 0 {
-            temperature_c
-        } else {
-            self.temperature_c.max(temperature_c)
-        };
-    }
-}
-
-/// The kicker.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct KickerReport {
-    /// When it was measured.
-    pub stamp: Stamp,
-    /// Voltage of its capacitor, volts.
-    pub charge: f32,
-    /// It can kick now.
-    pub ready: bool,
-    /// It is charging.
-    pub charging: bool,
-    /// It cannot charge.
-    pub broken: bool,
-    /// The ball is before it.
-    pub ball: bool,
-    /// Sequence number of the last kick that was carried out.
-    pub last_kick: u16,
-}
-
-/// What keeps the robot from moving.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SwitchReport {
-    /// When it was read.
-    pub stamp: Stamp,
-    /// One bit for each pressed bumper, from the front counter-clockwise.
-    pub bumpers: u8,
-    /// The emergency stop is pressed.
-    pub emergency_stop: bool,
-    /// The board has stopped the wheels for want of a fresh command.
-    pub command_stale: bool,
-}
+use crate::health::{Health, Monitor};
+use crate::inbox::Inbox;
+use crate::worker::{Bell, Worker};
+use link::Link;
+use odometer::Odometer;
+use orders::Orders;
+use server::Server;
 
 /// The base of the robot. Dropping it stops the wheels.
 #[derive(Debug)]
@@ -296,182 +240,5 @@ impl Helm {
     fn unfit(&self, reason: String) -> HwError {
         let device = "base".to_owned();
         HwError::Unfit { device, reason }
-    }
-}
-
-/// What the thread works with.
-struct Server {
-    device: BaseDevice,
-    omni: Omni,
-    signs: Vec<f32>,
-    speed_max: f32,
-    wheel_radius: f32,
-    odometer: Odometer,
-    desk: Arc<Desk>,
-    monitor: Monitor,
-    inbox: Inbox,
-}
-
-impl Server {
-    /// Speaks and listens until the bus fails (an error) or the bell stops it.
-    fn serve(&mut self, link: &mut Link, bell: &Bell) -> Result<(), HwError> {
-        let period = 1.0 / f64::from(self.device.rate_hz);
-        let began = clock::now();
-        let mut watch = Watch::new(&self.device.port, self.device.stall);
-        let mut said = Vec::new();
-        let mut next = began;
-        while !bell.stopped() {
-            let now = clock::now();
-            let news = self.desk.orders().news;
-            if news || now >= next {
-                self.speak(link, now)?;
-                // A new command moves the rhythm along with it: the bus is not told twice in a row.
-                next = now + period;
-            }
-            if bell.wait(Some(link.fd()), next) {
-                let arrival = clock::now();
-                link.receive(arrival, &mut said)?;
-                let tally = link.tally();
-                self.monitor.tally(tally);
-                let jumps = self.odometer.jumps;
-                for said in said.drain(..) {
-                    watch.message(arrival, tally.garbage_bytes);
-                    self.hear(said, arrival);
-                }
-                if let Some(step) = link.take_clock_step() {
-                    let reason = format!("the board's clock stepped by {step:.2} s");
-                    self.monitor.notice(reason);
-                }
-                if self.odometer.jumps > jumps {
-                    let reason = "a wheel's counter jumped: odometry begins anew".to_owned();
-                    self.monitor.notice(reason);
-                }
-            }
-            let now = clock::now();
-            watch.check(now, link.tally().garbage_bytes)?;
-            self.judge(now, began);
-        }
-        self.desk.orders().halt(clock::now());
-        self.speak(link, clock::now())
-    }
-
-    /// Tells the bus what is wanted now.
-    fn speak(&self, link: &mut Link, now: Stamp) -> Result<(), HwError> {
-        let (order, kick, dribble) = {
-            let mut orders = self.desk.orders();
-            orders.news = false;
-            (
-                orders.order(now, self.device.brake_time),
-                orders.take_kick(now),
-                orders.dribbling(now),
-            )
-        };
-        let told = match order {
-            Order::Drive(drive, left) => {
-                let wheels = self.wheels(drive, left);
-                link.send(wheels, now)?;
-                match wheels {
-                    Wheels::Turn(_, twist, _) => twist,
-                    Wheels::Brake | Wheels::Release => Twist::default(),
-                }
-            }
-            Order::Brake | Order::Release => {
-                let wheels = if order == Order::Brake {
-                    Wheels::Brake
-                } else {
-                    Wheels::Release
-                };
-                link.send(wheels, now)?;
-                self.desk.orders().stops_sent += 1;
-                self.desk.stopped.notify_all();
-                Twist::default()
-            }
-        };
-        self.inbox.put(Event::Command(Command {
-            stamp: now,
-            twist: told,
-        }));
-        if let Some((kick, left)) = kick {
-            link.kick(kick, left, now)?;
-        }
-        if let Some((speeds, left)) = dribble {
-            link.dribble(speeds, left, now)?;
-        }
-        Ok(())
-    }
-
-    /// Speeds of the motors, no rim faster than the robot's top speed.
-    fn wheels(&self, drive: Drive, left: f64) -> Wheels {
-        let (mut speeds, twist) = match drive {
-            Drive::Twist(twist) => {
-                let twist = self.omni.limited(twist, self.speed_max);
-                let mut speeds = [0.0; 4];
-                for (speed, wanted) in speeds.iter_mut().zip(self.omni.wheel_speeds(twist)) {
-                    *speed = wanted;
-                }
-                (speeds, twist)
-            }
-            Drive::Wheels(speeds) => {
-                let fastest = speeds
-                    .iter()
-                    .fold(0.0_f32, |most, speed| most.max(speed.abs()));
-                let share = (self.speed_max / (fastest * self.wheel_radius)).min(1.0);
-                // Standing wheels make 0/0: nothing to slow down.
-                let share = if share.is_finite() { share } else { 1.0 };
-                let speeds = speeds.map(|speed| share * speed);
-                let (twist, _) = self.omni.twist(&speeds[..self.omni.wheels()]);
-                (speeds, twist)
-            }
-        };
-        for (speed, sign) in speeds.iter_mut().zip(&self.signs) {
-            *speed *= sign;
-        }
-        Wheels::Turn(speeds, twist, left)
-    }
-
-    fn hear(&mut self, said: Said, arrival: Stamp) {
-        let moved = match said {
-            Said::Counts(counts, stamp) => {
-                self.odometer.read_all(&counts[..self.omni.wheels()], stamp)
-            }
-            Said::Count(wheel, count, stamp) => self.odometer.read_one(wheel, count, stamp),
-            Said::Power(report) => return self.inbox.put(Event::Power(report)),
-            Said::Kicker(report) => return self.inbox.put(Event::Kicker(report)),
-            Said::Switches(report) => return self.inbox.put(Event::Switches(report)),
-            Said::Imu(imu) => return self.inbox.put(Event::Imu(imu)),
-            Said::Compass(compass) => return self.inbox.put(Event::Compass(compass)),
-        };
-        // The base's rate is that of its odometry.
-        if moved != Moved::Waiting {
-            self.monitor.message(arrival);
-        }
-        if let Moved::By(odometry) = moved {
-            self.inbox.put(Event::Odometry(odometry));
-        }
-    }
-
-    /// Running, unless a wheel is not heard; before the first word of all it is what it was.
-    fn judge(&self, now: Stamp, began: Stamp) {
-        let limit = self.device.stall;
-        match self.odometer.silent(now, began, limit) {
-            Some(wheel) => {
-                let reason = match self.device.nodes.get(wheel) {
-                    Some(node) => format!("controller {node} of wheel {wheel} is silent"),
-                    None => "the board sends no encoder counts".to_owned(),
-                };
-                self.monitor.state(State::Stalled, Some(reason));
-            }
-            None if self.odometer.heard_all_since(began) => {
-                self.monitor.state(State::Running, None)
-            }
-            None => {}
-        }
-    }
-}
-
-/// Standing still.
-impl Default for Drive {
-    fn default() -> Self {
-        Drive::Twist(Twist::default())
     }
 }

@@ -12,6 +12,13 @@ pub enum Drive {
     Wheels([f32; 4]),
 }
 
+/// Standing still.
+impl Default for Drive {
+    fn default() -> Self {
+        Drive::Twist(Twist::default())
+    }
+}
+
 /// A kick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Kick {

@@ -117,14 +117,19 @@ impl Drop for FrameBytes {
     fn drop(&mut self) {
         if let Some(pool) = self.pool.upgrade() {
             let bytes = std::mem::take(&mut self.bytes);
-            pool.lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .push(bytes);
+            let mut free = pool.lock().unwrap_or_else(PoisonError::into_inner);
+            if free.len() < FREE_MAX {
+                free.push(bytes);
+            }
         }
     }
 }
 
-/// Where frames' bytes come from: as many buffers as were ever in use at once.
+/// Buffers that wait to be used again: one that is filled, one in the inbox, one looked at, some in the log's queue. What a slow
+/// disk needed beyond them is given back.
+const FREE_MAX: usize = 8;
+
+/// Where frames' bytes come from: buffers that were used before, if there are some.
 #[derive(Debug, Default)]
 pub(crate) struct Pool {
     free: Arc<Mutex<Vec<Vec<u8>>>>,

@@ -2,7 +2,8 @@
 //!
 //! The property tests and the fuzz targets both call these.
 
-use hw::wire::{Stream, bno085, board, slcan, vesc, wit};
+use hw::wire::frames::{FrameHeader, HEADER_BYTES};
+use hw::wire::{CanFrame, Stream, bno085, board, slcan, vesc, vesc_can, wit};
 
 /// Feeds `bytes` in pieces whose sizes `cuts` gives (cycled; none: all at once) and returns what comes out.
 pub(crate) fn messages<M>(mut stream: Stream<M>, bytes: &[u8], cuts: &[u8]) -> Vec<M> {
@@ -136,5 +137,33 @@ pub(crate) fn slcan(bytes: &[u8], cuts: &[u8]) {
         let is_it = |window: &[u8]| window[0] == text[0] && upper(window) == upper(&text);
         let at = rest.windows(text.len()).position(is_it);
         rest = &rest[at.unwrap_or_else(|| panic!("{frame:?} is not in the stream")) + text.len()..];
+    }
+}
+
+/// Camera socket: a header that is taken says what stands in its bytes, under a right checksum.
+pub(crate) fn frames(bytes: &[u8]) {
+    let Some(front) = bytes.first_chunk::<HEADER_BYTES>() else {
+        return;
+    };
+    if let Some(header) = FrameHeader::decode(front) {
+        let (said, checksum) = front.split_at(HEADER_BYTES - 2);
+        assert_eq!(checksum, crc16(said).to_le_bytes());
+        // What follows the stamp is for later versions.
+        assert_eq!(header.encode()[..36], front[..36]);
+    }
+}
+
+/// CAN: a frame that is taken survives the way back, and so does what a controller says in it.
+pub(crate) fn can(bytes: &[u8]) {
+    let frame = bytes.first_chunk::<16>().and_then(CanFrame::from_kernel);
+    let Some(frame) = frame else { return };
+    assert_eq!(CanFrame::from_kernel(&frame.to_kernel()), Some(frame));
+    if let Some((node, status)) = vesc_can::Status::decode(&frame) {
+        let again = status.encode(node);
+        assert_eq!(again.id, frame.id);
+        assert_eq!(vesc_can::Status::decode(&again), Some((node, status)));
+    }
+    if let Some((node, order)) = vesc_can::Order::decode(&frame) {
+        assert_eq!(order.encode(node), frame);
     }
 }

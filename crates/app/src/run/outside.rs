@@ -1,0 +1,99 @@
+//! What do other programs and team-mates get to know, and what may they ask? The robot's network.toml, joined with its wheels.
+
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::Result;
+use hw::base::{Drive, Kick};
+use localize::omni::Twist;
+use localize::team::Report;
+use localize::{Field, Stamp};
+
+use super::helm::{Driver, Helm, Refused};
+use crate::feed::Feed;
+use crate::log::Header;
+use crate::net::commands::Counts;
+use crate::net::{Network, NetworkConfig, Order};
+use crate::stream::StreamConfig;
+
+/// The file beside robot.toml that says who is told what, and who may command.
+pub const NETWORK_FILE: &str = "network.toml";
+
+/// The network's part of a run; dropping it ends it.
+pub(super) struct Outside {
+    network: Network,
+}
+
+/// What is configured: by a file that was named, else by the robot's own if it has one; else nothing.
+///
+/// `live`: where the live stream is offered in place of what the file says.
+pub(super) fn configured(
+    file: Option<&Path>,
+    robot: &Path,
+    live: Option<std::net::SocketAddr>,
+) -> Result<NetworkConfig> {
+    let own = robot.join(NETWORK_FILE);
+    let file = file.or_else(|| own.exists().then_some(&own));
+    let mut config = file.map_or_else(|| Ok(NetworkConfig::default()), NetworkConfig::load)?;
+    if let Some(address) = live {
+        config.stream = Some(StreamConfig {
+            bind: address.ip().to_string(),
+            port: address.port(),
+            ..config.stream.unwrap_or_default()
+        });
+    }
+    Ok(config)
+}
+
+impl Outside {
+    /// Starts what is configured: cycles of `feed` go out, commands go to `helm`.
+    pub(super) fn start(
+        config: &NetworkConfig,
+        feed: &Feed,
+        about: (&Header, &Field),
+        helm: &Helm,
+    ) -> Result<Self> {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        let session = since.map_or(0, |since| since.as_nanos() as u64);
+        let helm = helm.clone();
+        // Why not is counted by whoever sent it: the wheels do not turn.
+        let obey = move |order: Order| obey(&helm, order, hw::now()).is_ok();
+        let network = config.start(feed, about, session, hw::now, obey)?;
+        Ok(Outside { network })
+    }
+
+    /// What team-mates said since the last call.
+    pub(super) fn reports(&self) -> impl Iterator<Item = Report> {
+        self.network.team.iter().flat_map(crate::net::Link::reports)
+    }
+
+    /// What became of commands; none if nobody may command.
+    pub(super) fn commands(&self) -> Option<Counts> {
+        self.network
+            .commands
+            .as_ref()
+            .map(|commands| commands.counts())
+    }
+}
+
+/// Carries out another program's command that came `now`.
+fn obey(helm: &Helm, order: Order, now: Stamp) -> Result<(), Refused> {
+    let deadline = now + order.valid.as_secs_f64();
+    if let Some(kick) = order.kick {
+        let kick = Kick {
+            speed: kick.speed,
+            lofted: kick.lofted,
+        };
+        helm.kick(Driver::Program, kick, deadline)?;
+    }
+    if let Some(drive) = order.drive {
+        let twist = Twist {
+            x: drive.x,
+            y: drive.y,
+            theta: drive.theta,
+        };
+        let drive = Drive::Twist(twist);
+        helm.drive(Driver::Program, drive, deadline, order.needs_pose)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,92 @@
+//! How does a hand drive the robot? By keys of the terminal or a game pad, and never longer than the hand is on them.
+
+mod keys;
+mod pads;
+
+use std::os::fd::AsFd;
+
+use anyhow::Result;
+use hw::base::{Drive, Kick};
+use localize::omni::Twist;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use super::helm::{Driver, Helm};
+use super::stop::Stop;
+use keys::{Hand, Keys, Wish};
+use pads::Pads;
+
+/// Commands are good for so long, seconds.
+const COMMAND: f64 = 0.08;
+/// Time between commands, nanoseconds.
+const PERIOD_NS: i64 = 20_000_000;
+/// Rate of turn over speed, rad/s per m/s: a robot that drives fast may turn fast.
+const TURN_PER_SPEED: f32 = 2.0;
+/// Speed of a kicked ball, m/s.
+const KICK_SPEED: f32 = 6.0;
+
+/// What the keys are, for whoever starts.
+pub const HELP: &str = "drive: w a s d, turn: q e, slower and faster: - +, kick: k, stop: space, end: x or Ctrl-C\n\
+     game pad: hold a shoulder button; left stick drives, right stick turns, first button kicks";
+
+/// Drives by hand until the end is asked for.
+pub fn drive(helm: &Helm, stop: &Stop) -> Result<()> {
+    let keys = Keys::open()?;
+    let keys = keys.as_ref();
+    let mut pads = Pads::default();
+    let mut hand = Hand::new();
+    while !stop.is_raised() {
+        pads.look();
+        let mut fds: Vec<_> = keys.iter().map(|keys| keys.fd.as_fd()).collect();
+        fds.extend(pads.open.iter().map(|pad| pad.fd.as_fd()));
+        let mut fds: Vec<_> = fds
+            .into_iter()
+            .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN))
+            .collect();
+        let period = Timespec {
+            tv_sec: 0,
+            tv_nsec: PERIOD_NS,
+        };
+        // An interrupted wait is a short one.
+        let _interrupted = poll(&mut fds, Some(&period));
+        drop(fds);
+        let now = hw::now();
+        for key in keys.iter().flat_map(|keys| keys.pressed()) {
+            match hand.key(key, now) {
+                Some(Wish::End) => stop.raise(),
+                Some(Wish::Kick) => kick(helm),
+                None => {}
+            }
+        }
+        pads.read();
+        if pads.take_kick() {
+            kick(helm);
+        }
+        let twist = pads.twist(hand.speed).or_else(|| hand.twist(now));
+        match twist {
+            Some(twist) => {
+                // A base that is not there now may be there for the next command.
+                let _refused = helm.drive(Driver::Hand, Drive::Twist(twist), now + COMMAND, false);
+                hand.drove = true;
+            }
+            None if std::mem::take(&mut hand.drove) => helm.halt(),
+            None => {}
+        }
+    }
+    Ok(())
+}
+
+fn kick(helm: &Helm) {
+    let kick = Kick {
+        speed: KICK_SPEED,
+        lofted: false,
+    };
+    let _refused = helm.kick(Driver::Hand, kick, hw::now() + COMMAND);
+}
+
+fn twist_of([x, y, turn]: [f32; 3], speed: f32) -> Twist {
+    Twist {
+        x: x * speed,
+        y: y * speed,
+        theta: turn * speed * TURN_PER_SPEED,
+    }
+}

@@ -1,0 +1,162 @@
+//! What do game pads ask for? A motion while a shoulder button is held, and kicks.
+
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+
+use localize::Stamp;
+use localize::omni::Twist;
+use rustix::fs::{Mode, OFlags};
+
+use super::twist_of;
+
+/// Game pads as linux/joystick.h has them: events of 8 bytes.
+#[derive(Default)]
+pub(super) struct Pads {
+    pub(super) open: Vec<Pad>,
+    looked: Option<Stamp>,
+}
+
+pub(super) struct Pad {
+    path: PathBuf,
+    pub(super) fd: OwnedFd,
+    /// −1 to 1: left stick (right, down), triggers and right stick as the driver numbers them.
+    axes: [f32; 8],
+    buttons: [bool; 16],
+    kick: bool,
+}
+
+/// Time between looks for pads that were plugged in, seconds.
+const LOOK: f64 = 1.0;
+/// Deflection of a stick that is none.
+const DEAD_ZONE: f32 = 0.1;
+/// Axes and buttons as the kernel's driver for most pads (xpad) numbers them.
+const LEFT_RIGHT: usize = 0;
+const LEFT_DOWN: usize = 1;
+const RIGHT_RIGHT: usize = 3;
+const KICK_BUTTON: usize = 0;
+const SHOULDERS: [usize; 2] = [4, 5];
+
+impl Pads {
+    pub(super) fn look(&mut self) {
+        let now = hw::now();
+        if self.looked.is_some_and(|looked| now - looked < LOOK) {
+            return;
+        }
+        self.looked = Some(now);
+        for number in 0..4 {
+            let path = PathBuf::from(format!("/dev/input/js{number}"));
+            if !self.open.iter().any(|pad| pad.path == path) {
+                self.open.extend(Pad::open(&path));
+            }
+        }
+    }
+
+    /// Takes what the pads say; one that was pulled out says nothing, and drives nothing, any more.
+    pub(super) fn read(&mut self) {
+        self.open.retain_mut(Pad::read);
+    }
+
+    pub(super) fn take_kick(&mut self) -> bool {
+        self.open
+            .iter_mut()
+            .any(|pad| std::mem::take(&mut pad.kick))
+    }
+
+    pub(super) fn twist(&self, speed: f32) -> Option<Twist> {
+        let held = |pad: &&Pad| SHOULDERS.iter().any(|button| pad.buttons[*button]);
+        let pad = self.open.iter().find(held)?;
+        let way = [LEFT_DOWN, LEFT_RIGHT, RIGHT_RIGHT].map(|axis| {
+            let deflection = pad.axes[axis];
+            if deflection.abs() < DEAD_ZONE {
+                0.0
+            } else {
+                -deflection
+            }
+        });
+        Some(twist_of(way, speed))
+    }
+}
+
+impl Pad {
+    fn open(path: &Path) -> Option<Self> {
+        let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let fd = rustix::fs::open(path, flags, Mode::empty()).ok()?;
+        Some(Pad {
+            path: path.to_owned(),
+            fd,
+            axes: [0.0; 8],
+            buttons: [false; 16],
+            kick: false,
+        })
+    }
+
+    /// False if the pad is gone.
+    fn read(&mut self) -> bool {
+        let mut bytes = [0; 512];
+        match rustix::io::read(&self.fd, &mut bytes[..]) {
+            Ok(0) => false,
+            Ok(count) => {
+                bytes[..count]
+                    .chunks_exact(8)
+                    .for_each(|event| self.event(event));
+                true
+            }
+            Err(rustix::io::Errno::WOULDBLOCK | rustix::io::Errno::INTR) => true,
+            Err(_) => false,
+        }
+    }
+
+    /// u32 time, i16 value, u8 kind (1 button, 2 axis, with 0x80 the state at the start), u8 number.
+    fn event(&mut self, event: &[u8]) {
+        let value = i16::from_le_bytes([event[4], event[5]]);
+        let (first, number) = (event[6] & 0x80 != 0, usize::from(event[7]));
+        match event[6] & 0x7F {
+            1 => {
+                if let Some(button) = self.buttons.get_mut(number) {
+                    *button = value != 0;
+                    self.kick |= number == KICK_BUTTON && value != 0 && !first;
+                }
+            }
+            2 => {
+                if let Some(axis) = self.axes.get_mut(number) {
+                    *axis = f32::from(value) / 32_767.0;
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pad_drives_only_while_a_shoulder_button_is_held() {
+        let fd = rustix::fs::open("/dev/null", OFlags::RDONLY, Mode::empty()).expect("opened");
+        let mut pads = Pads::default();
+        pads.open.push(Pad {
+            path: PathBuf::new(),
+            fd,
+            axes: [0.0; 8],
+            buttons: [false; 16],
+            kick: false,
+        });
+        let event = |value: i16, kind, number| {
+            let [low, high] = value.to_le_bytes();
+            [0, 0, 0, 0, low, high, kind, number]
+        };
+        pads.open[0].event(&event(-32_767, 2, 1));
+        assert_eq!(pads.twist(1.0), None);
+        pads.open[0].event(&event(1, 1, 4));
+        let twist = pads.twist(1.0).expect("driven");
+        assert!((twist.x - 1.0).abs() < 1e-4 && twist.y == 0.0);
+        pads.open[0].event(&event(1, 1 | 0x80, 0));
+        assert!(!pads.take_kick(), "held since before");
+        pads.open[0].event(&event(1, 1, 0));
+        assert!(pads.take_kick() && !pads.take_kick());
+        // The end of /dev/null is what an unplugged pad looks like.
+        pads.read();
+        assert_eq!(pads.twist(1.0), None);
+    }
+}

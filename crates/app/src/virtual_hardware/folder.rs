@@ -1,0 +1,74 @@
+//! Where do the virtual devices lie? A folder that is a robot for `run`: robot.toml, hardware.toml and the devices by name.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use hw::config::Bus;
+use sim::Sim;
+
+use super::Options;
+use super::vescs::NODES;
+
+/// Names of the devices in the folder.
+pub(super) const BASE: &str = "base";
+pub(super) const WIT: &str = "wit";
+pub(super) const BNO085: &str = "bno085";
+pub(super) const CAMERA: &str = "camera";
+/// Writes robot.toml and hardware.toml beside the devices: the folder is a robot that `run` plays with.
+pub(super) fn write(sim: &Sim, options: &Options<'_>) -> Result<()> {
+    let mut robot = sim.robot().clone();
+    if let Some(field) = &sim.scenario().field {
+        robot.field.clone_from(field);
+    }
+    let absolute = |path: &mut PathBuf| -> Result<()> {
+        *path = path
+            .canonicalize()
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        Ok(())
+    };
+    absolute(&mut robot.field)?;
+    robot
+        .mirror
+        .as_mut()
+        .map_or(Ok(()), |mirror| absolute(&mut mirror.profile))?;
+    robot
+        .map
+        .as_mut()
+        .map_or(Ok(()), |map| absolute(&mut map.file))?;
+    robot.labels.as_mut().map_or(Ok(()), absolute)?;
+    robot.colours.as_mut().map_or(Ok(()), absolute)?;
+    let rate_hz = sim.scenario().frame_rate_hz;
+    let wheels = robot
+        .base
+        .as_ref()
+        .map_or(0, |base| base.wheel_angles_deg.len());
+    let hardware = format!(
+        "# The virtual robot of `mirrorball sim --hardware`; its devices lie beside this file.\n\
+         [camera]\ndevice = \"unix:./{CAMERA}\"\nrate_hz = {rate_hz:?}\n\n\
+         [base]\n{}port = \"./{BASE}\"\n\n\
+         [[inertial]]\nsensor = \"wit\"\nport = \"./{WIT}\"\nimu = true\ncompass = {}\n",
+        bus(options.bus, wheels),
+        robot.compass.is_some()
+    );
+    for (name, text) in [
+        ("robot.toml", toml::to_string(&robot)?),
+        ("hardware.toml", hardware),
+    ] {
+        let path = options.folder.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// The keys that say how the base is spoken to.
+fn bus(bus: Bus, wheels: usize) -> String {
+    let nodes = &NODES[..wheels.min(NODES.len())];
+    match bus {
+        Bus::Board => "bus = \"board\"\n".to_owned(),
+        Bus::VescUart => format!(
+            "bus = \"vesc-uart\"\nnodes = {nodes:?}\nuart_node = {}\n",
+            NODES[0]
+        ),
+        Bus::VescCan | Bus::VescSlcan => format!("bus = \"vesc-slcan\"\nnodes = {nodes:?}\n"),
+    }
+}

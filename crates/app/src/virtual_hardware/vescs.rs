@@ -1,0 +1,212 @@
+//! What do virtual VESCs do? One for each wheel: on a serial line with the others behind it, or on a CAN bus behind an adapter.
+
+use hw::wire::vesc::{Request, Values};
+use hw::wire::vesc_can::{Order, Status};
+use hw::wire::{Step, slcan};
+use localize::Stamp;
+use localize::omni::Omni;
+
+use super::orders::Orders;
+
+/// Numbers of the wheels' controllers; the first is the one at the serial line.
+pub(super) const NODES: [u8; 4] = [11, 12, 13, 14];
+/// Without a command the controllers stop after so long, milliseconds: what `timeout` in their settings must be.
+const TIMEOUT_MS: u16 = 100;
+/// Steps of a tachometer in one electrical revolution.
+const STEPS_PER_ELECTRICAL_TURN: f32 = 6.0;
+/// What a charged battery shows, 0.1 V, and cool transistors, 0.1 °C.
+const BATTERY_DV: i16 = 252;
+const TEMPERATURE_DDEG: i16 = 350;
+/// First byte of a packet, and the bytes around its payload: start, length, checksum, stop.
+const START: u8 = 2;
+const AROUND: usize = 5;
+
+/// How they are reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Reach {
+    /// The first one's UART.
+    Uart,
+    /// A CAN bus behind an adapter, once its channel is open.
+    Slcan { open: bool },
+}
+
+/// The controllers.
+pub(super) struct Vescs {
+    omni: Omni,
+    reach: Reach,
+    ticks_per_turn: f32,
+    received: Vec<u8>,
+    /// What each wheel is to do, rad/s.
+    speeds: [f32; 4],
+    /// Tachometers, and the turns they stand for.
+    counts: [i32; 4],
+    turned: Vec<f64>,
+    erpm: [i32; 4],
+    said: Option<Stamp>,
+    pub(super) orders: Orders,
+}
+
+impl Vescs {
+    pub(super) fn new(omni: Omni, ticks_per_turn: f32, reach: Reach) -> Self {
+        Vescs {
+            omni,
+            reach,
+            ticks_per_turn,
+            received: Vec::new(),
+            speeds: [0.0; 4],
+            counts: [0; 4],
+            turned: Vec::new(),
+            erpm: [0; 4],
+            said: None,
+            orders: Orders::default(),
+        }
+    }
+
+    /// The line was pulled out or put in: what was half received is forgotten, and an adapter's channel is closed.
+    pub(super) fn plugged_anew(&mut self) {
+        self.received.clear();
+        self.orders.plugged_anew();
+        if let Reach::Slcan { open } = &mut self.reach {
+            *open = false;
+        }
+    }
+
+    /// Takes what was sent; returns the answers.
+    pub(super) fn hear(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
+        self.received.extend_from_slice(bytes);
+        match self.reach {
+            Reach::Uart => self.hear_uart(now),
+            Reach::Slcan { .. } => self.hear_adapter(now),
+        }
+    }
+
+    fn hear_uart(&mut self, now: Stamp) -> Vec<u8> {
+        let mut answers = Vec::new();
+        let received = std::mem::take(&mut self.received);
+        let mut rest = received.as_slice();
+        while let [first, more @ ..] = rest {
+            if *first != START {
+                rest = more;
+                continue;
+            }
+            let length = more.first().map(|length| usize::from(*length) + AROUND);
+            let Some(packet) = length.and_then(|length| rest.get(..length)) else {
+                break;
+            };
+            let Some((node, request)) = Request::decode(packet) else {
+                rest = more;
+                continue;
+            };
+            rest = &rest[packet.len()..];
+            let node = node.unwrap_or(NODES[0]);
+            match request {
+                Request::GetValues => answers.extend(self.values(node)),
+                Request::SetRpm(erpm) => self.turn(node, erpm, now),
+                Request::SetCurrentMa(_) => self.turn(node, 0, now),
+            }
+        }
+        self.received = rest.to_vec();
+        answers
+    }
+
+    fn hear_adapter(&mut self, now: Stamp) -> Vec<u8> {
+        let mut answers = Vec::new();
+        while let Some(end) = self.received.iter().position(|byte| *byte == b'\r') {
+            let line: Vec<u8> = self.received.drain(..=end).collect();
+            let Reach::Slcan { open } = &mut self.reach else {
+                break;
+            };
+            match (line[0], slcan::parse(&line)) {
+                (b'C', _) => *open = false,
+                (b'O', _) => *open = true,
+                (b'S' | b'\r', _) => {}
+                (_, Step::Take(_, slcan::Line::Frame(frame))) if *open => {
+                    match Order::decode(&frame) {
+                        Some((node, Order::SetRpm(erpm))) => self.turn(node, erpm, now),
+                        Some((node, Order::SetCurrentMa(_))) => self.turn(node, 0, now),
+                        None => {}
+                    }
+                    // An extended frame went out (LAWICEL, CANUSB manual).
+                    answers.push(b'Z');
+                }
+                _ => {
+                    answers.push(7);
+                    continue;
+                }
+            }
+            answers.push(b'\r');
+        }
+        answers
+    }
+
+    /// A round of commands is over with the last wheel's.
+    fn turn(&mut self, node: u8, erpm: i32, now: Stamp) {
+        let wheels = self.omni.wheels();
+        let Some(wheel) = NODES[..wheels].iter().position(|own| *own == node) else {
+            return;
+        };
+        self.speeds[wheel] = erpm as f32 / self.erpm_per_speed();
+        if wheel + 1 == wheels {
+            let speeds = &self.speeds[..wheels];
+            let (twist, _) = self.omni.twist(speeds);
+            let drives = speeds.iter().any(|speed| *speed != 0.0);
+            self.orders.obey(twist, drives, TIMEOUT_MS, now);
+        }
+    }
+
+    /// Electrical revolutions per minute at a wheel's speed of 1 rad/s.
+    fn erpm_per_speed(&self) -> f32 {
+        60.0 / std::f32::consts::TAU * self.ticks_per_turn / STEPS_PER_ELECTRICAL_TURN
+    }
+
+    /// Follows the wheels, whose turns are radians since the start; what is said by itself (CAN).
+    pub(super) fn report(&mut self, turned: &[f64], offset: u32, stamp: Stamp) -> Vec<u8> {
+        let elapsed = self.said.replace(stamp).map(|said| stamp - said);
+        for (wheel, turned) in turned.iter().enumerate().take(self.omni.wheels()) {
+            let ticks = turned / std::f64::consts::TAU * f64::from(self.ticks_per_turn);
+            self.counts[wheel] = (ticks.floor() as i64 as u32).wrapping_add(offset) as i32;
+            let before = self.turned.get(wheel).copied().unwrap_or(*turned);
+            let speed = elapsed.map_or(0.0, |elapsed| (turned - before) / elapsed.max(1e-3));
+            self.erpm[wheel] = (speed as f32 * self.erpm_per_speed()) as i32;
+        }
+        self.turned = turned.to_vec();
+        let mut lines = Vec::new();
+        if self.reach != (Reach::Slcan { open: true }) {
+            return lines;
+        }
+        for wheel in 0..self.omni.wheels() {
+            let motion = Status::Motion {
+                erpm: self.erpm[wheel],
+                current_da: 0,
+                duty_permille: 0,
+            };
+            let heat = Status::Heat {
+                temperature_ddeg: TEMPERATURE_DDEG,
+            };
+            let position = Status::Position {
+                tachometer: self.counts[wheel],
+                voltage_dv: BATTERY_DV,
+            };
+            for status in [motion, heat, position] {
+                slcan::encode(&status.encode(NODES[wheel]), &mut lines);
+            }
+        }
+        lines
+    }
+
+    fn values(&self, node: u8) -> Vec<u8> {
+        let wheels = &NODES[..self.omni.wheels()];
+        let Some(wheel) = wheels.iter().position(|own| *own == node) else {
+            return Vec::new();
+        };
+        let values = Values {
+            node,
+            erpm: self.erpm[wheel],
+            tachometer: self.counts[wheel],
+            voltage_dv: BATTERY_DV,
+            temperature_ddeg: TEMPERATURE_DDEG,
+            ..Values::default()
+        };
+        values.encode()
+    }
+}
