@@ -11,6 +11,7 @@ from in time, did the wheels ever turn without a fresh command, does the log rea
 import argparse
 import bisect
 import csv
+import itertools
 import json
 import math
 import os
@@ -49,6 +50,8 @@ KINDS = [
 ]
 # Quiet time before the first fault, and after each.
 START_S, PAUSE_S = 6.0, 6.0
+# Truth is written at every sensor's sample: a longer gap is a world that stood still.
+PAUSED_S = 0.5
 # A pose this near to the truth is a right one.
 NEAR_M = 0.3
 
@@ -60,6 +63,8 @@ class Verdict:
     kind: str
     named: bool
     recovered_s: float | None
+    # False if the machine stopped the world itself meanwhile: that says nothing about the robot.
+    judged: bool = True
     problems: list[str] = field(default_factory=list)
 
 
@@ -185,7 +190,20 @@ def errors(out: Path) -> list[tuple[float, float]]:
     return found
 
 
-def judge(fault: dict[str, Any], report: dict[str, Any], poses: list[tuple[float, float]], within_s: float) -> Verdict:
+def pauses(out: Path) -> list[tuple[float, float]]:
+    """When the virtual hardware itself stood still: its process got no time from this machine."""
+    with (out / "truth.csv").open() as file:
+        stamps = [float(row["stamp_s"]) for row in csv.DictReader(file)]
+    return [(a, b) for a, b in itertools.pairwise(stamps) if b - a > PAUSED_S]
+
+
+def judge(
+    fault: dict[str, Any],
+    report: dict[str, Any],
+    poses: list[tuple[float, float]],
+    paused: list[tuple[float, float]],
+    within_s: float,
+) -> Verdict:
     """Was the fault named, and when was all well again after its end?"""
     device, word = next((device, word) for kind, _, device, word in KINDS if kind == fault["kind"])
     begin, end = fault["from_s"], fault["until_s"]
@@ -200,6 +218,9 @@ def judge(fault: dict[str, Any], report: dict[str, Any], poses: list[tuple[float
     right = [stamp - end for stamp, error in poses if stamp > end and error < NEAR_M]
     recovered = max(recovered, min(right, default=math.inf))
     verdict = Verdict(fault["kind"], named, recovered if math.isfinite(recovered) else None)
+    verdict.judged = not any(began < end + within_s and ended > begin for began, ended in paused)
+    if not verdict.judged:
+        return verdict
     if not named:
         verdict.problems.append(f"was not named ({device}: {word})")
     if recovered > within_s:
@@ -269,13 +290,13 @@ def fault_run(
         problems.append("the frozen process's last command did not run out")
     if len(report["log"]["files"]) < 2:
         problems.append("no new log was begun after the disk was full")
-    if hardware["slipped_s"] > 0.01 * seconds:
-        problems.append(
-            f"this machine was too busy to play the world in time: it stood still for {hardware['slipped_s']:.1f} s"
-        )
     problems += reads(program, out)
     poses = errors(out)
-    verdicts = [judge(fault, report, poses, within_s) for fault in hardware["faults"]]
+    paused = pauses(out)
+    verdicts = [judge(fault, report, poses, paused, within_s) for fault in hardware["faults"]]
+    unjudged = {verdict.kind for verdict in verdicts} - {verdict.kind for verdict in verdicts if verdict.judged}
+    if unjudged:
+        problems.append(f"this machine left no time to judge {', '.join(sorted(unjudged))}")
     near = sorted(error for _, error in poses)
     summary = {
         "seconds": report["seconds"],
@@ -301,6 +322,9 @@ def main() -> int:
     for verdict in verdicts:
         after = "never" if verdict.recovered_s is None else f"{verdict.recovered_s:5.2f} s"
         named = "named" if verdict.named else "NOT NAMED"
+        if not verdict.judged:
+            print(f"{verdict.kind:<18} not judged: the world itself stood still")
+            continue
         print(f"{verdict.kind:<18} {named:<10} well again after {after}  {'; '.join(verdict.problems)}")
     print(json.dumps(summary, indent=1))
     for problem in problems:

@@ -50,7 +50,7 @@ impl Recorder {
         config: &LogConfig,
     ) -> Result<Self> {
         let notes = Notes::default();
-        let mut writer = Writer::begin(path, header, field, config, notes.clone())?;
+        let mut writer = Writer::begin(path, header, field, (pace, config), notes.clone())?;
         let queue = Arc::new(Queue::new(pace, config.queue_images, config.queue_cycles));
         let fault = Arc::new(OnceLock::new());
         let safe = writer.safe();

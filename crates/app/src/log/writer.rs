@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use localize::Field;
 
-use super::LogConfig;
 use super::header::Header;
 use super::messages::Messages;
 use super::record::{Notes, Written};
 use super::schema::{ABOUT, Level, Sink};
+use super::{LogConfig, Pace};
 use crate::feed::queue::Queue;
 
 /// The thread's side of a recorder.
@@ -33,7 +33,7 @@ impl Writer {
         path: &Path,
         header: &Header,
         field: &Field,
-        config: &LogConfig,
+        (pace, config): (Pace, &LogConfig),
         notes: Notes,
     ) -> Result<Self> {
         if !(1..=100).contains(&config.jpeg_quality) {
@@ -48,7 +48,7 @@ impl Writer {
                 config.flush_period
             )
         })?;
-        let (sink, topics) = Sink::create(path)?;
+        let (sink, topics) = Sink::create(path, pace)?;
         let header = Header {
             images: config.images,
             ..header.clone()

@@ -31,6 +31,7 @@ use prost::Message;
 
 use file::LogFile;
 
+use super::Pace;
 use super::picture::{Encoded, ImageMode};
 
 /// The form of what our own topics and records hold; a log of another form is refused.
@@ -46,6 +47,11 @@ pub(crate) const IMAGE_TOPIC: &str = "/camera/image";
 
 /// A chunk is closed at this size; with the image that goes beyond it, it stays below 1 MiB for usual cameras.
 const CHUNK_BYTES: u64 = 384 * 1024;
+/// On a robot at this size, and at each flush: about one a second.
+///
+/// The writer remembers each chunk, with a place for each topic (more than a kilobyte), for the summary at the end: many small
+/// chunks of a long game would cost memory. A kill costs what came since the last flush, whatever the size.
+const LIVE_CHUNK_BYTES: u64 = 4 << 20;
 
 /// The channels of a run; they reach whatever sinks their context has.
 pub(crate) struct Topics {
@@ -135,7 +141,11 @@ pub(crate) struct Sink {
 
 impl Sink {
     /// Starts a log file with its channels; one that is there is replaced.
-    pub(crate) fn create(path: &Path) -> Result<(Self, Topics)> {
+    pub(crate) fn create(path: &Path, pace: Pace) -> Result<(Self, Topics)> {
+        let chunk_bytes = match pace {
+            Pace::Live => LIVE_CHUNK_BYTES,
+            Pace::Lockstep => CHUNK_BYTES,
+        };
         let fault = Arc::new(OnceLock::new());
         let file = LogFile::create(path, fault.clone())
             .with_context(|| format!("cannot write {}", path.display()))?;
@@ -145,7 +155,7 @@ impl Sink {
             .compression(Some(McapCompression::Zstd))
             .compression_level(1)
             .compression_threads(0)
-            .chunk_size(Some(CHUNK_BYTES))
+            .chunk_size(Some(chunk_bytes))
             .disable_seeking(true);
         let context = Context::new();
         let file = context
