@@ -276,7 +276,7 @@ proptest! {
         oracle::frames(&sent);
         prop_assert!(flip == 0 || FrameHeader::decode(&sent).is_none());
         let mut kernel = [0; 16];
-        let id = 1 << 31 | command << 8 | id & 0x6000_00FF;
+        let id = (1 << 31) | (command << 8) | (id & 0x6000_00FF);
         kernel[..4].copy_from_slice(&id.to_ne_bytes());
         kernel[4] = length;
         kernel[8..].copy_from_slice(&stamp_ns.to_ne_bytes());

@@ -52,8 +52,6 @@ impl World {
         let own = Arc::clone(&shared);
         let mut sim = sim;
         let play = move || {
-            // Rendering has until the moment that its image shows; the devices speak on time.
-            hw::realtime::stand_back();
             let mut zero = began;
             while !own.ended.load(Ordering::Relaxed) {
                 if !own_path {
