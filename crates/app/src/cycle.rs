@@ -152,7 +152,12 @@ impl SpineConfig {
         let scan = &mut vision.scan;
         match name {
             // lima2001 4.4: 36 circles about the robot.
-            "lima2001" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (0, 0, 36),
+            "lima2001" => {
+                (scan.radial_lines, scan.spirals_each_way, scan.circles) = (0, 0, 36);
+                // The isometric part, feet of walls included.
+                scan.range_max = 6.0;
+                vision.lines.walls = true;
+            }
             // minho2016 III: 72 radial lines and 36 spirals each way.
             "minho2016" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (72, 36, 0),
             // nubot2013 4: 72 radial lines.
@@ -249,6 +254,10 @@ impl Spine {
         if let Some(height) = setup.viewpoint_height {
             vision.objects.viewpoint_height = height;
             localize.matching.viewpoint_height = height;
+        }
+        let compass = setup.robot.compass.as_ref();
+        if let Some(calibration) = compass.and_then(|compass| compass.calibration) {
+            localize.compass.calibration = Some(calibration);
         }
         let mut exposure = None;
         let mut eyes = match &setup.camera {

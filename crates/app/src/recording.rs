@@ -111,11 +111,14 @@ impl Recording {
             }
         }
         if let Some(table) = optional(folder, "compass.csv", &["stamp_s", "heading_rad"])? {
+            let fields = magnetic_fields(folder)?;
             for row in table.rows() {
                 let [heading] = floats(row, ["heading_rad"])?;
+                let stamp = stamp(row)?;
                 let compass = Compass {
-                    stamp: stamp(row)?,
+                    stamp,
                     heading,
+                    field: fields.get(&stamp).copied(),
                 };
                 events.push(Event {
                     stamp: compass.stamp,
@@ -159,6 +162,16 @@ impl Iterator for Recording {
         };
         Some(Sample::Frame(Frame { stamp, content }))
     }
+}
+
+/// The magnetic fields that compass.csv's headings were made of, where magnetometer.csv has them at the same stamps.
+fn magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
+    let Some(table) = optional(folder, "magnetometer.csv", &["stamp_s", "x", "y"])? else {
+        return Ok(BTreeMap::new());
+    };
+    let rows = table.rows();
+    rows.map(|row| Ok((stamp(row)?, floats(row, ["x", "y"])?)))
+        .collect()
 }
 
 fn optional(folder: &Path, name: &str, wanted: &[&str]) -> Result<Option<Table>> {

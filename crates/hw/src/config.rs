@@ -134,6 +134,10 @@ pub struct InertialDevice {
     /// Take the yaw as a compass. A BNO085's yaw in this mode begins at 0 when it is switched on and drifts.
     #[serde(default)]
     pub compass: bool,
+    /// WitMotion: take the magnetic field for the compass in place of the yaw; robot.toml's `compass.calibration` makes
+    /// headings of it.
+    #[serde(default)]
+    pub magnetometer: bool,
     /// How the sensor lies in the robot: roll, pitch, yaw of its axes, degrees (turned about x, then y, then z).
     #[serde(default)]
     pub mount_deg: [f32; 3],

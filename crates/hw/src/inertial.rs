@@ -101,6 +101,7 @@ pub struct Reader {
     decoder: Decoder,
     imu: bool,
     compass: bool,
+    magnetometer: bool,
     robot_from_sensor: [[f32; 3]; 3],
     turn_sign: f32,
     north: f32,
@@ -125,6 +126,7 @@ impl Reader {
             },
             imu: device.imu,
             compass: device.compass,
+            magnetometer: device.magnetometer,
             robot_from_sensor: rotation(device.mount_deg.map(f32::to_radians)),
             turn_sign: if device.clockwise { -1.0 } else { 1.0 },
             north: device.north_deg.to_radians(),
@@ -151,11 +153,16 @@ impl Reader {
                     rate: self.in_robot(rate),
                 }));
             }
-            if let Some(yaw) = reading.yaw.filter(|_| self.compass) {
+            if let Some(yaw) = reading.yaw.filter(|_| self.compass && !self.magnetometer) {
                 readings.push(Event::Compass(Compass {
                     stamp: arrival,
                     heading: wrap_angle(self.turn_sign * yaw + self.north),
+                    field: None,
                 }));
+            }
+            if let Some(field) = reading.field.filter(|_| self.compass && self.magnetometer) {
+                let [x, y, _] = self.in_robot(field);
+                readings.push(Event::Compass(Compass::of_field(arrival, [x, y])));
             }
         }
         readings
@@ -221,6 +228,8 @@ struct Reading {
     inertia: Option<([f32; 3], [f32; 3])>,
     /// Yaw, radians.
     yaw: Option<f32>,
+    /// Magnetic field, the sensor's own unit.
+    field: Option<[f32; 3]>,
 }
 
 /// A BNO085 tells no rates: they are the change of its attitude since the message before.
@@ -235,6 +244,7 @@ fn rvc_reading(message: Rvc, before: Option<Rvc>) -> Reading {
         raw: Some([yaw, pitch, roll, ax, ay, az]),
         inertia: None,
         yaw: Some(radians(yaw)),
+        field: None,
     };
     let Some(before) = before else {
         return reading;
@@ -281,13 +291,18 @@ fn wit_reading(message: Wit, acceleration: &mut [i16; 3]) -> Reading {
                 raw: Some([x, y, z, ax, ay, az]),
                 inertia: Some((force.si(), message.si())),
                 yaw: None,
+                field: None,
             }
         }
         Kind::Angle => Reading {
             yaw: Some(message.si()[2]),
             ..Reading::default()
         },
-        Kind::Field | Kind::Other(_) => Reading::default(),
+        Kind::Field => Reading {
+            field: Some(message.si()),
+            ..Reading::default()
+        },
+        Kind::Other(_) => Reading::default(),
     }
 }
 
@@ -314,6 +329,7 @@ mod tests {
             baud: 115_200,
             imu: true,
             compass: true,
+            magnetometer: false,
             mount_deg: [0.0; 3],
             clockwise: false,
             north_deg: 0.0,

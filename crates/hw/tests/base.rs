@@ -161,6 +161,13 @@ fn without_fresh_commands_the_wheels_stop_and_stay_stopped() {
     )
     .expect("a base");
     let mut board = Board::new(socket);
+    let mut commands = Vec::new();
+    // What is commanded before the line is there is forgotten.
+    until("the line", || {
+        board.say_counts(0);
+        commands.extend(board.wheels());
+        (!commands.is_empty()).then_some(())
+    });
     let forward = Twist {
         x: 1.0,
         ..Twist::default()
@@ -169,7 +176,6 @@ fn without_fresh_commands_the_wheels_stop_and_stay_stopped() {
     base.helm()
         .drive(Drive::Twist(forward), began + 10.0)
         .expect("driven");
-    let mut commands = Vec::new();
     until("many zeros after the speeds", || {
         board.say_counts(0);
         commands.extend(board.wheels());
@@ -439,10 +445,11 @@ fn assert_driven_braked_let_go(log: &[(u8, Told)]) {
             .map(|(_, t)| *t)
             .collect();
         told.dedup();
-        // Before the first command the motors are free.
-        if told.first() == Some(&Told::CurrentMa(0)) {
-            told.remove(0);
-        }
+        // Before the first command the motors are free, and a line begins with wheels that stand.
+        let driven_at = told
+            .iter()
+            .position(|told| !matches!(told, Told::CurrentMa(0) | Told::Erpm(0)));
+        told.drain(..driven_at.unwrap_or(0));
         let driven = Told::Erpm(wanted);
         assert_eq!(
             told,

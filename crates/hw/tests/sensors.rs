@@ -70,6 +70,7 @@ fn a_stuck_inertial_unit_is_named_and_taken_back() {
         baud: 115_200,
         imu: true,
         compass: false,
+        magnetometer: false,
         mount_deg: [0.0; 3],
         clockwise: false,
         north_deg: 0.0,
@@ -244,6 +245,7 @@ fn the_queue_keeps_the_newest_of_a_bounded_number_and_hands_samples_out_before_a
         Event::Compass(localize::sample::Compass {
             stamp: localize::Stamp(at),
             heading: 0.0,
+            field: None,
         })
     };
     (0..5).for_each(|at| inbox.put(compass(at)));

@@ -4,10 +4,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::attitude::AttitudeConfig;
+use crate::compass::CompassCalibration;
 use crate::distance::DistanceConfig;
 use crate::filter::FilterConfig;
 use crate::matching::MatchConfig;
 use crate::relocalise::RelocaliseConfig;
+use crate::sample::Compass;
 use crate::search::SearchConfig;
 
 /// Everything about localisation.
@@ -148,6 +150,22 @@ pub struct CompassConfig {
     pub alive_turn_deg: f32,
     /// A reading's noise averages out in this time, seconds.
     pub noise_time: f32,
+    /// A magnetic field that is stronger or weaker than the usual by this share is that of something nearby.
+    pub strength_off_max: f32,
+    /// What makes a heading of the magnetic field where the sensor gives one (`calibrate compass`); robot.toml's
+    /// `compass.calibration` stands before it. Without any the sensor's own heading is taken.
+    pub calibration: Option<CompassCalibration>,
+}
+
+impl CompassConfig {
+    /// The heading that a reading means, radians; none if something nearby disturbs it.
+    pub fn heading(&self, sample: &Compass) -> Option<f32> {
+        let Some((calibration, field)) = self.calibration.as_ref().zip(sample.field) else {
+            return sample.heading.is_finite().then_some(sample.heading);
+        };
+        let (heading, strength) = calibration.heading(field);
+        ((strength - 1.0).abs() <= self.strength_off_max).then_some(heading)
+    }
 }
 
 impl Default for CompassConfig {
@@ -160,6 +178,8 @@ impl Default for CompassConfig {
             evidence_max: 10.0,
             alive_turn_deg: 90.0,
             noise_time: 0.3,
+            strength_off_max: 0.2,
+            calibration: None,
         }
     }
 }

@@ -182,6 +182,7 @@ impl<R: Rng> Iterator for Drive<R> {
             compass: Compass {
                 stamp,
                 heading: wrap_angle(heading),
+                field: None,
             },
             points,
         })

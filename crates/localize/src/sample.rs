@@ -62,6 +62,19 @@ pub struct Compass {
     pub stamp: Stamp,
     /// Direction of the robot's x axis on the field, radians.
     pub heading: f32,
+    /// Horizontal magnetic field, robot frame, the magnetometer's own unit; none where the device tells a heading alone.
+    pub field: Option<[f32; 2]>,
+}
+
+impl Compass {
+    /// The reading of a magnetometer whose field is a circle about zero, north along the field's x axis.
+    pub fn of_field(stamp: Stamp, field: [f32; 2]) -> Self {
+        Compass {
+            stamp,
+            heading: -field[1].atan2(field[0]),
+            field: Some(field),
+        }
+    }
 }
 
 /// One reading of the inertial unit, robot frame (x forward, y left, z up).

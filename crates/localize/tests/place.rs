@@ -103,7 +103,11 @@ fn stills_are_each_found_by_themselves_with_their_compass() {
         let points = see(&field, &DriveConfig::default(), truth, &mut rng);
         let stamp = Stamp::from_seconds(f64::from(k) * 40.0);
         let heading = truth.theta + 0.2;
-        localizer.compass(&Compass { stamp, heading });
+        localizer.compass(&Compass {
+            stamp,
+            heading,
+            field: None,
+        });
         let estimate = localizer.see(stamp, &points);
         assert_ne!(estimate.mode, Mode::Tracking);
         right += i32::from(
@@ -191,7 +195,11 @@ fn a_push_that_odometry_missed_is_followed() {
         let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
         let heading = 0.5;
         localizer.odometry(&still(f64::from(k) / 30.0));
-        localizer.compass(&Compass { stamp, heading });
+        localizer.compass(&Compass {
+            stamp,
+            heading,
+            field: None,
+        });
         let points = see(&field, &DriveConfig::default(), truth, &mut rng);
         let estimate = localizer.see(stamp, &points);
         if k == 29 || k > 34 {
@@ -292,6 +300,7 @@ fn a_tracked_robot_that_sees_one_line_alone_grows_unsure_along_it() {
         localizer.compass(&Compass {
             stamp,
             heading: 0.0,
+            field: None,
         });
         let points = if k < 60 {
             see(&field, &DriveConfig::default(), truth, &mut rng)
@@ -401,7 +410,11 @@ fn a_frame_from_the_past_is_refused_and_a_clock_set_back_is_accepted() {
     for k in 0..10 {
         let stamp = Stamp::from_seconds(0.2 + 0.03 * f64::from(k));
         let heading = frame.truth.theta;
-        localizer.compass(&Compass { stamp, heading });
+        localizer.compass(&Compass {
+            stamp,
+            heading,
+            field: None,
+        });
         again = localizer.see(stamp, &frame.points);
     }
     assert_ne!(again.reason, Some(Reason::FromThePast));

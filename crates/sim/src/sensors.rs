@@ -5,7 +5,7 @@ use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use vision::robot::{CompassConfig, ImuConfig};
+use vision::robot::{CompassConfig, ImuConfig, IronConfig};
 
 /// What a robot at rest feels, m/s².
 const GRAVITY: f32 = 9.81;
@@ -65,6 +65,7 @@ pub(crate) struct CompassModel {
     spread: f32,
     keeps: f32,
     bias: f32,
+    iron: Option<IronConfig>,
 }
 
 impl CompassModel {
@@ -75,6 +76,7 @@ impl CompassModel {
             spread,
             keeps: (-1.0 / (config.rate_hz * config.bias_time)).exp(),
             bias: spread * normal(rng),
+            iron: config.iron.clone(),
         }
     }
 
@@ -82,10 +84,18 @@ impl CompassModel {
     pub(crate) fn read(&mut self, stamp: Stamp, heading: f32, rng: &mut ChaCha8Rng) -> Compass {
         let fresh = self.spread * (1.0 - self.keeps * self.keeps).sqrt();
         self.bias = self.keeps * self.bias + fresh * normal(rng);
-        Compass {
-            stamp,
-            heading: wrap_angle(heading + self.bias + self.noise * normal(rng)),
-        }
+        let heading = wrap_angle(heading + self.bias + self.noise * normal(rng));
+        let Some(IronConfig { hard, soft }) = &self.iron else {
+            return Compass {
+                stamp,
+                heading,
+                field: None,
+            };
+        };
+        // North lies along the field's x axis.
+        let (sin, cos) = heading.sin_cos();
+        let field = [0, 1].map(|k| soft[k][0] * cos - soft[k][1] * sin + hard[k]);
+        Compass::of_field(stamp, field)
     }
 }
 
@@ -93,6 +103,40 @@ impl CompassModel {
 mod tests {
     use super::*;
     use rand::SeedableRng;
+
+    #[test]
+    fn iron_bends_a_magnetometer_s_headings_until_it_is_calibrated() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let config = CompassConfig {
+            noise_deg: 0.5,
+            bias_deg: 0.0,
+            iron: Some(IronConfig {
+                hard: [0.5, -0.3],
+                soft: [[1.1, 0.1], [0.1, 0.9]],
+            }),
+            ..CompassConfig::default()
+        };
+        let mut compass = CompassModel::new(&config, &mut rng);
+        let readings: Vec<(f32, Compass)> = (0..300)
+            .map(|k| wrap_angle(k as f32 * 0.1))
+            .map(|heading| (heading, compass.read(Stamp(0), heading, &mut rng)))
+            .collect();
+        let fields: Vec<[f32; 2]> = readings.iter().filter_map(|one| one.1.field).collect();
+        let told = localize::config::CompassConfig {
+            calibration: Some(localize::compass::fit(&fields).expect("a turn").calibration),
+            ..localize::config::CompassConfig::default()
+        };
+        let worst = |heading: &dyn Fn(&Compass) -> f32| {
+            let off = readings
+                .iter()
+                .map(|(truth, one)| wrap_angle(heading(one) - truth).abs());
+            off.fold(0.0_f32, f32::max).to_degrees()
+        };
+        assert!(worst(&|one| one.heading) > 25.0);
+        assert!(worst(&|one| told.heading(one).expect("undisturbed")) < 6.0);
+        let beside_steel = Compass::of_field(Stamp(0), [3.0, 0.0]);
+        assert_eq!(told.heading(&beside_steel), None);
+    }
 
     #[test]
     fn a_compass_errs_by_noise_and_bias_together() {

@@ -33,7 +33,8 @@ pub struct ScanConfig {
     pub spirals_each_way: usize,
     /// How far a spiral winds from the axis to the rim, turns; more turns cross radial markings more squarely.
     pub spiral_turns: f32,
-    /// Circles about the mirror's axis (lima2001 4.4), evenly spaced in the image; the spirals do their work.
+    /// Circles about the mirror's axis (lima2001 4.4), evenly spaced in the part of the image that shows ground within
+    /// range; the spirals do their work.
     pub circles: usize,
     /// Nearer ground is the robot's own body, metres.
     pub range_min: f32,
@@ -143,6 +144,8 @@ pub struct LineConfig {
     pub hue_slack: f32,
     /// How well an edge is placed in the image, standard deviation, pixels.
     pub position_std_px: f32,
+    /// Are the feet of white walls points too (lima2001 4)? For fields whose boundary lines are walls.
+    pub walls: bool,
 }
 
 impl Default for LineConfig {
@@ -156,6 +159,7 @@ impl Default for LineConfig {
             blur_px: 3.0,
             hue_slack: 0.45,
             position_std_px: 0.5,
+            walls: false,
         }
     }
 }

@@ -19,6 +19,7 @@ use crate::reach::Reach;
 use crate::read::{BrightnessReader, ClassReader};
 use crate::robots::{Robot, robots};
 use crate::scan::ScanPattern;
+use crate::transitions::wall_feet;
 use crate::windows::{WindowReadings, Windows};
 
 /// Everything that one frame shows.
@@ -207,6 +208,7 @@ impl Eyes {
         self.find_lines(frame, &light, &mut seen);
         self.find_objects(frame, &light, &sights, &mut seen);
         self.follow(frame, &mut light, &seen);
+        self.find_walls(frame, &light, &mut seen);
         self.light = Some(light);
         Ok(seen)
     }
@@ -216,6 +218,7 @@ impl Eyes {
         let (mut light, _, mut seen) = self.adapt(frame)?;
         self.find_lines(frame, &light, &mut seen);
         self.follow(frame, &mut light, &seen);
+        self.find_walls(frame, &light, &mut seen);
         self.light = Some(light);
         Ok(seen)
     }
@@ -447,23 +450,44 @@ impl Eyes {
     }
 
     fn find_lines(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
-        let reading = Reading {
+        let (points, refused) = (&mut seen.line_points, &mut seen.refused);
+        let judge = self.judge(frame, light, &seen.carpet_end);
+        line_points(&self.reading(), &judge, points, refused);
+    }
+
+    /// The feet of walls, where they are wanted.
+    fn find_walls(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
+        if self.config.lines.walls {
+            let judge = self.judge(frame, light, &seen.carpet_end);
+            wall_feet(&self.reading(), &judge, &mut seen.line_points);
+        }
+    }
+
+    fn reading(&self) -> Reading<'_> {
+        Reading {
             pattern: &self.pattern,
             reach: &self.reach,
             places: self.every.places(),
             brightness: &self.brightness,
             thresholds: &self.thresholds,
-        };
-        let judge = Judge {
+        }
+    }
+
+    fn judge<'a>(
+        &'a self,
+        frame: &'a Frame<'a>,
+        light: &'a Light,
+        carpet_end: &'a [f32],
+    ) -> Judge<'a> {
+        Judge {
             frame,
             table: &light.table,
             model: &light.model,
             config: &self.config.lines,
             line_width: self.line_width,
             noise: light.noise,
-            carpet_end: &seen.carpet_end,
-        };
-        line_points(&reading, &judge, &mut seen.line_points, &mut seen.refused);
+            carpet_end,
+        }
     }
 }
 

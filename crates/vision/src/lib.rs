@@ -24,6 +24,7 @@ mod rays;
 
 pub mod line_points;
 mod runs;
+mod transitions;
 
 pub mod ball;
 pub mod goals;

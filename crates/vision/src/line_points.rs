@@ -344,7 +344,7 @@ impl Colours {
 }
 
 /// Does the carpet end before this sample along both rays beside it?
-fn beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
+pub(crate) fn beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
     let place = sample.turns * carpet_end.len() as f32;
     let lower = place as usize % carpet_end.len();
     let upper = (lower + 1) % carpet_end.len();

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use localize::compass::CompassCalibration;
 use localize::toml_place::place;
 use serde::{Deserialize, Serialize};
 
@@ -131,6 +132,20 @@ pub struct CompassConfig {
     pub bias_deg: f32,
     /// Time in which the slow bias forgets itself, seconds.
     pub bias_time: f32,
+    /// What makes headings of this magnetometer's field: what `calibrate compass` wrote.
+    pub calibration: Option<CompassCalibration>,
+    /// Iron that the simulated robot carries: its compass is then a magnetometer whose own headings are wrong.
+    pub iron: Option<IronConfig>,
+}
+
+/// `[compass.iron]`: what a robot's own iron makes of the earth's field, whose horizontal part is 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IronConfig {
+    /// Added to the field in the robot's frame: magnets.
+    pub hard: [f32; 2],
+    /// Stretches and shears the field in the robot's frame before, rows: steel.
+    pub soft: [[f32; 2]; 2],
 }
 
 impl Default for CompassConfig {
@@ -140,6 +155,8 @@ impl Default for CompassConfig {
             noise_deg: 5.0,
             bias_deg: 4.0,
             bias_time: 20.0,
+            calibration: None,
+            iron: None,
         }
     }
 }

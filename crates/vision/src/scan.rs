@@ -114,8 +114,10 @@ impl ScanPattern {
                 (radius, start + way_round * radius / rim)
             });
         }
+        let [inner, outer] = builder.radii(rim);
         for line in 0..config.circles {
-            let radius = rim * (line as f32 + 0.5) / config.circles as f32;
+            let part = (line as f32 + 0.5) / config.circles as f32;
+            let radius = inner + part * (outer - inner);
             builder.walk(ScanKind::Circle, line, TAU * radius, |way| {
                 (radius, way / radius)
             });
@@ -171,6 +173,29 @@ impl Builder<'_> {
             }
         }
         self.close(kind, line, start);
+    }
+
+    /// Between which radii in the image ground within range is seen, in whatever direction, pixels.
+    fn radii(&self, rim: f32) -> [f32; 2] {
+        const DIRECTIONS: usize = 64;
+        let mut radii = [rim, 0.0];
+        for step in 0..=rim as usize {
+            let radius = step as f32;
+            let seen = (0..DIRECTIONS).any(|direction| {
+                let (sin, cos) = (TAU * direction as f32 / DIRECTIONS as f32).sin_cos();
+                let [cu, cv] = self.camera.centre_px;
+                self.sample((cu + radius * cos).round(), (cv - radius * sin).round())
+                    .is_some()
+            });
+            if seen {
+                radii = [radii[0].min(radius), radius];
+            }
+        }
+        if radii[0] < radii[1] {
+            radii
+        } else {
+            [0.0, rim]
+        }
     }
 
     fn close(&mut self, kind: ScanKind, line: usize, start: usize) -> usize {

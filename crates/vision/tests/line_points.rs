@@ -26,6 +26,52 @@ fn eyes() -> Eyes {
     Eyes::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes")
 }
 
+/// Carpet with a line along y = 1 and a white wall from x = 2 on, as the sample's mirror shows it.
+fn walled() -> (CameraConfig, vision::GroundMap, Image) {
+    let text = std::fs::read_to_string(folder().join("robot.toml")).expect("robot.toml");
+    let robot: Robot = toml::from_str(&text).expect("a robot");
+    let profile = Profile::load(&folder().join("mirror.csv")).expect("a profile");
+    let map = optics::trace_rays(&robot.camera, &profile, &Mount::default())
+        .expect("rays")
+        .ground_map();
+    let pixels = (0..480 * 480).flat_map(|pixel| {
+        let grain = (pixel * 7 % 5) as u8;
+        match map.at(pixel % 480, pixel / 480) {
+            Some(at) if at.x > 2.0 || (at.y - 1.0).abs() < 0.0625 => [220 + grain; 3],
+            Some(_) => [30 + grain, 110 + grain, 50 + grain],
+            None => [20; 3],
+        }
+    });
+    let image = Image {
+        width_px: 480,
+        height_px: 480,
+        rgb: pixels.collect(),
+    };
+    (robot.camera, map, image)
+}
+
+#[test]
+fn the_foot_of_a_white_wall_is_seen_where_walls_are_wanted() {
+    let (camera, map, image) = walled();
+    let feet = |walls: bool| {
+        let mut config = VisionConfig::default();
+        config.scan.circles = 36;
+        config.lines.walls = walls;
+        let mut eyes = Eyes::new(&map, &camera, 0.125, config).expect("eyes");
+        let seen = eyes.see(&image.frame()).expect("seen");
+        let near = |off: f32| {
+            let at_wall = seen.line_points.iter().filter(|one| {
+                (one.point.at.x - 2.0).abs() < off && (one.point.at.y - 1.0).abs() > 0.3
+            });
+            at_wall.count()
+        };
+        [near(0.03), near(0.3)]
+    };
+    let [exact, all] = feet(true);
+    assert!(exact >= 20 && exact * 10 >= all * 9, "{exact} of {all}");
+    assert_eq!(feet(false), [0, 0]);
+}
+
 fn image(name: &str) -> Image {
     Image::load(&folder().join("frames").join(name)).expect("an image")
 }

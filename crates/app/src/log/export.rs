@@ -86,6 +86,7 @@ struct Tables {
     points: Table,
     odometry: Table,
     compass: Table,
+    magnetometer: Table,
     truth: Table,
     objects: Table,
     point_frames: u64,
@@ -100,6 +101,7 @@ impl Tables {
             points: table("points.csv", "stamp_s,x_m,y_m")?,
             odometry: table("odometry.csv", "stamp_s,dx_m,dy_m,dtheta_rad")?,
             compass: table("compass.csv", "stamp_s,heading_rad")?,
+            magnetometer: table("magnetometer.csv", "stamp_s,x,y")?,
             truth: table("truth.csv", "stamp_s,x_m,y_m,theta_rad")?,
             objects: table("objects.csv", "stamp_s,kind,x_m,y_m")?,
             point_frames: 0,
@@ -121,6 +123,10 @@ impl Tables {
         for sample in &cycle.inputs.compass {
             self.compass
                 .row(&format!("{},{}", seconds(sample.stamp), sample.heading))?;
+            if let Some([x, y]) = sample.field {
+                self.magnetometer
+                    .row(&format!("{},{x},{y}", seconds(sample.stamp)))?;
+            }
         }
         if let Some(truth) = &cycle.inputs.truth {
             let (stamp, pose) = (seconds(truth.stamp), truth.pose);
@@ -174,7 +180,8 @@ impl Tables {
         if images == 0 {
             std::fs::remove_dir(self.folder.join("frames"))?;
         }
-        for table in [self.odometry, self.compass, self.truth, self.objects] {
+        let motion = [self.odometry, self.compass, self.magnetometer];
+        for table in motion.into_iter().chain([self.truth, self.objects]) {
             table.finish(true)?;
         }
         Ok(exported)

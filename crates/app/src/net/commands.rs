@@ -120,7 +120,7 @@ impl Gate {
             drive: command.drive,
             kick: command.kick,
             needs_pose: command.needs_pose,
-            valid: Duration::from_secs_f32(valid_ms / 1e3),
+            valid: Duration::from_secs_f64(f64::from(valid_ms) / 1e3),
         })
     }
 }

@@ -62,6 +62,8 @@ pub struct Localizer {
     /// No gap in the odometry since the last frame.
     led: bool,
     compass: Option<Compass>,
+    /// Did the last reading of the magnetic field say nothing but that something is nearby?
+    iron_nearby: bool,
     coloured: ColouredGoals,
     /// Goals that the frame of this stamp shows.
     goals: Option<(Stamp, Vec<GoalSight>)>,
@@ -151,6 +153,7 @@ impl Localizer {
             odometry: None,
             led: false,
             compass: None,
+            iron_nearby: false,
             coloured: ColouredGoals::new(field),
             goals: None,
             half: HalfEvidence::default(),
@@ -261,9 +264,10 @@ impl Localizer {
         }
     }
 
-    /// Does something nearby (iron, a motor's current) turn the compass away from what the gyro says?
+    /// Does something nearby (iron, a motor's current) turn the compass away from what the gyro says, or change the
+    /// strength of the magnetic field?
     pub fn compass_disturbed(&self) -> bool {
-        self.motion.attitude.disturbed()
+        self.iron_nearby || self.motion.attitude.disturbed()
     }
 
     /// Roll, pitch and yaw by the inertial unit, radians.
@@ -273,22 +277,24 @@ impl Localizer {
 
     /// Notes a compass reading; it decides the half of the field, and where a search begins.
     pub fn compass(&mut self, sample: &Compass) {
-        if !sample.heading.is_finite() {
+        let heading = self.config.compass.heading(sample);
+        self.iron_nearby = heading.is_none();
+        let Some(heading) = heading else {
             return;
-        }
-        self.compass = Some(*sample);
+        };
+        self.compass = Some(Compass { heading, ..*sample });
         let undisturbed = !self.motion.watched(sample.stamp, &self.config.attitude)
             || self
                 .motion
                 .attitude
-                .compass(sample.stamp, sample.heading, &self.config.attitude);
+                .compass(sample.stamp, heading, &self.config.attitude);
         let config = &self.config.compass;
         if let Some(belief) = &self.belief
             && undisturbed
             && self.reached.seconds_until(sample.stamp).abs() <= config.age_max
         {
             self.half
-                .hear(sample.stamp, belief.pose().theta, sample.heading, config);
+                .hear(sample.stamp, belief.pose().theta, heading, config);
         }
     }
 

@@ -176,10 +176,9 @@ impl Relocaliser {
             Relocaliser::Hough(hough, field) => {
                 let found = hough.find(points, prior);
                 let found: Vec<Pose> = found.into_iter().map(|(_, pose)| pose).collect();
-                match settle(field, &found, goals) {
-                    Some(settled) => vec![settled],
-                    None => found,
-                }
+                // The paper takes the first maximum that is confirmed; several are, and the points tell them apart.
+                let settled = settle(field, &found, goals);
+                if settled.is_empty() { found } else { settled }
             }
             Relocaliser::ScanMap(map, heading) => by_scan_map(map, heading, points, prior),
             Relocaliser::MonteCarlo(filter, cycles) => {

@@ -237,8 +237,10 @@ fn leans(course: Course, heard: &mut [Heard], rng: &mut ChaCha8Rng) -> Vec<(Stam
             smooth[k] += (lean[k] - smooth[k]) * (seconds / 0.1).min(1.0);
         }
         let [a, b] = std::array::from_fn(|k| (smooth[k] - before[k]) / seconds);
-        imu.rate[0] += b;
-        imu.rate[1] -= a;
+        // Up turns against the robot by u̇ = u × ω: a lean that stays with a turning robot is felt by the gyro too.
+        let spin = imu.rate[2];
+        imu.rate[0] += b + smooth[0] * spin;
+        imu.rate[1] += smooth[1] * spin - a;
         for (acceleration, lean) in imu.acceleration.iter_mut().zip(smooth) {
             *acceleration += GRAVITY * lean;
         }

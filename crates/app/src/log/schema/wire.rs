@@ -56,6 +56,9 @@ pub(crate) struct Compass {
     pub(crate) stamp_ns: i64,
     #[prost(float, required)]
     pub(crate) heading: f32,
+    /// The magnetic field that it was made of: x and y, or nothing.
+    #[prost(float, repeated)]
+    pub(crate) field: Vec<f32>,
 }
 
 /// `localize::sample::Imu`: specific force in m/s², rate of turn in rad/s, robot frame.

@@ -83,6 +83,7 @@ impl Any {
             compass: vec![Compass {
                 stamp,
                 heading: self.value(),
+                field: Some([self.value(), self.value()]),
             }],
             imu: vec![Imu {
                 stamp,

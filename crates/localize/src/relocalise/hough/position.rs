@@ -99,16 +99,16 @@ impl Hough {
     }
 }
 
-/// The goal test (lima2001 4.5): walks through `candidates` (best first) and looks at points inside the goal nearest
-/// to each. The goal's own colour confirms; the other goal's gives the half turn; carpet green, or anything else,
-/// means the next maximum. None if no candidate is confirmed, or if the goals look alike.
-pub fn settle(field: &Field, candidates: &[Pose], goals: &[GoalSight]) -> Option<Pose> {
+/// The goal test (lima2001 4.5): looks at points inside the goal nearest to each of `candidates` (best first). The
+/// goal's own colour confirms; the other goal's gives the half turn; carpet green, or anything else, rejects: the next
+/// maximum. Those confirmed, in their order; none if the goals look alike or are not in sight.
+pub fn settle(field: &Field, candidates: &[Pose], goals: &[GoalSight]) -> Vec<Pose> {
     let goal = &field.config.goal;
     let [ahead, behind] = goal.colours;
     if ahead == behind {
-        return None;
+        return Vec::new();
     }
-    candidates.iter().find_map(|&pose| {
+    let confirmed = candidates.iter().filter_map(|&pose| {
         let side = if pose.x >= 0.0 { 1.0 } else { -1.0 };
         let (own, other) = if side > 0.0 {
             (ahead, behind)
@@ -133,7 +133,8 @@ pub fn settle(field: &Field, candidates: &[Pose], goals: &[GoalSight]) -> Option
         } else {
             None
         }
-    })
+    });
+    confirmed.collect()
 }
 
 fn signed(array: &[(f32, i16)], sign: f32) -> Vec<(f32, i16)> {

@@ -14,7 +14,11 @@ use super::{BLOCK_CELLS, STEPS};
 const BIN: usize = 3;
 const BINS: usize = STEPS as usize / BIN + 1;
 
-/// Least errors of all blocks, in quanta, by scan line, bin of distance, block.
+/// Blocks whose bounds are added at once: eight sums fill a vector register.
+const GROUP: usize = 8;
+
+/// Least errors of all blocks, in quanta, by scan line, bin of distance, block; a group beyond the last, so that whole
+/// groups can be read anywhere.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Bounds {
     least: Vec<u8>,
@@ -25,8 +29,8 @@ impl Bounds {
     /// From all cells' distances, by block, layer and cell; scan lines in parallel.
     pub(super) fn new(cells: &[u8], errors: &Errors) -> Self {
         let blocks = cells.len() / (LAYERS * BLOCK_CELLS);
-        let mut least = vec![0; LINES * BINS * blocks];
-        least
+        let mut least = vec![0; LINES * BINS * blocks + GROUP];
+        least[..LINES * BINS * blocks]
             .par_chunks_exact_mut(BINS * blocks)
             .enumerate()
             .for_each(|(line, table)| {
@@ -60,16 +64,24 @@ impl Bounds {
 
     /// The same for `count` blocks from each of `firsts` on.
     pub(super) fn of_some(&self, seen: &[Seen], firsts: &[usize], count: usize) -> Vec<u32> {
-        let mut sums = vec![0_u16; firsts.len() * count];
+        let groups = count.div_ceil(GROUP);
+        let mut sums = vec![[0_u16; GROUP]; firsts.len() * groups];
         for one in seen {
-            let row = self.row(one);
-            for (sums, &first) in sums.chunks_exact_mut(count).zip(firsts) {
-                for (sum, &least) in sums.iter_mut().zip(&row[first..first + count]) {
-                    *sum += u16::from(least);
+            let row = (one.line * BINS + usize::from(one.steps) / BIN) * self.blocks;
+            for (sums, &first) in sums.chunks_exact_mut(groups).zip(firsts) {
+                let (least, _) = self.least[row + first..][..groups * GROUP].as_chunks();
+                for (sums, least) in sums.iter_mut().zip(least) {
+                    let least: &[u8; GROUP] = least;
+                    for (sum, &least) in sums.iter_mut().zip(least) {
+                        *sum += u16::from(least);
+                    }
                 }
             }
         }
-        sums.iter().map(|&sum| u32::from(sum) * QUANTUM).collect()
+        let rows = sums.chunks_exact(groups);
+        rows.flat_map(|row| row.as_flattened()[..count].iter())
+            .map(|&sum| u32::from(sum) * QUANTUM)
+            .collect()
     }
 
     fn row(&self, seen: &Seen) -> &[u8] {

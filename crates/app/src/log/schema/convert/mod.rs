@@ -104,6 +104,7 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
     let compass = |one: wire::Compass| Compass {
         stamp: Stamp(one.stamp_ns),
         heading: one.heading,
+        field: one.field.first_chunk().copied(),
     };
     let imu = |one: wire::Imu| Imu {
         stamp: Stamp(one.stamp_ns),
@@ -167,10 +168,17 @@ pub(crate) fn command_to_wire(&Command { stamp, twist }: &Command) -> wire::Comm
     }
 }
 
-pub(crate) fn compass_to_wire(&Compass { stamp, heading }: &Compass) -> wire::Compass {
+pub(crate) fn compass_to_wire(
+    &Compass {
+        stamp,
+        heading,
+        field,
+    }: &Compass,
+) -> wire::Compass {
     wire::Compass {
         stamp_ns: stamp.0,
         heading,
+        field: field.map_or_else(Vec::new, Vec::from),
     }
 }
 
