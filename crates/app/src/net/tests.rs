@@ -191,7 +191,7 @@ fn each_command_is_handed_on_once_and_holds_no_longer_than_configured() {
         bind: "127.0.0.1:0".to_owned(),
         ..CommandConfig::default()
     };
-    let (hand_on, orders) = std::sync::mpsc::channel();
+    let (hand_on, orders) = std::sync::mpsc::sync_channel(8);
     let obey = move |order: Order| {
         let kicks = order.kick.is_some();
         hand_on.send(order).expect("taken");

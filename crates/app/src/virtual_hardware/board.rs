@@ -50,7 +50,7 @@ impl Board {
     /// Takes what was sent to the board.
     pub(super) fn hear(&mut self, bytes: &[u8], now: Stamp) {
         self.commands.extend(bytes);
-        while let Some(packet) = self.commands.next() {
+        for packet in self.commands.by_ref() {
             match packet.message {
                 Message::WheelCommand(command) => {
                     let speeds = command.speed_crad.map(|speed| f32::from(speed) * 0.01);

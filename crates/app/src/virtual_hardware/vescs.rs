@@ -174,7 +174,7 @@ impl Vescs {
         if self.reach != (Reach::Slcan { open: true }) {
             return lines;
         }
-        for wheel in 0..self.omni.wheels() {
+        for (wheel, node) in NODES.into_iter().enumerate().take(self.omni.wheels()) {
             let motion = Status::Motion {
                 erpm: self.erpm[wheel],
                 current_da: 0,
@@ -188,7 +188,7 @@ impl Vescs {
                 voltage_dv: BATTERY_DV,
             };
             for status in [motion, heat, position] {
-                slcan::encode(&status.encode(NODES[wheel]), &mut lines);
+                slcan::encode(&status.encode(node), &mut lines);
             }
         }
         lines
