@@ -44,8 +44,6 @@ def run(*arguments: object) -> str:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if not PROGRAM.exists():
-        pytest.skip("mirrorball is not built")
     path = tmp_path_factory.mktemp("log") / "game.mcap"
     run("sim", SCENARIO, "--seed", 3, "--duration", 2, "--record", path)
     return path

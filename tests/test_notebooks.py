@@ -23,8 +23,6 @@ def run(path: Path) -> dict[str, Any]:
 
 @pytest.fixture(autouse=True)
 def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if not PROGRAM.exists():
-        pytest.skip("mirrorball is not built")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
     monkeypatch.setenv("MIRRORBALL_HOME", str(ROOT))

@@ -19,8 +19,6 @@ ROOT = Path(__file__).parent.parent
 PROGRAM = ROOT / "target" / "release" / "mirrorball"
 SCENARIO = ROOT / "config" / "scenarios" / "demo.toml"
 
-pytestmark = pytest.mark.skipif(not PROGRAM.exists(), reason="mirrorball is not built")
-
 
 def start(*arguments: object, **options: Any) -> subprocess.Popen[str]:
     return subprocess.Popen(
@@ -214,15 +212,15 @@ def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tm
     commands = report["commands"]
     assert commands["refused"] == {"old": 10, "unsealed": 10}
     # Without a fresh pose, as on a machine too busy for the simulation, a command that needs one is overruled.
-    assert commands["obeyed"] + commands["overruled"] == 51 and commands["obeyed"] > 15
-    assert audit["driving"] > 15 and audit["kicks"] == 1 and audit["too_long"] == 0
+    assert commands["obeyed"] + commands["overruled"] == 51 and commands["obeyed"] > 40
+    assert audit["driving"] > 40 and audit["kicks"] == 1 and audit["too_long"] == 0
     # The last command holds for 100 ms; the rest is this machine's.
     assert audit["last_driving_s"] < silent + 0.25 and audit["stands_last"]
     with (tmp_path / "truth.csv").open() as file:
         truth = [(float(row["stamp_s"]), float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
     drove = [row[1:] for row in truth if silent - 1.4 < row[0] < silent - 0.1]
     stands = [row[1:] for row in truth if row[0] > silent + 0.45]
-    assert math.dist(drove[0], drove[-1]) > 0.2
+    assert math.dist(drove[0], drove[-1]) > 0.5
     assert math.dist(stands[0], stands[-1]) < 0.02
 
 
@@ -241,9 +239,9 @@ def test_a_robot_with_a_vesc_at_each_wheel_is_driven_and_stopped(tmp_path: Path,
     audit = ended(sim)["commands"]
     state = {device["device"]: device for device in report["devices"]}
     assert state["base"]["state"] == "running" and state["base"]["damaged"] == 0, state["base"]
-    assert report["wheels_stopped"] and report["tracking"] > 0
-    assert audit["driving"] > 30 and audit["driven_at_once"] == 0
+    assert report["wheels_stopped"] and report["tracking"] > 60
+    assert audit["driving"] > 100 and audit["driven_at_once"] == 0
     assert audit["last_driving_s"] < told + 0.5 and audit["stands_last"]
     with (tmp_path / "truth.csv").open() as file:
         truth = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
-    assert math.dist(truth[0], truth[-1]) > 0.2
+    assert math.dist(truth[0], truth[-1]) > 0.5

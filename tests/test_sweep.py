@@ -49,7 +49,6 @@ def test_a_cluster_gives_the_same_rows(tmp_path: Path) -> None:
     assert found["square"].tolist() == [0.0, 1.0, 4.0]
 
 
-@pytest.mark.skipif(not PROGRAM.exists(), reason="mirrorball is not built")
 def test_runs_far_from_home_say_what_the_command_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command: list[str | Path] = [
         PROGRAM,
@@ -75,7 +74,6 @@ def test_runs_far_from_home_say_what_the_command_says(tmp_path: Path, monkeypatc
     assert found["position_error_m.mean"][0] != found["position_error_m.mean"][1]
 
 
-@pytest.mark.skipif(not PROGRAM.exists(), reason="mirrorball is not built")
 def test_a_run_that_cannot_be_made_says_why_in_the_programs_words(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
     with pytest.raises(ValueError, match="speeed"):
@@ -95,7 +93,6 @@ def test_values_become_toml() -> None:
         as_toml(None)
 
 
-@pytest.mark.skipif(not PROGRAM.exists(), reason="mirrorball is not built")
 def test_the_example_sweeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
     monkeypatch.setattr("sys.argv", ["sweep_speeds.py", str(tmp_path), "1", "0.3"])

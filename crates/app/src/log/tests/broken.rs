@@ -150,20 +150,17 @@ fn a_disk_that_refuses_is_told_with_its_reason() {
     );
 }
 
-/// Not a test of its own: the process that the next test kills.
-#[test]
-#[ignore = "runs until it is killed"]
-fn record_until_killed() {
-    let Some(path) = std::env::var_os("MIRRORBALL_KILLED_LOG") else {
-        return;
-    };
+/// Names the log to the process that is killed.
+const KILLED_LOG: &str = "MIRRORBALL_KILLED_LOG";
+
+fn record_until_killed(path: &Path) {
     let config = LogConfig {
         flush_period: 0.1,
         ..LogConfig::default()
     };
     let header = Header::new("test", None);
-    let mut recorder = Recorder::create(Path::new(&path), &header, &field(), Pace::Live, &config)
-        .expect("a recorder");
+    let mut recorder =
+        Recorder::create(path, &header, &field(), Pace::Live, &config).expect("a recorder");
     // Should nobody kill it, it ends by itself.
     for number in 0..4000 {
         recorder.cycle(Arc::new(cycle(number))).expect("taken");
@@ -173,16 +170,19 @@ fn record_until_killed() {
 
 #[test]
 fn a_log_whose_writer_is_killed_can_be_read() {
+    // The process to be killed is this test once more.
+    if let Some(path) = std::env::var_os(KILLED_LOG) {
+        return record_until_killed(Path::new(&path));
+    }
     let folder = tempfile::tempdir().expect("a folder");
     let (path, whole) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     let mut child = std::process::Command::new(std::env::current_exe().expect("this program"))
         .args([
             "--exact",
-            "log::tests::broken::record_until_killed",
-            "--ignored",
+            "log::tests::broken::a_log_whose_writer_is_killed_can_be_read",
             "--nocapture",
         ])
-        .env("MIRRORBALL_KILLED_LOG", &path)
+        .env(KILLED_LOG, &path)
         .stdout(std::process::Stdio::null())
         .spawn()
         .expect("a process");
