@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use localize::drive::{Drive, DriveConfig, DriveFrame, anywhere, normal, see};
-use localize::filter::{Belief, FilterConfig, Span, Way};
+use localize::filter::{Belief, Felt, FilterConfig, Span, Way};
 use localize::matching::{MatchConfig, Matcher, Minimiser};
 use localize::relocalise::hough::{Hough, HoughConfig};
 use localize::relocalise::monte_carlo::{MonteCarlo, MonteCarloConfig};
@@ -140,7 +140,13 @@ fn fusing(criterion: &mut Criterion) {
     let mut belief = Belief::new(Pose::new(1.0, 2.0, 0.5), &covariance, None, &config);
     let span = Span {
         seconds: 0.01,
-        acceleration: Some([0.1, -0.1]),
+        felt: Some(Felt {
+            force: [0.1, -0.1],
+            rate: [0.0, 0.0, 0.2],
+            spin: 0.2,
+            rattle: 0.15,
+            interval: 0.01,
+        }),
         ..Span::default()
     };
     let way = Way {
@@ -153,7 +159,6 @@ fn fusing(criterion: &mut Criterion) {
         bencher.iter(|| {
             for _ in 0..3 {
                 belief.advance(&span, &config);
-                belief.gyro(0.2, 0.01, &config);
                 belief.wheels(&way, &config);
             }
             let pose = belief.pose();

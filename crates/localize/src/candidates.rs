@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::distance::DistanceField;
-use crate::filter::{Belief, FilterConfig};
+use crate::filter::{Belief, FilterConfig, LeanPrior};
 use crate::frame::{Pose, wrap_angle};
 use crate::goals::ColouredGoals;
 use crate::matching::Matcher;
@@ -162,10 +162,10 @@ impl Candidate {
             self.belief = self.belief.half_turned();
         }
         let spread = self.belief.position_std() + 3.0 * self.belief.heading_std();
-        let expected = self.belief.expected();
+        let lean = LeanPrior::Fresh(matcher.lean_std());
+        let expected = self.belief.expected(lean);
         let matched = matcher.fuse(evidence.distances, evidence.points, expected, spread);
-        self.belief
-            .absorb(matched.pose, &matched.covariance, config);
+        self.belief.absorb(&matched, lean, config);
         self.weight -=
             evidence.share * (matched.cost + 0.5 * matched.strain) + evidence.against(matched.pose);
         self.hypothesis = Hypothesis::of(&matched);

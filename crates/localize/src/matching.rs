@@ -66,8 +66,8 @@ impl Default for MatchConfig {
 pub struct Expected {
     /// The expected pose.
     pub pose: Pose,
-    /// Inverse covariance of (x, y, θ): m⁻², rad⁻².
-    pub information: Matrix3<f32>,
+    /// Inverse covariance of (x, y, θ, a, b), the lean beyond what the points were bent by: m⁻², rad⁻².
+    pub information: Matrix5,
 }
 
 /// A pose and how well it explains the points.
@@ -81,8 +81,8 @@ pub struct Match {
     pub strain: f32,
     /// Lean (a, b), radians: the ground point (X, Y) was mapped about (aH, bH) + (aX + bY)(X, Y)/H short.
     pub lean: [f32; 2],
-    /// Variance of each of them, rad².
-    pub lean_variance: [f32; 2],
+    /// Of (x, y, θ, a, b).
+    pub with_lean: Matrix5,
     /// Root mean square distance of the inliers from the markings, metres.
     pub residual: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
@@ -116,8 +116,11 @@ pub struct Matcher {
     expected: Expected,
 }
 
-const PARAMETERS: usize = 5;
-type Normal = SMatrix<f32, PARAMETERS, PARAMETERS>;
+/// Pose and lean.
+pub(crate) const PARAMETERS: usize = 5;
+/// Of pose and lean, (x, y, θ, a, b).
+pub type Matrix5 = SMatrix<f32, 5, 5>;
+type Normal = Matrix5;
 type Vector = SVector<f32, PARAMETERS>;
 
 /// Information of a pose of which nothing is known (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading further
@@ -149,7 +152,7 @@ impl Matcher {
             points: Vec::new(),
             expected: Expected {
                 pose: Pose::new(0.0, 0.0, 0.0),
-                information: NOTHING_KNOWN,
+                information: Matrix5::identity(),
             },
         }
     }
@@ -164,6 +167,11 @@ impl Matcher {
         self.config.lean_std_deg = std.to_degrees();
     }
 
+    /// How far frames lean beyond what their points were bent by, radians (one sigma).
+    pub fn lean_std(&self) -> f32 {
+        self.config.lean_std_deg.to_radians().max(1e-5)
+    }
+
     /// Matches `points` (finite; robot frame) from `start`, whose error may be about `spread` metres.
     ///
     /// The reach starts at `spread` and shrinks to the points' own, so that a start a few decimetres off is drawn in.
@@ -176,7 +184,7 @@ impl Matcher {
     ) -> Match {
         let nothing = Expected {
             pose: start,
-            information: NOTHING_KNOWN,
+            information: self.nothing_known(),
         };
         Match {
             strain: 0.0,
@@ -228,7 +236,7 @@ impl Matcher {
         for count in 1..=self.config.steps_max {
             let sums = self.sums(distances, state, widening);
             let pull = self.expected.information * self.deviation(state);
-            let gradient = sums.gradient.fixed_rows::<3>(0) + pull;
+            let gradient = (sums.gradient + pull).fixed_rows::<3>(0).into_owned();
             for i in 0..3 {
                 let kept: f32 = last[i] * gradient[i];
                 if kept > 0.0 {
@@ -251,7 +259,7 @@ impl Matcher {
 
     /// How well `points` lie on the markings at exactly `pose`, nothing moved.
     pub fn assess(&mut self, distances: &DistanceField, points: &[LinePoint], pose: Pose) -> Match {
-        let information = NOTHING_KNOWN;
+        let information = self.nothing_known();
         self.make_ready(points, Expected { pose, information });
         let state = Vector::from([pose.x, pose.y, pose.theta, 0.0, 0.0]);
         let sums = self.sums(distances, &state, 1.0);
@@ -357,16 +365,8 @@ impl Matcher {
 
     /// The Gauss-Newton step under expectation and lean's prior; no step where the equations have no solution.
     fn step(&self, sums: &Sums, state: &Vector) -> Vector {
-        let mut normal = sums.normal;
-        let mut gradient = sums.gradient;
-        self.add_priors(&mut normal);
-        let pull = self.expected.information * self.deviation(state);
-        let mut pose_part = gradient.fixed_rows_mut::<3>(0);
-        pose_part += pull;
-        let lean = self.lean_information();
-        for i in 3..PARAMETERS {
-            gradient[i] += lean * state[i];
-        }
+        let normal = sums.normal + self.expected.information;
+        let gradient = sums.gradient + self.expected.information * self.deviation(state);
         let Some(cholesky) = normal.cholesky() else {
             return Vector::zeros();
         };
@@ -379,12 +379,13 @@ impl Matcher {
         step
     }
 
-    fn add_priors(&self, normal: &mut Normal) {
-        let mut pose_part = normal.fixed_view_mut::<3, 3>(0, 0);
-        pose_part += self.expected.information;
-        for i in 3..PARAMETERS {
-            normal[(i, i)] += self.lean_information();
-        }
+    /// Of a pose of which nothing is known, and of how robots lean.
+    fn nothing_known(&self) -> Matrix5 {
+        let mut information = Matrix5::from_diagonal_element(self.lean_information());
+        information
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&NOTHING_KNOWN);
+        information
     }
 
     /// 1/σ² of the lean, bounded so that σ = 0 holds the robot upright.
@@ -393,13 +394,15 @@ impl Matcher {
         1.0 / (std * std).max(1e-10)
     }
 
-    fn deviation(&self, state: &Vector) -> Vector3<f32> {
+    fn deviation(&self, state: &Vector) -> Vector {
         let expected = self.expected.pose;
-        Vector3::new(
+        Vector::from([
             state[0] - expected.x,
             state[1] - expected.y,
             wrap_angle(state[2] - expected.theta),
-        )
+            state[3],
+            state[4],
+        ])
     }
 
     fn conclude(&self, sums: &Sums, state: &Vector, steps: usize) -> Match {
@@ -411,27 +414,20 @@ impl Matcher {
         let slope = (sums.psi_slope / weight).clamp(0.2, 1.0);
         let seen = sums.psi_squared / weight / (slope * slope) * freedom;
         let scale = ((seen * weight + CLAIMED) / (weight + CLAIMED)).clamp(0.1, 25.0);
-        let mut normal = sums.normal / scale;
-        self.add_priors(&mut normal);
-        let (covariance, lean_variance) = normal.try_inverse().map_or_else(
-            || {
-                let nothing = NOTHING_KNOWN.diagonal().map(|known| 1.0 / known);
-                let lean = 1.0 / self.lean_information();
-                (Matrix3::from_diagonal(&nothing), [lean; 2])
-            },
-            |inverse| {
-                let pose_part = inverse.fixed_view::<3, 3>(0, 0).into_owned();
-                (pose_part, [inverse[(3, 3)], inverse[(4, 4)]])
-            },
-        );
+        let normal = sums.normal / scale + self.expected.information;
+        let with_lean = normal.try_inverse().unwrap_or_else(|| {
+            let nothing = self.nothing_known().diagonal();
+            Matrix5::from_diagonal(&nothing.map(|known| 1.0 / known))
+        });
+        let with_lean = (with_lean + with_lean.transpose()) * 0.5;
         let deviation = self.deviation(state);
         let reach_squared = self.config.reach_sigmas * self.config.reach_sigmas;
         Match {
             pose: Pose::new(state[0], state[1], state[2]),
-            covariance: (covariance + covariance.transpose()) * 0.5,
+            covariance: with_lean.fixed_view::<3, 3>(0, 0).into_owned(),
             strain: deviation.dot(&(self.expected.information * deviation)),
             lean: [state[3], state[4]],
-            lean_variance,
+            with_lean,
             residual: (sums.squares / weight).sqrt(),
             deviation: sums.deviations / count,
             inlier_share: sums.inliers / count,

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use hw::base::{Drive, Kick};
 use localize::omni::Twist;
 use localize::team::Report;
@@ -26,15 +26,25 @@ pub(super) struct Outside {
 
 /// What is configured: by a file that was named, else by the robot's own if it has one; else nothing.
 ///
-/// `live`: where the live stream is offered in place of what the file says.
+/// `live`: where the live stream is offered in place of what the file says. `number`: ours by the settings
+/// (`team.number`), by which our own words are known when they come back; the team must know us by the same.
 pub(super) fn configured(
     file: Option<&Path>,
     robot: &Path,
     live: Option<std::net::SocketAddr>,
+    number: u32,
 ) -> Result<NetworkConfig> {
     let own = robot.join(NETWORK_FILE);
     let file = file.or_else(|| own.exists().then_some(&own));
     let mut config = file.map_or_else(|| Ok(NetworkConfig::default()), NetworkConfig::load)?;
+    if let (Some(team), Some(file)) = (&config.team, file) {
+        ensure!(
+            team.robot == number,
+            "{}: [team] robot = {}, but the settings say team.number = {number}: both are this robot's number",
+            file.display(),
+            team.robot
+        );
+    }
     if let Some(address) = live {
         config.stream = Some(StreamConfig {
             bind: address.ip().to_string(),
@@ -96,4 +106,28 @@ fn obey(helm: &Helm, order: Order, now: Stamp) -> Result<(), Refused> {
         helm.drive(Driver::Program, drive, deadline, order.needs_pose)?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_robot_of_two_numbers_is_refused_with_the_file_and_both() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join(NETWORK_FILE);
+        std::fs::write(&file, "[team]\nrobot = 3\n").expect("written");
+        let config = configured(None, folder.path(), None, 3).expect("one number");
+        assert_eq!(config.team.map(|team| team.robot), Some(3));
+        let error = configured(None, folder.path(), None, 1).expect_err("two numbers");
+        let told = error.to_string();
+        assert!(told.contains(&file.display().to_string()), "{told}");
+        assert!(
+            told.contains("robot = 3") && told.contains("team.number = 1"),
+            "{told}"
+        );
+        // Who speaks to no team needs no number.
+        std::fs::write(&file, "").expect("written");
+        assert!(configured(None, folder.path(), None, 7).is_ok());
+    }
 }

@@ -65,7 +65,12 @@ impl Play {
         let keep = |path: &Path| Keeper::start(path, header.clone(), field, &log_config);
         let keeper = args.record.as_deref().map(keep).transpose()?;
         let (feed, helm) = (Feed::new(), Helm::new());
-        let network = outside::configured(args.network.as_deref(), &robot.folder, args.live)?;
+        let network = outside::configured(
+            args.network.as_deref(),
+            &robot.folder,
+            args.live,
+            config.team.number,
+        )?;
         let outside = Outside::start(&network, &feed, (&header, field), &helm)?;
         let poses = args.out.as_deref().map(Poses::start).transpose()?;
         Ok(Play {

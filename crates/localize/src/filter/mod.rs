@@ -2,130 +2,49 @@
 //!
 //! `joint` is one filter over everything that moves or errs; `decentralised` is minho2016's net of filters.
 
+mod config;
 pub mod decentralised;
 pub mod joint;
 mod sight;
 
+pub use config::{FilterConfig, Fusion};
+
 use nalgebra::Matrix3;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use crate::frame::Pose;
-use crate::matching::{Expected, Match};
+use crate::matching::{Expected, Match, Matrix5};
 use crate::omni::Twist;
 
 use decentralised::Decentralised;
 use joint::Joint;
-
-/// Which filter fuses what the witnesses say?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Fusion {
-    /// One filter over pose, twist, biases, scales and latency.
-    #[default]
-    Joint,
-    /// A filter for vision, one for odometry, each corrected with the commanded motion, and a node that fuses them
-    /// (minho2016 eqs 6–9).
-    Decentralised,
-}
-
-/// How far each witness of the motion is believed.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct FilterConfig {
-    /// Which filter.
-    pub fusion: Fusion,
-    /// Random part of the way driven, metres per square root of a metre (slip on carpet).
-    pub way_noise: f32,
-    /// Random part of the heading per way driven, degrees per square root of a metre.
-    pub heading_per_way_noise_deg: f32,
-    /// Random part of the turn, radians per square root of a radian.
-    pub turn_noise: f32,
-    /// Unreported motion, metres per square root of a second.
-    pub drift: f32,
-    /// Unreported turning, degrees per square root of a second.
-    pub drift_deg: f32,
-    /// Standard deviation of odometry's scale before it was ever compared with sight; 0 trusts its scale.
-    pub scale_std: f32,
-    /// How fast the scales wander, per square root of a second (carpet direction, wear, load).
-    pub scale_drift: f32,
-    /// How fast the noise above is learnt from how far sights deviate from expectations, per frame; 0 keeps it as
-    /// stated. 0.02 learns within some seconds.
-    pub noise_learning: f32,
-    /// Part of a matched pose's error that the next frames repeat (map, field, uneven light), metres: added to every
-    /// frame's result, so that a thousand frames do not promise a tenth of a millimetre.
-    pub sight_std: f32,
-    /// The same of its heading, degrees.
-    pub sight_std_deg: f32,
-    /// How fast the twist changes unforeseen, m/s per square root of a second, while no inertial unit tells: so much that
-    /// wheels alone say how it goes on.
-    pub twist_noise: f32,
-    /// The same of the turn, rad/s per square root of a second.
-    pub spin_noise: f32,
-    /// Noise of the gyro, degrees per square root of a second; twice a cheap unit's, for vibration.
-    pub gyro_noise_deg: f32,
-    /// The gyro's bias before it was ever compared, degrees/s.
-    pub gyro_bias_std_deg: f32,
-    /// How fast it wanders (warmth), degrees/s per square root of a second.
-    pub gyro_bias_drift_deg: f32,
-    /// Noise of the accelerometer, m/s per square root of a second: a cheap unit's 0.015, vibration, and what of gravity
-    /// a lean of half a degree lets through.
-    pub accelerometer_noise: f32,
-    /// Its bias before it was ever compared, and what a lean adds to it, m/s².
-    pub accelerometer_bias_std: f32,
-    /// How fast that wanders (leaning), m/s² per square root of a second.
-    pub accelerometer_bias_drift: f32,
-    /// Time from the exposure of a frame to its stamp, seconds; 0 where stamps are those of the exposure.
-    pub camera_latency: f32,
-    /// How far `camera_latency` may be off, seconds: it is then estimated while driving; 0 takes it as stated.
-    pub camera_latency_std: f32,
-    /// When wheels are not believed.
-    pub collision: crate::collision::CollisionConfig,
-    /// The members of the decentralised filter.
-    pub decentralised: decentralised::DecentralisedConfig,
-}
-
-impl Default for FilterConfig {
-    fn default() -> Self {
-        FilterConfig {
-            fusion: Fusion::default(),
-            way_noise: 0.02,
-            heading_per_way_noise_deg: 0.7,
-            turn_noise: 0.03,
-            drift: 0.01,
-            drift_deg: 0.6,
-            scale_std: 0.05,
-            scale_drift: 0.0005,
-            noise_learning: 0.02,
-            sight_std: 0.0015,
-            sight_std_deg: 0.04,
-            twist_noise: 10.0,
-            spin_noise: 20.0,
-            gyro_noise_deg: 0.06,
-            gyro_bias_std_deg: 1.0,
-            gyro_bias_drift_deg: 0.005,
-            accelerometer_noise: 0.1,
-            accelerometer_bias_std: 0.3,
-            accelerometer_bias_drift: 0.01,
-            camera_latency: 0.0,
-            camera_latency_std: 0.0,
-            collision: crate::collision::CollisionConfig::default(),
-            decentralised: decentralised::DecentralisedConfig::default(),
-        }
-    }
-}
+use sight::Shown;
 
 /// A stretch of time between two samples, and what is known of the motion in it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Span {
     /// How long, seconds.
     pub seconds: f32,
-    /// Horizontal acceleration, robot frame, m/s²; none where no inertial unit tells.
-    pub acceleration: Option<[f32; 2]>,
+    /// What the inertial unit says of it; none where there is none.
+    pub felt: Option<Felt>,
     /// What the motors were told.
     pub command: Option<Twist>,
     /// Is the acceleration more than motors can do?
     pub shock: bool,
+}
+
+/// What the inertial unit says of a stretch of time, robot frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Felt {
+    /// Mean specific force along x and y, gravity's part of it included, m/s².
+    pub force: [f32; 2],
+    /// Mean rate, rad/s.
+    pub rate: [f32; 3],
+    /// About z at the stretch's end, rad/s.
+    pub spin: f32,
+    /// How much the accelerometer's readings scatter beside one another, m/s² (one sigma).
+    pub rattle: f32,
+    /// From reading to reading, seconds.
+    pub interval: f32,
 }
 
 /// What the wheels said of one of their intervals.
@@ -139,6 +58,15 @@ pub struct Way {
     pub slip: f32,
     /// Does an inertial unit watch, so that a collision can be told?
     pub watched: bool,
+}
+
+/// How is a frame's lean expected to be, beyond what its points were bent by?
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LeanPrior {
+    /// As the belief knows of it, errors common with the pose's included.
+    Own,
+    /// Another one in every frame: none, with this standard deviation, radians.
+    Fresh(f32),
 }
 
 /// A pose with its uncertainty, and what else is believed of the robot's motion.
@@ -257,13 +185,6 @@ impl Belief {
         either!(self, one => one.wheels_interrupted());
     }
 
-    /// Hears the gyro: rate about the vertical, rad/s, of the last `seconds`.
-    pub fn gyro(&mut self, rate: f32, seconds: f32, config: &FilterConfig) {
-        if let Belief::Joint(joint) = self {
-            joint.gyro(rate, seconds, config);
-        }
-    }
-
     /// The robot stands still, and has for `seconds` more.
     pub fn rest(&mut self, seconds: f32) {
         if let Belief::Joint(joint) = self {
@@ -278,29 +199,47 @@ impl Belief {
         }
     }
 
-    /// What a matcher is told beforehand of the pose at a frame's exposure.
-    pub fn expected(&self) -> Expected {
-        Expected {
-            pose: self.pose(),
-            information: self
-                .sight_covariance()
-                .try_inverse()
-                .unwrap_or_else(Matrix3::zeros),
+    /// Lean of the camera and its standard deviation, radians; none where no inertial unit tells.
+    pub fn lean(&self) -> Option<([f32; 2], f32)> {
+        match self {
+            Belief::Joint(joint) => joint.lean(),
+            Belief::Decentralised(_) => None,
         }
     }
 
-    /// Of the pose at a frame's exposure, what is not known of the latency included.
-    fn sight_covariance(&self) -> Matrix3<f32> {
+    /// What a matcher is told beforehand of pose and lean at a frame's exposure.
+    pub fn expected(&self, lean: LeanPrior) -> Expected {
+        Expected {
+            pose: self.pose(),
+            information: self
+                .sight_covariance(lean)
+                .try_inverse()
+                .unwrap_or_else(Matrix5::zeros),
+        }
+    }
+
+    /// Of pose and lean at a frame's exposure, what is not known of the latency included.
+    fn sight_covariance(&self, lean: LeanPrior) -> Matrix5 {
         match self {
-            Belief::Joint(joint) => joint.sight_covariance(),
-            Belief::Decentralised(one) => one.covariance(),
+            Belief::Joint(joint) => joint.sight_covariance(lean),
+            Belief::Decentralised(one) => {
+                let std = match lean {
+                    LeanPrior::Own => 1.0,
+                    LeanPrior::Fresh(std) => std,
+                };
+                let mut full = Matrix5::from_diagonal_element(std * std);
+                full.fixed_view_mut::<3, 3>(0, 0)
+                    .copy_from(&one.covariance());
+                full
+            }
         }
     }
 
     /// Squared deviation of a match under this belief's expectation in its own standard deviations (3 degrees of
     /// freedom): an update x⁺ − x has covariance P − P⁺.
     pub fn surprise(&self, matched: &Match) -> f32 {
-        let expected = self.sight_covariance();
+        let expected = self.sight_covariance(LeanPrior::Own);
+        let expected = expected.fixed_view::<3, 3>(0, 0);
         // Directions that the match left free do not move; a hundredth of P keeps them invertible.
         let update = expected * 1.01 - matched.covariance;
         let innovation = sight::innovation(self.pose(), matched.pose);
@@ -315,20 +254,30 @@ impl Belief {
             one.cycle(Some((pose, *sight)), config);
             return;
         }
-        let expected = self.sight_covariance();
-        if let Some((fused, left)) = sight::fused(self.pose(), &expected, pose, sight) {
-            self.absorb(fused, &left, config);
+        if let Belief::Joint(joint) = self {
+            let expected = joint.sight_covariance(LeanPrior::Own);
+            if let Some(shown) = sight::fused(joint.pose(), &expected, pose, sight) {
+                joint.absorb(&shown, LeanPrior::Own, config);
+            }
         }
     }
 
-    /// Takes over the pose and covariance that a match found under this belief's expectation, and draws from it what
-    /// it says about everything else.
-    pub fn absorb(&mut self, pose: Pose, covariance: &Matrix3<f32>, config: &FilterConfig) {
+    /// Takes over what a match found under this belief's expectation, and draws from it what it says about everything
+    /// else.
+    pub fn absorb(&mut self, matched: &Match, lean: LeanPrior, config: &FilterConfig) {
         match self {
-            Belief::Joint(joint) => joint.absorb(pose, covariance, config),
+            Belief::Joint(joint) => {
+                let shown = Shown {
+                    pose: matched.pose,
+                    lean: matched.lean,
+                    covariance: matched.with_lean,
+                };
+                joint.absorb(&shown, lean, config);
+            }
             Belief::Decentralised(one) => {
                 let expected = one.covariance();
-                let sight = sight::alone(one.pose(), &expected, pose, covariance);
+                let found = (matched.pose, &matched.covariance);
+                let sight = sight::alone(one.pose(), &expected, found.0, found.1);
                 one.cycle(sight, config);
             }
         }

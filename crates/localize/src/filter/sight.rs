@@ -4,6 +4,17 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::FilterConfig;
 use crate::frame::{Pose, wrap_angle};
+use crate::matching::Matrix5;
+
+/// What is believed of pose and lean after a frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shown {
+    pub(super) pose: Pose,
+    /// Beyond the lean that was expected, radians.
+    pub(super) lean: [f32; 2],
+    /// Of (x, y, θ, a, b).
+    pub(super) covariance: Matrix5,
+}
 
 /// From the expected pose to another.
 pub(super) fn innovation(expected: Pose, pose: Pose) -> Vector3<f32> {
@@ -19,17 +30,22 @@ pub(super) fn moved(pose: Pose, step: &Vector3<f32>) -> Pose {
     Pose::new(pose.x + step[0], pose.y + step[1], pose.theta + step[2])
 }
 
-/// Expectation and a sight independent of it, together.
+/// Expectation (with its covariance of pose and lean) and a sight of the pose independent of it, together.
 pub(super) fn fused(
     expected: Pose,
-    covariance: &Matrix3<f32>,
+    covariance: &Matrix5,
     pose: Pose,
     sight: &Matrix3<f32>,
-) -> Option<(Pose, Matrix3<f32>)> {
-    let gain = covariance * (covariance + sight).try_inverse()?;
-    let left = covariance - gain * covariance;
+) -> Option<Shown> {
+    let with = covariance.fixed_columns::<3>(0);
+    let gain = with * (with.fixed_rows::<3>(0) + sight).try_inverse()?;
+    let left = covariance - gain * with.transpose();
     let step = gain * innovation(expected, pose);
-    Some((moved(expected, &step), (left + left.transpose()) * 0.5))
+    Some(Shown {
+        pose: moved(expected, &step.fixed_rows::<3>(0).into_owned()),
+        lean: [step[3], step[4]],
+        covariance: (left + left.transpose()) * 0.5,
+    })
 }
 
 /// The sight alone, given what became of an expectation by it; none where it said nothing.

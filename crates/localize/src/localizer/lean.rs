@@ -1,11 +1,16 @@
 //! How does the robot lean in this frame? The inertial unit's word, less the part of its error that never changes.
 //!
 //! An accelerometer's bias of 0.1 m/s² looks like a lean of 0.6° for ever, so that it tells changes better than leans:
-//! the constant part is learnt from the leans that the points show. Roll and pitch bend the frame's ground map.
+//! the constant part is learnt from the leans that the points show. Roll and pitch bend the frame's ground map. A joint
+//! belief that feels knows its lean itself, errors common with the pose's included.
 
+use super::Localizer;
 use crate::attitude::AttitudeConfig;
+use crate::estimate::Estimate;
+use crate::filter::{Belief, LeanPrior};
 use crate::frame::At;
 use crate::sample::LinePoint;
+use crate::stamp::Stamp;
 
 /// How fast the constant part wanders, degrees per square root of a second.
 const OFFSET_DRIFT_DEG: f32 = 0.05;
@@ -83,6 +88,51 @@ impl LeanOffset {
             variance = variance.min(self.variance * (1.0 - gain));
         }
         self.variance = variance;
+    }
+}
+
+impl Localizer {
+    /// Bends the points as the robot leant in their frame by the inertial unit: its lean, and what is expected of it.
+    pub(super) fn bend(
+        &mut self,
+        exposed: Stamp,
+        points: &mut [LinePoint],
+    ) -> Option<([f32; 2], ExpectedLean)> {
+        let (config, matching) = (&self.config.attitude, &self.config.matching);
+        let usual = matching.lean_std_deg.to_radians();
+        let felt = self.motion.lean_at(exposed, config);
+        let Some(felt) = felt.filter(|_| config.bend && usual > 0.0) else {
+            self.matcher.expect_lean(usual);
+            self.lean_prior = LeanPrior::Fresh(self.matcher.lean_std());
+            return None;
+        };
+        let known = self.belief.as_ref().and_then(Belief::lean);
+        let expected = known.map_or_else(
+            || self.lean.expected(felt, usual),
+            |(mean, std)| ExpectedLean { mean, std },
+        );
+        bend(points, expected.mean, matching.viewpoint_height);
+        self.matcher.expect_lean(expected.std);
+        self.lean_prior = if known.is_some() {
+            LeanPrior::Own
+        } else {
+            LeanPrior::Fresh(self.matcher.lean_std())
+        };
+        Some((felt, expected))
+    }
+
+    pub(super) fn learn_lean(
+        &mut self,
+        felt: [f32; 2],
+        expected: &ExpectedLean,
+        estimate: &Estimate,
+        seconds: f32,
+    ) {
+        if let (Some(left), None) = (self.lean_left.take(), estimate.reason) {
+            let config = &self.config.attitude;
+            self.lean
+                .learn(felt, expected, estimate.lean, left, seconds, config);
+        }
     }
 }
 

@@ -21,7 +21,7 @@ use crate::config::{LocalizeConfig, Tracker};
 use crate::distance::DistanceField;
 use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
-use crate::filter::{Belief, Span};
+use crate::filter::{Belief, LeanPrior, Span};
 use crate::frame::Pose;
 use crate::goals::ColouredGoals;
 use crate::matching::Matcher;
@@ -53,6 +53,8 @@ pub struct Localizer {
     /// What inertial unit, wheels and commands said last.
     motion: Motion,
     lean: LeanOffset,
+    /// Of the frame at hand.
+    lean_prior: LeanPrior,
     /// Variances of the lean that the last tracked frame left.
     lean_left: Option<[f32; 2]>,
     /// Up to when the relocaliser's particles have been moved.
@@ -148,6 +150,7 @@ impl Localizer {
             reached: Stamp(i64::MIN),
             motion: Motion::default(),
             lean: LeanOffset::new(&config.attitude),
+            lean_prior: LeanPrior::Own,
             lean_left: None,
             carried: Stamp(i64::MIN),
             odometry: None,
@@ -415,39 +418,6 @@ impl Localizer {
             .map_or(self.config.filter.camera_latency, Belief::latency)
     }
 
-    /// Bends the points as the robot leant in their frame by the inertial unit: its lean, and what is expected of it.
-    fn bend(
-        &mut self,
-        exposed: Stamp,
-        points: &mut [LinePoint],
-    ) -> Option<([f32; 2], lean::ExpectedLean)> {
-        let (config, matching) = (&self.config.attitude, &self.config.matching);
-        let usual = matching.lean_std_deg.to_radians();
-        let felt = self.motion.lean_at(exposed, config);
-        let Some(felt) = felt.filter(|_| config.bend && usual > 0.0) else {
-            self.matcher.expect_lean(usual);
-            return None;
-        };
-        let expected = self.lean.expected(felt, usual);
-        lean::bend(points, expected.mean, matching.viewpoint_height);
-        self.matcher.expect_lean(expected.std);
-        Some((felt, expected))
-    }
-
-    fn learn_lean(
-        &mut self,
-        felt: [f32; 2],
-        expected: &lean::ExpectedLean,
-        estimate: &Estimate,
-        seconds: f32,
-    ) {
-        if let (Some(left), None) = (self.lean_left.take(), estimate.reason) {
-            let config = &self.config.attitude;
-            self.lean
-                .learn(felt, expected, estimate.lean, left, seconds, config);
-        }
-    }
-
     /// For a frame that is older than what was heard since (cameras are slow): back to the last frame, forward to this
     /// one; what was heard after it is returned.
     fn go_back(&mut self, exposed: Stamp) -> Vec<Witness> {
@@ -529,19 +499,19 @@ impl Localizer {
             self.reached
         };
         let ahead = stamp.max(reached);
-        let turning = if let Witness::Imu(imu) = &witness {
+        let rested = if let Witness::Imu(imu) = &witness {
             let config = &self.config.filter.collision;
-            let (span, turning) = self
+            let (span, rested) = self
                 .motion
                 .feel(imu, reached, &self.config.attitude, config);
             self.advance(&span, ahead);
-            turning
+            rested
         } else {
             let span = self.motion.span(reached, ahead, &self.config.attitude);
             self.advance(&span, ahead);
             None
         };
-        self.tell(&witness, turning.as_ref());
+        self.tell(&witness, rested);
         if self.heard.len() >= HEARD_MAX {
             self.heard.clear();
             self.base = None;
@@ -550,7 +520,7 @@ impl Localizer {
     }
 
     /// Tells belief, rival and candidates what a witness said at the time they have reached.
-    fn tell(&mut self, witness: &Witness, turning: Option<&motion::Turning>) {
+    fn tell(&mut self, witness: &Witness, rested: Option<f32>) {
         let (config, attitude) = (&self.config.filter, &self.config.attitude);
         let motion = &mut self.motion;
         let way = match witness {
@@ -576,11 +546,8 @@ impl Localizer {
                 if let Some(way) = &way {
                     belief.wheels(way, config);
                 }
-                if let Some(turning) = turning {
-                    belief.gyro(turning.rate, turning.seconds, config);
-                    if turning.rests {
-                        belief.rest(turning.seconds);
-                    }
+                if let Some(seconds) = rested {
+                    belief.rest(seconds);
                 }
             },
         );

@@ -2,7 +2,7 @@
 
 use crate::attitude::{Attitude, AttitudeConfig};
 use crate::collision::CollisionConfig;
-use crate::filter::{Span, Way};
+use crate::filter::{Felt, Span, Way};
 use crate::omni::Twist;
 use crate::sample::{Command, Imu, Odometry};
 use crate::stamp::Stamp;
@@ -28,16 +28,80 @@ impl Witness {
     }
 }
 
+/// How much an accelerometer rattles is learnt within so long, seconds.
+const RATTLE_TIME: f32 = 1.0;
+/// One reading proves no more than so many times what was known, and this, (m/s²)²: a shock is no rattling.
+const RATTLE_STEP: f32 = 9.0;
+const RATTLE_LEAST: f32 = 0.01;
+
 /// The last reading of the inertial unit.
 #[derive(Debug, Clone, Copy)]
-struct Felt {
+struct Reading {
     stamp: Stamp,
-    /// Horizontal, m/s².
-    acceleration: [f32; 2],
+    /// Specific force along x and y, m/s².
+    force: [f32; 2],
     rate: [f32; 3],
+    /// How fast that changes, rad/s².
+    speeding: [f32; 3],
+    /// How fast the force changed, m/s³, and what of it scatters from reading to reading, (m/s²)².
+    jerk: [f32; 2],
+    rattle: f32,
+    /// Since the one before, seconds.
+    interval: f32,
     shock: bool,
-    /// Change of velocity that beliefs were given since, m/s.
-    given: [f32; 2],
+    /// Force and rate times their duration that beliefs were given since.
+    given: [f32; 5],
+}
+
+impl Reading {
+    /// What it says of the last `left` seconds before it, when beliefs were given the rest already.
+    fn rest_of(&self, before: &Reading, left: f32) -> Felt {
+        // A gyro tells the rate of a moment: between two of them it changes evenly.
+        let told: [f32; 5] = std::array::from_fn(|k| match k {
+            0 | 1 => self.force[k],
+            _ => 0.5 * (before.rate[k - 2] + self.rate[k - 2]),
+        });
+        let rest = |k: usize| (told[k] * self.interval - before.given[k]) / left;
+        Felt {
+            force: [rest(0), rest(1)],
+            rate: [rest(2), rest(3), rest(4)],
+            spin: self.rate[2],
+            rattle: self.rattle.sqrt(),
+            interval: self.interval,
+        }
+    }
+
+    /// Jerk of the force up to a later reading, and how much readings scatter by then.
+    ///
+    /// Second differences of independent errors have six times their variance; what a robot does is smooth beside them,
+    /// and a shock is no scatter.
+    fn rattled(&self, imu: &Imu, seconds: f32) -> ([f32; 2], f32) {
+        let jerk = [0, 1].map(|k| (imu.acceleration[k] - self.force[k]) / seconds);
+        let off = [0, 1].map(|k| (jerk[k] - self.jerk[k]) * seconds);
+        let proved = (off[0] * off[0] + off[1] * off[1]) / 12.0;
+        let most = RATTLE_STEP * self.rattle + RATTLE_LEAST;
+        let share = (seconds / RATTLE_TIME).min(1.0);
+        (jerk, self.rattle + share * (proved.min(most) - self.rattle))
+    }
+
+    /// What it says of `seconds`, `since` after it, when nothing newer was heard; noted as given.
+    ///
+    /// The rate changes as it did: a robot that begins to turn is not seen a few milliseconds late.
+    fn onward(&mut self, since: f32, seconds: f32) -> Felt {
+        let ahead = since + 0.5 * seconds;
+        let rate: [f32; 3] = std::array::from_fn(|k| self.rate[k] + ahead * self.speeding[k]);
+        let told = self.force.iter().chain(&rate);
+        for (given, value) in self.given.iter_mut().zip(told) {
+            *given += value * seconds;
+        }
+        Felt {
+            force: self.force,
+            rate,
+            spin: self.rate[2] + (since + seconds) * self.speeding[2],
+            rattle: self.rattle.sqrt(),
+            interval: self.interval,
+        }
+    }
 }
 
 /// The last interval of the wheels.
@@ -53,7 +117,7 @@ struct Rolled {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Motion {
     pub(super) attitude: Attitude,
-    felt: Option<Felt>,
+    felt: Option<Reading>,
     rolled: Option<Rolled>,
     /// When the wheels were last heard.
     counted: Option<Stamp>,
@@ -62,13 +126,6 @@ pub(super) struct Motion {
     followed: Twist,
     /// For how long the wheels have stood, seconds.
     stood: f32,
-}
-
-/// What a reading of the inertial unit tells beliefs.
-pub(super) struct Turning {
-    pub(super) rate: f32,
-    pub(super) seconds: f32,
-    pub(super) rests: bool,
 }
 
 impl Motion {
@@ -81,16 +138,13 @@ impl Motion {
             .as_mut()
             .filter(|felt| felt.stamp.seconds_until(to) <= silence);
         let mut shock = false;
-        let acceleration = felt.map(|felt| {
-            for (given, value) in felt.given.iter_mut().zip(felt.acceleration) {
-                *given += value * seconds;
-            }
+        let felt = felt.map(|felt| {
             shock = felt.shock;
-            felt.acceleration
+            felt.onward(felt.stamp.seconds_until(from) as f32, seconds)
         });
         Span {
             seconds,
-            acceleration,
+            felt,
             command: self.command,
             shock,
         }
@@ -102,7 +156,8 @@ impl Motion {
             .is_some_and(|felt| felt.stamp.seconds_until(now).abs() <= f64::from(config.silence))
     }
 
-    /// Hears the inertial unit when beliefs have reached `from`: the stretch to its reading, and what it tells then.
+    /// Hears the inertial unit when beliefs have reached `from`: the stretch to its reading, and for how long the
+    /// robot rested, seconds.
     ///
     /// A reading holds for the time since the one before; what beliefs were given of it already is left out.
     pub(super) fn feel(
@@ -111,7 +166,7 @@ impl Motion {
         from: Stamp,
         config: &AttitudeConfig,
         collision: &CollisionConfig,
-    ) -> (Span, Option<Turning>) {
+    ) -> (Span, Option<f32>) {
         let left = from.seconds_until(imu.stamp) as f32;
         let before = self.felt;
         let since = before.map_or(f64::INFINITY, |felt| felt.stamp.seconds_until(imu.stamp));
@@ -136,27 +191,37 @@ impl Motion {
             collision.shock + collision.motor_acceleration
         };
         let shock = beyond > most;
-        let given = before.map_or([0.0; 2], |felt| felt.given);
-        self.felt = Some(Felt {
+        let speeding = match before {
+            Some(before) if connected && !shock => {
+                std::array::from_fn(|k| (imu.rate[k] - before.rate[k]) / seconds)
+            }
+            _ => [0.0; 3],
+        };
+        let (jerk, rattle) = match before {
+            Some(before) if connected => before.rattled(imu, seconds),
+            _ => ([0.0; 2], 0.0),
+        };
+        let reading = Reading {
             stamp: imu.stamp,
-            acceleration,
+            force: [imu.acceleration[0], imu.acceleration[1]],
             rate: imu.rate,
+            speeding,
+            jerk,
+            rattle,
+            interval: seconds,
             shock,
-            given: [0.0; 2],
-        });
+            given: [0.0; 5],
+        };
+        self.felt = Some(reading);
         let span = Span {
             seconds: left,
-            acceleration: (connected && left > 0.0)
-                .then(|| std::array::from_fn(|k| (acceleration[k] * seconds - given[k]) / left)),
+            felt: before
+                .filter(|_| connected && left > 0.0)
+                .map(|before| reading.rest_of(&before, left)),
             command: self.command,
             shock: shock && connected,
         };
-        let turning = connected.then(|| Turning {
-            rate: self.attitude.turn_rate(imu.rate),
-            seconds,
-            rests: resting,
-        });
-        (span, turning)
+        (span, (resting && connected).then_some(seconds))
     }
 
     /// The acceleration that motors and commands explain, m/s², robot frame; moves what they follow.

@@ -36,7 +36,7 @@ impl Localizer {
         }
         let (matched, strained) = self.fuse(&mut belief, points);
         if self.config.mode.rule == SuspectRule::Thresholds {
-            belief.absorb(matched.pose, &matched.covariance, &self.config.filter);
+            belief.absorb(&matched, self.lean_prior, &self.config.filter);
             return self.judge(stamp, belief, &matched);
         }
         let mode = &self.config.mode;
@@ -52,8 +52,8 @@ impl Localizer {
             }
         }
         self.rival = None;
-        belief.absorb(matched.pose, &matched.covariance, &self.config.filter);
-        self.lean_left = Some(matched.lean_variance);
+        belief.absorb(&matched, self.lean_prior, &self.config.filter);
+        self.lean_left = Some([3, 4].map(|k| matched.with_lean[(k, k)]));
         // Forgets over about a second of frames.
         self.usual_share += 0.05 * (share - self.usual_share);
         self.belief = Some(belief);
@@ -118,7 +118,7 @@ impl Localizer {
     /// when it is let go, something unreported moved the robot: the expectation is widened. Says whether that was so.
     fn fuse(&mut self, belief: &mut Belief, points: &[LinePoint]) -> (Match, bool) {
         let spread = belief.position_std() + 3.0 * belief.heading_std();
-        let expected = belief.expected();
+        let expected = belief.expected(self.lean_prior);
         let matched = self.matcher.fuse(&self.distances, points, expected, spread);
         let mode = &self.config.mode;
         let surprise = belief.surprise(&matched);
@@ -134,14 +134,15 @@ impl Localizer {
         if (free.score - matched.score) * count > margin
             && apart[0].hypot(apart[1]) < 2.0 * mode.push_max
         {
-            belief.widen(apart.dot(&(expected.information * apart)));
+            let information = expected.information.fixed_view::<3, 3>(0, 0);
+            belief.widen(apart.dot(&(information * apart)));
             return (free, true);
         }
         if surprise <= mode.surprise_max {
             return (matched, false);
         }
         belief.widen(surprise);
-        let expected = belief.expected();
+        let expected = belief.expected(self.lean_prior);
         let again = self.matcher.fuse(&self.distances, points, expected, spread);
         (again, true)
     }

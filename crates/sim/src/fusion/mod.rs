@@ -240,6 +240,24 @@ mod tests {
     }
 
     #[test]
+    fn slip_hits_and_leans_leave_a_blind_robot_within_a_decimetre() {
+        let rows = run(&FusionExperiment {
+            seeds: 2..4,
+            duration: 33.0,
+            courses: vec![Course::All],
+            estimators: vec![Estimator::Joint, Estimator::NoImu],
+            ..FusionExperiment::default()
+        });
+        let joint = &rows[0];
+        assert!(joint.blind.is_some_and(|blind| blind < 0.05), "{rows:?}");
+        assert!(joint.blind_max.is_some_and(|most| most < 0.1), "{rows:?}");
+        assert!(joint.position < 0.01 && joint.searched == 0, "{rows:?}");
+        assert!((1.0..5.0).contains(&joint.nees), "{rows:?}");
+        // Without an inertial unit the wheels' word is all there is.
+        assert!(rows[1].blind.is_some_and(|blind| blind > 0.1), "{rows:?}");
+    }
+
+    #[test]
     fn a_latency_that_nobody_told_is_found() {
         let rows = run(&FusionExperiment {
             seeds: 2..3,
