@@ -10,6 +10,7 @@ import pytest
 
 from mirrorball import Camera, Field, GroundMap, Mount, Profile, ground_map, render, trace_rays
 from mirrorball.mirror import camera_for, lima2001, load, nubot2013, report, view
+from mirrorball.mirror.drawing import Drawer
 
 ROOT = Path(__file__).parents[1]
 GOOD = """
@@ -86,11 +87,19 @@ def test_report_writes_every_figure_twice_and_one_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_the_same_report_is_written_twice_by_however_many_processes(tmp_path: Path) -> None:
-    for folder, processes in (("first", 1), ("second", 3)):
-        report(lima2001(), folder=tmp_path / folder, processes=processes)
+def test_the_same_report_is_written_alone_and_with_a_second_process(tmp_path: Path) -> None:
+    report(lima2001(), folder=tmp_path / "first")
+    with Drawer() as drawer:
+        report(lima2001(), folder=tmp_path / "second", drawer=drawer)
     for name in ("index.html", "ground.svg", "ground.png", "surface.svg", "sizes.png"):
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
+
+
+def test_a_figure_that_the_second_process_cannot_write_is_an_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "ground.svg").mkdir()
+    with Drawer() as drawer, pytest.raises(OSError, match="could not be written"):
+        report(lima2001(), folder=tmp_path, drawer=drawer)
+    assert "ground.svg" in capfd.readouterr().err
 
 
 def test_the_rendered_view_is_the_design_seen_from_inside() -> None:

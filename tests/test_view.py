@@ -154,3 +154,35 @@ def test_a_run_goes_on_when_its_window_is_gone(display: str, tmp_path: Path) -> 
     assert run.returncode == 0
     assert json.loads(out)["simulated_s"] == 3.0
     assert poses[0].read_bytes() == poses[1].read_bytes(), "the same bits, watched or not"
+
+
+def test_a_robots_window_goes_when_the_run_is_ended(display: str, tmp_path: Path) -> None:
+    if shutil.which("xdotool") is None:
+        pytest.skip("xdotool is not installed")
+    own = environment(tmp_path, display)
+    robot = tmp_path / "robot"
+    hardware = subprocess.Popen(
+        [PROGRAM, "sim", SCENARIO, "--hardware", robot, "--own-path"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        wait_for(robot / "hardware.toml")
+        watched: list[str | Path] = [PROGRAM, "run", "--robot", robot, "--view", "--json"]
+        with subprocess.Popen(watched, env=own, stdout=subprocess.PIPE, text=True) as run:
+            search = ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"]
+            subprocess.run(search, env=own, capture_output=True, timeout=PATIENCE_S, check=True)
+            time.sleep(1.0)
+            run.terminate()
+            out, _ = run.communicate(timeout=PATIENCE_S)
+    finally:
+        hardware.terminate()
+        hardware.wait(PATIENCE_S)
+    said = json.loads(out)
+    assert run.returncode == 0
+    assert said["frames"] > 10 and said["wheels_stopped"]
+
+
+def wait_for(path: Path) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not path.exists():
+        assert time.monotonic() < end, f"{path} does not come"
+        time.sleep(0.05)

@@ -157,6 +157,8 @@ impl SpineConfig {
                 // The isometric part, feet of walls included.
                 scan.range_max = 6.0;
                 vision.lines.walls = true;
+                // Its ball was orange, and one of the goals yellow.
+                vision.objects.ball_hue_deg = [8.0, 45.0];
             }
             // minho2016 III: 72 radial lines and 36 spirals each way.
             "minho2016" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (72, 36, 0),

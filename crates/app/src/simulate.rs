@@ -15,8 +15,6 @@ use sim::scenario::Scenario;
 
 use crate::arguments;
 use crate::cycle::{Cycle, Spine, SpineConfig, overlaid};
-#[cfg(feature = "view")]
-use crate::feed::Feed;
 use crate::interrupt;
 use crate::log::{ImageMode, LogConfig, Recorder};
 use crate::outputs::Outputs;
@@ -27,6 +25,8 @@ use crate::squad::{self, Squad};
 use crate::start_log::start_log;
 use crate::summary::{Summary, Tally};
 use crate::table::{Written, seconds};
+#[cfg(feature = "view")]
+use crate::view::{self, AfterRun};
 use crate::virtual_hardware;
 
 /// Run a scenario headless, as fast as it goes.
@@ -192,7 +192,8 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
         let config = overlaid(&config, overrides::table(&args.set_config)?)?;
         let name = format!("sim {}", args.scenario.display());
-        return crate::view::beside(&name, setup, config, Feed::new(), |feed| {
+        // The last moment stays to be looked at.
+        return view::beside(&name, (setup, config), AfterRun::Stay, |feed| {
             let started = Instant::now();
             play(args, json, |cycle| {
                 // A person watches at the pace of the world.

@@ -15,10 +15,9 @@ impl LocalizeConfig {
         match name {
             "default" => {}
             "lima2001" => {
-                // 4.1 to 4.5: every image is located by itself; no odometry, no filter. One orientation, then maximum after
-                // maximum of the correlation, as many as the field's eleven or thirteen lines and six seen ones give.
+                // 4.1 to 4.5: every image is located by itself; no odometry, no filter. Maximum after maximum of the
+                // correlation, as many as the field's eleven or thirteen lines and six seen ones give.
                 config.relocalise.by = RelocaliserKind::Hough;
-                config.relocalise.hough.orientations = 1;
                 config.relocalise.hough.maxima = 30;
                 config.tracker = Tracker::None;
                 config.matching.lean_std_deg = 0.0;

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from mirrorball.mirror.law import Array, reflect
 from mirrorball.mirror.segment import Segment, Start
@@ -142,4 +142,4 @@ def _end(shape: Shape, start: Start, *, until: Until, part: str) -> float:
         why = f"never reaches {what} {wanted:.4f} m: up to t = {t[-1]:.4f} it covers {seen}"
         raise start.refuse(part, why)
     first = int(crossings[0])
-    return float(brentq(lambda t: float(reached(np.array([t]))[0]) - wanted, t[first], t[first + 1], xtol=1e-15))
+    return float(scipy.optimize.brentq(lambda t: float(reached(np.array([t]))[0]) - wanted, t[first], t[first + 1], xtol=1e-15))

@@ -5,18 +5,17 @@ from __future__ import annotations
 import gc
 import json
 import math
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.image
 import numpy as np
 
 from mirrorball._core import Field
 from mirrorball.mirror.building import Mirror
+from mirrorball.mirror.drawing import Drawer
 from mirrorball.mirror.files import Plan, load
-from mirrorball.mirror.judging import judge
+from mirrorball.mirror.judging import Judgement, judge
 from mirrorball.mirror.reporting import report as write_report
 from mirrorball.mirror.viewing import view
 from mirrorball.mirror.workshop import Export, write_csv, write_dxf, write_step, write_stl
@@ -37,26 +36,28 @@ def design(source: str, *, out: str) -> Result:
     plan = load(source)
     _folder(Path(out).parent)
     export = write_csv(plan.mirror, out)
-    return {**_summary(plan), "profile": str(export.path)}
+    judged = judge(plan.mirror, focal_px=plan.camera.focal_px, lens=plan.lens, reach_m=plan.reach_m)
+    return {**_summary(plan, judged), "profile": str(export.path)}
 
 
 def report(source: str, *, out: str, mirrors: int, seed: int) -> Result:
     """Write figures and page."""
     # A command draws once and ends: looking for garbage meanwhile takes a tenth of its time.
     gc.disable()
-    plan = load(source)
-    written = write_report(
-        plan.mirror,
-        folder=out,
-        camera=plan.camera,
-        lens=plan.lens,
-        reach_m=plan.reach_m,
-        tolerances=plan.tolerances,
-        mirrors=mirrors,
-        seed=seed,
-        processes=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1,
-    )
-    result = {**_summary(plan), "page": str(written.page)}
+    with Drawer() as drawer:
+        plan = load(source)
+        written = write_report(
+            plan.mirror,
+            folder=out,
+            camera=plan.camera,
+            lens=plan.lens,
+            reach_m=plan.reach_m,
+            tolerances=plan.tolerances,
+            mirrors=mirrors,
+            seed=seed,
+            drawer=drawer,
+        )
+    result = {**_summary(plan, written.judgement), "page": str(written.page)}
     if written.errors is not None:
         errors = written.errors
         result["errors"] = [
@@ -84,8 +85,10 @@ def render(source: str, *, out: str, field: str | None, pose: Sequence[float], b
         pose=(pose[0], pose[1], math.radians(pose[2])),
         ball=None if ball is None else (ball[0], ball[1]),
     )
+    from matplotlib.image import imsave
+
     _folder(Path(out).parent)
-    matplotlib.image.imsave(out, image)
+    imsave(out, image)
     return {"mirror": plan.mirror.name, "image": out, "width_px": image.shape[1], "height_px": image.shape[0]}
 
 
@@ -139,9 +142,8 @@ def _number(value: float) -> float | None:
     return round(float(value), 6) if np.isfinite(value) else None
 
 
-def _summary(plan: Plan) -> Result:
+def _summary(plan: Plan, judged: Judgement) -> Result:
     mirror = plan.mirror
-    judged = judge(mirror, focal_px=plan.camera.focal_px, lens=plan.lens, reach_m=plan.reach_m)
     views = iter(judged.views)
     parts = []
     for segment in mirror.segments:

@@ -86,18 +86,15 @@ def _legend(ax: Axes, place: Place = "best") -> None:
 def profile(judged: Judgement) -> Figure:
     """The meridian with a few rays, and the whole rig over the ground."""
     figure, (near, far) = _axes(2)
-    mirror = judged.mirror
-    for index, segment in enumerate(s for s in mirror.segments if not s.reflects):
-        t = np.linspace(segment.t_from, segment.t_to, 20)
-        y = segment.height(t)
-        label = segment.part if index == 0 else None
-        near.plot(1e3 * t * y, 1e3 * y, color="black", linewidth=3.0, label=label)
+    for index, ring in enumerate(outline for outline in judged.outlines if not outline.reflects):
+        label = ring.part if index == 0 else None
+        near.plot(1e3 * ring.x_m, 1e3 * ring.y_m, color="black", linewidth=3.0, label=label)
     for view, colour in zip(judged.views, COLOURS * 4, strict=False):
         rays = view.rays
         near.plot(1e3 * rays.x_m, 1e3 * rays.y_m, color=colour, linewidth=2.2, label=view.part)
         shown = np.linspace(0, rays.t.size - 1, 6).astype(int)
         x, y, gamma, ground = rays.x_m[shown], rays.y_m[shown], rays.gamma_rad[shown], view.ground_m[shown]
-        zero, height, way = np.zeros(x.size), y + mirror.pinhole_height_m, 0.09
+        zero, height, way = np.zeros(x.size), y + judged.pinhole_height_m, 0.09
         bent = np.stack([zero, x, x + way * np.sin(gamma), zero, y, y - way * np.cos(gamma)]).reshape(2, 3, -1)
         near.add_collection(LineCollection(list(1e3 * bent.T), colors=colour, linewidths=0.6))
         lands = np.isfinite(ground)
@@ -105,8 +102,8 @@ def profile(judged: Judgement) -> Figure:
         end_y = np.where(lands, 0.0, height - 60.0 * np.cos(gamma))
         down = np.stack([x, end_x, height, end_y]).reshape(2, 2, -1)
         far.add_collection(LineCollection(list(down.T), colors=colour, linewidths=0.8))
-    radius = 1e3 * mirror.radius_m
-    low, high = (1e3 * float(mirror.rays(np.array([t])).y_m[0]) for t in (0.0, mirror.t_max))
+    radius = 1e3 * judged.radius_m
+    low, high = 1e3 * float(judged.outlines[0].y_m[0]), 1e3 * float(judged.outlines[-1].y_m[-1])
     near.set(
         xlim=(-0.08 * radius, 2.1 * radius),
         ylim=(low - 0.75 * radius, max(high, low) + 0.15 * radius),
@@ -172,7 +169,7 @@ def surface(judged: Judgement) -> Figure:
         radius = 1e3 * view.rays.x_m
         left.plot(radius, view.rays.slope, color=colour, linewidth=2.0, label=view.part)
         middle.plot(radius, view.curvature_per_m, color=colour, linewidth=2.0)
-        near = np.hypot(view.caustic_x_m, view.caustic_y_m - judged.viewpoint_m) < 3.0 * judged.mirror.radius_m
+        near = np.hypot(view.caustic_x_m, view.caustic_y_m - judged.viewpoint_m) < 3.0 * judged.radius_m
         right.plot(1e3 * view.caustic_x_m[near], 1e3 * view.caustic_y_m[near], ".", color=colour, markersize=1.5)
         right.plot(radius, 1e3 * view.rays.y_m, color=colour, linewidth=1.0)
     right.plot([0.0], [1e3 * judged.viewpoint_m], "k+", markersize=9)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from mirrorball._core import Camera
 from mirrorball.mirror import parts, wishes
@@ -150,7 +150,7 @@ def _free(row: dict[str, Any], place: str) -> parts.Free:
     points = np.array(_needed(row, "points", f"{place} (free)"), dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 4 or (np.diff(points[:, 0]) <= 0.0).any():
         raise ValueError(f"{place} (free): points must be at least four rows [t, distance, height] with rising t")
-    curve = CubicSpline(points[:, 0], points[:, 1:])
+    curve = scipy.interpolate.CubicSpline(points[:, 0], points[:, 1:])
 
     def target(t: Array) -> tuple[Array, Array]:
         found = curve(t)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.integrate import solve_ivp
+import scipy
 
 from mirrorball.mirror.law import Array, slope_towards
 from mirrorball.mirror.segment import Segment, Start
@@ -56,7 +56,7 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, contin
     _check_target(target, start, until_t=until_t, part=part)
     if min(facing(start.t, np.log([start.y_m])), apart(start.t, np.log([start.y_m]))) <= 0.0:
         raise start.refuse(part, "the wanted point lies behind the mirror: no tangent sends the ray there", start.t)
-    solution = solve_ivp(
+    solution = scipy.integrate.solve_ivp(
         rate,
         (start.t, until_t),
         np.log([start.y_m]),

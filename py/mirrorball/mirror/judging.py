@@ -11,6 +11,7 @@ import numpy as np
 
 from mirrorball.mirror.building import Mirror
 from mirrorball.mirror.law import Array, Mask, Rays
+from mirrorball.mirror.segment import Segment
 
 BALL_RADIUS_M = 0.11
 """Size 5."""
@@ -77,10 +78,25 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """Everything the report draws."""
+class Outline:
+    """One part's meridian in the pinhole's frame, evenly spaced in t."""
 
-    mirror: Mirror
+    part: str
+    number: int
+    reflects: bool
+    t: Array
+    x_m: Array
+    y_m: Array
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Everything the report draws: numbers alone, which can be sent to another process."""
+
+    name: str
+    pinhole_height_m: float
+    outlines: tuple[Outline, ...]
+    """From the axis outwards, black rings included."""
     focal_px: float
     lens: Lens
     reach_m: float
@@ -95,6 +111,11 @@ class Judgement:
     smallest_curvature_radius_m: float
     steepest_slope: float
 
+    @property
+    def radius_m(self) -> float:
+        """Of the rim."""
+        return float(self.outlines[-1].x_m[-1])
+
     def blur_px(self, view: View) -> tuple[Array, Array]:
         """Diameter of the blur (meridional, sagittal) in pixels: f·A·|1/s − 1/s₀|."""
 
@@ -102,6 +123,12 @@ class Judgement:
             return np.asarray(self.focal_px * self.lens.aperture_m * np.abs(1.0 / image_m - 1.0 / self.focus_m))
 
         return blur(view.image_tangential_m), blur(view.image_sagittal_m)
+
+
+def _outline(segment: Segment) -> Outline:
+    t = np.linspace(segment.t_from, segment.t_to, 20)
+    y = segment.height(t)
+    return Outline(part=segment.part, number=segment.number, reflects=segment.reflects, t=t, x_m=t * y, y_m=y)
 
 
 def judge(
@@ -127,7 +154,9 @@ def judge(
     )  # fmt: skip
     bend = max(float(np.abs(view.curvature_per_m).max()) for view in views)
     return Judgement(
-        mirror=mirror,
+        name=mirror.name,
+        pinhole_height_m=mirror.pinhole_height_m,
+        outlines=tuple(_outline(segment) for segment in mirror.segments),
         focal_px=focal_px,
         lens=lens,
         reach_m=reach_m,

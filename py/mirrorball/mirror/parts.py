@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from mirrorball.mirror.closed import T_LIMIT, Until, circle, close, hyperbola, parabola, straight
 from mirrorball.mirror.integrate import Target, integrate
@@ -140,7 +140,7 @@ class ConstantCurvature:
                 f"height {self.through_height_m:.3f} m"
             )
             raise start.refuse(name, why, self.until_t)
-        x_m = float(brentq(gap, radii[met[0]], radii[met[0] + 1], xtol=1e-16, rtol=1e-15))
+        x_m = float(scipy.optimize.brentq(gap, radii[met[0]], radii[met[0] + 1], xtol=1e-16, rtol=1e-15))
         curve = (last_slope(x_m) - slope) / (x_m - start.x_m)
         shape = parabola(x_m=start.x_m, y_m=start.y_m, slope=slope, curve_per_m=curve)
         continues = self.from_slope is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from mirrorball.mirror.building import Mirror, design
 from mirrorball.mirror.law import Array
@@ -54,7 +54,7 @@ def sphere_cone_1999() -> Mirror:
             name="sphere_cone_1999",
         )
 
-    radius = brentq(lambda radius_m: 2.0 * parts(radius_m).radius_m - 0.185, 0.03, 0.08, xtol=1e-14)
+    radius = scipy.optimize.brentq(lambda radius_m: 2.0 * parts(radius_m).radius_m - 0.185, 0.03, 0.08, xtol=1e-14)
     return parts(float(radius))
 
 

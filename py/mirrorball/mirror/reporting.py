@@ -3,48 +3,31 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import traceback
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-import matplotlib
 import numpy as np
 
 from mirrorball._core import Camera
-from mirrorball.mirror import figures
 from mirrorball.mirror.building import Mirror
+from mirrorball.mirror.drawing import Drawer, draw
 from mirrorball.mirror.heights import heights_seen
 from mirrorball.mirror.judging import Judgement, Lens, judge
 from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
 from mirrorball.page import inline, table, whole
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-FIGURES: dict[str, tuple[str, Callable[[Judgement], Figure]]] = {
-    "profile": ("Profile and rays", figures.profile),
-    "ground": ("Ground and resolution", figures.ground),
-    "heights": ("Heights and blind zones", figures.heights),
-    "surface": ("Slope, curvature and caustic", figures.surface),
-    "sharpness": ("Defocus", figures.sharpness),
-    "sizes": ("Ball, line and robot", figures.sizes),
+FIGURES = {
+    "profile": "Profile and rays",
+    "ground": "Ground and resolution",
+    "heights": "Heights and blind zones",
+    "surface": "Slope, curvature and caustic",
+    "sharpness": "Defocus",
+    "sizes": "Ball, line and robot",
 }
-"""File name, heading and drawing function, in the order of the page."""
+"""Name of file and drawing function, and heading, in the order of the page."""
 
-STYLE: Any = {
-    # Text stays text: small files that a reader can search, and no glyph outlines to compute.
-    "svg.fonttype": "none",
-    "svg.hashsalt": "mirrorball",
-    # A fixed place: else every tick's text is measured only to keep the title off it, a sixth of the drawing.
-    "axes.titley": 1.0,
-    # Hinting moves strokes onto pixels; a tenth of the drawing.
-    "text.hinting": "none",
-}
-"""How matplotlib draws the figures of a page."""
+BESIDE = 4
+"""So many of them are drawn by a second process: it is ready before this one has loaded matplotlib."""
 
 
 @dataclass(frozen=True)
@@ -80,26 +63,33 @@ def report(
     mirrors: int = 0,
     seed: int = 1,
     progress: bool = True,
-    processes: int = 1,
+    drawer: Drawer | None = None,
 ) -> Report:
     """Judges a design and writes its figures, their numbers (CSV) and `index.html` into a folder (made if missing).
 
-    `mirrors` imperfect mirrors are tried against `tolerances`; 0 leaves that out. More processes share the drawing; they are
-    forked, which a program with threads of its own (a notebook) had better not ask for.
+    `mirrors` imperfect mirrors are tried against `tolerances`; 0 leaves that out. A `drawer`, begun before the design, is a
+    second process that draws a share.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     camera = camera or camera_for(mirror)
     judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
+    names = list(FIGURES)
+    if drawer is not None:
+        # Imperfect mirrors take longer than all figures.
+        beside = len(names) if mirrors else BESIDE
+        drawer.draw(judged, names[:beside], folder)
+        names = names[beside:]
     errors = None
-    with matplotlib.rc_context(STYLE):
-        _draw({name: partial(draw, judged) for name, (_, draw) in FIGURES.items()}, folder, processes)
-        if mirrors:
-            errors = monte_carlo(
-                mirror, camera=camera, tolerances=tolerances, count=mirrors, reach_m=reach_m, seed=seed, progress=progress
-            )
-            _draw({"tolerances": partial(figures.tolerances, errors)}, folder, 1)
-    sections = [_section(name, heading, folder) for name, (heading, _) in FIGURES.items()]
+    if mirrors:
+        errors = monte_carlo(
+            mirror, camera=camera, tolerances=tolerances, count=mirrors, reach_m=reach_m, seed=seed, progress=progress
+        )
+        draw(errors, ["tolerances"], folder)
+    draw(judged, names, folder)
+    if drawer is not None:
+        drawer.finish()
+    sections = [_section(name, heading, folder) for name, heading in FIGURES.items()]
     if errors is not None:
         sections += [_section("tolerances", "Tolerances", folder), _error_table(errors)]
     _write_tables(judged, folder)
@@ -126,38 +116,6 @@ def _write_tables(judged: Judgement, folder: Path) -> None:
         (folder / f"{name}.csv").write_text(text, encoding="utf-8")
 
 
-def _draw(wanted: dict[str, Callable[[], Figure]], folder: Path, processes: int) -> None:
-    """Draws figures as SVG and PNG, each process every so-manieth."""
-    names = list(wanted)
-    processes = min(processes, len(names)) if hasattr(os, "fork") else 1
-    shares = [names[index::processes] for index in range(processes)]
-    children = []
-    for share in shares[1:]:
-        child = os.fork()
-        if child == 0:
-            # No cleaning up of what is the parent's: its buffers and what it registered with atexit.
-            try:
-                _draw_here(wanted, share, folder)
-                os._exit(0)
-            except BaseException:
-                traceback.print_exc()
-                os._exit(1)
-        children.append(child)
-    try:
-        _draw_here(wanted, shares[0], folder)
-    finally:
-        failed = [child for child in children if os.waitpid(child, 0)[1] != 0]
-    if failed:
-        raise OSError(f"{folder}: a figure could not be written")
-
-
-def _draw_here(wanted: dict[str, Callable[[], Figure]], names: list[str], folder: Path) -> None:
-    for name in names:
-        figure = wanted[name]()
-        figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
-        figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": 1})
-
-
 def _section(name: str, heading: str, folder: Path) -> str:
     return inline((folder / f"{name}.png").read_bytes(), heading)
 
@@ -169,15 +127,13 @@ def _metres(value: float, digits: int = 3) -> str:
 def _part_table(judged: Judgement) -> str:
     rows = []
     views = iter(judged.views)
-    for segment in judged.mirror.segments:
-        y_from = float(segment.height(np.array([segment.t_from]))[0])
-        y_to, _ = segment.end()
+    for outline in judged.outlines:
         row = [
-            f"{segment.number}. {segment.part}",
-            f"{1e3 * segment.t_from * y_from:.2f} to {1e3 * segment.t_to * y_to:.2f} mm",
-            f"{segment.t_from * judged.focal_px:.1f} to {segment.t_to * judged.focal_px:.1f} px",
+            f"{outline.number}. {outline.part}",
+            f"{1e3 * outline.x_m[0]:.2f} to {1e3 * outline.x_m[-1]:.2f} mm",
+            f"{outline.t[0] * judged.focal_px:.1f} to {outline.t[-1] * judged.focal_px:.1f} px",
         ]
-        if segment.reflects:
+        if outline.reflects:
             view = next(views)
             row += [
                 f"{_metres(view.ground_m[0])} to {_metres(view.ground_m[-1])}",
@@ -206,18 +162,17 @@ def _error_table(errors: GroundErrors) -> str:
 
 
 def _page(judged: Judgement, camera: Camera, sections: list[str]) -> str:
-    mirror = judged.mirror
     blind = ", ".join(f"{low:.2f} to {high:.2f} m" for low, high in judged.blind_m) or "none"
     facts = table(
         ["", ""],
         [
-            ["Diameter", f"{2e3 * mirror.radius_m:.2f} mm"],
-            ["Pinhole above the ground", _metres(mirror.pinhole_height_m)],
-            ["Apex above the pinhole", _metres(float(mirror.segments[0].height(np.zeros(1))[0]))],
+            ["Diameter", f"{2e3 * judged.radius_m:.2f} mm"],
+            ["Pinhole above the ground", _metres(judged.pinhole_height_m)],
+            ["Apex above the pinhole", _metres(float(judged.outlines[0].y_m[0]))],
             ["Camera", f"{camera.width_px} × {camera.height_px} px, focal length {camera.focal_px:.1f} px"],
             ["Blind ground", blind],
             ["Smallest radius of curvature", f"{1e3 * judged.smallest_curvature_radius_m:.2f} mm"],
             ["Steepest slope", f"{judged.steepest_slope:.3f}"],
         ],
     )
-    return whole(mirror.name, [facts, _part_table(judged), *sections])
+    return whole(judged.name, [facts, _part_table(judged), *sections])

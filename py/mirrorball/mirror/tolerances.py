@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 from tqdm import tqdm
 
 from mirrorball._core import Camera, Mount, Profile, trace_points
@@ -202,5 +202,5 @@ def _slope_showing(mirror: Mirror, distance_m: float) -> float | None:
         crossing = np.flatnonzero(np.isfinite(found[:-1]) & np.isfinite(found[1:]) & (found[:-1] * found[1:] <= 0.0))
         if crossing.size:
             first = int(crossing[0])
-            return float(brentq(lambda t, off=off: float(off(np.array([t]))[0]), t[first], t[first + 1]))
+            return float(scipy.optimize.brentq(lambda t, off=off: float(off(np.array([t]))[0]), t[first], t[first + 1]))
     return None

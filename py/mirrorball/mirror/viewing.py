@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mirrorball._core import Camera, Field, Mount, render
 from mirrorball.mirror.building import Mirror
-from mirrorball.mirror.figures import COLOURS
 from mirrorball.mirror.reporting import camera_for
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def view(
@@ -50,6 +52,10 @@ def view(
 
 def portrait(mirror: Mirror, image: NDArray[np.uint8]) -> Figure:
     """The profile from rim to rim, as the papers draw it, beside what it shows."""
+    from matplotlib.figure import Figure
+
+    from mirrorball.mirror.figures import COLOURS
+
     figure = Figure(figsize=(10.5, 4.8), dpi=100)
     left, right = figure.add_axes((0.07, 0.13, 0.42, 0.76)), figure.add_axes((0.54, 0.03, 0.43, 0.90))
     number = 0

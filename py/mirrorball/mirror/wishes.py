@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize
+import scipy
 from tqdm import tqdm
 
 from mirrorball._core import Camera
@@ -139,7 +138,7 @@ class _Problem:
         self.apex_m = apex_m
         self.u = np.linspace(0.0, 1.0, GRID)
         self.last: tuple[bytes, _Candidate] | None = None
-        self.basis = np.asarray(CubicSpline(np.linspace(0.0, 1.0, KNOTS), np.eye(KNOTS))(self.u))
+        self.basis = np.asarray(scipy.interpolate.CubicSpline(np.linspace(0.0, 1.0, KNOTS), np.eye(KNOTS))(self.u))
 
     def candidate(self, unknowns: Array) -> _Candidate:
         """Unknowns: ln dγ/du at the knots, then ln of the rim's t."""
@@ -252,7 +251,7 @@ def _solve(problem: _Problem, starts: Sequence[Array], *, enough: float = 20.0) 
     best, broken = np.asarray(starts[0]), np.inf
     capped = [(-12.0, 12.0)] * KNOTS + [(np.log(1e-2), np.log(problem.t_max)), (-8.0, np.log(enough))]
     for begin in starts:
-        result = minimize(
+        result = scipy.optimize.minimize(
             cost,
             begin,
             method="SLSQP",
@@ -343,12 +342,12 @@ def _target(found: _Candidate, reach: Sequence[tuple[float, float]]) -> Callable
     count = int(low.sum())
     near = slice(0, min(count + 5, GRID))
     high = found.y[0] + found.pinhole_height_m
-    below = CubicSpline(found.t[near], np.arctan(found.ground / high)[near])
+    below = scipy.interpolate.CubicSpline(found.t[near], np.arctan(found.ground / high)[near])
     if count > GRID - 5:
         return lambda t: (np.asarray(high * np.tan(below(t))), np.zeros_like(t))
     far = slice(max(count - 5, 1), GRID)
     rise = found.y + found.pinhole_height_m - (wall - found.x) / np.tan(np.maximum(found.gamma, 1e-6))
-    height = CubicSpline(found.t[far], rise[far])
+    height = scipy.interpolate.CubicSpline(found.t[far], rise[far])
     past = (found.gamma - foot)[count - 1 : count + 1]
     t_foot = float(np.interp(0.0, past, found.t[count - 1 : count + 1]))
 

@@ -5,7 +5,7 @@ use localize::drive::DriveConfig;
 use localize::experiment::{TrackScore, find, kidnap, track};
 use localize::{Field, LocalizeConfig};
 
-use super::Figure;
+use super::{Figure, figure};
 use crate::home;
 
 /// Figures of `drives`.
@@ -33,15 +33,6 @@ pub(super) const DRIVES: &[&str] = &[
     "kidnap_said",
     "kidnap_back",
 ];
-
-fn figure(name: &'static str, value: f64, unit: &'static str, wanted: &'static str) -> Figure {
-    Figure {
-        name,
-        value,
-        unit,
-        wanted,
-    }
-}
 
 /// The larger of the mean deviations in x and y, or of the largest ones, centimetres.
 fn worse_cm([x, y, _]: [f32; 3]) -> f64 {

@@ -9,7 +9,7 @@ use localize::team::experiment::{Trial, shared_ball};
 use sim::fusion::{Course, Estimator, FusionExperiment};
 use vision::RobotConfig;
 
-use super::Figure;
+use super::{Figure, figure};
 use crate::eval::eyes;
 use crate::home;
 
@@ -123,13 +123,4 @@ fn report(mirrors: u32) -> Result<f64> {
         "mirror report failed: run it by itself to see why"
     );
     Ok(started.elapsed().as_secs_f64() * 1e3)
-}
-
-fn figure(name: &'static str, value: f64, unit: &'static str, wanted: &'static str) -> Figure {
-    Figure {
-        name,
-        value,
-        unit,
-        wanted,
-    }
 }

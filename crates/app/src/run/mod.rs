@@ -19,7 +19,12 @@ use anyhow::Result;
 use serde::Serialize;
 
 use crate::arguments::{self, WrongArguments};
+#[cfg(feature = "view")]
+use crate::cycle::SpineConfig;
+use crate::feed::Feed;
 use crate::log::ImageMode;
+#[cfg(feature = "view")]
+use crate::view::{self, AfterRun};
 use patrol::Patrol;
 use play::Play;
 use robot::Robot;
@@ -64,6 +69,10 @@ pub struct Args {
     /// Drive along the waypoints of a file (TOML: waypoints, speed, turn_rate_deg), by the estimated pose.
     #[arg(long, value_name = "FILE.toml")]
     patrol: Option<PathBuf>,
+    /// Show it in a window of this machine's display; closing the window changes nothing.
+    #[cfg(feature = "view")]
+    #[arg(long)]
+    view: bool,
     /// Run at this real-time priority, 1 to 99, with all memory locked.
     #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(i32).range(1..=99))]
     realtime: Option<i32>,
@@ -87,7 +96,27 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let patrol = args.patrol.as_deref().map(Patrol::load).transpose()?;
     let robot = Robot::load(robot)?;
     let stop = Stop::on_signals()?;
-    let report = Play::new(args, robot, patrol)?.run(&stop)?;
+    #[cfg(feature = "view")]
+    if args.view {
+        let shown = Robot::load(&robot.folder)?.setup;
+        let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
+        let name = format!("run {}", robot.folder.display());
+        let play = |feed| play(args, robot, patrol, feed, &stop, json);
+        return view::beside(&name, (shown, config), AfterRun::Leave, play);
+    }
+    play(args, robot, patrol, Feed::new(), &stop, json)
+}
+
+/// Plays until the end and says how it went.
+fn play(
+    args: &Args,
+    robot: Robot,
+    patrol: Option<Patrol>,
+    feed: Feed,
+    stop: &Stop,
+    json: bool,
+) -> Result<()> {
+    let report = Play::new(args, robot, patrol, feed)?.run(stop)?;
     if json {
         println!("{}", serde_json::to_string(&report)?);
     } else {

@@ -53,7 +53,12 @@ pub(super) struct Play {
 
 impl Play {
     /// Reads and builds everything; whatever cannot be is an error now.
-    pub(super) fn new(args: &Args, robot: Robot, patrol: Option<Patrol>) -> Result<Self> {
+    pub(super) fn new(
+        args: &Args,
+        robot: Robot,
+        patrol: Option<Patrol>,
+        feed: Feed,
+    ) -> Result<Self> {
         let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
         let spine = Spine::new(&robot.setup, &config)?;
         let log_config = LogConfig {
@@ -64,7 +69,7 @@ impl Play {
         let field = &robot.setup.field;
         let keep = |path: &Path| Keeper::start(path, header.clone(), field, &log_config);
         let keeper = args.record.as_deref().map(keep).transpose()?;
-        let (feed, helm) = (Feed::new(), Helm::new());
+        let helm = Helm::new();
         let network = outside::configured(
             args.network.as_deref(),
             &robot.folder,

@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use layout::Preset;
 use session::Session;
-pub use window::beside;
+pub use window::{AfterRun, beside};
 
 /// Look at a log, at a simulation of the view's own, or at a robot over the network.
 #[derive(clap::Args)]
@@ -99,6 +99,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         preset: args.preset.map(Task::preset),
         screenshot: args.screenshot.clone(),
         leave_after: args.leave_after,
+        ..window::Wishes::default()
     };
     let outcome = window::show(session, wishes)?;
     if json {

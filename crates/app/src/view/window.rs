@@ -1,6 +1,7 @@
 //! A window on this machine's display: opened, remembered, closed. Its thread steps back behind whatever drives.
 
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -40,6 +41,8 @@ pub(crate) struct Wishes {
     pub(crate) screenshot: Option<PathBuf>,
     /// Out after so many seconds.
     pub(crate) leave_after: Option<f64>,
+    /// Out as soon as this is true.
+    pub(crate) leave: Arc<AtomicBool>,
 }
 
 /// What is remembered from one time to the next.
@@ -141,8 +144,10 @@ impl eframe::App for Window {
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
         self.view.ui(ui);
         let ctx = ui.ctx();
-        if let Some(seconds) = self.wishes.leave_after
-            && self.opened.elapsed().as_secs_f64() > seconds
+        let late = |seconds| self.opened.elapsed().as_secs_f64() > seconds;
+        if self.wishes.leave_after.is_some_and(late)
+            || self.wishes.leave.load(Ordering::Relaxed)
+            || crate::interrupt::asked()
         {
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
@@ -190,25 +195,44 @@ impl eframe::App for Window {
 /// Cycles that may wait for the view to take them.
 const WAITING: usize = 16;
 
+/// What the window does when the run that it shows has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AfterRun {
+    /// Stays until it is closed, or until Ctrl-C.
+    Stay,
+    /// Goes with it.
+    Leave,
+}
+
 /// Runs `drive`, which publishes to the feed it is given, in a thread of its own, and shows its cycles in a window until
-/// that is closed; `drive` then goes on to its end, as it would with no window at all.
+/// that is closed; `drive` then goes on to its end, as it would with no window at all. A run that fails takes the window
+/// with it.
 pub fn beside(
     name: &str,
-    setup: Setup,
-    config: SpineConfig,
-    feed: Feed,
+    (setup, config): (Setup, SpineConfig),
+    after: AfterRun,
     drive: impl FnOnce(Feed) -> Result<()> + Send,
 ) -> Result<()> {
     display()?;
+    let feed = Feed::new();
+    let wishes = Wishes::default();
+    let leave = wishes.leave.clone();
     let inbox = Inbox::default();
     let lease = remote::pump(feed.subscribe(WAITING), inbox.clone())?;
     std::thread::scope(|scope| {
         let driving = std::thread::Builder::new()
             .name("drive".to_owned())
-            .spawn_scoped(scope, || drive(feed))?;
+            .spawn_scoped(scope, move || {
+                let driven = drive(feed);
+                leave.store(
+                    driven.is_err() || after == AfterRun::Leave,
+                    Ordering::Relaxed,
+                );
+                driven
+            })?;
         let live = Live::new(inbox, None).with_lease(lease, None);
         let session = Session::live(name.to_owned(), live, setup, config);
-        if let Err(error) = show(session, Wishes::default()) {
+        if let Err(error) = show(session, wishes) {
             eprintln!("mirrorball: {error:#}; the run goes on without a window");
         }
         driving

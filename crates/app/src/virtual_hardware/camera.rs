@@ -56,6 +56,7 @@ impl Camera {
         // The first listener is made here, so that a path that cannot be is an error at once.
         let mut listener = Some(listen(path)?);
         let serve = move || {
+            super::be_hardware();
             let mut sequence = 0;
             while !own.ended.load(Ordering::Relaxed) {
                 if own.unplugged.load(Ordering::Relaxed) {

@@ -74,6 +74,7 @@ pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result
     let folder = options.folder.display();
     eprintln!("the devices are there: mirrorball run --robot {folder}");
     let mut world = World::start(sim, options.own_path)?;
+    be_hardware();
     let began = world.began();
     while !stop.is_raised() && hw::now() - began < duration {
         let Some(due) = world.next(|now| devices.wheels.wanted(now))? else {
@@ -101,6 +102,12 @@ pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result
         );
     }
     Ok(())
+}
+
+/// Devices do not wait for a processor: where it may, the calling thread comes before all that merely compute.
+fn be_hardware() {
+    // What may not is late now and then, and works all the same.
+    let _may = hw::realtime::set_priority(1);
 }
 
 fn sleep_until(stamp: Stamp) {

@@ -1,6 +1,7 @@
 //! How white is the floor here? Markings as textures of exact coverage, one for each size of a pixel's footprint.
 
 use localize::field::{Field, Marking};
+use localize::frame::At;
 
 /// From a level to the next footprints grow by this.
 const LEVEL_STEP: f32 = std::f32::consts::SQRT_2;
@@ -154,8 +155,8 @@ fn level(field: &Field, width: f32) -> Texture {
     let cell = width * CELL;
     let mut texture = Texture::new(half_x, half_y, cell, |_, _| 0);
     let mut grid = vec![0u8; texture.columns * texture.rows];
-    for marking in &field.markings {
-        stamp(&mut grid, &texture, field, marking, width);
+    for marking in painted(field) {
+        stamp(&mut grid, &texture, field, &marking, width);
     }
     for column in 0..texture.columns {
         grid[column] = 0;
@@ -167,6 +168,25 @@ fn level(field: &Field, width: f32) -> Texture {
     }
     texture.pack(&grid);
     texture
+}
+
+/// The markings that are paint: of a field with walls, the boundary is where these stand, and painted but in the goals' mouths.
+fn painted(field: &Field) -> Vec<Marking> {
+    if !field.config.walls {
+        return field.markings.clone();
+    }
+    let (half_x, half_y) = (field.length / 2.0, field.width / 2.0);
+    let mouth = field.config.goal.width / 2.0;
+    let stands = |a: f32, b: f32, half: f32| a == b && a.abs() == half;
+    let paint = |marking: &Marking| match *marking {
+        Marking::Line { from, to } if stands(from.y, to.y, half_y) => None,
+        Marking::Line { from, to } if stands(from.x, to.x, half_x) => Some(Marking::Line {
+            from: At::new(from.x, -mouth),
+            to: At::new(to.x, mouth),
+        }),
+        other => Some(other),
+    };
+    field.markings.iter().filter_map(paint).collect()
 }
 
 /// Adds a marking to the grid; where markings meet, the whiter one counts.
@@ -254,7 +274,18 @@ fn band(offset: f32, half: f32, width: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use localize::frame::At;
+
+    #[test]
+    fn carpet_is_painted_up_to_a_wall_and_in_goals_mouths() {
+        let text = include_str!("../../../../config/fields/msl_2001.toml");
+        let field = Field::new(toml::from_str(text).expect("a field")).expect("a field");
+        let white = |x, y| {
+            let of = |marking: &Marking| coverage(marking, 0.025, x, y, 0.01);
+            painted(&field).iter().map(of).fold(0.0, f32::max)
+        };
+        assert_eq!([white(2.0, 2.24), white(4.49, 2.0)], [0.0, 0.0]);
+        assert_eq!([white(4.5, 0.5), white(0.0, 2.2)], [1.0, 1.0]);
+    }
 
     #[test]
     fn a_line_narrower_than_the_footprint_covers_its_share() {

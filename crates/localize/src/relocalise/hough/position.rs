@@ -99,42 +99,49 @@ impl Hough {
     }
 }
 
-/// The goal test (lima2001 4.5): looks at points inside the goal nearest to each of `candidates` (best first). The
-/// goal's own colour confirms; the other goal's gives the half turn; carpet green, or anything else, rejects: the next
-/// maximum. Those confirmed, in their order; none if the goals look alike or are not in sight.
+/// The goal test (lima2001 4.5): looks at points inside the goal nearest to each of `candidates` (best first), and, where
+/// neither colour is there, inside the other goal: near the halfway line both are as far. A goal's own colour confirms;
+/// the other goal's gives the half turn; carpet green, or anything else, rejects: the next maximum. Those confirmed, in
+/// their order; none if the goals look alike or are not in sight.
 pub fn settle(field: &Field, candidates: &[Pose], goals: &[GoalSight]) -> Vec<Pose> {
-    let goal = &field.config.goal;
-    let [ahead, behind] = goal.colours;
+    let [ahead, behind] = field.config.goal.colours;
     if ahead == behind {
         return Vec::new();
     }
     let confirmed = candidates.iter().filter_map(|&pose| {
-        let side = if pose.x >= 0.0 { 1.0 } else { -1.0 };
-        let (own, other) = if side > 0.0 {
-            (ahead, behind)
-        } else {
-            (behind, ahead)
-        };
-        let robot_from_field = pose.inverse();
-        let (mut right, mut turned, mut all) = (0, 0, 0);
-        for deep in [0.25, 0.5, 0.75] {
-            for wide in [-0.35, -0.2, 0.0, 0.2, 0.35] {
-                let x = side * (field.length / 2.0 + deep * goal.depth);
-                let seen = colour_at(robot_from_field * At::new(x, wide * goal.width), goals);
-                right += usize::from(seen == Some(own));
-                turned += usize::from(seen == Some(other));
-                all += 1;
-            }
-        }
-        if 2 * right > all {
-            Some(pose)
-        } else if 2 * turned > all {
-            Some(half_turn(pose))
-        } else {
-            None
-        }
+        let nearer = if pose.x >= 0.0 { 1.0 } else { -1.0 };
+        [nearer, -nearer]
+            .into_iter()
+            .find_map(|side| confirm(field, pose, side, goals))
     });
     confirmed.collect()
+}
+
+/// The pose, or its half turn, if most points inside the goal at +x (`side` 1) or -x (-1) show a goal's colour.
+fn confirm(field: &Field, pose: Pose, side: f32, goals: &[GoalSight]) -> Option<Pose> {
+    let goal = &field.config.goal;
+    let [ahead, behind] = goal.colours;
+    let (own, other) = if side > 0.0 {
+        (ahead, behind)
+    } else {
+        (behind, ahead)
+    };
+    let robot_from_field = pose.inverse();
+    let (mut right, mut turned, mut all) = (0, 0, 0);
+    for deep in [0.25, 0.5, 0.75] {
+        for wide in [-0.35, -0.2, 0.0, 0.2, 0.35] {
+            let x = side * (field.length / 2.0 + deep * goal.depth);
+            let seen = colour_at(robot_from_field * At::new(x, wide * goal.width), goals);
+            right += usize::from(seen == Some(own));
+            turned += usize::from(seen == Some(other));
+            all += 1;
+        }
+    }
+    if 2 * right > all {
+        Some(pose)
+    } else {
+        (2 * turned > all).then(|| half_turn(pose))
+    }
 }
 
 fn signed(array: &[(f32, i16)], sign: f32) -> Vec<(f32, i16)> {

@@ -7,6 +7,7 @@
 use rayon::prelude::*;
 
 use super::errors::{Errors, QUANTUM};
+use super::grid::Grid;
 use super::pattern::{LAYERS, LINES, Seen, layers};
 use super::{BLOCK_CELLS, STEPS};
 
@@ -14,79 +15,108 @@ use super::{BLOCK_CELLS, STEPS};
 const BIN: usize = 3;
 const BINS: usize = STEPS as usize / BIN + 1;
 
-/// Blocks whose bounds are added at once: eight sums fill a vector register.
-const GROUP: usize = 8;
+/// Side of a tile in blocks: a tile's bounds fill a cache line, so that those near a place are fetched with few.
+const TILE: usize = 8;
+const TILE_BLOCKS: usize = TILE * TILE;
 
-/// Least errors of all blocks, in quanta, by scan line, bin of distance, block; a group beyond the last, so that whole
-/// groups can be read anywhere.
+/// Least errors of all blocks, in quanta, by scan line, bin of distance, tile, block of the tile.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Bounds {
-    least: Vec<u8>,
-    blocks: usize,
+    least: Vec<[u8; TILE_BLOCKS]>,
+    /// Tiles along x and y; the last may reach beyond the blocks.
+    tiles: [usize; 2],
+    /// Blocks along x and y.
+    blocks: [usize; 2],
 }
 
 impl Bounds {
     /// From all cells' distances, by block, layer and cell; scan lines in parallel.
-    pub(super) fn new(cells: &[u8], errors: &Errors) -> Self {
-        let blocks = cells.len() / (LAYERS * BLOCK_CELLS);
-        let mut least = vec![0; LINES * BINS * blocks + GROUP];
-        least[..LINES * BINS * blocks]
-            .par_chunks_exact_mut(BINS * blocks)
+    pub(super) fn new(cells: &[u8], grid: &Grid, errors: &Errors) -> Self {
+        let blocks = [grid.block_columns, grid.block_rows];
+        let mut bounds = Bounds {
+            least: Vec::new(),
+            tiles: blocks.map(|blocks| blocks.div_ceil(TILE)),
+            blocks,
+        };
+        let tiles = bounds.tiles[0] * bounds.tiles[1];
+        let mut least = vec![[0; TILE_BLOCKS]; LINES * BINS * tiles];
+        least
+            .par_chunks_exact_mut(BINS * tiles)
             .enumerate()
             .for_each(|(line, table)| {
                 let (layer, slots) = layers(line);
                 for (block, cells) in cells.chunks_exact(LAYERS * BLOCK_CELLS).enumerate() {
+                    let (tile, place) = bounds.place(block);
                     let stored = &cells[layer * BLOCK_CELLS..(layer + slots) * BLOCK_CELLS];
                     for (bin, difference) in nearest(stored).into_iter().enumerate() {
-                        let error = errors.of((bin * BIN) as u8)[usize::from(difference)];
-                        table[bin * blocks + block] = (u32::from(error) / QUANTUM) as u8;
+                        let error = errors.of(errors.weight((bin * BIN) as u8), difference);
+                        table[bin * tiles + tile][place] = (error / QUANTUM) as u8;
                     }
                 }
             });
-        Bounds { least, blocks }
+        bounds.least = least;
+        bounds
     }
 
     /// Memory held, bytes.
     pub(super) fn bytes(&self) -> usize {
-        self.least.len()
+        self.least.len() * TILE_BLOCKS
     }
 
-    /// The least that any cell of each block can err in all.
-    pub(super) fn of_all(&self, seen: &[Seen]) -> Vec<u32> {
-        let mut sums = vec![0_u16; self.blocks];
-        for one in seen {
-            for (sum, &least) in sums.iter_mut().zip(self.row(one)) {
-                *sum += u16::from(least);
-            }
-        }
-        sums.iter().map(|&sum| u32::from(sum) * QUANTUM).collect()
+    /// The least that any cell of each block can err in all, with the block.
+    pub(super) fn of_all(&self, seen: &[Seen]) -> Vec<(u32, usize)> {
+        self.of_some(seen, [0, self.blocks[0] - 1], [0, self.blocks[1] - 1])
     }
 
-    /// The same for `count` blocks from each of `firsts` on.
-    pub(super) fn of_some(&self, seen: &[Seen], firsts: &[usize], count: usize) -> Vec<u32> {
-        let groups = count.div_ceil(GROUP);
-        let mut sums = vec![[0_u16; GROUP]; firsts.len() * groups];
+    /// The same for the blocks of a rectangle: first and last along x and y.
+    pub(super) fn of_some(
+        &self,
+        seen: &[Seen],
+        [left, right]: [usize; 2],
+        [top, bottom]: [usize; 2],
+    ) -> Vec<(u32, usize)> {
+        let (across, down) = (left / TILE..=right / TILE, top / TILE..=bottom / TILE);
+        let width = across.clone().count();
+        let mut sums = vec![[0_u16; TILE_BLOCKS]; width * down.clone().count()];
         for one in seen {
-            let row = (one.line * BINS + usize::from(one.steps) / BIN) * self.blocks;
-            for (sums, &first) in sums.chunks_exact_mut(groups).zip(firsts) {
-                let (least, _) = self.least[row + first..][..groups * GROUP].as_chunks();
-                for (sums, least) in sums.iter_mut().zip(least) {
-                    let least: &[u8; GROUP] = least;
+            let row = self.row(one);
+            for (sums, y) in sums.chunks_exact_mut(width).zip(down.clone()) {
+                let first = row + y * self.tiles[0] + across.start();
+                for (sums, least) in sums.iter_mut().zip(&self.least[first..first + width]) {
                     for (sum, &least) in sums.iter_mut().zip(least) {
                         *sum += u16::from(least);
                     }
                 }
             }
         }
-        let rows = sums.chunks_exact(groups);
-        rows.flat_map(|row| row.as_flattened()[..count].iter())
-            .map(|&sum| u32::from(sum) * QUANTUM)
-            .collect()
+        let mut bounds = Vec::with_capacity((right - left + 1) * (bottom - top + 1));
+        for y in top..=bottom {
+            for x in left..=right {
+                let tile = (y / TILE - down.start()) * width + x / TILE - across.start();
+                let sum = sums[tile][y % TILE * TILE + x % TILE];
+                bounds.push((u32::from(sum) * QUANTUM, y * self.blocks[0] + x));
+            }
+        }
+        bounds
     }
 
-    fn row(&self, seen: &Seen) -> &[u8] {
-        let row = seen.line * BINS + usize::from(seen.steps) / BIN;
-        &self.least[row * self.blocks..(row + 1) * self.blocks]
+    /// The least that any cell of one block can err in these distances.
+    pub(super) fn of_one(&self, seen: &[Seen], block: usize) -> u32 {
+        let (tile, place) = self.place(block);
+        let least = |one: &Seen| u32::from(self.least[self.row(one) + tile][place]);
+        seen.iter().map(least).sum::<u32>() * QUANTUM
+    }
+
+    /// A block's tile, and its place there.
+    fn place(&self, block: usize) -> (usize, usize) {
+        let (x, y) = (block % self.blocks[0], block / self.blocks[0]);
+        let tile = y / TILE * self.tiles[0] + x / TILE;
+        (tile, y % TILE * TILE + x % TILE)
+    }
+
+    /// Where the tiles of a distance begin.
+    fn row(&self, seen: &Seen) -> usize {
+        (seen.line * BINS + usize::from(seen.steps) / BIN) * self.tiles[0] * self.tiles[1]
     }
 }
 

@@ -47,8 +47,9 @@ impl ScanMap {
             kept,
         };
         // The most promising block tells how few of the others are worth sorting.
-        if let Some(&(_, block)) = bounds.iter().min() {
-            self.note(&mut found, seen, block, window);
+        if let Some(&best) = bounds.iter().min() {
+            self.note(&mut found, seen, best, window);
+            let (_, block) = best;
             let limit = found.limit();
             bounds.retain(|&(bound, other)| bound <= limit && other != block);
         }
@@ -57,15 +58,21 @@ impl ScanMap {
             if bound > found.limit() {
                 break;
             }
-            self.note(&mut found, seen, block, window);
+            self.note(&mut found, seen, (bound, block), window);
         }
         found
     }
 
     /// Compares a block's cells and keeps those that are not much worse than the best so far.
-    fn note(&self, found: &mut Least, seen: &[Seen], block: usize, window: &Window) {
+    fn note(
+        &self,
+        found: &mut Least,
+        seen: &[Seen],
+        (bound, block): (u32, usize),
+        window: &Window,
+    ) {
         let limit = found.limit();
-        let Some(sums) = self.compare(seen, block, limit) else {
+        let Some(sums) = self.compare(seen, (bound, block), limit) else {
             return;
         };
         for (cell, sum) in sums.into_iter().enumerate() {
@@ -77,10 +84,17 @@ impl ScanMap {
         }
     }
 
-    /// Errors of a block's cells over all distances seen, none once all of them exceed the limit; of a radial line's up
-    /// to four distances the nearest counts.
-    fn compare(&self, seen: &[Seen], block: usize, limit: u32) -> Option<[u32; BLOCK_CELLS]> {
+    /// Errors of a block's cells over all distances seen, none once all of them must exceed the limit: what is left to
+    /// compare adds to no cell less than its part of the block's bound. Of a radial line's up to four distances the
+    /// nearest counts.
+    fn compare(
+        &self,
+        seen: &[Seen],
+        (bound, block): (u32, usize),
+        limit: u32,
+    ) -> Option<[u32; BLOCK_CELLS]> {
         let mut sums = [0; BLOCK_CELLS];
+        let mut left = bound;
         let stored = &self.cells[block * LAYERS * BLOCK_CELLS..][..LAYERS * BLOCK_CELLS];
         let (layers_of_all, _) = stored.as_chunks::<BLOCK_CELLS>();
         for some in seen.chunks(STRIDE) {
@@ -92,12 +106,13 @@ impl ScanMap {
                         *least = (*least).min(steps.abs_diff(one.steps));
                     }
                 }
-                let errors = self.errors.of(one.steps);
+                let weight = self.errors.weight(one.steps);
                 for (sum, least) in sums.iter_mut().zip(least) {
-                    *sum += u32::from(errors[usize::from(least)]);
+                    *sum += self.errors.of(weight, least);
                 }
             }
-            if sums.iter().all(|&sum| sum > limit) {
+            left = left.saturating_sub(self.bounds.of_one(some, block));
+            if sums.iter().all(|&sum| sum.saturating_add(left) > limit) {
                 return None;
             }
         }
@@ -124,7 +139,7 @@ mod tests {
         let seen = sort(points, heading, &map.config);
         let least = (0..map.grid.blocks())
             .flat_map(|block| {
-                let sums = map.compare(&seen, block, u32::MAX).expect("no limit");
+                let sums = map.compare(&seen, (0, block), u32::MAX).expect("no limit");
                 (0..BLOCK_CELLS).map(move |cell| (sums[cell], map.grid.cell(block, cell)))
             })
             .filter(|(_, at)| window.has(*at))

@@ -120,7 +120,7 @@ impl ScanMap {
     fn assemble(cells: Vec<u8>, grid: Grid, config: ScanMapConfig) -> Self {
         let errors = Errors::new(&config);
         ScanMap {
-            bounds: Bounds::new(&cells, &errors),
+            bounds: Bounds::new(&cells, &grid, &errors),
             errors,
             cells,
             grid,
@@ -145,7 +145,7 @@ impl ScanMap {
         if seen.is_empty() {
             return Vec::new();
         }
-        let bounds = self.bounds.of_all(&seen).into_iter().zip(0..).collect();
+        let bounds = self.bounds.of_all(&seen);
         let cells = self.open(&seen, bounds, &self.grid.whole(), KEPT);
         let mut found: Vec<(f32, Pose)> = Vec::new();
         for (sum, cell) in cells.sorted() {
@@ -177,20 +177,10 @@ impl ScanMap {
             columns: around(centre.x, self.grid.x0, self.grid.columns),
             rows: around(centre.y, self.grid.y0, self.grid.rows),
         };
-        let [left, right] = window.columns.map(|column| column / BLOCK);
-        let [top, bottom] = window.rows.map(|row| row / BLOCK);
-        let firsts: Vec<usize> = (top..=bottom)
-            .map(|row| row * self.grid.block_columns + left)
-            .collect();
-        let count = right - left + 1;
-        let blocks = firsts.iter().flat_map(|&first| first..first + count);
-        let bounds = self.bounds.of_some(&seen, &firsts, count);
-        let cells = self.open(
-            &seen,
-            bounds.into_iter().zip(blocks).collect(),
-            &window,
-            1.0,
-        );
+        let blocks = |cells: [usize; 2]| cells.map(|cell| cell / BLOCK);
+        let (columns, rows) = (blocks(window.columns), blocks(window.rows));
+        let bounds = self.bounds.of_some(&seen, columns, rows);
+        let cells = self.open(&seen, bounds, &window, 1.0);
         let &(sum, cell) = cells.sorted().first()?;
         Some((Errors::mean(sum, seen.len()), self.pose(cell, centre.theta)))
     }
