@@ -1,4 +1,4 @@
-//! How does the robot's process come before all others? Real-time priority, and memory that is never paged out.
+//! How does the robot's process come before all others? Real-time priority, and memory that stays.
 
 #![expect(
     unsafe_code,
@@ -26,6 +26,19 @@ pub fn set_priority(priority: i32) -> Result<(), Errno> {
 pub fn lock_memory() -> Result<(), Errno> {
     // SAFETY: takes nothing but flags.
     done(unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) })
+}
+
+/// Keeps freed memory up to so many bytes for what is allocated next; of an image's size glibc else gives it back at once,
+/// and each page of the next image is a fault.
+pub fn keep_memory(bytes: i32) {
+    // SAFETY: takes nothing but numbers. What glibc refuses stays as it was.
+    #[cfg(target_env = "gnu")]
+    unsafe {
+        let _told = libc::mallopt(libc::M_MMAP_THRESHOLD, bytes);
+        let _told = libc::mallopt(libc::M_TRIM_THRESHOLD, bytes);
+    }
+    #[cfg(not(target_env = "gnu"))]
+    let _ = bytes;
 }
 
 /// Lets the calling thread, and those it starts, be taken up promptly when something arrives, for a short while each time.

@@ -15,7 +15,7 @@ use crate::cycle::{Cycle, Spine, SpineConfig, overlaid};
 use crate::outputs::mode_name;
 use crate::simulation::Simulation;
 
-/// A pose this far off while called tracked is silently wrong, metres.
+/// A pose this far off while called tracked, with no reason for doubt, is silently wrong, metres.
 const WRONG: f32 = 0.5;
 /// A pose this near is right again after a kidnap, metres and radians (3°).
 const RIGHT: (f32, f32) = (0.15, 0.052);
@@ -36,6 +36,8 @@ pub struct Row {
     pub std: [f32; 3],
     /// Tracking, global, lost.
     pub mode: Mode,
+    /// A tracked pose's reason for doubt is said: too few points, a poor match, a rival.
+    pub doubted: bool,
     /// Line points.
     pub points: usize,
     /// Image to features and features to pose, milliseconds; what differs from run to run.
@@ -85,6 +87,7 @@ pub fn row(cycle: &Cycle) -> Option<Row> {
         pose: estimate.pose.map(|pose| [pose.x, pose.y, pose.theta]),
         std: [0, 1, 2].map(|k| covariance[(k, k)].max(0.0).sqrt()),
         mode: estimate.mode,
+        doubted: estimate.reason.is_some(),
         points: cycle.points.len(),
         times_ms: [cycle.timings.see_ms, cycle.timings.localize_ms],
     })
@@ -132,7 +135,9 @@ fn score(rows: &[Row], kidnaps: &[f64], settle: f64) -> Score {
         score.max[axis] = values().map(f64::abs).fold(0.0, f64::max);
     }
     let silently = |row: &Row| {
-        row.mode == Mode::Tracking && row.error().is_some_and(|e| e[0].hypot(e[1]) >= WRONG)
+        row.mode == Mode::Tracking
+            && !row.doubted
+            && row.error().is_some_and(|e| e[0].hypot(e[1]) >= WRONG)
     };
     for row in scored {
         let piece = ((row.stamp_s - settle) / PIECE_S) as usize;

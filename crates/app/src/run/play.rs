@@ -33,6 +33,8 @@ const PATIENCE: Duration = Duration::from_millis(20);
 const BLIND: f64 = 0.2;
 /// How long the bus has to take the last stop.
 const LAST_WORD: Duration = Duration::from_millis(300);
+/// Freed memory that is kept for the next frames, bytes: some images and a log's chunks.
+const KEPT_BYTES: i32 = 32 << 20;
 /// Cycles that may wait to be written as poses.
 const POSES_WAITING: usize = 300;
 
@@ -98,6 +100,7 @@ impl Play {
         let mut status = Status::new();
         // Threads take over the priority of the one that starts them: those of log and network were started before.
         hw::realtime::be_prompt();
+        hw::realtime::keep_memory(KEPT_BYTES);
         if let Some(priority) = self.realtime {
             let _told = hw::realtime::set_priority(priority)
                 .inspect_err(|error| status.say(&format!("no real-time priority: {error}")));

@@ -1,6 +1,6 @@
 //! Which part is seen, how large? Scroll to zoom about the pointer, drag to pan, double-click for the whole.
 
-use eframe::egui::{Pos2, Rect, Response, Ui, Vec2};
+use eframe::egui::{Color32, Painter, Pos2, Rect, Response, Ui, Vec2};
 
 /// Least and most enlargement over the whole picture.
 const ZOOM: [f32; 2] = [0.5, 60.0];
@@ -78,6 +78,27 @@ impl PanZoom {
     fn scale(&self, area: Rect, size: Vec2) -> f32 {
         let whole = (area.width() / size.x).min(area.height() / size.y);
         (whole * self.zoom).max(1e-3)
+    }
+}
+
+/// Paints what of `outer` lies outside `inner`: a software renderer pays for every pixel, those that are covered later too.
+pub(crate) fn paint_around(painter: &Painter, outer: Rect, inner: Rect, colour: Color32) {
+    // The edges, which are smoothed, lie under the picture.
+    let inner = inner.shrink(1.0).intersect(outer);
+    if !inner.is_positive() {
+        painter.rect_filled(outer, 0.0, colour);
+        return;
+    }
+    let [left, right] = [outer.left()..=inner.left(), inner.right()..=outer.right()];
+    let [above, below] = [outer.top()..=inner.top(), inner.bottom()..=outer.bottom()];
+    let bands = [
+        Rect::from_x_y_ranges(outer.x_range(), above),
+        Rect::from_x_y_ranges(outer.x_range(), below),
+        Rect::from_x_y_ranges(left, inner.y_range()),
+        Rect::from_x_y_ranges(right, inner.y_range()),
+    ];
+    for band in bands.into_iter().filter(Rect::is_positive) {
+        painter.rect_filled(band, 0.0, colour);
     }
 }
 

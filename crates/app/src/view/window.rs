@@ -29,6 +29,8 @@ const MEMORY: &str = "view";
 const SIZE: [f32; 2] = [1280.0, 800.0];
 /// How far the view's threads step back: half as much processor time as `nice` gives at most.
 const NICE: i32 = 10;
+/// Freed memory that is kept for the next frame, bytes: what textures, meshes and a software renderer need for a few.
+const KEPT_BYTES: i32 = 64 << 20;
 /// A picture is taken after so many frames with a cycle: layers are painted by then.
 const SETTLED_FRAMES: u32 = 12;
 
@@ -71,6 +73,7 @@ pub(crate) fn show(session: Session, wishes: Wishes) -> Result<Outcome> {
     rayon::broadcast(|_| ());
     // Where it cannot step back (a stricter system), the view merely runs beside the others.
     let _ = rustix::process::setpriority_process(None, NICE);
+    hw::realtime::keep_memory(KEPT_BYTES);
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title(format!("Mirrorball: {}", session.name))
@@ -82,6 +85,8 @@ pub(crate) fn show(session: Session, wishes: Wishes) -> Result<Outcome> {
             vsync: false,
             ..Default::default()
         },
+        // Nothing here fades; a software renderer computes it for every pixel.
+        dithering: false,
         persist_window: wishes.screenshot.is_none(),
         ..Default::default()
     };
@@ -162,6 +167,10 @@ impl eframe::App for Window {
             }
             ctx.request_repaint_after(Duration::from_millis(30));
         }
+    }
+
+    fn clear_color(&self, visuals: &egui::Visuals) -> [f32; 4] {
+        visuals.panel_fill.to_normalized_gamma_f32()
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {

@@ -16,7 +16,7 @@ use crate::cycle::Cycle;
 use crate::view::brush::{Brush, Tool};
 use crate::view::ink;
 use crate::view::layers::{BIRD_REACH, BIRD_SIDE, Wanted};
-use crate::view::panzoom::{PanZoom, Placed};
+use crate::view::panzoom::{PanZoom, Placed, paint_around};
 use crate::view::session::Session;
 use crate::view::source::image_of;
 use crate::view::stage::Stage;
@@ -161,7 +161,10 @@ impl Camera {
         let painting = brush.tool != Tool::None && !self.bird;
         let placed = self.view.follow(ui, &response, size, !painting);
         let painter = painter.with_clip_rect(response.rect);
-        painter.rect_filled(response.rect, 0.0, Color32::BLACK);
+        let covered = (image.is_some() && self.shows.image && !self.bird)
+            .then(|| placed.rect(size))
+            .unwrap_or(Rect::NOTHING);
+        paint_around(&painter, response.rect, covered, Color32::BLACK);
         self.pixels(ui, &painter, session, cycle, (&placed, size));
         if let Some(stage) = &session.stage {
             let drawing = Drawing {

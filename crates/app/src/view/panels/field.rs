@@ -14,7 +14,7 @@ use super::field_marks::{self as marks, OnScreen};
 use crate::cycle::Cycle;
 use crate::view::ink;
 use crate::view::layers::Wanted;
-use crate::view::panzoom::PanZoom;
+use crate::view::panzoom::{PanZoom, paint_around};
 use crate::view::session::Session;
 use crate::view::source::worker::Order;
 use crate::view::stage::Stage;
@@ -122,7 +122,8 @@ impl FieldView {
         let screen = OnScreen::new(placed, half);
         self.drag(ui, &response, session, &screen);
         let painter = painter.with_clip_rect(response.rect);
-        painter.rect_filled(response.rect, 0.0, ink::SURROUND);
+        let carpet = marks::carpet(&screen, &stage.field);
+        paint_around(&painter, response.rect, carpet, ink::SURROUND);
         let layer = self.ground(ui, &painter, session, (&stage, &screen));
         marks::draw_field(&painter, &screen, &stage.field, !layer);
         self.paths(&painter, &screen, session);

@@ -2,7 +2,7 @@
 
 use std::f32::consts::TAU;
 
-use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Shape, Stroke, Vec2};
+use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Vec2};
 use localize::field::{Field, GoalColour, Marking};
 use localize::frame::FieldFrame;
 use localize::{At, Pose};
@@ -104,13 +104,17 @@ fn arc(centre: At<FieldFrame>, radius: f32, start: f32, sweep: f32) -> Vec<At<Fi
         .collect()
 }
 
-/// Carpet, markings and goals. Without `carpet` a layer lies there already.
-pub(crate) fn draw_field(painter: &Painter, screen: &OnScreen, field: &Field, carpet: bool) {
+/// Where the carpet is on the screen.
+pub(crate) fn carpet(screen: &OnScreen, field: &Field) -> Rect {
     let (half_x, half_y) = field.carpet_half_extent();
-    if carpet {
-        let corners = [At::new(-half_x, half_y), At::new(half_x, -half_y)].map(|at| screen.at(at));
-        let rect = eframe::egui::Rect::from_two_pos(corners[0], corners[1]);
-        painter.rect_filled(rect, 0.0, ink::CARPET);
+    let [from, to] = [At::new(-half_x, half_y), At::new(half_x, -half_y)].map(|at| screen.at(at));
+    Rect::from_two_pos(from, to)
+}
+
+/// Carpet, markings and goals. Without `with_carpet` a layer lies there already.
+pub(crate) fn draw_field(painter: &Painter, screen: &OnScreen, field: &Field, with_carpet: bool) {
+    if with_carpet {
+        painter.rect_filled(carpet(screen, field), 0.0, ink::CARPET);
     }
     let width = (field.config.line_width * screen.scale()).max(1.0);
     let stroke = Stroke::new(width, ink::LINE);
