@@ -284,7 +284,7 @@ mod tests {
             painted(&field).iter().map(of).fold(0.0, f32::max)
         };
         assert_eq!([white(2.0, 2.24), white(4.49, 2.0)], [0.0, 0.0]);
-        assert_eq!([white(4.5, 0.5), white(0.0, 2.2)], [1.0, 1.0]);
+        assert!(white(4.5, 0.5) > 0.999 && white(0.0, 2.2) > 0.999);
     }
 
     #[test]
