@@ -161,9 +161,11 @@ impl Camera {
         let painting = brush.tool != Tool::None && !self.bird;
         let placed = self.view.follow(ui, &response, size, !painting);
         let painter = painter.with_clip_rect(response.rect);
-        let covered = (image.is_some() && self.shows.image && !self.bird)
-            .then(|| placed.rect(size))
-            .unwrap_or(Rect::NOTHING);
+        let covered = if image.is_some() && self.shows.image && !self.bird {
+            placed.rect(size)
+        } else {
+            Rect::NOTHING
+        };
         paint_around(&painter, response.rect, covered, Color32::BLACK);
         self.pixels(ui, &painter, session, cycle, (&placed, size));
         if let Some(stage) = &session.stage {
