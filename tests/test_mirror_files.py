@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorball import Camera, Field, GroundMap, Mount, Profile, ground_map, render, trace_rays
-from mirrorball.mirror import camera_for, lima2001, load, nubot2013, report, view
+from mirrorball.mirror import Planar, camera_for, design, judge, lima2001, load, nubot2013, report, view
 from mirrorball.mirror.drawing import Drawer
 
 ROOT = Path(__file__).parents[1]
@@ -96,9 +96,9 @@ def test_the_same_report_is_written_alone_and_with_a_second_process(tmp_path: Pa
 
 
 def test_a_figure_that_the_second_process_cannot_write_is_an_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "ground.svg").mkdir()
     with Drawer() as drawer, pytest.raises(OSError, match="could not be written"):
-        report(lima2001(), folder=tmp_path, drawer=drawer)
+        drawer.draw(judge(lima2001(), focal_px=700.0), ["ground"], tmp_path / "nowhere")
+        drawer.finish()
     assert "ground.svg" in capfd.readouterr().err
 
 
@@ -163,3 +163,30 @@ def test_wrong_arguments_raise_what_a_user_knows(tmp_path: Path) -> None:
         trace_rays(camera=low, profile=lima2001().profile())
     with pytest.raises(ValueError, match="finite"):
         render(camera=camera_for(lima2001()), profile=lima2001().profile(), field=Field(), pose=(float("nan"), 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("apex = 1e300", "apex = 1e+300 must be positive, and at most 1000"),
+        ("apex = true", "apex = True must be a number"),
+        ("apex = 0.2\nreach = 0", "reach = 0 must be positive"),
+        ("apex = 0.2\nname = '../x'", "must do as a file's name"),
+        ("apex = 0.2\nlens = 3", "lens"),
+        ("apex = 0.2\nlens = { f_number = 0.0 }", "f_number = 0 must be positive"),
+        ("apex = 0.2\ntolerances = { form = -1.0 }", "form_m = -1 must not be negative"),
+    ],
+)
+def test_a_slip_of_the_pen_is_named_with_its_file(tmp_path: Path, wrong: str, said: str) -> None:
+    camera = "[camera]\nwidth_px = 480\nheight_px = 480\nfocal_px = 700.0\nheight = 0.6\n"
+    path = tmp_path / "slip.toml"
+    path.write_text(f"{wrong}\n{camera}[[part]]\nkind = 'planar'\nuntil_t = 0.2\n")
+    with pytest.raises(ValueError, match=r"slip\.toml") as refused:
+        load(path)
+    assert said in str(refused.value)
+
+
+def test_a_mirror_that_shows_nothing_of_use_is_reported_all_the_same(tmp_path: Path) -> None:
+    flat = design([Planar(until_t=0.2)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
+    assert report(flat, folder=tmp_path).page.exists()
+    assert not list(tmp_path.glob(".report-*"))

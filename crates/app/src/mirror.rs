@@ -186,10 +186,17 @@ fn explained(py: Python<'_>, error: &PyErr) -> anyhow::Error {
     if error.is_instance_of::<PyKeyboardInterrupt>(py) {
         return anyhow!("interrupted");
     }
+    let value = error.value(py);
+    let of = |name: &str| value.getattr(name).ok().filter(|found| !found.is_none());
+    if error.is_instance_of::<PyOSError>(py)
+        && let (Some(file), Some(reason)) = (of("filename"), of("strerror"))
+    {
+        return anyhow!("cannot use {file}: {reason}");
+    }
     let expected =
         error.is_instance_of::<PyValueError>(py) || error.is_instance_of::<PyOSError>(py);
     if !expected {
         python::print_traceback(py, error);
     }
-    anyhow!("{}", error.value(py))
+    anyhow!("{value}")
 }

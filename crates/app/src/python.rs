@@ -35,7 +35,13 @@ pub(crate) fn start(python: Option<&Path>) -> Result<()> {
     })
     .context("cannot prepare Python")?;
     Python::attach(|py| {
-        py.import("numpy").map(drop).with_context(|| {
+        let Err(error) = py.import("numpy") else {
+            return Ok(());
+        };
+        if error.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
+            anyhow::bail!("interrupted");
+        }
+        Err(error).with_context(|| {
             format!(
                 "{} has no numpy: install requirements.txt there, or name another environment with --python",
                 program.display()

@@ -93,6 +93,9 @@ pub struct Placement {
     pub theta_deg: f32,
 }
 
+/// Places and headings beyond this (metres, degrees) are slips of the pen.
+const FAR: f32 = 1000.0;
+
 impl Placement {
     /// As a pose on the field.
     pub fn pose(self) -> Pose {
@@ -487,6 +490,18 @@ impl Scenario {
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(key, format!("{value} must be a positive number"));
+            }
+        }
+        let [ball_x, ball_y] = self.ball.position;
+        for (key, value) in [
+            ("start.x", self.start.x),
+            ("start.y", self.start.y),
+            ("start.theta_deg", self.start.theta_deg),
+            ("ball.position", ball_x),
+            ("ball.position", ball_y),
+        ] {
+            if !(value.abs() <= FAR) {
+                return refuse(key, format!("{value} must be a number up to ±{FAR}"));
             }
         }
         if !(0.0..=1.0).contains(&self.ball.restitution) {

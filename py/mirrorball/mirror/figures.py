@@ -71,6 +71,8 @@ def _side(ax: Axes, axis: Axis, *, upright: bool) -> None:
 
 
 def _logarithmic(ax: Axes) -> None:
+    if not any((np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)) > 0.0).any() for line in ax.lines):
+        return
     # Plain numbers at 1, 2, 5: the usual powers of ten go through the formula typesetter, ten times slower.
     ax.set_yscale("log")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=9))

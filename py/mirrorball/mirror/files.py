@@ -6,6 +6,7 @@ Keys are the arguments of the Python classes without their `_m`: metres are sile
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -82,30 +83,40 @@ def load(source: str | Path, *, progress: bool = True) -> Plan:
     except FileNotFoundError as error:
         ready = ", ".join(READYMADE)
         raise FileNotFoundError(f"{path}: no such file, and no ready-made design ({ready})") from error
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: {error}") from error
     try:
         return _plan(table, name=path.stem, progress=progress)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    except ArithmeticError as error:
+        raise ValueError(f"{path}: a number is too large or too small to design with: {error}") from error
 
 
 def _plan(table: dict[str, Any], *, name: str, progress: bool) -> Plan:
     _known(table, {"name", "apex", "reach", "camera", "lens", "tolerances", "part", "wish"}, "the file")
-    camera = _camera(_needed(table, "camera", "the file"))
-    apex = float(_needed(table, "apex", "the file"))
+    camera = _camera(_table(_needed(table, "camera", "the file"), "[camera]"))
+    apex = _number(_needed(table, "apex", "the file"), "apex")
+    reach = _number(table.get("reach", 12.0), "reach")
+    for key, value in (("apex", apex), ("reach", reach)):
+        if not 0.0 < value <= 1000.0:
+            raise ValueError(f"{key} = {value:g} must be positive, and at most 1000")
     name = str(table.get("name", name))
+    if "/" in name or "\\" in name:
+        raise ValueError(f"name = {name!r} must do as a file's name")
+    lens = _filled(Lens, _table(table.get("lens", {}), "[lens]"), "[lens]")
+    tolerances = _filled(Tolerances, _table(table.get("tolerances", {}), "[tolerances]"), "[tolerances]")
     if ("part" in table) == ("wish" in table):
         raise ValueError("give either [[part]] tables or [[wish]] tables")
     optimised = None
     if "wish" in table:
-        wanted = [_made(WISHES, row, f"wish {number}") for number, row in enumerate(table["wish"], start=1)]
+        wanted = [_made(WISHES, row, f"wish {number}") for number, row in _rows(table, "wish")]
         optimised = optimise(wanted, camera=camera, apex_above_pinhole_m=apex, name=name, progress=progress)
         mirror = optimised.mirror
     else:
         half = (min(camera.width_px, camera.height_px) - 1) / 2.0
         mirror = design(
-            [_part(row, number) for number, row in enumerate(table["part"], start=1)],
+            [_part(row, number) for number, row in _rows(table, "part")],
             pinhole_height_m=camera.pinhole_height_m,
             apex_above_pinhole_m=apex,
             t_max=(camera.outer_radius_px or half) / camera.focal_px,
@@ -114,9 +125,9 @@ def _plan(table: dict[str, Any], *, name: str, progress: bool) -> Plan:
     return Plan(
         mirror=mirror,
         camera=camera,
-        lens=_filled(Lens, table.get("lens", {}), "[lens]"),
-        tolerances=_filled(Tolerances, table.get("tolerances", {}), "[tolerances]"),
-        reach_m=float(table.get("reach", 12.0)),
+        lens=lens,
+        tolerances=tolerances,
+        reach_m=reach,
         optimised=optimised,
     )
 
@@ -126,6 +137,11 @@ def _camera(row: dict[str, Any]) -> Camera:
     for key, needed in CAMERA_KEYS.items():
         if needed:
             _needed(row, key, "[camera]")
+    for key in set(row) & {"width_px", "height_px", "focal_px", "height", "outer_radius_px"}:
+        if _number(row[key], f"[camera] {key}") <= 0.0:
+            raise ValueError(f"[camera] {key} = {row[key]:g} must be positive")
+        if key in ("width_px", "height_px") and not isinstance(row[key], int):
+            raise ValueError(f"[camera] {key} = {row[key]:g} must be a whole number")
     values = dict(row)
     values["pinhole_height_m"] = values.pop("height")
     if "centre_px" in values:
@@ -179,6 +195,26 @@ def _filled(kind: type[T], row: dict[str, Any], place: str) -> T:
         if "float" in str(names[key].type) and (isinstance(value, bool) or not isinstance(value, int | float)):
             raise ValueError(f"{place}: {key} = {value!r} must be a number")
     return kind(**{names[key].name: value for key, value in row.items()})
+
+
+def _table(value: Any, place: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{place} = {value!r} must be a table")
+    return value
+
+
+def _rows(table: dict[str, Any], key: str) -> Iterator[tuple[int, dict[str, Any]]]:
+    rows = table[key]
+    if not isinstance(rows, list):
+        raise ValueError(f"{key} = {rows!r} must be [[{key}]] tables")
+    for number, row in enumerate(rows, start=1):
+        yield number, _table(row, f"{key} {number}")
+
+
+def _number(value: Any, key: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise ValueError(f"{key} = {value!r} must be a number")
+    return float(value)
 
 
 def _key(field: str) -> str:

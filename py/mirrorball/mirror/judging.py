@@ -29,6 +29,12 @@ class Lens:
     focus_m: float | None = None
     """Distance from the pinhole that is in focus; None: the best compromise for the whole mirror."""
 
+    def __post_init__(self) -> None:
+        for name in ("focal_length_m", "f_number", "focus_m"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"lens: {name} = {value:g} must be positive")
+
     @property
     def aperture_m(self) -> float:
         """Diameter of the entrance pupil."""

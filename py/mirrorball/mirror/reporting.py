@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -70,32 +73,61 @@ def report(
     `mirrors` imperfect mirrors are tried against `tolerances`; 0 leaves that out. A `drawer`, begun before the design, is a
     second process that draws a share.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    final = Path(folder)
+    final.mkdir(parents=True, exist_ok=True)
     camera = camera or camera_for(mirror)
     judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
+    # A report is there whole or not at all.
+    with tempfile.TemporaryDirectory(prefix=".report-", dir=final) as unfinished:
+        errors = _write(
+            judged,
+            folder=Path(unfinished),
+            camera=camera,
+            drawer=drawer,
+            errors=partial(
+                monte_carlo,
+                mirror,
+                camera=camera,
+                tolerances=tolerances,
+                count=mirrors,
+                reach_m=reach_m,
+                seed=seed,
+                progress=progress,
+            )
+            if mirrors
+            else None,
+        )
+        for file in Path(unfinished).iterdir():
+            file.replace(final / file.name)
+    return Report(folder=final, page=final / "index.html", judgement=judged, errors=errors)
+
+
+def _write(
+    judged: Judgement,
+    *,
+    folder: Path,
+    camera: Camera,
+    drawer: Drawer | None,
+    errors: Callable[[], GroundErrors] | None,
+) -> GroundErrors | None:
     names = list(FIGURES)
     if drawer is not None:
         # Imperfect mirrors take longer than all figures.
-        beside = len(names) if mirrors else BESIDE
+        beside = len(names) if errors else BESIDE
         drawer.draw(judged, names[:beside], folder)
         names = names[beside:]
-    errors = None
-    if mirrors:
-        errors = monte_carlo(
-            mirror, camera=camera, tolerances=tolerances, count=mirrors, reach_m=reach_m, seed=seed, progress=progress
-        )
-        draw(errors, ["tolerances"], folder)
+    found = errors() if errors else None
+    if found is not None:
+        draw(found, ["tolerances"], folder)
     draw(judged, names, folder)
     if drawer is not None:
         drawer.finish()
     sections = [_section(name, heading, folder) for name, heading in FIGURES.items()]
-    if errors is not None:
-        sections += [_section("tolerances", "Tolerances", folder), _error_table(errors)]
+    if found is not None:
+        sections += [_section("tolerances", "Tolerances", folder), _error_table(found)]
     _write_tables(judged, folder)
-    page = folder / "index.html"
-    page.write_text(_page(judged, camera, sections), encoding="utf-8")
-    return Report(folder=folder, page=page, judgement=judged, errors=errors)
+    (folder / "index.html").write_text(_page(judged, camera, sections), encoding="utf-8")
+    return found
 
 
 def _write_tables(judged: Judgement, folder: Path) -> None:

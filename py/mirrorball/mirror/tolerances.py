@@ -35,6 +35,14 @@ class Tolerances:
     focal_share: float = 0.002
     """Of the focal length."""
 
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(f"tolerance {field.name} = {value:g} must not be negative")
+        if self.form_length_m == 0.0:
+            raise ValueError("tolerance form_length_m = 0 must be positive")
+
     def alone(self, cause: str) -> Tolerances:
         """Only one of CAUSES, the others perfect."""
         kept = CAUSES[cause]
@@ -96,7 +104,7 @@ def monte_carlo(
     nominal = _ground(plain, Profile(radius_m=radius, height_m=height), u, v, Mount())
     rng = np.random.default_rng(seed)
     alone = max(count // 10, 10)
-    with tqdm(total=count + alone * len(CAUSES), unit="mirror", disable=not progress, leave=False) as bar:
+    with tqdm(total=count + alone * len(CAUSES), unit="mirror", disable=None if progress else True, leave=False) as bar:
 
         def errors(spread: Tolerances, mirrors: int) -> Array:
             found = np.empty((mirrors, 2, distance.size, AZIMUTHS))

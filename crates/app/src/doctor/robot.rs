@@ -69,7 +69,14 @@ fn network(path: &Path) -> Option<Finding> {
     if !path.exists() {
         return None;
     }
-    let config = match NetworkConfig::load(path) {
+    let refused = |config: NetworkConfig| {
+        config
+            .commands
+            .as_ref()
+            .map_or(Ok(()), |commands| commands.address().map(drop))?;
+        Ok(config)
+    };
+    let config = match NetworkConfig::load(path).and_then(refused) {
         Ok(config) => config,
         Err(error) => {
             let remedy = "docs/network.md has every key";
@@ -88,11 +95,12 @@ fn network(path: &Path) -> Option<Finding> {
             .commands
             .map(|commands| format!("commands at {}", commands.bind)),
     );
-    open.extend(
-        config
-            .team
-            .map(|team| format!("the team at {}", team.group)),
-    );
+    open.extend(config.team.map(|team| {
+        format!(
+            "the team at {} as robot {} (the settings' team.number must be the same)",
+            team.group, team.robot
+        )
+    }));
     open.extend(
         config
             .stream

@@ -61,22 +61,24 @@ struct Outcome<'a> {
 pub fn run(args: &Args, json: bool) -> Result<()> {
     let path = find(&args.name)?;
     let experiment = Experiment::load(&path)?;
+    let asked = |part: &&Part| part.name.contains(&args.only);
+    if !experiment.parts.iter().any(|part| asked(&part)) {
+        return Err(WrongArguments(format!("no part's name contains {:?}", args.only)).into());
+    }
+    if let Some(python) = args.python.as_deref().filter(|path| !path.exists()) {
+        return Err(
+            WrongArguments(format!("{}: there is no such Python", python.display())).into(),
+        );
+    }
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     let last = args
         .seed
         .checked_add(args.seeds.unwrap_or(experiment.seeds))
         .context("seeds end at 2^64")?;
-    let parts = experiment
-        .parts
-        .iter()
-        .filter(|part| part.name.contains(&args.only));
     let mut done = Vec::new();
-    for part in parts {
+    for part in experiment.parts.iter().filter(asked) {
         done.push(run_part(part, args.seed..last, &args.out)?);
-    }
-    if done.is_empty() {
-        return Err(WrongArguments(format!("no part's name contains {:?}", args.only)).into());
     }
     let name = path
         .file_stem()
@@ -121,7 +123,18 @@ fn find(name: &str) -> Result<PathBuf> {
     if name.is_empty() || name.contains(['/', '\\']) {
         bail!("{name:?} is neither an experiment's name nor a TOML file");
     }
-    home::find(&format!("config/experiments/{name}.toml"))
+    let folder = home::find("config/experiments")?;
+    let file = folder.join(format!("{name}.toml"));
+    if file.exists() {
+        return Ok(file);
+    }
+    let mut known: Vec<String> = std::fs::read_dir(&folder)
+        .with_context(|| format!("cannot read {}", folder.display()))?
+        .flatten()
+        .filter_map(|entry| Some(entry.path().file_stem()?.to_string_lossy().into_owned()))
+        .collect();
+    known.sort();
+    bail!("there is no experiment {name:?}, but {}", known.join(", "))
 }
 
 fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<PartResults> {

@@ -154,19 +154,27 @@ const LOOK: Duration = Duration::from_millis(100);
 /// A command is far shorter; a longer datagram is cut and so refused.
 const LONGEST: usize = 2048;
 
+impl CommandConfig {
+    /// Where to listen; refused where strangers could drive the robot.
+    pub fn address(&self) -> Result<SocketAddr> {
+        let address =
+            resolve(&self.bind).with_context(|| format!("[commands] bind = {:?}", self.bind))?;
+        ensure!(
+            address.ip().is_loopback() || self.key.is_some(),
+            "[commands] bind = {:?} lets others than this machine drive the robot: set a key",
+            self.bind
+        );
+        Ok(address)
+    }
+}
+
 impl Commands {
     /// Listens for commands, and hands each one on as it comes; `obey` says whether it is carried out.
     pub fn listen(
         config: &CommandConfig,
         mut obey: impl FnMut(Order) -> bool + Send + 'static,
     ) -> Result<Self> {
-        let address = resolve(&config.bind)
-            .with_context(|| format!("[commands] bind = {:?}", config.bind))?;
-        ensure!(
-            address.ip().is_loopback() || config.key.is_some(),
-            "[commands] bind = {:?} lets others than this machine drive the robot: set a key",
-            config.bind
-        );
+        let address = config.address()?;
         let mut gate = Gate::new(config)?;
         let socket = UdpSocket::bind(address)
             .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;

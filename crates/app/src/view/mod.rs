@@ -28,7 +28,7 @@ mod window;
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use layout::Preset;
 use session::Session;
 pub use window::{AfterRun, beside};
@@ -80,6 +80,9 @@ struct Outcome {
     frames_per_s: f64,
     cycles: u64,
     dropped_cycles: u64,
+    /// What went wrong last.
+    #[serde(skip)]
+    fault: Option<String>,
 }
 
 /// Runs the command.
@@ -102,6 +105,9 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         ..window::Wishes::default()
     };
     let outcome = window::show(session, wishes)?;
+    if let (Some(_), Some(fault)) = (&args.screenshot, &outcome.fault) {
+        bail!("{fault}");
+    }
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
     }

@@ -196,6 +196,7 @@ impl eframe::App for Window {
             frames_per_s: frames as f64 / seconds.max(1e-3),
             cycles: devices.cycles,
             dropped_cycles: devices.dropped,
+            fault: self.view.session.fault.clone(),
         };
         *self.told.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
     }
