@@ -110,7 +110,7 @@ def sweep(
     if todo:
         writer = _Writer(folder)
         results = _on_cluster(function, todo, scheduler, retries) if scheduler else _here(function, todo, workers, retries)
-        bar = tqdm(results, total=len(keys), initial=len(keys) - len(todo), unit="run", disable=None if progress else True)
+        bar = tqdm(results, total=len(keys), initial=len(keys) - len(todo), unit="run", disable=not progress)
         try:
             for key, row in bar:
                 writer.add(key, row)

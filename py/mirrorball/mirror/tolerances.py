@@ -104,7 +104,7 @@ def monte_carlo(
     nominal = _ground(plain, Profile(radius_m=radius, height_m=height), u, v, Mount())
     rng = np.random.default_rng(seed)
     alone = max(count // 10, 10)
-    with tqdm(total=count + alone * len(CAUSES), unit="mirror", disable=None if progress else True, leave=False) as bar:
+    with tqdm(total=count + alone * len(CAUSES), unit="mirror", disable=not progress, leave=False) as bar:
 
         def errors(spread: Tolerances, mirrors: int) -> Array:
             found = np.empty((mirrors, 2, distance.size, AZIMUTHS))

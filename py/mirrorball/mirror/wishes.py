@@ -295,7 +295,7 @@ def optimise(
     )
     problem = build(wishes)
     soft = [wish for wish in wishes if not wish.hard]
-    with tqdm(total=1 + len(soft), unit="search", disable=None if progress else True, leave=False) as bar:
+    with tqdm(total=1 + len(soft), unit="search", disable=not progress, leave=False) as bar:
         starts = [problem.start(share * problem.t_max) for share in (0.95, 0.6)]
         best, broken = _solve(problem, starts)
         bar.update()
