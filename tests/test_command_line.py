@@ -143,3 +143,21 @@ def test_examples_draw_their_picture(name: str, tmp_path: Path) -> None:
     done = mirrorball("script", ROOT / f"py/examples/{name}.py", "--out", tmp_path / "picture.png")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "picture.png").stat().st_size > 50_000
+
+
+@pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
+def test_a_report_that_is_ended_leaves_nothing_and_says_so_in_a_line(tmp_path: Path, asked: signal.Signals) -> None:
+    out = tmp_path / "report"
+    command = [PROGRAM, "mirror", "report", "lima2001", "--mirrors", "100000", "--out", out]
+    environment = {**os.environ, "VIRTUAL_ENV": sys.prefix}
+    with subprocess.Popen(
+        command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as running:
+        end = time.monotonic() + 60.0
+        while not list(out.glob(".report-*/*.png")) and time.monotonic() < end:
+            time.sleep(0.05)
+        os.killpg(running.pid, asked)
+        _, said = running.communicate(timeout=60)
+    assert running.returncode == 1
+    assert "interrupted" in said and "Traceback" not in said
+    assert list(out.iterdir()) == []

@@ -27,11 +27,12 @@ pub(crate) fn start(python: Option<&Path>) -> Result<()> {
     Python::attach(|py| {
         mirrorball_py::embedded::install(py)?;
         let signal = py.import("signal")?;
-        let (number, handler) = (
-            signal.getattr("SIGINT")?,
-            signal.getattr("default_int_handler")?,
-        );
-        signal.call_method1("signal", (number, handler)).map(drop)
+        let handler = signal.getattr("default_int_handler")?;
+        // Who is asked to end cleans up, whichever way he is asked.
+        for name in ["SIGINT", "SIGTERM"] {
+            signal.call_method1("signal", (signal.getattr(name)?, &handler))?;
+        }
+        PyResult::Ok(())
     })
     .context("cannot prepare Python")?;
     Python::attach(|py| {

@@ -93,6 +93,9 @@ def _serve(jobs: int) -> None:
             while queue.peek(1):
                 draw(*pickle.load(queue))
         os._exit(0)
+    except KeyboardInterrupt:
+        # Whoever asked the parent too hears of it there.
+        os._exit(1)
     except BaseException:
         traceback.print_exc()
         os._exit(1)
