@@ -148,7 +148,7 @@ def test_examples_draw_their_picture(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
 def test_a_report_that_is_ended_leaves_nothing_and_says_so_in_a_line(tmp_path: Path, asked: signal.Signals) -> None:
     out = tmp_path / "report"
-    command = [PROGRAM, "mirror", "report", "lima2001", "--mirrors", "100000", "--out", out]
+    command: list[str | Path] = [PROGRAM, "mirror", "report", "lima2001", "--mirrors", "100000", "--out", out]
     environment = {**os.environ, "VIRTUAL_ENV": sys.prefix}
     with subprocess.Popen(
         command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
