@@ -102,17 +102,16 @@ impl NativeTable {
 
     /// The classes of several cells.
     #[inline]
-    pub(crate) fn fetch(&self, cells: &[u32], classes: &mut [Class]) {
-        let known = |cell: u32| self.classes[cell as usize % CELLS].load(Ordering::Relaxed);
-        for (class, &cell) in classes.iter_mut().zip(cells) {
-            *class = Class(known(cell));
+    pub(crate) fn fetch<const N: usize>(&self, cells: &[u32; N]) -> [Class; N] {
+        let mut known = [0; N];
+        for (known, &cell) in known.iter_mut().zip(cells) {
+            *known = self.classes[cell as usize % CELLS].load(Ordering::Relaxed);
         }
         // Without a branch for each.
-        if classes.iter().fold(0, |most, class| class.0.max(most)) == UNKNOWN {
-            for (class, &cell) in classes.iter_mut().zip(cells) {
-                *class = self.at(cell);
-            }
+        if known.iter().fold(0, |most, &class| most.max(class)) == UNKNOWN {
+            return std::array::from_fn(|index| self.at(cells[index]));
         }
+        known.map(Class)
     }
 
     #[cold]

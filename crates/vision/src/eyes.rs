@@ -6,6 +6,7 @@ use crate::adapt::Adaptation;
 use crate::ball::{Ball, BallSearch, Visited};
 use crate::camera::CameraConfig;
 use crate::carpet::{CarpetModel, median_colour};
+use crate::classify::ClassReader;
 use crate::colours::{Class, NativeTable};
 use crate::config::{VisionConfig, Window};
 use crate::error::VisionError;
@@ -13,10 +14,12 @@ use crate::goals::{Goal, goals};
 use crate::ground_map::GroundMap;
 use crate::image::{Frame, PixelFormat, rgb_of_yuv, yuv_of_rgb};
 use crate::labels::ColourTable;
-use crate::line_points::{Judge, Reading, RefusedRun, SeenLinePoint, line_points, thresholds};
+use crate::line_points::{
+    Judge, Reading, RefusedRun, Scratch, SeenLinePoint, line_points, thresholds,
+};
 use crate::rays::{RaySight, Rays};
 use crate::reach::Reach;
-use crate::read::{BrightnessReader, ClassReader};
+use crate::read::BrightnessReader;
 use crate::robots::{Robot, robots};
 use crate::scan::ScanPattern;
 use crate::transitions::wall_feet;
@@ -52,6 +55,9 @@ const NOISE_LAG: usize = 4;
 /// The carpet's share is counted over each so manieth sample: thousands are left, which tell it to a percent.
 const SHARE_STEP: usize = 16;
 
+/// So many rows are read by one reader and then by the next: what the first fetched is in the core's cache for the others.
+const BAND_ROWS: usize = 4;
+
 /// The eyes of one robot: tables of its camera and map, and the colours of the light it is in.
 #[derive(Debug, Clone)]
 pub struct Eyes {
@@ -59,6 +65,8 @@ pub struct Eyes {
     config: VisionConfig,
     line_width: f32,
     pattern: ScanPattern,
+    /// Column and row of each of the pattern's samples, together in memory.
+    places: Vec<[u16; 2]>,
     brightness: BrightnessReader,
     reach: Reach,
     /// Reads all of the pattern's samples.
@@ -74,6 +82,7 @@ pub struct Eyes {
     light: Option<Light>,
     classes: Vec<Class>,
     thresholds: Vec<u8>,
+    scratch: Scratch,
 }
 
 /// Colours under one light, and the table made of them.
@@ -149,15 +158,17 @@ impl Eyes {
             map: map.clone(),
             brightness: BrightnessReader::new(&places, map.width_px, map.height_px),
             reach: Reach::new(&pattern, rays.count()),
-            every: ClassReader::new(places),
+            every: ClassReader::new(&places, map.height_px),
             some_classes: vec![Class::OTHER; some.len()],
-            some: ClassReader::new(some),
+            some: ClassReader::new(&some, map.height_px),
+            places,
             rays,
             visited: Visited::default(),
             windows: Windows::new(map, camera, &config.windows)?,
             centre_px: camera.centre_px,
             classes: vec![Class::OTHER; pattern.samples.len()],
             thresholds: Vec::new(),
+            scratch: Scratch::default(),
             config,
             line_width,
             pattern,
@@ -248,24 +259,27 @@ impl Eyes {
             }
         };
         seen.carpet_share = share;
-        let sights = self.sights(frame, &light, &mut seen);
+        let sights = self.sights(&mut seen);
         Ok((light, sights, seen))
     }
 
-    /// Reads the brightness; returns the share of samples that are carpet.
+    /// Reads brightness and rays; returns the share of samples that are carpet.
     fn read(&mut self, frame: &Frame<'_>, light: &Light) -> f32 {
-        self.brightness.read(frame, light.weights);
         let classes = &mut self.some_classes;
-        let all = 0..self.some.len();
-        self.some.read(frame, &light.table, all, classes);
+        for start in (0..frame.height_px).step_by(BAND_ROWS) {
+            let rows = start..(start + BAND_ROWS).min(frame.height_px);
+            self.brightness.read(frame, light.weights, &rows);
+            self.some.read(frame, &light.table, &rows, classes);
+            self.rays.read(frame, &light.table, &rows);
+        }
         let carpet = classes.iter().filter(|&&class| class == Class::CARPET);
         carpet.count() as f32 / classes.len() as f32
     }
 
     /// Classifies all of the pattern's samples.
     fn read_every(&mut self, frame: &Frame<'_>, table: &NativeTable) {
-        let all = 0..self.classes.len();
-        self.every.read(frame, table, all, &mut self.classes);
+        let all = 0..frame.height_px;
+        self.every.read(frame, table, &all, &mut self.classes);
     }
 
     /// Learns carpet and white from one frame; reads it with what was learned.
@@ -296,7 +310,7 @@ impl Eyes {
         let mut share = self.read(frame, &light);
         self.measure_noise(frame, &mut light);
         let mut seen = Seen::default();
-        self.sights(frame, &light, &mut seen);
+        self.sights(&mut seen);
         self.find_lines(frame, &light, &mut seen);
         if let Some(white) = white_of(frame, &seen) {
             light = self.light_of(light.model.with_white(white, light.noise), frame.format);
@@ -414,9 +428,8 @@ impl Eyes {
     }
 
     /// Follows the rays to the carpet's end.
-    fn sights(&mut self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) -> Vec<RaySight> {
-        let config = &self.config.objects;
-        let sights = self.rays.sights(frame, &light.table, config);
+    fn sights(&self, seen: &mut Seen) -> Vec<RaySight> {
+        let sights = self.rays.sights(&self.config.objects);
         seen.carpet_end = sights.iter().map(|sight| sight.end).collect();
         sights
     }
@@ -428,7 +441,6 @@ impl Eyes {
         sights: &[RaySight],
         seen: &mut Seen,
     ) {
-        self.rays.read_beyond(frame, &light.table);
         seen.robots = robots(&self.rays, sights, &self.config.objects);
         seen.goals = goals(&self.rays, sights, &self.config.objects);
         let search = BallSearch {
@@ -449,10 +461,12 @@ impl Eyes {
         seen.windows = self.windows.read(frame, &light.table, ball_px);
     }
 
-    fn find_lines(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
+    fn find_lines(&mut self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
+        let mut scratch = std::mem::take(&mut self.scratch);
         let (points, refused) = (&mut seen.line_points, &mut seen.refused);
         let judge = self.judge(frame, light, &seen.carpet_end);
-        line_points(&self.reading(), &judge, points, refused);
+        line_points(&self.reading(), &judge, &mut scratch, points, refused);
+        self.scratch = scratch;
     }
 
     /// The feet of walls, where they are wanted.
@@ -467,7 +481,7 @@ impl Eyes {
         Reading {
             pattern: &self.pattern,
             reach: &self.reach,
-            places: self.every.places(),
+            places: &self.places,
             brightness: &self.brightness,
             thresholds: &self.thresholds,
         }

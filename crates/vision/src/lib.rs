@@ -14,6 +14,7 @@ pub mod image;
 pub mod scan;
 
 pub mod carpet;
+mod classify;
 pub mod colours;
 pub mod labels;
 

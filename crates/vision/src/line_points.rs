@@ -54,18 +54,6 @@ pub struct SeenLinePoint {
     pub width: f32,
 }
 
-/// What was read along the scan lines.
-pub(crate) struct Reading<'a> {
-    pub(crate) pattern: &'a ScanPattern,
-    pub(crate) reach: &'a Reach,
-    /// Column and row of each sample, together in memory.
-    pub(crate) places: &'a [[u16; 2]],
-    /// Brightness by the weights that tell white from carpet.
-    pub(crate) brightness: &'a BrightnessReader,
-    /// How high a peak must be to be looked at, one a sample; see [`thresholds`].
-    pub(crate) thresholds: &'a [u8],
-}
-
 /// What a run is judged by.
 pub(crate) struct Judge<'a> {
     pub(crate) frame: &'a Frame<'a>,
@@ -79,35 +67,93 @@ pub(crate) struct Judge<'a> {
     pub(crate) carpet_end: &'a [f32],
 }
 
+/// What was read along the scan lines.
+pub(crate) struct Reading<'a> {
+    pub(crate) pattern: &'a ScanPattern,
+    pub(crate) reach: &'a Reach,
+    /// Column and row of each sample, together in memory.
+    pub(crate) places: &'a [[u16; 2]],
+    /// Brightness by the weights that tell white from carpet.
+    pub(crate) brightness: &'a BrightnessReader,
+    /// How high a peak must be to be looked at, one a sample; see [`thresholds`].
+    pub(crate) thresholds: &'a [u8],
+}
+
+/// What is kept from frame to frame, so that none allocates.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Scratch {
+    /// Brightness of the samples that were worth reading.
+    values: Vec<u8>,
+    found: Vec<Found>,
+    middles: Vec<ScanSample>,
+    extents: Vec<(Found, Extent)>,
+}
+
+/// A run, and which samples its piece of a scan line was read in.
+#[derive(Debug, Clone, Copy)]
+struct Found {
+    start: u32,
+    end: u32,
+    run: Run,
+}
+
 /// Finds line points along all scan lines.
+///
+/// Pass by pass over all runs: what they look at lies far apart in memory, and the look-ups of many runs overlap only
+/// where nothing but look-ups lies between them.
 pub(crate) fn line_points(
     reading: &Reading<'_>,
     judge: &Judge<'_>,
+    scratch: &mut Scratch,
     points: &mut Vec<SeenLinePoint>,
     refused: &mut Vec<RefusedRun>,
 ) {
-    let mut values = vec![0; reading.pattern.longest()];
+    let Scratch {
+        values,
+        found,
+        middles,
+        extents,
+    } = scratch;
+    values.resize(reading.pattern.samples.len(), 0);
+    found.clear();
     let pieces = &reading.pattern.pieces;
     for (number, piece) in pieces.iter().enumerate() {
         let end = reading.reach.end(number, pieces, judge.carpet_end);
         let range = piece.start as usize..end;
-        let values = &mut values[..range.len()];
+        let values = &mut values[range.clone()];
         reading.brightness.pick(range.clone(), values);
-        let thresholds = &reading.thresholds[range.clone()];
-        let line = Line {
-            samples: &reading.pattern.samples[range.clone()],
-            places: &reading.places[range],
-            values,
-        };
-        peaks(line.values, thresholds, |run| {
-            match judge.point(&line, &run) {
-                Ok(point) => points.push(point),
-                Err(reason) => refused.push(RefusedRun {
-                    at_px: line.at_px(run.peak),
-                    reason,
-                }),
-            }
+        let (start, end) = (piece.start, end as u32);
+        peaks(values, &reading.thresholds[range], |run| {
+            found.push(Found { start, end, run });
         });
+    }
+    let line = |found: &Found| {
+        let range = found.start as usize..found.end as usize;
+        Line {
+            samples: &reading.pattern.samples[range.clone()],
+            places: &reading.places[range.clone()],
+            values: &values[range],
+        }
+    };
+    middles.clear();
+    middles.extend(found.iter().map(|found| {
+        let middle = (found.run.left_edge + found.run.right_edge) / 2.0;
+        reading.pattern.samples[found.start as usize + middle as usize]
+    }));
+    extents.clear();
+    for (found, middle) in found.iter().zip(&*middles) {
+        let line = line(found);
+        match judge.extent(&line, &found.run, middle) {
+            Ok(extent) => extents.push((*found, extent)),
+            Err(reason) => refused.push(line.refused(&found.run, reason)),
+        }
+    }
+    for (found, extent) in &*extents {
+        let line = line(found);
+        match judge.point(&line, &found.run, extent) {
+            Ok(point) => points.push(point),
+            Err(reason) => refused.push(line.refused(&found.run, reason)),
+        }
     }
 }
 
@@ -175,6 +221,13 @@ impl Line<'_> {
         [mix(a.u, b.u), mix(a.v, b.v)]
     }
 
+    fn refused(&self, run: &Run, reason: Refusal) -> RefusedRun {
+        RefusedRun {
+            at_px: self.at_px(run.peak),
+            reason,
+        }
+    }
+
     /// A sample's place in the image.
     fn place(&self, index: usize) -> [usize; 2] {
         self.places[index].map(usize::from)
@@ -187,22 +240,11 @@ impl Line<'_> {
 }
 
 impl Judge<'_> {
-    fn point(&self, line: &Line<'_>, run: &Run) -> Result<SeenLinePoint, Refusal> {
-        let middle = (run.left_edge + run.right_edge) / 2.0;
-        let (sample, ..) = line.between(middle);
+    /// Where a run lies on the ground, if it is where and as wide as a line can be; `sample`: its middle.
+    fn extent(&self, line: &Line<'_>, run: &Run, sample: &ScanSample) -> Result<Extent, Refusal> {
         if beyond_carpet(self.carpet_end, sample) {
             return Err(Refusal::BeyondCarpet);
         }
-        let left_foot = self.carpet_beside(line, run, run.left_foot, -1);
-        let right_foot = self.carpet_beside(line, run, run.right_foot, 1);
-        let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
-            return Err(Refusal::NoCarpetBeside);
-        };
-        let run = &Run {
-            left_foot,
-            right_foot,
-            ..*run
-        };
         let (left, right) = (line.ground(run.left_edge), line.ground(run.right_edge));
         let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
         let width = (dx * dx + dy * dy).sqrt();
@@ -215,23 +257,41 @@ impl Judge<'_> {
         if width > self.config.width_max * self.line_width + 1.5 * pixel {
             return Err(Refusal::TooWide);
         }
+        Ok(Extent {
+            point: LinePoint {
+                at: At::new((left[0] + right[0]) / 2.0, (left[1] + right[1]) / 2.0),
+                std_radial: self.config.position_std_px * sample.radial_px,
+                std_tangential: self.config.position_std_px * sample.tangential_px,
+            },
+            width,
+            pixel,
+        })
+    }
+
+    /// The point of a run that has a line's extent, if it also looks like one.
+    fn point(&self, line: &Line<'_>, run: &Run, extent: &Extent) -> Result<SeenLinePoint, Refusal> {
+        let left_foot = self.carpet_beside(line, run, run.left_foot, -1);
+        let right_foot = self.carpet_beside(line, run, run.right_foot, 1);
+        let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
+            return Err(Refusal::NoCarpetBeside);
+        };
+        let run = &Run {
+            left_foot,
+            right_foot,
+            ..*run
+        };
         let colours = Colours::of(self.frame, line, run);
-        if !self.stands_out(line, run, &colours, pixel) {
+        if !self.stands_out(line, run, &colours, extent.pixel) {
             return Err(Refusal::TooFaint);
         }
         if !self.adds_white(&colours) {
             return Err(Refusal::NotWhite);
         }
-        let ground = [(left[0] + right[0]) / 2.0, (left[1] + right[1]) / 2.0];
         Ok(SeenLinePoint {
-            point: LinePoint {
-                at: At::new(ground[0], ground[1]),
-                std_radial: self.config.position_std_px * sample.radial_px,
-                std_tangential: self.config.position_std_px * sample.tangential_px,
-            },
-            at_px: line.between_px(middle),
+            point: extent.point,
+            at_px: line.between_px((run.left_edge + run.right_edge) / 2.0),
             contrast: run.contrast,
-            width,
+            width: extent.width,
         })
     }
 
@@ -305,6 +365,16 @@ impl Judge<'_> {
             && top_along <= brighter + 2.0 * noise
             && top_along >= -slack
     }
+}
+
+/// A run on the ground.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    point: LinePoint,
+    /// Metres along the scan line.
+    width: f32,
+    /// Ground that one sample covers along the scan line, metres.
+    pixel: f32,
 }
 
 /// Mean colours of a run and of the carpet beside it.

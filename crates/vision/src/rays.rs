@@ -1,13 +1,14 @@
 //! How far does the carpet reach in each direction, and what ends it? Rays from the mirror's axis to its rim.
 
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 use crate::camera::CameraConfig;
+use crate::classify::ClassReader;
 use crate::colours::{Class, NativeTable};
 use crate::config::ObjectConfig;
 use crate::ground_map::GroundMap;
 use crate::image::Frame;
-use crate::read::{BATCH, ClassReader};
 
 /// A sample of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,8 +30,6 @@ pub(crate) struct Rays {
     /// What was read, one a sample.
     pub(crate) classes: Vec<Class>,
     reader: ClassReader,
-    /// How far each ray was read in this frame.
-    read: Vec<usize>,
 }
 
 /// What one ray shows.
@@ -91,9 +90,9 @@ impl Rays {
             }
             starts.push(samples.len());
         }
+        let places: Vec<[u16; 2]> = samples.iter().map(|s| [s.u, s.v]).collect();
         Rays {
-            reader: ClassReader::new(samples.iter().map(|s| [s.u, s.v]).collect()),
-            read: starts[..config.rays].to_vec(),
+            reader: ClassReader::new(&places, map.height_px),
             classes: vec![Class::OTHER; samples.len()],
             samples,
             starts,
@@ -104,29 +103,19 @@ impl Rays {
         self.starts.len() - 1
     }
 
+    /// Reads what the rays show in these rows of a frame that was checked.
+    pub(crate) fn read(&mut self, frame: &Frame<'_>, table: &NativeTable, rows: &Range<usize>) {
+        self.reader.read(frame, table, rows, &mut self.classes);
+    }
+
     /// Follows each ray to the carpet's end.
     ///
     /// A cable, a shadow or a ball is passed over: only what covers more of the ground than `gap_max` plus `gap_share`
     /// of its distance ends the carpet. White counts a quarter, since a line may point at the robot. A ray whose
     /// nearest samples are covered (own body, a rod) starts where its first carpet is.
-    ///
-    /// The frame was checked; a ray is read as far as it is followed.
-    pub(crate) fn sights(
-        &mut self,
-        frame: &Frame<'_>,
-        table: &NativeTable,
-        config: &ObjectConfig,
-    ) -> Vec<RaySight> {
-        (0..self.count())
-            .map(|ray| self.sight(ray, frame, table, config))
-            .collect()
-    }
-
-    /// Reads what the rays show beyond where they were followed in the same frame.
-    pub(crate) fn read_beyond(&mut self, frame: &Frame<'_>, table: &NativeTable) {
-        for ray in 0..self.count() {
-            self.read_to(self.starts[ray + 1], ray, frame, table);
-        }
+    pub(crate) fn sights(&self, config: &ObjectConfig) -> Vec<RaySight> {
+        let sight = |ray| self.sight(ray, config);
+        (0..self.count()).map(sight).collect()
     }
 
     /// The samples of a class, each with its ray's direction, turns.
@@ -145,37 +134,20 @@ impl Rays {
         })
     }
 
-    fn read_to(&mut self, end: usize, ray: usize, frame: &Frame<'_>, table: &NativeTable) {
-        let range = self.read[ray]..end;
-        let classes = &mut self.classes[range.clone()];
-        self.reader.read(frame, table, range, classes);
-        self.read[ray] = end;
-    }
-
-    fn sight(
-        &mut self,
-        ray: usize,
-        frame: &Frame<'_>,
-        table: &NativeTable,
-        config: &ObjectConfig,
-    ) -> RaySight {
+    fn sight(&self, ray: usize, config: &ObjectConfig) -> RaySight {
         let (start, end) = (self.starts[ray], self.starts[ray + 1]);
-        self.read[ray] = start;
         let mut last_carpet: Option<usize> = None;
         let (mut gap, mut gap_max) = (0.0, 0.0);
         let mut recent = 0u32;
         let mut index = start;
         while index < end {
-            if index == self.read[ray] {
-                self.read_to((index + BATCH).min(end), ray, frame, table);
-            }
             let class = self.classes[index];
             recent = (recent << 1 | u32::from(class == Class::CARPET)) & RECENT;
             let unbroken = gap == 0.0 && last_carpet.is_some();
             // Beside the robot itself little carpet may be left before an obstacle: two samples of it are enough there.
             let first = last_carpet.is_none() && index < start + NEAREST && recent & 0b11 == 0b11;
             if class == Class::CARPET && (unbroken || first || recent.count_ones() >= MOST) {
-                let more = leading_carpet(&self.classes[index + 1..self.read[ray]]);
+                let more = leading_carpet(&self.classes[index + 1..end]);
                 recent = ((recent + 1) << more.min(5)) - 1;
                 index += more;
                 last_carpet = Some(index);

@@ -69,14 +69,7 @@ fn network(path: &Path) -> Option<Finding> {
     if !path.exists() {
         return None;
     }
-    let checked = |config: NetworkConfig| {
-        config
-            .commands
-            .as_ref()
-            .map_or(Ok(()), |commands| commands.address().map(drop))?;
-        Ok(config)
-    };
-    let config = match NetworkConfig::load(path).and_then(checked) {
+    let config = match NetworkConfig::load(path) {
         Ok(config) => config,
         Err(error) => {
             let remedy = "docs/network.md has every key";

@@ -54,7 +54,8 @@ impl Default for LogConfig {
             // A second at 30 Hz: 20 MB at 480 × 480 pixels.
             queue_images: 30,
             queue_cycles: 300,
-            flush_period: 1.0,
+            // Half of the second that a kill may cost: writing takes time, too.
+            flush_period: 0.5,
         }
     }
 }

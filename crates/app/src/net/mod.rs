@@ -51,11 +51,25 @@ pub struct Network {
 }
 
 impl NetworkConfig {
-    /// Reads a file of these sections.
+    /// Reads a file of these sections; refuses what could not be started from it.
     pub fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
-        toml::from_str(&text).with_context(|| path.display().to_string())
+        let config: NetworkConfig =
+            toml::from_str(&text).with_context(|| path.display().to_string())?;
+        config.check().with_context(|| path.display().to_string())?;
+        Ok(config)
+    }
+
+    fn check(&self) -> Result<()> {
+        if let Some(commands) = &self.commands {
+            commands.address()?;
+            commands::Gate::new(commands)?;
+        }
+        if let Some(team) = &self.team {
+            team.address()?;
+        }
+        Ok(())
     }
 
     /// Starts what is configured, on the cycles of `feed`.

@@ -182,8 +182,14 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
         return refuse("line_width", config.line_width, reason);
     }
     let extra = config.extra_lines.iter().flatten();
-    if let Some(&value) = extra.into_iter().find(|value| !value.is_finite()) {
-        return refuse("extra_lines", value, "every number must be finite");
+    // A marking may lie beyond the lines, not beyond a second field beside this one.
+    let far = config.length.max(config.width);
+    if let Some(&value) = extra.into_iter().find(|value| !(value.abs() <= far)) {
+        return refuse(
+            "extra_lines",
+            value,
+            "lies farther off than the field is long",
+        );
     }
     Ok(())
 }
@@ -229,8 +235,8 @@ fn limited_sizes(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str
         ("penalty_area.depth", penalty_area.depth, half_length, deep),
         ("penalty_area.width", penalty_area.width, config.width, wide),
         ("goal.width", goal.width, config.width, wide),
-        ("goal.height", goal.height, 100.0, far),
-        ("goal.depth", goal.depth, 100.0, far),
+        ("goal.height", goal.height, 10.0, far),
+        ("goal.depth", goal.depth, 10.0, far),
         ("goal.post", goal.post, config.width, wide),
     ]
 }

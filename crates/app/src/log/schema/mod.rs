@@ -47,11 +47,11 @@ pub(crate) const IMAGE_TOPIC: &str = "/camera/image";
 
 /// A chunk is closed at this size; with the image that goes beyond it, it stays below 1 MiB for usual cameras.
 const CHUNK_BYTES: u64 = 384 * 1024;
-/// On a robot, whose images are JPEGs of some tens of kilobytes, at this size and at each flush.
+/// On a robot each flush ends a chunk, and only a camera far beyond the usual fills one before that.
 ///
-/// The writer remembers each chunk, with a place for each topic (more than a kilobyte), for the summary at the end: many small
+/// The writer remembers each chunk, with a place for each topic (half a kilobyte), for the summary at the end: many small
 /// chunks of a long game would cost memory. A kill costs what came since the last flush, whatever the size.
-const LIVE_CHUNK_BYTES: u64 = 896 * 1024;
+const LIVE_CHUNK_BYTES: u64 = 4 * 1024 * 1024;
 
 /// The channels of a run; they reach whatever sinks their context has.
 pub(crate) struct Topics {
