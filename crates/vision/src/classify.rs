@@ -23,7 +23,7 @@ pub(crate) struct ClassReader {
 }
 
 /// So many are classified at a time: wide enough for vector registers, small enough for the stack.
-const BATCH: usize = 32;
+const BATCH: usize = 64;
 
 impl ClassReader {
     /// `places`: column and row of each pixel in an image of this height.
@@ -86,23 +86,15 @@ fn classify<P>(
     table: &NativeTable,
     classes: &mut [Class],
 ) {
-    let (blocks, rest) = places.as_chunks::<BATCH>();
-    let (block_numbers, rest_numbers) = numbers.as_chunks::<BATCH>();
-    let mut pixels = [0u32; BATCH];
-    for (places, numbers) in blocks.iter().zip(block_numbers) {
-        for (slot, place) in pixels.iter_mut().zip(places) {
+    let mut cells = [0u32; BATCH];
+    for (places, numbers) in places.chunks(BATCH).zip(numbers.chunks(BATCH)) {
+        for (slot, place) in cells.iter_mut().zip(places) {
             *slot = pixel(place);
         }
-        for pixel in &mut pixels {
-            *pixel = NativeTable::cell(*pixel);
+        for cell in &mut cells {
+            *cell = NativeTable::cell(*cell);
         }
-        let found = table.fetch(&pixels);
-        for (&number, class) in numbers.iter().zip(found) {
-            classes[number as usize] = class;
-        }
-    }
-    for (place, &number) in rest.iter().zip(rest_numbers) {
-        classes[number as usize] = table.at(NativeTable::cell(pixel(place)));
+        table.strew(&cells, numbers, classes);
     }
 }
 

@@ -100,18 +100,21 @@ impl NativeTable {
         }
     }
 
-    /// The classes of several cells.
+    /// Puts the classes of several cells into the slots of these numbers.
     #[inline]
-    pub(crate) fn fetch<const N: usize>(&self, cells: &[u32; N]) -> [Class; N] {
-        let mut known = [0; N];
-        for (known, &cell) in known.iter_mut().zip(cells) {
-            *known = self.classes[cell as usize % CELLS].load(Ordering::Relaxed);
+    pub(crate) fn strew(&self, cells: &[u32], numbers: &[u32], slots: &mut [Class]) {
+        let mut any = 0;
+        for (&cell, &number) in cells.iter().zip(numbers) {
+            let class = self.classes[cell as usize % CELLS].load(Ordering::Relaxed);
+            any |= class;
+            slots[number as usize] = Class(class);
         }
-        // Without a branch for each.
-        if known.iter().fold(0, |most, &class| most.max(class)) == UNKNOWN {
-            return std::array::from_fn(|index| self.at(cells[index]));
+        // Without a branch for each; classes of so high a number are rare enough to be looked at once more.
+        if any >= UNKNOWN / 2 {
+            for (&cell, &number) in cells.iter().zip(numbers) {
+                slots[number as usize] = self.at(cell);
+            }
         }
-        known.map(Class)
     }
 
     #[cold]

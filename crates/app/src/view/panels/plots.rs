@@ -8,8 +8,6 @@ use crate::view::ink;
 use crate::view::series::{Quantity, Sample, Series};
 use crate::view::session::Session;
 
-/// A curve has at most so many points on the screen; beyond it each holds least and most of its share.
-const POINTS: usize = 1200;
 /// Least height of one plot, points.
 const LEAST_HEIGHT: f32 = 80.0;
 
@@ -205,6 +203,8 @@ fn draw(
         .recompute
         .as_ref()
         .map(|recompute| &recompute.series);
+    // More of them than the screen has columns would be drawn over one another.
+    let points_max = (ui.available_width() * ui.pixels_per_point()).max(LEAST_HEIGHT) as usize;
     ui.small(format!("{} ({})", group.name, group.unit));
     let plot = Plot::new(group.name)
         .height(height)
@@ -219,7 +219,7 @@ fn draw(
         plot.set_plot_bounds_x(from..=to);
         plot.set_auto_bounds([false, true]);
         for &(name, quantity, colour, scale) in group.curves {
-            let points = curve(&session.series, (from, to), quantity, scale);
+            let points = curve(&session.series, (from, to), quantity, scale, points_max);
             if points.is_empty() {
                 continue;
             }
@@ -229,7 +229,7 @@ fn draw(
                     .width(1.4),
             );
             if let Some(again) = again {
-                let points = curve(again, (from, to), quantity, scale);
+                let points = curve(again, (from, to), quantity, scale, points_max);
                 let line = Line::new(format!("{name}, recomputed"), PlotPoints::Owned(points));
                 plot.line(
                     line.color(colour)
@@ -253,23 +253,24 @@ fn draw(
         .map(|time| time.clamp(from, to))
 }
 
-/// The curve's points; where they are many, each share's least and most.
+/// The curve's points, at most so many: of more samples each share's least and most.
 fn curve(
     series: &Series,
     (from, to): (f64, f64),
     quantity: Quantity,
     scale: f32,
+    points_max: usize,
 ) -> Vec<PlotPoint> {
     let samples = series.between(from, to);
     let value = |sample: &Sample| sample.value(quantity) * scale;
     let known = samples.iter().filter(|sample| value(sample).is_finite());
-    if samples.len() <= POINTS {
+    if samples.len() <= points_max {
         return known
             .map(|sample| PlotPoint::new(sample.time, value(sample)))
             .collect();
     }
-    let share = samples.len().div_ceil(POINTS / 2);
-    let mut points = Vec::with_capacity(POINTS);
+    let share = samples.len().div_ceil(points_max / 2);
+    let mut points = Vec::with_capacity(points_max);
     for chunk in samples.chunks(share) {
         let known = chunk.iter().filter(|sample| value(sample).is_finite());
         let least = known.clone().min_by(|a, b| value(a).total_cmp(&value(b)));
