@@ -52,5 +52,6 @@ pub mod simulate;
 #[cfg(feature = "view")]
 pub mod view;
 pub mod virtual_hardware;
+pub mod visible;
 
 pub mod cli;

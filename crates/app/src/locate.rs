@@ -111,6 +111,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
                 viewpoint_height,
                 field: &setup.field,
                 map,
+                covered: &[],
                 objects: objects.get(&cycle.stamp).map(Vec::as_slice),
             };
             sight.add(seen, &scene);

@@ -257,6 +257,7 @@ fn read_truth(folder: &Path) -> Result<Vec<Truth>> {
             pose: Pose::new(x, y, theta),
             ball: None,
             robots: Vec::new(),
+            robot_headings: Vec::new(),
         });
     }
     truth.sort_by_key(|truth| truth.stamp);
@@ -284,6 +285,7 @@ fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<TrueObject>>> {
         objects.entry(stamp(row)?).or_default().push(TrueObject {
             is_ball,
             at: At::new(x, y),
+            heading: None,
             visible_px,
         });
     }

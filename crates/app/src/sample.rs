@@ -22,6 +22,8 @@ pub struct Truth {
     pub ball: Option<At<FieldFrame>>,
     /// Other robots, if the source knows them.
     pub robots: Vec<At<FieldFrame>>,
+    /// Where they head, radians on the field, in their order; empty where the source does not know (a log keeps none).
+    pub robot_headings: Vec<f32>,
 }
 
 /// One thing that arrived.

@@ -110,6 +110,7 @@ mod tests {
             pose: Pose::new(x, 0.0, theta),
             ball: None,
             robots: Vec::new(),
+            robot_headings: Vec::new(),
         }
     }
 

@@ -5,7 +5,11 @@
 use localize::frame::{At, FieldFrame, RobotFrame};
 use localize::{Field, Pose};
 use serde::Serialize;
+use sim::world::OTHER_HALF_SIDE;
+use vision::config::ObjectConfig;
 use vision::{GroundMap, Seen, overlay};
+
+use crate::visible::{self, Body, Outline};
 
 /// A thing whose place is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,6 +18,8 @@ pub struct TrueObject {
     pub is_ball: bool,
     /// On the field.
     pub at: At<FieldFrame>,
+    /// Where it heads, radians on the field, where that is known: a square of the simulator's robots; else it is round.
+    pub heading: Option<f32>,
     /// Pixels that show it, where that is known.
     pub visible_px: Option<f32>,
 }
@@ -30,6 +36,8 @@ pub struct TrueScene<'a> {
     pub field: &'a Field,
     /// What a pixel shows.
     pub map: &'a GroundMap,
+    /// Sectors without sight: middle and whole width, radians, robot frame.
+    pub covered: &'a [(f32, f32)],
     /// Ball and robots; none where nobody knows what is there.
     pub objects: Option<&'a [TrueObject]>,
 }
@@ -45,17 +53,17 @@ pub struct SightSummary {
     pub points_near_right: f64,
     /// Share of the visible length of markings within 4 m that has a right line point within a quarter of a metre.
     pub markings_sampled: f64,
-    /// Frames with the ball within 6 m (and more than half visible, where that is known), and those in which it was found.
+    /// Frames with the ball on the carpet within 6 m, more than half visible, and those in which it was found.
     pub balls: usize,
     /// See `balls`.
     pub balls_found: usize,
     /// Frames in which something else was taken for the ball.
     pub balls_false: usize,
-    /// Robots within 4 m, and those that were found.
+    /// Robots within 4 m, nothing before them in more than half of their directions, and those that were found.
     pub robots: usize,
     /// See `robots`.
     pub robots_found: usize,
-    /// Of those found, the share whose nearest edge is right to 10 cm.
+    /// Of those found, the share whose nearest visible edge is right to 10 cm.
     pub robot_edges_right: f64,
     /// Robots found within 4 m where there is none.
     pub robots_false: usize,
@@ -242,14 +250,15 @@ impl SightTally {
         if scene.objects.is_none() {
             return;
         }
-        let radius = vision::config::ObjectConfig::default().robot_radius;
-        let truths: Vec<At<RobotFrame>> = scene
-            .things()
+        let bodies = scene.robots();
+        let truths: Vec<At<RobotFrame>> = bodies.iter().map(|body| body.at).collect();
+        let sights = visible::sights(&bodies, scene.covered);
+        // What stands behind others is no miss, and no false find either.
+        let visible = truths
             .iter()
-            .filter(|object| !object.is_ball)
-            .map(|robot| scene.pose.inverse() * robot.at)
-            .collect();
-        for truth in &truths {
+            .zip(sights)
+            .filter(|(_, sight)| sight.share > 0.5);
+        for (truth, sight) in visible {
             let near = truth.distance() <= 4.0;
             let found = seen
                 .robots
@@ -269,8 +278,7 @@ impl SightTally {
             noted(NoteKind::Robot, found.is_some());
             self.summary.robots += usize::from(near);
             if let Some(found) = found {
-                let edge = truth.distance() - radius;
-                let right = (found.edge.distance() - edge).abs() <= 0.1;
+                let right = (found.edge.distance() - sight.nearest).abs() <= 0.1;
                 noted(NoteKind::Edge, right);
                 self.summary.robots_found += usize::from(near);
                 self.edges_right += usize::from(near && right);
@@ -351,30 +359,56 @@ impl TrueScene<'_> {
         At::new((at.x + a * height) * stretch, (at.y + b * height) * stretch)
     }
 
-    /// Does a robot stand before this place?
-    fn hidden(&self, at: At<RobotFrame>) -> bool {
-        let range = at.distance();
-        self.things()
-            .iter()
-            .filter(|object| !object.is_ball)
-            .any(|robot| {
-                let robot = self.pose.inverse() * robot.at;
-                let along = (robot.x * at.x + robot.y * at.y) / range;
-                let across = (robot.x * at.y - robot.y * at.x).abs() / range;
-                along > 0.0 && along < range + 0.3 && across < 0.3
-            })
+    /// The other robots.
+    fn robots(&self) -> Vec<Body> {
+        let robots = self.things().iter().filter(|object| !object.is_ball);
+        let body = |robot: &TrueObject| Body {
+            at: self.pose.inverse() * robot.at,
+            outline: match robot.heading {
+                Some(heading) => Outline::Square(OTHER_HALF_SIDE, heading - self.pose.theta),
+                None => Outline::Circle(ObjectConfig::default().robot_radius),
+            },
+        };
+        robots.map(body).collect()
     }
 
-    /// Is more than half of the ball visible? Where nobody counted its pixels: does no robot stand before it?
+    /// Does a robot stand before this place, or is it covered?
+    fn hidden(&self, at: At<RobotFrame>) -> bool {
+        let range = at.distance();
+        let covered = visible::is_covered(at.y.atan2(at.x), self.covered);
+        covered
+            || self
+                .things()
+                .iter()
+                .filter(|object| !object.is_ball)
+                .any(|robot| {
+                    let robot = self.pose.inverse() * robot.at;
+                    let along = (robot.x * at.x + robot.y * at.y) / range;
+                    let across = (robot.x * at.y - robot.y * at.x).abs() / range;
+                    along > 0.0 && along < range + 0.3 && across < 0.3
+                })
+    }
+
+    /// Is more than half of the ball visible, on the carpet? Where nobody counted its pixels, directions are counted.
     fn more_than_half(&self, ball: &TrueObject, at: At<RobotFrame>) -> bool {
+        let (half_length, half_width) = self.field.carpet_half_extent();
+        if ball.at.x.abs() > half_length || ball.at.y.abs() > half_width {
+            return false;
+        }
         let Some(visible) = ball.visible_px else {
-            return !self.hidden(at);
+            let mut bodies = self.robots();
+            bodies.push(Body {
+                at,
+                outline: Outline::Circle(ObjectConfig::default().ball_radius),
+            });
+            let sights = visible::sights(&bodies, self.covered);
+            return sights.last().is_some_and(|ball| ball.share > 0.5);
         };
         vision::ball::whole_pixels(
             self.map,
-            &vision::config::ObjectConfig {
+            &ObjectConfig {
                 viewpoint_height: self.viewpoint_height,
-                ..vision::config::ObjectConfig::default()
+                ..ObjectConfig::default()
             },
             at,
         )

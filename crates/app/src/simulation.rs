@@ -218,6 +218,7 @@ pub(crate) fn translated(sample: Simulated) -> Sample {
                 .iter()
                 .map(|robot| robot.pose.origin())
                 .collect(),
+            robot_headings: truth.others.iter().map(|robot| robot.pose.theta).collect(),
         }),
         Simulated::Image(image) => {
             let picture = Image {

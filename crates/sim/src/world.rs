@@ -21,7 +21,7 @@ pub(crate) const STEP_NANOSECONDS: i64 = 2_000_000;
 /// Mass of each of the other robots, kilograms (the league allows 40).
 const OTHER_MASS: f32 = 35.0;
 /// Half the side of the other robots, metres (the league allows 0.26).
-pub(crate) const OTHER_HALF_SIDE: f32 = 0.24;
+pub const OTHER_HALF_SIDE: f32 = 0.24;
 /// What the other robots can accelerate by, m/s² and rad/s².
 const OTHER_ACCELERATION: f32 = 3.5;
 const OTHER_TURN_ACCELERATION: f32 = 20.0;

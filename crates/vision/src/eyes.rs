@@ -10,6 +10,7 @@ use crate::classify::ClassReader;
 use crate::colours::{Class, NativeTable};
 use crate::config::{VisionConfig, Window};
 use crate::error::VisionError;
+use crate::foot::Floor;
 use crate::goals::{Goal, goals};
 use crate::ground_map::GroundMap;
 use crate::image::{Frame, PixelFormat, rgb_of_yuv, yuv_of_rgb};
@@ -441,7 +442,13 @@ impl Eyes {
         sights: &[RaySight],
         seen: &mut Seen,
     ) {
-        seen.robots = robots(&self.rays, sights, &self.config.objects);
+        let floor = Floor {
+            frame,
+            map: &self.map,
+            table: &light.table,
+            centre_px: self.centre_px,
+        };
+        seen.robots = robots(&self.rays, sights, &floor, &self.config.objects);
         seen.goals = goals(&self.rays, sights, &self.config.objects);
         let search = BallSearch {
             frame,

@@ -21,6 +21,8 @@ pub mod labels;
 mod reach;
 mod read;
 
+mod columns;
+mod foot;
 mod rays;
 
 pub mod line_points;

@@ -4,9 +4,10 @@
 
 use localize::frame::{At, RobotFrame};
 
-use crate::colours::Class;
+use crate::columns::{Column, FOOT, columns, step_max};
 use crate::config::ObjectConfig;
-use crate::rays::{RaySight, Rays, stands_on_carpet};
+use crate::foot::{Floor, Foot};
+use crate::rays::{RaySight, Rays};
 
 /// The colour that a robot wears.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,28 +37,17 @@ pub struct Robot {
     pub at_px: [f32; 2],
 }
 
-/// What ends the carpet of one ray.
-#[derive(Debug, Clone, Copy)]
-struct Column {
-    range: f32,
-    /// The median of its own and both neighbours' ranges.
-    smooth: f32,
-    /// Dark or coloured from the floor up.
-    solid: bool,
-    cyan: u32,
-    magenta: u32,
-    sample: usize,
-}
-
 /// Groups the rays' ends into robots.
-pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> Vec<Robot> {
-    let columns: Vec<Option<Column>> = (0..rays.count())
-        .map(|ray| column(rays, &sights[ray], rays.starts[ray + 1], config))
-        .collect();
-    let columns = smoothed(&columns);
+pub(crate) fn robots(
+    rays: &Rays,
+    sights: &[RaySight],
+    floor: &Floor<'_>,
+    config: &ObjectConfig,
+) -> Vec<Robot> {
+    let columns = columns(rays, sights, config);
     let count = columns.len();
     let joined = |a: usize, b: usize| match (columns[a], columns[b]) {
-        (Some(a), Some(b)) => (a.smooth - b.smooth).abs() < 0.15 + 0.1 * a.smooth.min(b.smooth),
+        (Some(a), Some(b)) => (a.smooth - b.smooth).abs() < step_max(a.smooth.min(b.smooth)),
         _ => false,
     };
     // Start at a gap, so that no group is cut where the circle is.
@@ -70,7 +60,9 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
         let ray = (first + step) % count;
         let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
         if !follows {
-            split(rays, sights, &columns, &group, config, &mut found);
+            split(&columns, &group, config, &mut |group| {
+                found.extend(robot(rays, sights, floor, &columns, group, config));
+            });
             group.clear();
         }
         if columns[ray].is_some() {
@@ -80,27 +72,12 @@ pub(crate) fn robots(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) ->
     found
 }
 
-/// With the median of three neighbouring rays' ranges: a robot is as wide as several, noise ends a single one early.
-fn smoothed(columns: &[Option<Column>]) -> Vec<Option<Column>> {
-    let count = columns.len();
-    let median = |ray: usize| {
-        let own = columns[ray]?;
-        let range = |ray: usize| columns[ray % count].map_or(own.range, |column| column.range);
-        let (before, after) = (range(ray + count - 1), range(ray + 1));
-        let smooth = own.range.clamp(before.min(after), before.max(after));
-        Some(Column { smooth, ..own })
-    };
-    (0..count).map(median).collect()
-}
-
-/// A group wider than a robot is cut where it recedes between two nearer parts: robots side by side.
+/// A group wider than a robot is cut where it recedes between two nearer parts, or else steps: robots side by side.
 fn split(
-    rays: &Rays,
-    sights: &[RaySight],
     columns: &[Option<Column>],
     group: &[usize],
     config: &ObjectConfig,
-    found: &mut Vec<Robot>,
+    found: &mut impl FnMut(&[usize]),
 ) {
     let range = |place: usize| columns[group[place]].map_or(f32::INFINITY, |c| c.smooth);
     let nearest = (0..group.len()).map(range).fold(f32::INFINITY, f32::min);
@@ -123,48 +100,31 @@ fn split(
         let dip = |place: usize| range(place) - before[place - 1].max(after[place + 1]);
         let cut = (1..group.len().saturating_sub(1)).max_by(|&a, &b| dip(a).total_cmp(&dip(b)));
         if let Some(cut) = cut.filter(|&cut| dip(cut) > 0.1) {
-            split(rays, sights, columns, &group[..cut], config, found);
-            split(rays, sights, columns, &group[cut + 1..], config, found);
+            split(columns, &group[..cut], config, found);
+            split(columns, &group[cut + 1..], config, found);
+            return;
+        }
+        // One stands half a robot farther than the other.
+        let step = |place: usize| (range(place) - range(place - 1)).abs();
+        let cut = (1..group.len()).max_by(|&a, &b| step(a).total_cmp(&step(b)));
+        // Or what is dark from the floor up stands before a wall or the carpet's edge.
+        let solid = |place: usize| columns[group[place]].is_some_and(|column| column.solid);
+        let cut = cut
+            .filter(|&cut| step(cut) > config.robot_radius)
+            .or_else(|| (1..group.len()).find(|&place| solid(place) != solid(place - 1)));
+        if let Some(cut) = cut {
+            split(columns, &group[..cut], config, found);
+            split(columns, &group[cut..], config, found);
             return;
         }
     }
-    found.extend(robot(rays, sights, columns, group, config));
-}
-
-fn column(rays: &Rays, sight: &RaySight, end: usize, config: &ObjectConfig) -> Option<Column> {
-    if !(sight.carpet && sight.end <= config.robot_range_max) {
-        return None;
-    }
-    // A line may lie before the foot.
-    let mut first = sight.beyond;
-    while first < end
-        && rays.classes[first] == Class::WHITE
-        && rays.samples[first].range - sight.end < config.gap_max
-    {
-        first += 1;
-    }
-    let beyond = &rays.classes[first..end];
-    let dark = |class: &&Class| matches!(**class, Class::BLACK | Class::CYAN | Class::MAGENTA);
-    // The edge itself is mixed with the carpet; a foot is dark from the floor up.
-    let foot = &beyond[..beyond.len().min(5)];
-    let of = |wanted: Class| beyond.iter().filter(|&&class| class == wanted).count() as u32;
-    if beyond.is_empty() || 2 * foot.iter().filter(|&&c| c == Class::WHITE).count() > foot.len() {
-        return None;
-    }
-    let range = (rays.samples[first - 1].range + rays.samples[first].range) / 2.0;
-    Some(Column {
-        range,
-        smooth: range,
-        solid: 2 * foot.iter().filter(dark).count() >= foot.len(),
-        cyan: of(Class::CYAN),
-        magenta: of(Class::MAGENTA),
-        sample: first,
-    })
+    found(group);
 }
 
 fn robot(
     rays: &Rays,
     sights: &[RaySight],
+    floor: &Floor<'_>,
     columns: &[Option<Column>],
     group: &[usize],
     config: &ObjectConfig,
@@ -176,13 +136,17 @@ fn robot(
     if width < config.robot_width_min || width > config.robot_width_max {
         return None;
     }
-    let stands_out = stands_on_carpet(sights, group, nearest.range, config.robot_before_min);
+    let stands_out = [group[0] + columns.len() - 2, group[group.len() - 1] + 2].map(|ray| {
+        let ray = ray % columns.len();
+        let end = columns[ray].map_or(sights[ray].end, |column| column.range);
+        end - nearest.range >= config.robot_before_min
+    });
+    let stands_out = stands_out == [true; 2];
     let solid = members.iter().filter(|column| column.solid).count() as f32 / members.len() as f32;
     let [mut x, mut y] = [0.0, 0.0];
     for member in &members {
-        let [gx, gy] = rays.samples[member.sample].ground;
-        x += gx / gx.hypot(gy);
-        y += gy / gx.hypot(gy);
+        x += member.towards[0];
+        y += member.towards[1];
     }
     let length = x.hypot(y);
     let [x, y] = [x / length, y / length];
@@ -198,11 +162,20 @@ fn robot(
     // A dark floor behind the carpet, a coloured thing on it, clutter: each shows one sign of a robot, not two.
     let signs = [stands_out, marker.is_some(), solid >= 0.5];
     let signs = signs.iter().filter(|&&sign| sign).count();
-    if signs < 2 {
+    // A hand before the mirror is dark as well, and nothing is seen beside it; so near a marker is large, noise is not.
+    let touching = 2 * members.iter().filter(|column| column.touching).count() > members.len();
+    let plain = marker.is_none() || (cyan.max(magenta) as usize) < FOOT * members.len();
+    if signs < 2 || touching && plain {
         return None;
     }
-    let middle = nearest.range + config.robot_radius;
     let sample = rays.samples[nearest.sample];
+    let at_px = [f32::from(sample.u), f32::from(sample.v)];
+    let foot = floor.nearest_foot(at_px, ray_angle);
+    let foot = foot.filter(|_| !nearest.touching).unwrap_or(Foot {
+        range: nearest.range,
+        at_px,
+    });
+    let middle = foot.range + config.robot_radius;
     // Along the ray: a sample's step and an unknown radius; across: half a ray's spacing and half the unknown width.
     let next = rays.samples[(nearest.sample + 1).min(rays.samples.len() - 1)].range;
     let step = (next - nearest.range).abs().min(1.0);
@@ -210,7 +183,7 @@ fn robot(
     let (a2, c2) = (along * along, across * across);
     Some(Robot {
         at: At::new(middle * x, middle * y),
-        edge: At::new(nearest.range * x, nearest.range * y),
+        edge: At::new(foot.range * x, foot.range * y),
         covariance: [
             a2 * x * x + c2 * y * y,
             (a2 - c2) * x * y,
@@ -219,6 +192,6 @@ fn robot(
         width,
         marker,
         score: signs as f32 / 3.0,
-        at_px: [f32::from(sample.u), f32::from(sample.v)],
+        at_px: foot.at_px,
     })
 }

@@ -144,7 +144,7 @@ fn recorded(folder: &Path, preset: &str) -> Result<Looked> {
     for cycle in recording.filter_map(|sample| spine.take(sample)) {
         let there = objects.get(&cycle.stamp).map(Vec::as_slice);
         if let Some(pose) = score::pose_at(&truth, cycle.stamp) {
-            looked.add(&cycle, &setup, pose, there);
+            looked.add(&cycle, &setup, pose, (there, &[]));
         }
     }
     Ok(looked)
@@ -157,18 +157,29 @@ fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
     let config = overlaid(&SpineConfig::preset(preset)?, variant.config.clone())?;
     let mut spine = Spine::new(&setup, &config)?;
     let mut looked = Looked::new(simulation.duration());
+    let occlusions = simulation.sim().scenario().occlusions.clone();
     simulation.play(&mut spine, |cycle| {
         let Some(truth) = &cycle.inputs.truth else {
             return Ok(());
         };
-        let thing = |is_ball, at| TrueObject {
+        let thing = |is_ball, at, heading| TrueObject {
             is_ball,
             at,
+            heading,
             visible_px: None,
         };
-        let mut there: Vec<TrueObject> = truth.ball.map(|at| thing(true, at)).into_iter().collect();
-        there.extend(truth.robots.iter().map(|&at| thing(false, at)));
-        looked.add(&cycle, &setup, truth.pose, Some(&there));
+        let ball = truth.ball.map(|at| thing(true, at, None));
+        let robots = truth.robots.iter().zip(&truth.robot_headings);
+        let robots = robots.map(|(&at, &heading)| thing(false, at, Some(heading)));
+        let there: Vec<TrueObject> = ball.into_iter().chain(robots).collect();
+        let now = cycle.stamp.seconds();
+        let hangs = occlusions
+            .iter()
+            .filter(|one| one.start <= now && now < one.stop);
+        let covered: Vec<(f32, f32)> = hangs
+            .map(|one| (one.direction_deg.to_radians(), one.width_deg.to_radians()))
+            .collect();
+        looked.add(&cycle, &setup, truth.pose, (Some(&there), &covered));
         Ok(())
     })?;
     Ok(looked)
@@ -190,7 +201,7 @@ impl Looked {
         cycle: &Cycle,
         setup: &Setup,
         pose: localize::Pose,
-        objects: Option<&[TrueObject]>,
+        (objects, covered): (Option<&[TrueObject]>, &[(f32, f32)]),
     ) {
         let (Some(seen), Some((_, map))) = (&cycle.seen, &setup.camera) else {
             return;
@@ -211,6 +222,7 @@ impl Looked {
                 .unwrap_or(ObjectConfig::default().viewpoint_height),
             field: &setup.field,
             map,
+            covered,
             objects,
         };
         SightTally::default().add_noting(seen, &scene, &mut |note: Note| {

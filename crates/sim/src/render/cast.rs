@@ -8,7 +8,7 @@ use super::ground::Ground;
 use super::hall::Hall;
 use super::plate::Plate;
 use super::rays::{Rays, Reach, Tile};
-use super::solids::{Brush, Lamp, Outline, Piece, Screen, Shadow, Solid, Sphere};
+use super::solids::{Brush, Lamp, Outline, Piece, Screen, Shadow, Solid, Sphere, Under};
 use super::{Scene, linear};
 use crate::light::LightConfig;
 use crate::scenario::Team;
@@ -16,6 +16,8 @@ use crate::world::{OTHER_HALF_SIDE, RobotState};
 
 /// Where the hall's lamps' light comes from on the field: a unit vector.
 const LAMP_ON_FIELD: [f32; 2] = [0.8, 0.6];
+/// How high robots' bodies hang above the floor, metres.
+const CLEARANCE: f32 = 0.03;
 /// A net's mesh and cord, metres.
 const NET: [f32; 2] = [0.12, 0.008];
 
@@ -145,7 +147,7 @@ impl Builder<'_> {
                 cap: colour.map(|part| part * 1.3),
             });
         };
-        part(0.0, 0.03, 0.22, square([side, side]), body);
+        part(0.0, CLEARANCE, 0.22, square([side, side]), body);
         part(
             -0.04,
             0.22,
@@ -162,10 +164,17 @@ impl Builder<'_> {
         for piece in &mut self.stage.pieces[count - 5..] {
             piece.0 = at.distance();
         }
+        let (sin, cos) = (theta + self.robot_from_field.theta).sin_cos();
         self.stage.shadows.push(Shadow {
             x: at.x,
             y: at.y,
             radius: side * 1.2,
+            under: Under {
+                half: side,
+                cos,
+                sin,
+                height: CLEARANCE,
+            },
         });
     }
 
@@ -185,6 +194,7 @@ impl Builder<'_> {
             x: at.x,
             y: at.y,
             radius: radius * 0.9,
+            under: Under::NOTHING,
         });
     }
 

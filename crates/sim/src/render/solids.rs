@@ -371,6 +371,27 @@ pub(super) struct Shadow {
     pub(super) x: f32,
     pub(super) y: f32,
     pub(super) radius: f32,
+    /// What stands this low above the floor takes the light from beneath itself too.
+    pub(super) under: Under,
+}
+
+/// A square that hangs above the floor: half its side, its direction, and its height above the floor, metres.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Under {
+    pub(super) half: f32,
+    pub(super) cos: f32,
+    pub(super) sin: f32,
+    pub(super) height: f32,
+}
+
+impl Under {
+    /// A ball rolls on a point.
+    pub(super) const NOTHING: Under = Under {
+        half: 0.0,
+        cos: 1.0,
+        sin: 0.0,
+        height: 1.0,
+    };
 }
 
 impl Shadow {
@@ -382,13 +403,23 @@ impl Shadow {
     /// Darkens the floor.
     pub(super) fn draw(&self, reach: &Reach, brush: &Brush, ground: &Ground, plate: &mut Plate) {
         let per_square = 0.25 / (self.radius * self.radius);
+        let under = self.under;
+        let height2 = under.height * under.height;
         for run in brush.rays.within(reach, brush.tile) {
             let [red, green, blue] = plate.run(&run);
             let (at_x, at_y) = (&ground.x[run.clone()], &ground.y[run]);
             for i in 0..at_x.len() {
                 let (dx, dy) = (at_x[i] - self.x, at_y[i] - self.y);
                 let inside = (1.0 - (dx * dx + dy * dy) * per_square).max(0.0);
-                let left = 1.0 - 0.5 * inside * inside;
+                // Beneath, light comes in through the slit between the edge and the floor alone: a far wall's form
+                // factor seen from so deep inside.
+                let (across, along) = (
+                    (under.cos * dx + under.sin * dy).abs(),
+                    (under.cos * dy - under.sin * dx).abs(),
+                );
+                let deep = (under.half - across.max(along)).max(0.0);
+                let slit = 1.0 - deep / (deep * deep + height2).sqrt();
+                let left = (1.0 - 0.5 * inside * inside) * slit;
                 red[i] *= left;
                 green[i] *= left;
                 blue[i] *= left;

@@ -117,6 +117,7 @@ impl Any {
                 pose: self.pose(),
                 ball: Some(self.at()),
                 robots: vec![self.at()],
+                robot_headings: Vec::new(),
             }),
             image: None,
         }

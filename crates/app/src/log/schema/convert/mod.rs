@@ -221,6 +221,7 @@ fn truth_to_wire(truth: &Truth) -> wire::Truth {
         pose,
         ball,
         robots,
+        robot_headings: _,
     } = truth;
     wire::Truth {
         stamp_ns: stamp.0,
@@ -250,6 +251,7 @@ fn truth_from_wire(truth: wire::Truth) -> Result<Truth> {
             .zip(&truth.robots_y)
             .map(|(&x, &y)| At::new(x, y))
             .collect(),
+        robot_headings: Vec::new(),
     })
 }
 

@@ -1,0 +1,151 @@
+//! What of a thing can be seen? The share of the directions it spans in which nothing stands before it.
+//!
+//! The eyes see the first obstacle of each direction; what is hidden behind another robot or a covered sector cannot count.
+
+use std::f32::consts::TAU;
+
+use localize::frame::{At, RobotFrame, wrap_angle};
+
+/// Directions that are looked at: a quarter of a degree is 2 cm at 4 m.
+const DIRECTIONS: usize = 1440;
+
+/// Something upright on the ground as seen from above.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Body {
+    /// Its middle.
+    pub at: At<RobotFrame>,
+    /// Its outline.
+    pub outline: Outline,
+}
+
+/// A body's outline.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outline {
+    /// Radius in metres.
+    Circle(f32),
+    /// Half its side in metres, and its heading in radians, robot frame.
+    Square(f32, f32),
+}
+
+/// What of a body can be seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// Share of its directions in which nothing is before it.
+    pub share: f32,
+    /// The nearest point that can be seen, metres; infinite if none can.
+    pub nearest: f32,
+}
+
+impl Body {
+    /// How far a ray from the robot goes until it meets the body; none if it passes it.
+    fn meets(&self, [x, y]: [f32; 2]) -> Option<f32> {
+        match self.outline {
+            Outline::Circle(radius) => {
+                let along = self.at.x * x + self.at.y * y;
+                let across = self.at.x * y - self.at.y * x;
+                let half2 = radius * radius - across * across;
+                (half2 >= 0.0 && along > 0.0).then(|| (along - half2.sqrt()).max(0.0))
+            }
+            Outline::Square(half, heading) => {
+                let (sin, cos) = heading.sin_cos();
+                let in_body = |x: f32, y: f32| [cos * x + sin * y, cos * y - sin * x];
+                let (to, towards) = (in_body(self.at.x, self.at.y), in_body(x, y));
+                let (mut enters, mut leaves) = (0.0f32, f32::INFINITY);
+                for (to, towards) in to.into_iter().zip(towards) {
+                    // A ray along a side still has some slant.
+                    let towards = towards.abs().max(1e-6).copysign(towards);
+                    let sides = [(to - half) / towards, (to + half) / towards];
+                    enters = enters.max(sides[0].min(sides[1]));
+                    leaves = leaves.min(sides[0].max(sides[1]));
+                }
+                (enters <= leaves).then_some(enters)
+            }
+        }
+    }
+}
+
+/// What can be seen of each body among all of them; `covered`: sectors without sight, middle and whole width, radians.
+pub fn sights(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Sight> {
+    let mut spans = vec![(0u32, 0u32); bodies.len()];
+    let mut nearest = vec![f32::INFINITY; bodies.len()];
+    for direction in 0..DIRECTIONS {
+        let angle = TAU * direction as f32 / DIRECTIONS as f32;
+        let (sin, cos) = angle.sin_cos();
+        let met: Vec<f32> = bodies
+            .iter()
+            .map(|body| body.meets([cos, sin]).unwrap_or(f32::INFINITY))
+            .collect();
+        let first = met.iter().copied().fold(f32::INFINITY, f32::min);
+        let hidden = is_covered(angle, covered);
+        for (index, &range) in met
+            .iter()
+            .enumerate()
+            .filter(|(_, range)| range.is_finite())
+        {
+            let seen = range <= first && !hidden;
+            spans[index].0 += u32::from(seen);
+            spans[index].1 += 1;
+            if seen {
+                nearest[index] = nearest[index].min(range);
+            }
+        }
+    }
+    let share = |(seen, all): (u32, u32)| seen as f32 / all.max(1) as f32;
+    spans
+        .into_iter()
+        .zip(nearest)
+        .map(|(span, nearest)| Sight {
+            share: share(span),
+            nearest,
+        })
+        .collect()
+}
+
+/// Is a direction (radians, robot frame) inside a covered sector?
+pub fn is_covered(angle: f32, covered: &[(f32, f32)]) -> bool {
+    let inside = |&(middle, width): &(f32, f32)| wrap_angle(angle - middle).abs() <= width / 2.0;
+    covered.iter().any(inside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(x: f32, y: f32) -> Body {
+        Body {
+            at: At::new(x, y),
+            outline: Outline::Square(0.25, 0.0),
+        }
+    }
+
+    #[test]
+    fn a_robot_behind_another_is_hidden_and_beside_it_is_not() {
+        let seen = sights(&[square(1.0, 0.0), square(3.0, 0.0), square(0.0, 2.0)], &[]);
+        assert_eq!(
+            [seen[0].share, seen[1].share, seen[2].share],
+            [1.0, 0.0, 1.0]
+        );
+        assert!((seen[0].nearest - 0.75).abs() < 1e-3 && (seen[2].nearest - 1.75).abs() < 1e-3);
+        assert!(seen[1].nearest.is_infinite());
+    }
+
+    #[test]
+    fn half_of_a_robot_shows_beside_the_edge_of_another() {
+        let seen = sights(&[square(2.0, 0.25), square(4.0, 0.0)], &[]);
+        assert!((0.3..0.7).contains(&seen[1].share), "{}", seen[1].share);
+    }
+
+    #[test]
+    fn a_covered_sector_hides_what_is_in_it_and_a_corner_is_nearer_than_a_side() {
+        let turned = Body {
+            outline: Outline::Square(0.25, std::f32::consts::FRAC_PI_4),
+            ..square(2.0, 0.0)
+        };
+        assert_eq!(sights(&[turned], &[(0.1, 1.0)])[0].share, 0.0);
+        let corner = sights(&[turned], &[])[0].nearest;
+        assert!(
+            (corner - (2.0 - 0.25 * 2f32.sqrt())).abs() < 0.01,
+            "{corner}"
+        );
+    }
+}
