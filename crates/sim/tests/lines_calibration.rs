@@ -1,0 +1,114 @@
+//! A minute of driving among others calibrates the map by the field's lines alone, upright and with a tilted mirror.
+
+use std::path::Path;
+
+use localize::Field;
+use sim::{Sample, Scenario, Sim};
+use vision::calibrate::{DriveImage, calibrate_lines};
+use vision::{GroundMap, Image, Mount, Profile, VisionConfig, optics};
+
+/// Seconds between two images of the drive.
+const EVERY: f64 = 2.0;
+
+/// Median distance between two maps over the ground between two ranges, metres.
+fn off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+    let pixels = (0..exact.height_px).flat_map(|v| (0..exact.width_px).map(move |u| (u, v)));
+    let wanted: Vec<(Option<f32>, f32)> = pixels
+        .filter_map(|(u, v)| {
+            let truth = exact.at(u, v)?;
+            let off = found.at(u, v).map(|at| at.distance_to(truth));
+            Some((off, truth.distance()))
+        })
+        .filter(|(_, range)| (from..to).contains(range))
+        .collect();
+    let mut offs: Vec<f32> = wanted.iter().filter_map(|(off, _)| *off).collect();
+    assert!(
+        offs.len() * 10 > wanted.len() * 9,
+        "of {} pixels",
+        wanted.len()
+    );
+    offs.sort_by(f32::total_cmp);
+    offs[offs.len() / 2]
+}
+
+/// Calibrates from a simulated drive of a minute; the start is the upright mirror's map, `stretch` times as long.
+fn calibrated(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml");
+    let text = std::fs::read_to_string(&path).expect("a scenario");
+    let mut table: toml::Table = toml::from_str(&text).expect("a scenario");
+    table.insert("seed".to_owned(), toml::Value::Integer(seed as i64));
+    table.insert("frame_rate_hz".to_owned(), toml::Value::Float(1.0 / EVERY));
+    let tilt = mirror_tilt_deg.map(toml::Value::Float).to_vec();
+    let mount = toml::Table::from_iter([("mirror_tilt_deg".to_owned(), toml::Value::Array(tilt))]);
+    table.insert("mount".to_owned(), toml::Value::Table(mount));
+    let (scenario, robot) = Scenario::from_table(table, &path).expect("a scenario");
+    let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field)).expect("a field");
+    let camera = robot.camera.clone().expect("a camera");
+    let profile = Profile::load(&robot.mirror.as_ref().expect("a mirror").profile);
+    let profile = profile.expect("a profile");
+    let map = |mount: &Mount| {
+        let rays = optics::trace_rays(&camera, &profile, mount).expect("rays");
+        rays.ground_map()
+    };
+    let exact = map(&Mount {
+        mirror_tilt_deg,
+        ..scenario.mount
+    });
+    let upright = map(&Mount::default());
+    let stretched = |values: &[f32]| values.iter().map(|value| stretch * value).collect();
+    let start = GroundMap {
+        x: stretched(&upright.x),
+        y: stretched(&upright.y),
+        ..upright.clone()
+    };
+    let sim = Sim::new(scenario, robot, field.clone()).expect("a simulation");
+    let images: Vec<DriveImage> = sim
+        .take_while(|sample| sample.stamp().seconds() < 60.0)
+        .filter_map(|sample| match sample {
+            Sample::Image(image) => Some(DriveImage {
+                name: format!("{:.0} s", image.stamp.seconds()),
+                image: Image {
+                    width_px: image.width_px,
+                    height_px: image.height_px,
+                    rgb: image.rgb,
+                },
+            }),
+            _ => None,
+        })
+        .collect();
+    assert!(images.len() >= 29, "{} images", images.len());
+    let mut vision = VisionConfig::default();
+    let (inner, outer) = profile.radii();
+    vision.objects.viewpoint_height = profile.height_and_slope((inner + outer) / 2.0).0 as f32;
+    let found = calibrate_lines(&camera, &start, &field, &images, &vision).expect("a map");
+    let before = [(0.4, 3.0), (3.0, 5.0)].map(|(from, to)| off(&start, &exact, from, to));
+    let (near, far) = (
+        off(&found.map, &exact, 0.4, 3.0),
+        off(&found.map, &exact, 3.0, 5.0),
+    );
+    let left_out = found
+        .images
+        .iter()
+        .filter(|image| image.left_out.is_some())
+        .count();
+    println!(
+        "tilt {mirror_tilt_deg:?}, start {stretch} times as long ({before:.3?} m off): median {near:.4} m inside 3 m, \
+         {far:.4} m from 3 to 5 m, {left_out} of {} images left out",
+        images.len()
+    );
+    (near, far)
+}
+
+#[test]
+fn a_minute_of_driving_calibrates_an_upright_mirror_from_a_guess_a_fifth_too_long() {
+    let (near, far) = calibrated([0.0, 0.0], 1.2, 1);
+    assert!(near <= 0.02, "median {near} m inside 3 m");
+    assert!(far <= 0.06, "median {far} m from 3 to 5 m");
+}
+
+#[test]
+fn a_minute_of_driving_calibrates_a_mirror_tilted_by_two_degrees() {
+    let (near, far) = calibrated([1.6, -1.2], 1.0, 1);
+    assert!(near <= 0.02, "median {near} m inside 3 m");
+    assert!(far <= 0.06, "median {far} m from 3 to 5 m");
+}
