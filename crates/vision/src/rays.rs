@@ -136,25 +136,32 @@ impl Rays {
 
     fn sight(&self, ray: usize, config: &ObjectConfig) -> RaySight {
         let (start, end) = (self.starts[ray], self.starts[ray + 1]);
-        let mut last_carpet: Option<usize> = None;
-        let (mut gap, mut gap_max) = (0.0, 0.0);
-        let mut recent = 0u32;
-        let mut index = start;
-        while index < end {
-            let class = self.classes[index];
-            recent = (recent << 1 | u32::from(class == Class::CARPET)) & RECENT;
-            let unbroken = gap == 0.0 && last_carpet.is_some();
-            // Beside the robot itself little carpet may be left before an obstacle: two samples of it are enough there.
-            let first = last_carpet.is_none() && index < start + NEAREST && recent & 0b11 == 0b11;
-            if class == Class::CARPET && (unbroken || first || recent.count_ones() >= MOST) {
-                let more = leading_carpet(&self.classes[index + 1..end]);
-                recent = ((recent + 1) << more.min(5)) - 1;
-                index += more;
-                last_carpet = Some(index);
-                gap = 0.0;
-                gap_max = config.gap_max + config.gap_share * self.samples[index].range;
-            } else if let Some(last) = last_carpet {
-                let step = self.samples[index].range - self.samples[index - 1].range;
+        let classes = &self.classes[..end];
+        let endless = |carpet| RaySight {
+            end: f32::INFINITY,
+            beyond: end,
+            carpet,
+        };
+        let Some((mut last, mut recent)) = first_carpet(classes, start) else {
+            return endless(false);
+        };
+        loop {
+            let more = leading_carpet(&classes[last + 1..]);
+            recent = ((recent + 1) << more.min(5)) - 1;
+            last += more;
+            let range = self.samples[last].range;
+            let gap_max = config.gap_max + config.gap_share * range;
+            let (mut gap, mut before) = (0.0, range);
+            let mut resumed = None;
+            for (index, &class) in classes.iter().enumerate().skip(last + 1) {
+                recent = (recent << 1 | u32::from(class == Class::CARPET)) & RECENT;
+                if class == Class::CARPET && recent.count_ones() >= MOST {
+                    resumed = Some(index);
+                    break;
+                }
+                let here = self.samples[index].range;
+                let step = here - before;
+                before = here;
                 gap += if class == Class::WHITE {
                     0.25 * step
                 } else {
@@ -162,20 +169,32 @@ impl Rays {
                 };
                 if gap > gap_max {
                     return RaySight {
-                        end: self.samples[last].range,
+                        end: range,
                         beyond: last + 1,
                         carpet: true,
                     };
                 }
             }
-            index += 1;
-        }
-        RaySight {
-            end: f32::INFINITY,
-            beyond: end,
-            carpet: last_carpet.is_some(),
+            match resumed {
+                Some(index) => last = index,
+                None => return endless(true),
+            }
         }
     }
+}
+
+/// Where a ray's carpet begins, and which of the last samples up to there are carpet, a bit each.
+fn first_carpet(classes: &[Class], start: usize) -> Option<(usize, u32)> {
+    let mut recent = 0u32;
+    for (index, &class) in classes.iter().enumerate().skip(start) {
+        recent = (recent << 1 | u32::from(class == Class::CARPET)) & RECENT;
+        // Beside the robot itself little carpet may be left before an obstacle: two samples of it are enough there.
+        let near = index < start + NEAREST && recent & 0b11 == 0b11;
+        if class == Class::CARPET && (near || recent.count_ones() >= MOST) {
+            return Some((index, recent));
+        }
+    }
+    None
 }
 
 /// Does the carpet reach farther on both sides of neighbouring rays that end at `range`, by `more` metres at least?
