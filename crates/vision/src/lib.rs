@@ -25,6 +25,7 @@ mod columns;
 mod foot;
 mod rays;
 
+mod judge;
 pub mod line_points;
 mod runs;
 mod transitions;

@@ -8,7 +8,8 @@ use localize::frame::At;
 use localize::sample::LinePoint;
 
 use crate::colours::Class;
-use crate::line_points::{Judge, Reading, SeenLinePoint, beyond_carpet};
+use crate::judge::{Judge, beyond_carpet};
+use crate::line_points::{Reading, SeenLinePoint};
 use crate::scan::ScanSample;
 
 /// Blur between carpet and white, samples that are neither.
