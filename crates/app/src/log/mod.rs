@@ -54,8 +54,8 @@ impl Default for LogConfig {
             // A second at 30 Hz: 20 MB at 480 × 480 pixels.
             queue_images: 30,
             queue_cycles: 300,
-            // Half of the second that a kill may cost: writing takes time, too.
-            flush_period: 0.5,
+            // Within the second that a kill may cost: writing takes time, too, and each flush ends a chunk that is remembered.
+            flush_period: 0.75,
         }
     }
 }
