@@ -141,7 +141,7 @@ impl Judge<'_> {
         }
         Ok(SeenLinePoint {
             point: extent.point,
-            at_px: line.between_px((run.left_edge + run.right_edge) / 2.0),
+            at_px: line.between_px(run.middle()),
             contrast: run.contrast,
             width: extent.width,
         })

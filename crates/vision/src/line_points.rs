@@ -121,10 +121,11 @@ pub(crate) fn line_points(
         }
     };
     middles.clear();
-    middles.extend(found.iter().map(|found| {
-        let middle = (found.run.left_edge + found.run.right_edge) / 2.0;
-        reading.pattern.samples[found.start as usize + middle as usize]
-    }));
+    middles.extend(
+        found.iter().map(|found| {
+            reading.pattern.samples[found.start as usize + found.run.middle() as usize]
+        }),
+    );
     extents.clear();
     for (found, middle) in found.iter().zip(&*middles) {
         let line = line(found);

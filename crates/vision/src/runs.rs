@@ -17,6 +17,13 @@ pub(crate) struct Run {
     pub(crate) contrast: f32,
 }
 
+impl Run {
+    /// Halfway between its edges, samples.
+    pub(crate) fn middle(&self) -> f32 {
+        (self.left_edge + self.right_edge) / 2.0
+    }
+}
+
 /// Plain carpet is passed over in blocks of this many samples: one vector register of bytes.
 const BLOCK: usize = 16;
 

@@ -26,9 +26,9 @@ pub(super) struct Light {
     /// Share of the scanned pixels that were carpet when it was learned.
     pub(super) carpet_share: f32,
     pub(super) format: PixelFormat,
-    pub(super) adaptation: Adaptation,
+    adaptation: Adaptation,
     /// Seen in this light.
-    pub(super) frames: u32,
+    frames: u32,
 }
 
 impl Eyes {

@@ -49,7 +49,7 @@ pub(crate) const IMAGE_TOPIC: &str = "/camera/image";
 const CHUNK_BYTES: u64 = 384 * 1024;
 /// On a robot each flush ends a chunk, and only a camera far beyond the usual fills one before that.
 ///
-/// The writer remembers each chunk, with a place for each topic (half a kilobyte), for the summary at the end: many small
+/// The writer remembers each chunk, with a place for each topic (a kilobyte), for the summary at the end: many small
 /// chunks of a long game would cost memory. A kill costs what came since the last flush, whatever the size.
 const LIVE_CHUNK_BYTES: u64 = 4 * 1024 * 1024;
 
