@@ -1,10 +1,13 @@
 //! What does the robot sense, and when? The world and all sensors on one clock, as stamped samples in time order.
 
+mod intervene;
+mod sense;
+
 use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use localize::field::{Field, FieldError};
-use localize::frame::{At, FieldFrame, Pose};
+use localize::frame::Pose;
 use localize::omni::{OmniError, Twist};
 use localize::sample::{Command, Compass, Imu, Odometry};
 use localize::stamp::Stamp;
@@ -17,7 +20,7 @@ use vision::{CameraConfig, Profile, RobotConfig};
 use crate::drive::Follower;
 use crate::film::FilmConfig;
 use crate::play::{Play, THINKING};
-use crate::render::{Renderer, Scene, Setting};
+use crate::render::{Renderer, Setting};
 use crate::scenario::{FaultKind, Scenario, ScenarioError};
 use crate::sensors::{CompassModel, ImuModel};
 use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, World};
@@ -313,96 +316,6 @@ impl Sim {
         Stamp(self.steps * STEP_NANOSECONDS)
     }
 
-    /// Takes over from the scenario's path; `None` gives it back.
-    pub fn command(&mut self, twist: Option<Twist>) {
-        self.commanded = twist;
-    }
-
-    /// How far each wheel has turned since the start, radians: what encoders count.
-    pub fn wheels_turned(&self) -> impl Iterator<Item = f64> + '_ {
-        self.world.wheels_turned()
-    }
-
-    /// Puts our robot elsewhere, standing.
-    pub fn kidnap(&mut self, pose: Pose) {
-        self.world.kidnap(pose);
-    }
-
-    /// Puts another robot elsewhere, standing; they are numbered as in [`Truth::others`].
-    pub fn move_other(&mut self, index: usize, pose: Pose) {
-        self.world.move_other(index, pose);
-    }
-
-    /// Makes a sensor fail from now on, or work again; `wheel` matters to a stuck wheel alone.
-    pub fn set_fault(&mut self, kind: FaultKind, wheel: usize, fails: bool) {
-        let time = self.time();
-        let over = |fault: &crate::scenario::Fault| fault.stop <= time || time < fault.start;
-        self.scenario
-            .faults
-            .retain(|fault| fault.kind != kind || over(fault));
-        if fails {
-            self.scenario.faults.push(crate::scenario::Fault {
-                kind,
-                start: time,
-                stop: f64::INFINITY,
-                wheel,
-            });
-        }
-    }
-
-    /// Hits our robot with an impulse (N s, field frame).
-    pub fn push(&mut self, impulse: [f32; 2]) {
-        self.world.push(impulse);
-    }
-
-    /// Puts the ball somewhere with a velocity (m/s, field frame).
-    pub fn place_ball(&mut self, at: At<FieldFrame>, velocity: [f32; 2]) {
-        self.world.place_ball(at, velocity);
-    }
-
-    /// Moves the other robots, and the ball where there is one, to where they are in another world that is run beside
-    /// this one: several of our robots share a field. `others`: in the order of [`Truth::others`].
-    pub fn follow(&mut self, others: &[RobotState], ball: Option<BallState>) {
-        for (index, state) in others.iter().enumerate() {
-            self.world.put_other(index, state);
-        }
-        if let Some(ball) = ball {
-            self.world.place_ball(ball.at, ball.velocity);
-        }
-    }
-
-    /// Sets the light's level by hand; `None` gives it back to the scenario.
-    pub fn set_light(&mut self, level: Option<f32>) {
-        self.light_level = level;
-    }
-
-    /// Hangs something black in the view until further notice: middle and whole width, degrees; `None` takes it away.
-    pub fn occlude(&mut self, sector_deg: Option<(f32, f32)>) {
-        self.held_up = sector_deg;
-    }
-
-    /// The camera's settings.
-    pub fn film(&self) -> &FilmConfig {
-        &self.film
-    }
-
-    /// Changes the camera's settings from the next image on.
-    pub fn set_film(&mut self, film: FilmConfig) {
-        self.film = film;
-    }
-
-    /// Changes the camera's exposure and gain from an image on, counted from 0 (those that were dropped not).
-    ///
-    /// Must be called before that image is taken, in the order of the images; one that is past means the next.
-    pub fn expose_from(&mut self, image: u64, exposure: f32, gain: f32) {
-        let film = FilmConfig {
-            exposure,
-            gain,
-            ..self.film
-        };
-        self.films_to_come.push_back((image, film));
-    }
-
     /// What is true now.
     pub fn truth(&self) -> Truth {
         Truth {
@@ -469,127 +382,6 @@ impl Sim {
         self.shaken.0[1] += f64::from(ay);
         self.shaken.1 += 1;
         self.steps += 1;
-    }
-
-    /// Reads every sensor whose time has come: motion first, then truth and image.
-    fn sense(&mut self) {
-        let time = self.time();
-        let stamp = self.stamp();
-        if self.odometry.due(time) {
-            self.sense_wheels(stamp);
-        }
-        if self.imu.as_mut().is_some_and(|(_, clock)| clock.due(time)) {
-            self.sense_imu(stamp);
-        }
-        if self
-            .compass
-            .as_mut()
-            .is_some_and(|(_, clock)| clock.due(time))
-        {
-            self.sense_compass(stamp);
-        }
-        if self.camera.due(time) {
-            let truth = self.truth();
-            let image = self.sense_image(&truth);
-            self.ready.push_back(Sample::Truth(truth));
-            self.ready.extend(image.map(Sample::Image));
-        }
-    }
-
-    fn sense_wheels(&mut self, stamp: Stamp) {
-        let stuck = self.failing(FaultKind::WheelStuck).map(|fault| fault.wheel);
-        let odometry = self.world.count_wheels(stamp, stuck);
-        self.ready.push_back(Sample::Command(Command {
-            stamp,
-            twist: self.wanted,
-        }));
-        if self.failing(FaultKind::OdometrySilent).is_none() {
-            self.ready.push_back(Sample::Odometry(odometry));
-        }
-    }
-
-    fn sense_imu(&mut self, stamp: Stamp) {
-        let ([x, y], count) = std::mem::take(&mut self.shaken);
-        let robot = self.world.robot();
-        let (sin, cos) = robot.pose.theta.sin_cos();
-        let per = 1.0 / f64::from(count.max(1));
-        let (x, y) = ((x * per) as f32, (y * per) as f32);
-        let felt = [cos * x + sin * y, -sin * x + cos * y];
-        let silent = self.failing(FaultKind::ImuSilent).is_some();
-        if let Some((imu, _)) = &self.imu {
-            let reading = imu.read(stamp, felt, robot.omega, &mut self.chance_sensors);
-            if !silent {
-                self.ready.push_back(Sample::Imu(reading));
-            }
-        }
-    }
-
-    fn sense_compass(&mut self, stamp: Stamp) {
-        let heading = self.world.robot().pose.theta;
-        let silent = self.failing(FaultKind::CompassSilent).is_some();
-        let frozen = self.failing(FaultKind::CompassFrozen).is_some();
-        let Some((compass, _)) = &mut self.compass else {
-            return;
-        };
-        let mut reading = compass.read(stamp, heading, &mut self.chance_sensors);
-        match (frozen, self.frozen_heading) {
-            (true, Some(heading)) => reading.heading = heading,
-            _ => self.frozen_heading = Some(reading.heading),
-        }
-        if !silent {
-            self.ready.push_back(Sample::Compass(reading));
-        }
-    }
-
-    fn sense_image(&mut self, truth: &Truth) -> Option<Image> {
-        if !self.renders || self.failing(FaultKind::FramesDropped).is_some() {
-            return None;
-        }
-        while let Some(&(_, film)) = self
-            .films_to_come
-            .front()
-            .filter(|(from, _)| *from <= self.images)
-        {
-            self.film = film;
-            self.films_to_come.pop_front();
-        }
-        self.images += 1;
-        let (width_px, height_px) = self.renderer.size_px();
-        let image = |rgb| Image {
-            stamp: truth.stamp,
-            width_px,
-            height_px,
-            rgb,
-        };
-        let frozen = self.failing(FaultKind::FramesFrozen).is_some();
-        if let (true, Some(rgb)) = (frozen, &self.frozen_image) {
-            return Some(image(rgb.clone()));
-        }
-        let time = truth.stamp.seconds();
-        let level = self
-            .light_level
-            .unwrap_or_else(|| self.scenario.light.level_at(time));
-        let occlusions: Vec<(f32, f32)> = self
-            .scenario
-            .occlusions
-            .iter()
-            .filter(|occlusion| occlusion.start <= time && time < occlusion.stop)
-            .map(|occlusion| (occlusion.direction_deg, occlusion.width_deg))
-            .chain(self.held_up)
-            .map(|(direction_deg, width_deg)| (direction_deg.to_radians(), width_deg.to_radians()))
-            .collect();
-        let look = &self.scenario.ball;
-        let scene = Scene {
-            pose: truth.robot.pose,
-            robots: &truth.others,
-            ball: truth.ball.map(|ball| (ball.at, look.diameter, look.colour)),
-            lamp: self.scenario.light.colour.map(|part| part * level),
-            occlusions: &occlusions,
-        };
-        let mut rgb = Vec::new();
-        self.renderer.render(&scene, &self.film, &mut rgb);
-        self.frozen_image = frozen.then(|| rgb.clone());
-        Some(image(rgb))
     }
 }
 

@@ -1,5 +1,7 @@
 use std::path::Path;
 
+use localize::frame::At;
+
 use super::*;
 use crate::scenario::Kidnap;
 
