@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use localize::robot::CameraConfig;
+use localize::robot::{RobotConfig, RobotError};
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
-use vision::CameraConfig;
-use vision::robot::{RobotConfig, RobotError};
 
 use crate::rays::GroundMap;
 use crate::see::camera_or_of_map;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use localize::field::{FieldConfig, FieldError};
 use localize::frame::{At, Pose};
+use localize::robot::BodyConfig;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
@@ -12,7 +13,6 @@ use sim::light::LightConfig;
 use sim::render::{Renderer, Scene, Setting};
 use sim::scenario::{BallConfig, Team};
 use sim::world::RobotState;
-use vision::robot::BodyConfig;
 
 use crate::camera::{Camera, Mount};
 use crate::errors;

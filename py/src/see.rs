@@ -78,10 +78,10 @@ pub(crate) fn settings(toml: Option<&str>) -> PyResult<VisionConfig> {
 pub(crate) fn camera_or_of_map(
     camera: Option<&Bound<'_, Camera>>,
     map: &vision::GroundMap,
-) -> PyResult<vision::CameraConfig> {
+) -> PyResult<localize::robot::CameraConfig> {
     match camera {
         Some(camera) => Ok(camera.get().0.clone()),
-        None => vision::CameraConfig::of_map(map)
+        None => vision::camera_from_map::camera_from_map(map)
             .ok_or_else(|| PyValueError::new_err("the map shows too little ground")),
     }
 }

@@ -4,12 +4,13 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::arguments::WrongArguments;
+use crate::commands::arguments::WrongArguments;
+use crate::commands::{bench, calibrate, demo, doctor, locate, recover, replay, sim};
+#[cfg(feature = "python")]
+use crate::commands::{mirror, script};
+use crate::eval;
 #[cfg(feature = "view")]
 use crate::view;
-use crate::{bench, calibrate, demo, doctor, eval, locate, recover, replay, simulate};
-#[cfg(feature = "python")]
-use crate::{mirror, script};
 
 /// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
 #[derive(Parser)]
@@ -33,7 +34,7 @@ enum Command {
     Demo(demo::Args),
     Doctor(doctor::Args),
     Locate(locate::Args),
-    Sim(simulate::Args),
+    Sim(sim::Args),
     Replay(replay::Args),
     Run(crate::run::Args),
     #[cfg(feature = "view")]
@@ -77,7 +78,7 @@ pub fn run() -> ExitCode {
         Command::Demo(args) => demo::run(&args, cli.json),
         Command::Doctor(args) => doctor::run(&args, cli.json),
         Command::Locate(args) => locate::run(&args, cli.json),
-        Command::Sim(args) => simulate::run(&args, cli.json),
+        Command::Sim(args) => sim::run(&args, cli.json),
         Command::Replay(args) => replay::run(&args, cli.json),
         Command::Run(args) => crate::run::run(&args, cli.json),
         #[cfg(feature = "view")]

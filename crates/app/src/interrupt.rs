@@ -1,5 +1,6 @@
 //! Has somebody asked us to stop? Ctrl-C and SIGTERM end a run between two cycles, so that nothing is left half-written.
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
@@ -21,6 +22,15 @@ pub fn watch() -> Result<()> {
 /// Whether somebody asked us to stop.
 pub fn asked() -> bool {
     ASKED.load(Ordering::Relaxed)
+}
+
+/// Breaks off a loop once somebody asked us to stop.
+pub fn flow() -> ControlFlow<()> {
+    if asked() {
+        ControlFlow::Break(())
+    } else {
+        ControlFlow::Continue(())
+    }
 }
 
 /// An error once somebody asked us to stop: what drops on the way out takes its unfinished files with it.

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use app::cycle::{Spine, SpineConfig};
-use app::sample::{Picture, Sample};
-use app::simulation::Simulation;
 use localize::estimate::Mode;
+use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::sample::{Picture, Sample};
+use pipeline::simulation::Simulation;
 use vision::Image;
 
 /// The carpet's brightness in the image is back when it is within this factor of what it was before the change.

@@ -1,6 +1,6 @@
 //! What is plugged into this robot? All its devices together, and a list of those of this machine.
 
-use vision::robot::RobotConfig;
+use localize::robot::RobotConfig;
 
 use crate::base::Base;
 use crate::camera::{self, Camera};

@@ -13,7 +13,7 @@ use hw::wire::vesc::{Request, Values};
 use hw::wire::{CanFrame, Stream, board, slcan, vesc_can};
 use hw::{Base, Event, HwError, Inbox, State};
 use localize::omni::Twist;
-use vision::robot::BaseConfig;
+use localize::robot::BaseConfig;
 
 fn device(bus: Bus, port: String) -> BaseDevice {
     BaseDevice {

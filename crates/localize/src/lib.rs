@@ -23,6 +23,7 @@ pub mod matching;
 pub mod omni;
 pub mod presets;
 pub mod relocalise;
+pub mod robot;
 pub mod sample;
 pub mod search;
 pub mod stamp;

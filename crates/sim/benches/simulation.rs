@@ -6,11 +6,12 @@ use std::path::Path;
 use criterion::{Criterion, criterion_group, criterion_main};
 use localize::Field;
 use localize::frame::{At, Pose};
+use localize::robot::RobotConfig;
 use sim::render::{Renderer, Scene, Setting};
 use sim::scenario::Team;
 use sim::world::RobotState;
 use sim::{Sample, Scenario, Sim};
-use vision::{Profile, RobotConfig};
+use vision::Profile;
 
 fn config(name: &str) -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))

@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use localize::Field;
+use localize::robot::RobotConfig;
 use sim::fusion::FusionExperiment;
-use vision::RobotConfig;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);

@@ -1,10 +1,10 @@
 //! What do the wheels do? An omnidirectional base: wheel speeds, traction with slip, and what the encoders count.
 
 use localize::omni::{Omni, OmniError, Twist};
+use localize::robot::BaseConfig;
 use localize::sample::Odometry;
 use localize::stamp::Stamp;
 use nalgebra::Vector3;
-use vision::robot::BaseConfig;
 
 use crate::scenario::WheelConfig;
 

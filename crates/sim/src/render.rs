@@ -10,11 +10,12 @@ mod solids;
 
 use localize::field::Field;
 use localize::frame::{At, FieldFrame, Pose};
+use localize::robot::BodyConfig;
+use localize::robot::CameraConfig;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use vision::optics::{OpticsError, trace_rays};
-use vision::robot::BodyConfig;
-use vision::{CameraConfig, Mount, Profile};
+use vision::{Mount, Profile};
 
 use crate::film::{Film, FilmConfig, Pcg, Print, RUN, decode};
 use crate::light::LightConfig;

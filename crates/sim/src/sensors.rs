@@ -1,11 +1,11 @@
 //! What do IMU and compass read? Truth with bias, noise and shocks.
 
 use localize::frame::wrap_angle;
+use localize::robot::{CompassConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
-use vision::robot::{CompassConfig, ImuConfig, IronConfig};
 
 /// What a robot at rest feels, m/s².
 const GRAVITY: f32 = 9.81;

@@ -9,13 +9,14 @@ use std::path::PathBuf;
 use localize::field::{Field, FieldError};
 use localize::frame::Pose;
 use localize::omni::{OmniError, Twist};
+use localize::robot::{CameraConfig, RobotConfig};
 use localize::sample::{Command, Compass, Imu, Odometry};
 use localize::stamp::Stamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use vision::Profile;
 use vision::mirror::ProfileError;
 use vision::optics::OpticsError;
-use vision::{CameraConfig, Profile, RobotConfig};
 
 use crate::drive::Follower;
 use crate::film::FilmConfig;

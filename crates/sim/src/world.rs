@@ -3,11 +3,11 @@
 use localize::field::Field;
 use localize::frame::{At, FieldFrame, Pose};
 use localize::omni::{OmniError, Twist};
+use localize::robot::{BaseConfig, BodyConfig};
 use localize::sample::Odometry;
 use localize::stamp::Stamp;
 use nalgebra::Vector2;
 use rapier2d::prelude::*;
-use vision::robot::{BaseConfig, BodyConfig};
 
 use crate::ball::RollingLaw;
 use crate::base::Base;

@@ -4,7 +4,8 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use vision::{CameraConfig, Eyes, Image, Mount, Profile, VisionConfig, optics};
+use localize::robot::CameraConfig;
+use vision::{Eyes, Image, Mount, Profile, VisionConfig, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {

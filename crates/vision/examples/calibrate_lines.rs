@@ -4,8 +4,9 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use localize::Field;
+use localize::robot::CameraConfig;
 use vision::calibrate::{DriveImage, calibrate_lines};
-use vision::{CameraConfig, GroundMap, Image, VisionConfig};
+use vision::{GroundMap, Image, VisionConfig};
 
 #[derive(serde::Deserialize)]
 struct Robot {

@@ -5,9 +5,10 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
+use localize::robot::CameraConfig;
 use localize::{Field, Pose};
 use vision::overlay;
-use vision::{CameraConfig, Eyes, GroundMap, Image, Mount, Profile, VisionConfig, optics};
+use vision::{Eyes, GroundMap, Image, Mount, Profile, VisionConfig, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {

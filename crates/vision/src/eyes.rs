@@ -5,7 +5,6 @@ mod light;
 use std::sync::Arc;
 
 use crate::ball::{Ball, BallSearch, Visited};
-use crate::camera::CameraConfig;
 use crate::carpet::CarpetModel;
 use crate::classify::ClassReader;
 use crate::colours::{Class, NativeTable};
@@ -25,6 +24,7 @@ use crate::robots::{Robot, robots};
 use crate::scan::ScanPattern;
 use crate::transitions::wall_feet;
 use crate::windows::{WindowReadings, Windows};
+use localize::robot::CameraConfig;
 
 use light::Light;
 

@@ -1,13 +1,12 @@
 //! From an image to features: what a picture under the mirror tells about the ground around the robot.
 
-pub mod camera;
 pub mod config;
 pub mod error;
 pub mod mirror;
 
+pub mod camera_from_map;
 pub mod ground_map;
 pub mod optics;
-pub mod robot;
 
 pub mod image;
 
@@ -46,7 +45,6 @@ pub mod calibrate;
 
 pub mod overlay;
 
-pub use camera::CameraConfig;
 pub use config::VisionConfig;
 pub use error::VisionError;
 pub use eyes::{Eyes, Seen};
@@ -55,4 +53,3 @@ pub use image::{Frame, Image, PixelFormat};
 pub use labels::ColourTable;
 pub use mirror::Profile;
 pub use optics::{Mount, Ray, RayTable};
-pub use robot::RobotConfig;

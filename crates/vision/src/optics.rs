@@ -4,9 +4,9 @@ use localize::frame::{At, RobotFrame};
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
-use crate::camera::CameraConfig;
 use crate::ground_map::GroundMap;
 use crate::mirror::Profile;
+use localize::robot::CameraConfig;
 
 /// How camera and mirror really sit on the robot, as opposed to how they should; all zero for a perfect mount.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]

@@ -3,12 +3,12 @@
 use std::f32::consts::TAU;
 use std::ops::Range;
 
-use crate::camera::CameraConfig;
 use crate::classify::ClassReader;
 use crate::colours::{Class, NativeTable};
 use crate::config::ObjectConfig;
 use crate::ground_map::GroundMap;
 use crate::image::Frame;
+use localize::robot::CameraConfig;
 
 /// A sample of a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]

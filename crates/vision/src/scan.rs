@@ -4,9 +4,9 @@
 
 use std::f32::consts::TAU;
 
-use crate::camera::CameraConfig;
 use crate::config::ScanConfig;
 use crate::ground_map::GroundMap;
+use localize::robot::CameraConfig;
 
 /// Which kind of scan line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

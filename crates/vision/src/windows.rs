@@ -4,12 +4,12 @@
 //! The windows are configuration in image coordinates; those not configured are laid out from the ground map, so that
 //! any mirror has them.
 
-use crate::camera::CameraConfig;
 use crate::colours::{Class, NativeTable};
 use crate::config::{Window, WindowConfig};
 use crate::error::VisionError;
 use crate::ground_map::GroundMap;
 use crate::image::Frame;
+use localize::robot::CameraConfig;
 
 /// One bumper.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use vision::{CameraConfig, GroundMap, Mount, Profile, optics};
+use localize::robot::CameraConfig;
+use vision::{GroundMap, Mount, Profile, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {

@@ -2,10 +2,9 @@
 
 use std::path::Path;
 
+use localize::robot::CameraConfig;
 use vision::image::{Frame, PixelFormat};
-use vision::{
-    CameraConfig, Eyes, GroundMap, Image, Mount, Profile, VisionConfig, VisionError, optics,
-};
+use vision::{Eyes, GroundMap, Image, Mount, Profile, VisionConfig, VisionError, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {

@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use localize::robot::CameraConfig;
 use localize::{Field, Pose};
 use vision::overlay::marking_distance;
-use vision::{CameraConfig, Eyes, Image, Mount, Profile, VisionConfig, VisionError, optics};
+use vision::{Eyes, Image, Mount, Profile, VisionConfig, VisionError, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {

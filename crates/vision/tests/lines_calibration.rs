@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use localize::Field;
+use localize::robot::CameraConfig;
 use vision::calibrate::{CalibrationError, DriveImage, calibrate_lines};
-use vision::{CameraConfig, GroundMap, Image, VisionConfig};
+use vision::{GroundMap, Image, VisionConfig};
 
 #[derive(serde::Deserialize)]
 struct Robot {

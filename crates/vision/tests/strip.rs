@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
+use localize::robot::CameraConfig;
 use vision::calibrate::{Strip, StripImage, calibrate_strip, fit_profile};
 use vision::optics::Tracer;
-use vision::{CameraConfig, GroundMap, Image, Mount, Profile, optics};
+use vision::{GroundMap, Image, Mount, Profile, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {

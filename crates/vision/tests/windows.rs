@@ -1,8 +1,9 @@
 //! Do the virtual sensors tell what stands in their windows?
 
+use localize::robot::CameraConfig;
 use vision::colours::Class;
 use vision::config::{Window, WindowConfig};
-use vision::{CameraConfig, Eyes, GroundMap, Image, Seen, VisionConfig, VisionError};
+use vision::{Eyes, GroundMap, Image, Seen, VisionConfig, VisionError};
 
 const SIZE: usize = 200;
 

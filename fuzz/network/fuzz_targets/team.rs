@@ -1,8 +1,8 @@
 //! Any datagram to the team's talk. `tools/fuzz 60 team`
 #![no_main]
 
-use app::net::LinkConfig;
-use app::net::team::Talk;
+use pipeline::datagram::LinkConfig;
+use pipeline::datagram::Talk;
 use localize::Stamp;
 use localize::team::{TeamConfig, TeamModel};
 

@@ -1,5 +1,6 @@
 //! How far from the truth, frame by frame? Simulated drives under each variant, preset and seed, all cores at once.
 
+use crate::interrupt;
 use std::path::Path;
 
 use anyhow::{Context, Result};
@@ -11,9 +12,9 @@ use rayon::prelude::*;
 use super::experiment::{Drives, Variant};
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use crate::cycle::{Cycle, Spine, SpineConfig, overlaid};
-use crate::outputs::mode_name;
-use crate::simulation::Simulation;
+use pipeline::cycle::{Cycle, Spine, SpineConfig, overlaid};
+use pipeline::result_files::mode_name;
+use pipeline::simulation::Simulation;
 
 /// A pose this far off while called tracked, with no reason for doubt, is silently wrong, metres.
 const WRONG: f32 = 0.5;
@@ -71,7 +72,7 @@ pub fn drive(job: &Job<'_>) -> Result<(Vec<Row>, Vec<f64>)> {
     let mut rows = Vec::new();
     simulation.play(&mut spine, |cycle| {
         rows.extend(row(&cycle));
-        Ok(())
+        Ok(interrupt::flow())
     })?;
     Ok((rows, kidnaps))
 }

@@ -1,5 +1,6 @@
 //! What do the eyes find of what is there, and how far away? Line points, markings, ball and robots against truth.
 
+use crate::interrupt;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -12,13 +13,13 @@ use vision::config::ObjectConfig;
 use super::experiment::{Eyes, Recorded, Variant};
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use crate::cycle::{Cycle, Spine, SpineConfig, overlaid};
-use crate::locate::FOREIGN_POINT_STD;
-use crate::recording::Recording;
-use crate::score;
-use crate::setup::Setup;
-use crate::sight_score::{Note, NoteKind, SightTally, TrueObject, TrueScene};
-use crate::simulation::Simulation;
+use crate::commands::locate::FOREIGN_POINT_STD;
+use pipeline::cycle::{Cycle, Spine, SpineConfig, overlaid};
+use pipeline::recording::Recording;
+use pipeline::score;
+use pipeline::score::objects::{Note, NoteKind, SightTally, TrueObject, TrueScene};
+use pipeline::setup::Setup;
+use pipeline::simulation::Simulation;
 
 /// Runs are cut into pieces this long for the intervals of shares, seconds: by then everything stands elsewhere. A short
 /// recording is cut into as many as ten all the same.
@@ -160,7 +161,7 @@ fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
     let occlusions = simulation.sim().scenario().occlusions.clone();
     simulation.play(&mut spine, |cycle| {
         let Some(truth) = &cycle.inputs.truth else {
-            return Ok(());
+            return Ok(interrupt::flow());
         };
         let thing = |is_ball, at, heading| TrueObject {
             is_ball,
@@ -180,7 +181,7 @@ fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
             .map(|one| (one.direction_deg.to_radians(), one.width_deg.to_radians()))
             .collect();
         looked.add(&cycle, &setup, truth.pose, (Some(&there), &covered));
-        Ok(())
+        Ok(interrupt::flow())
     })?;
     Ok(looked)
 }

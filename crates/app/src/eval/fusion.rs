@@ -3,10 +3,10 @@
 use anyhow::{Result, bail};
 use indicatif::ProgressBar;
 use localize::Field;
+use localize::robot::RobotConfig;
 use rayon::prelude::*;
 use serde::Serialize;
 use sim::fusion::{Course, Estimator, FusionExperiment, Row};
-use vision::RobotConfig;
 
 use super::experiment::Fusion;
 use super::figure::Figure;

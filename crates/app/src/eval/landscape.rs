@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Landscape;
 use super::figure::Figure;
 use super::output::Rows;
-use crate::cycle::SpineConfig;
+use pipeline::cycle::SpineConfig;
 
 /// Mean error of all points (minho2016 eq. 5 on the distance to the nearest marking) at each place, and the height of
 /// the histograms' peaks (V.B) at each heading; both in one file, told apart by `layer`.

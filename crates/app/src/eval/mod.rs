@@ -18,10 +18,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
-use crate::arguments::WrongArguments;
-use crate::home;
+use crate::commands::arguments::WrongArguments;
 use experiment::{Experiment, Part, Run};
 use output::{PartResults, Results, Rows};
+use pipeline::paths;
 
 /// Run a paper's experiments again and set our figures beside its own: tables, CSV and one HTML page.
 ///
@@ -89,7 +89,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         source: experiment.source.clone(),
         differs: experiment.differs.clone(),
         version: env!("CARGO_PKG_VERSION"),
-        machine: crate::bench::machine(),
+        machine: crate::commands::bench::machine(),
         seeds: [args.seed, last],
         parts: done,
     };
@@ -123,7 +123,7 @@ fn find(name: &str) -> Result<PathBuf> {
     if name.is_empty() || name.contains(['/', '\\']) {
         bail!("{name:?} is neither an experiment's name nor a TOML file");
     }
-    let folder = home::find("config/experiments")?;
+    let folder = paths::find("config/experiments")?;
     let file = folder.join(format!("{name}.toml"));
     if file.exists() {
         return Ok(file);

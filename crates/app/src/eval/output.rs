@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::figure::Figure;
-use crate::table::Written;
+use pipeline::csv_table::Written;
 
 /// The rows of one part, written when the first comes.
 pub struct Rows {

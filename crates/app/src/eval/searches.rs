@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Searches;
 use super::figure::Figure;
 use super::output::Rows;
-use crate::cycle::SpineConfig;
+use pipeline::cycle::SpineConfig;
 
 /// A pose this near is the right one, metres and radians (5°).
 const RIGHT: (f32, f32) = (0.25, 0.087);

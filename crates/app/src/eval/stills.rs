@@ -8,9 +8,9 @@ use super::drives::{Row, row};
 use super::experiment::Stills;
 use super::figure::Figure;
 use super::output::Rows;
-use crate::cycle::{Spine, SpineConfig};
-use crate::sample::Sample;
-use crate::simulation::Simulation;
+use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::sample::Sample;
+use pipeline::simulation::Simulation;
 
 /// An error beyond this is another place, not an inaccurate one, metres.
 const OUTLIER: f32 = 0.5;
@@ -42,7 +42,7 @@ pub fn run(stills: &Stills, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Re
         for (&(spot, _, seed), found) in jobs.iter().zip(&located) {
             let row = &found[index];
             let [tx, ty, tt] = row.truth;
-            let (mode, points) = (crate::outputs::mode_name(row.mode), row.points);
+            let (mode, points) = (pipeline::result_files::mode_name(row.mode), row.points);
             let Some((pose, error)) = row.pose.zip(row.error()) else {
                 rows.row(format_args!(
                     "{preset},{spot},{seed},{tx:.5},{ty:.5},{tt:.6},,,,,,,{mode},{points}"

@@ -8,9 +8,9 @@ use rayon::prelude::*;
 use super::experiment::{Circumstance, SquadRuns, Team, Variant};
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use crate::cycle::{SpineConfig, overlaid};
-use crate::simulation::changed_scenario;
-use crate::squad::{Fared, Squad};
+use pipeline::cycle::{SpineConfig, overlaid};
+use pipeline::multi_robot::{Fared, Squad};
+use pipeline::simulation::changed_scenario;
 
 /// One run of a team: mean errors of the ball, metres.
 struct Known {

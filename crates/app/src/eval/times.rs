@@ -21,9 +21,9 @@ use vision::image::Image;
 use super::experiment::Times;
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use crate::cycle::SpineConfig;
-use crate::home;
-use crate::setup::Setup;
+use pipeline::cycle::SpineConfig;
+use pipeline::paths;
+use pipeline::setup::Setup;
 
 /// A stage whose time is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
@@ -165,7 +165,7 @@ fn measure(stage: Stage, field: &Field, frames: &[DriveFrame]) -> Result<Vec<f64
 
 /// On the recorded drive's images, again and again.
 fn line_points(cycles: usize) -> Result<Vec<f64>> {
-    let folder = home::find("samples/sequence")?;
+    let folder = paths::find("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup.camera.as_ref().context("the sample has no camera")?;
     let config = SpineConfig::preset("minho2016")?.vision;

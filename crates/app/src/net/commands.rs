@@ -11,9 +11,9 @@ use anyhow::{Context, Result, ensure};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
-use super::message::{Command, Drive, Kick, VERSION};
 use super::out::resolve;
-use super::seal::{Key, Refused, Turnstile, open};
+use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
+use pipeline::datagram::seal::{Key, Refused, Turnstile, open};
 
 /// Commands by UDP.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

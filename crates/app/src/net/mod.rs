@@ -3,9 +3,7 @@
 //! `docs/network.md` says what is on the wire, `docs/network.proto` in which numbers.
 
 pub mod commands;
-pub mod message;
 pub mod out;
-pub mod seal;
 pub mod team;
 #[cfg(test)]
 mod tests;
@@ -18,11 +16,12 @@ use serde::{Deserialize, Serialize};
 
 pub use commands::{CommandConfig, Commands, Order};
 pub use out::{OutputConfig, Sender};
-pub use team::{Link, LinkConfig};
+pub use pipeline::datagram::LinkConfig;
+pub use team::Link;
 
-use crate::feed::Feed;
-use crate::log::Header;
 use crate::stream::{self, StreamConfig};
+use pipeline::feed::Feed;
+use pipeline::log::Header;
 
 /// Everything that goes over the network; all of it is off unless configured.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

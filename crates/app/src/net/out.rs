@@ -10,8 +10,8 @@ use anyhow::{Context, Result};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
-use super::message::State;
-use crate::feed::{Feed, Nothing, Subscription};
+use pipeline::datagram::message::State;
+use pipeline::feed::{Feed, Nothing, Subscription};
 
 /// One who is told.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,70 +1,161 @@
-//! How do team-mates hear each other? Datagrams to all of a multicast group, clocks compared, strangers left out.
+//! How do words get on and off the network? A multicast socket, a thread that hears, and one that tells of the newest
+//! cycle at the team's rate.
 
-mod clock;
-mod link;
-mod talk;
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
-pub use clock::Clock;
-pub use link::Link;
-pub use talk::{Counts, Talk};
+use anyhow::{Context, Result};
+use localize::Stamp;
+use localize::team::Report;
+use socket2::{Domain, Protocol, Socket, Type};
 
-use anyhow::{Context, Result, ensure};
-use serde::{Deserialize, Serialize};
-use std::net::{Ipv4Addr, SocketAddrV4};
+use pipeline::datagram::{Counts, LinkConfig, Talk};
+use pipeline::feed::{Feed, Nothing, Subscription};
 
-/// Words among team-mates by UDP multicast.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LinkConfig {
-    /// Multicast group and port.
-    pub group: String,
-    /// Address of the network card; the loopback's keeps the words on this machine.
-    pub interface: Ipv4Addr,
-    /// The team's number: two teams may share a network.
-    pub team: u32,
-    /// Our own number.
-    pub robot: u32,
-    /// A phrase that the team shares; words then end with their authentication code.
-    pub key: Option<String>,
-    /// Words a second.
-    pub rate: f64,
-    /// A robot that was silent for so many seconds may begin anew with a lower session.
-    pub silence: f64,
+/// The threads look this often whether they are to end.
+const LOOK: Duration = Duration::from_millis(50);
+/// Reports that may wait for the spine: a second of five team-mates.
+const WAITING: usize = 64;
+/// A word has some hundred bytes; a longer datagram is cut and so refused.
+const LONGEST: usize = 4096;
+
+/// Our place in the team's talk; dropping it ends it.
+pub struct Link {
+    reports: Receiver<Report>,
+    talk: Arc<Mutex<Talk>>,
+    ending: Arc<AtomicBool>,
+    threads: Vec<JoinHandle<()>>,
 }
 
-impl Default for LinkConfig {
-    fn default() -> Self {
-        LinkConfig {
-            // Administratively scoped: no router hands it on (RFC 2365).
-            group: "239.255.77.1:7072".to_owned(),
-            interface: Ipv4Addr::LOCALHOST,
-            team: 1,
-            robot: 1,
-            key: None,
-            // 15 words of 300 bytes from each of five robots: 180 kbit/s.
-            rate: 15.0,
-            silence: 2.0,
+impl Link {
+    /// Joins the group; tells the cycles of `feed`, hears the others.
+    ///
+    /// `clock`: the time that stamps samples and cycles, now. `session`: larger for each start.
+    pub fn join(
+        feed: &Feed,
+        config: &LinkConfig,
+        session: u64,
+        clock: impl Fn() -> Stamp + Clone + Send + 'static,
+    ) -> Result<Self> {
+        let group = config.address()?;
+        let talk = Arc::new(Mutex::new(Talk::new(config, session)?));
+        let hearing = open(group, config.interface)
+            .with_context(|| format!("[team] cannot join {group} on {}", config.interface))?;
+        hearing.set_read_timeout(Some(LOOK))?;
+        let telling = hearing.try_clone()?;
+        let ending = Arc::new(AtomicBool::new(false));
+        let (sender, reports) = sync_channel(WAITING);
+        let mut link = Link {
+            reports,
+            talk: talk.clone(),
+            ending: ending.clone(),
+            threads: Vec::new(),
+        };
+        let (heard, stop, time) = (talk.clone(), ending.clone(), clock.clone());
+        link.spawn("team hears", move || {
+            hear(&hearing, &heard, &sender, &stop, time);
+        })?;
+        let cycles = feed.subscribe(1);
+        let period = Duration::from_secs_f64(1.0 / config.rate);
+        link.spawn("team tells", move || {
+            tell(&cycles, &talk, (&telling, group), period, &ending, clock);
+        })?;
+        Ok(link)
+    }
+
+    fn spawn(&mut self, name: &str, run: impl FnOnce() + Send + 'static) -> Result<()> {
+        let thread = std::thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(run)?;
+        self.threads.push(thread);
+        Ok(())
+    }
+
+    /// What team-mates said since the last call; give it to the spine as samples.
+    pub fn reports(&self) -> impl Iterator<Item = Report> {
+        self.reports.try_iter()
+    }
+
+    /// Words taken and datagrams refused.
+    pub fn counts(&self) -> Counts {
+        lock(&self.talk).counts().clone()
+    }
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        self.ending.store(true, Ordering::Relaxed);
+        for thread in self.threads.drain(..) {
+            // Its panic was told when it happened.
+            let _ = thread.join();
         }
     }
 }
 
-impl LinkConfig {
-    /// Group and port, or why it cannot be used.
-    pub fn address(&self) -> Result<SocketAddrV4> {
-        let group: SocketAddrV4 = self
-            .group
-            .parse()
-            .with_context(|| format!("[team] group = {:?}: must be address:port", self.group))?;
-        ensure!(
-            group.ip().is_multicast(),
-            "[team] group = {:?}: must be a multicast address, 224.0.0.0 to 239.255.255.255",
-            self.group
-        );
-        ensure!(
-            self.rate > 0.0 && self.rate <= 1000.0,
-            "[team] rate = {}: must be above 0, to 1000",
-            self.rate
-        );
-        Ok(group)
+fn open(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
+    let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
+    // Several robots of one machine (a simulation) hear the same group.
+    socket.set_reuse_address(true)?;
+    socket.bind(&SocketAddrV4::new(*group.ip(), group.port()).into())?;
+    socket.join_multicast_v4(group.ip(), &interface)?;
+    socket.set_multicast_if_v4(&interface)?;
+    socket.set_multicast_loop_v4(true)?;
+    socket.set_multicast_ttl_v4(1)?;
+    Ok(socket.into())
+}
+
+fn hear(
+    socket: &UdpSocket,
+    talk: &Mutex<Talk>,
+    reports: &SyncSender<Report>,
+    ending: &AtomicBool,
+    clock: impl Fn() -> Stamp,
+) {
+    let mut datagram = [0; LONGEST];
+    while !ending.load(Ordering::Relaxed) {
+        // A timeout, or a network that is away for a while: neither ends listening.
+        let Ok(length) = socket.recv(&mut datagram) else {
+            continue;
+        };
+        let report = lock(talk).hear(&datagram[..length], clock());
+        if let Ok(report) = report {
+            // A spine that stands still has no use for what is said meanwhile.
+            let _ = reports.try_send(report);
+        }
     }
+}
+
+fn tell(
+    cycles: &Subscription,
+    talk: &Mutex<Talk>,
+    (socket, group): (&UdpSocket, SocketAddrV4),
+    period: Duration,
+    ending: &AtomicBool,
+    clock: impl Fn() -> Stamp,
+) {
+    let mut due = Instant::now();
+    while !ending.load(Ordering::Relaxed) {
+        let cycle = match cycles.recv_timeout(LOOK) {
+            Ok(cycle) => cycle,
+            Err(Nothing::Yet) => continue,
+            Err(Nothing::Ever) => return,
+        };
+        let now = Instant::now();
+        if now < due {
+            continue;
+        }
+        due = now + period;
+        let word = lock(talk).word(&cycle, clock());
+        // No network for a while: the next word is a new one.
+        let _ = socket.send_to(&word, group);
+    }
+}
+
+// A panic of the other side leaves counts and clocks that are still true.
+fn lock(talk: &Mutex<Talk>) -> MutexGuard<'_, Talk> {
+    talk.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -15,15 +15,17 @@ use proptest::prelude::*;
 use prost::Message;
 
 use super::commands::{Counts, Gate};
-use super::message::{Command, Drive, Echo, Health, Kick, Spot, State, TeamWord, Thing, VERSION};
-use super::seal::{CODE_BYTES, Key, Refused, seal};
-use super::team::Talk;
 use super::{
     CommandConfig, Commands, Link, LinkConfig, NetworkConfig, Order, OutputConfig, Sender,
 };
-use crate::cycle::Cycle;
-use crate::feed::Feed;
-use crate::log::tests::made_up::cycle;
+use pipeline::cycle::Cycle;
+use pipeline::datagram::Talk;
+use pipeline::datagram::message::{
+    Command, Drive, Echo, Health, Kick, Spot, State, TeamWord, Thing, VERSION,
+};
+use pipeline::datagram::seal::{CODE_BYTES, Key, Refused, seal};
+use pipeline::feed::Feed;
+use pipeline::testing::cycle;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 const PHRASE: &str = "a shared phrase";
@@ -120,7 +122,7 @@ fn the_documented_messages_are_those_on_the_wire() {
     };
     for schema in [
         State::get_schema(),
-        super::message::Pose::get_schema(),
+        pipeline::datagram::message::Pose::get_schema(),
         Spot::get_schema(),
         Thing::get_schema(),
         Health::get_schema(),

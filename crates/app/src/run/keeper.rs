@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use hw::realtime::stand_back as lower_priority;
 use localize::{Field, Stamp};
 use serde::Serialize;
 
-use crate::cycle::Cycle;
-use crate::log::{Header, LogConfig, Pace, Recorder};
+use pipeline::cycle::Cycle;
+use pipeline::feed::Pace;
+use pipeline::log::{Header, LogConfig, Recorder};
 
 /// Time between attempts to begin a log after one failed, seconds.
 const AGAIN: f64 = 0.5;
@@ -46,7 +48,8 @@ impl Keeper {
         field: &Field,
         config: &LogConfig,
     ) -> anyhow::Result<Self> {
-        let recorder = Recorder::create(path, &header, field, Pace::Live, config)?;
+        let recorder =
+            Recorder::create_with(path, &header, field, (Pace::Live, config), lower_priority)?;
         Ok(Keeper {
             path: path.to_owned(),
             header,
@@ -126,7 +129,13 @@ impl Keeper {
             0 => self.path.clone(),
             files => numbered(&self.path, files + 1),
         };
-        match Recorder::create(&path, &self.header, &self.field, Pace::Live, &self.config) {
+        match Recorder::create_with(
+            &path,
+            &self.header,
+            &self.field,
+            (Pace::Live, &self.config),
+            lower_priority,
+        ) {
             Ok(recorder) => {
                 self.recorder = Some(recorder);
                 self.kept.files.push(path.clone());

@@ -6,6 +6,7 @@ pub mod latency;
 pub mod outside;
 pub mod patrol;
 mod play;
+pub mod raw_image;
 pub mod robot;
 pub mod status;
 pub mod stop;
@@ -18,14 +19,14 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde::Serialize;
 
-use crate::arguments::{self, WrongArguments};
-#[cfg(feature = "view")]
-use crate::cycle::SpineConfig;
-use crate::feed::Feed;
-use crate::log::ImageMode;
+use crate::commands::arguments::{self, WrongArguments};
 #[cfg(feature = "view")]
 use crate::view::{self, AfterRun};
 use patrol::Patrol;
+#[cfg(feature = "view")]
+use pipeline::cycle::SpineConfig;
+use pipeline::feed::Feed;
+use pipeline::log::ImageMode;
 use play::Play;
 use robot::Robot;
 use stop::Stop;
@@ -49,7 +50,7 @@ pub struct Args {
     #[arg(long, value_name = "LOG")]
     record: Option<PathBuf>,
     /// How the log keeps images: png keeps RGB and Bayer cameras' exactly, and takes more time.
-    #[arg(long, value_enum, default_value_t = ImageMode::Jpeg, requires = "record")]
+    #[arg(long, value_parser = arguments::image_mode(), default_value = ImageMode::Jpeg.name(), requires = "record")]
     images: ImageMode,
     /// Write the estimated poses (as `locate` does); stamps are CLOCK_MONOTONIC.
     #[arg(long, value_name = "FILE.csv")]

@@ -10,11 +10,11 @@ use localize::team::Report;
 use localize::{Field, Stamp};
 
 use super::helm::{Driver, Helm, Refused};
-use crate::feed::Feed;
-use crate::log::Header;
 use crate::net::commands::Counts;
 use crate::net::{Network, NetworkConfig, Order};
 use crate::stream::StreamConfig;
+use pipeline::feed::Feed;
+use pipeline::log::Header;
 
 /// The file beside robot.toml that says who is told what, and who may command.
 pub const NETWORK_FILE: &str = "network.toml";

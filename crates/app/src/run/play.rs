@@ -19,11 +19,12 @@ use super::robot::Robot;
 use super::status::{Remarks, Report, Status};
 use super::stop::Stop;
 use super::{Args, teleop};
-use crate::cycle::{Cycle, SPINE_FILE, Spine, SpineConfig};
-use crate::feed::Feed;
-use crate::log::{Header, LogConfig};
-use crate::outputs::Outputs;
-use crate::sample::{Content, Frame, Picture, Sample};
+use crate::run::raw_image::raw_image;
+use pipeline::cycle::{Cycle, SPINE_FILE, Spine, SpineConfig};
+use pipeline::feed::Feed;
+use pipeline::log::{Header, LogConfig};
+use pipeline::result_files::Outputs;
+use pipeline::sample::{Content, Frame, Picture, Sample};
 
 /// Samples that may wait for the spine: more than a second of every device.
 const WAITING_MAX: usize = 1024;
@@ -281,7 +282,7 @@ impl Watch {
         let content = if frame.repeated {
             Content::Unreadable("the camera repeats its image".to_owned())
         } else {
-            Content::Image(Picture::Camera(frame))
+            Content::Image(Picture::Raw(raw_image(frame)))
         };
         Frame { stamp, content }
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail};
 use hw::HardwareConfig;
 
-use crate::setup::Setup;
+use pipeline::setup::Setup;
 
 /// A robot and its devices, read and checked.
 pub struct Robot {

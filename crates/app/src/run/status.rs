@@ -9,9 +9,9 @@ use serde::Serialize;
 use super::keeper::Kept;
 use super::latency::{Quantiles, Times};
 use super::teller::Teller;
-use crate::cycle::Cycle;
 use crate::net::commands::Counts;
-use crate::outputs::mode_name;
+use pipeline::cycle::Cycle;
+use pipeline::result_files::mode_name;
 
 /// Time between two looks of a terminal's status line, seconds.
 const GLANCE: f64 = 0.5;

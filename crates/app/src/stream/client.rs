@@ -33,9 +33,9 @@ use tungstenite::handshake::HandshakeError;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
-use crate::log::read::{Assembler, Topic};
-use crate::log::schema::{ABOUT_TOPIC, CYCLE_TOPIC, IMAGE_TOPIC, wire};
-use crate::log::{Header, Logged};
+use pipeline::log::read::{Assembler, Topic};
+use pipeline::log::schema::{ABOUT_TOPIC, CYCLE_TOPIC, IMAGE_TOPIC, wire};
+use pipeline::log::{Header, Logged};
 
 /// The dialect of Foxglove's WebSocket protocol that the server speaks.
 const SUBPROTOCOL: &str = "foxglove.sdk.v1";

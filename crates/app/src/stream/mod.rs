@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub use client::{Client, Event};
 pub use server::Server;
 
-use crate::log::ImageMode;
+use pipeline::log::ImageMode;
 
 /// Where those who watch find the stream, and what they get of the images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

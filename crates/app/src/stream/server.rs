@@ -11,10 +11,10 @@ use foxglove::{WebSocketServer, WebSocketServerHandle};
 use localize::{Field, Stamp};
 
 use super::StreamConfig;
-use crate::feed::{Feed, Nothing, Subscription};
-use crate::log::Header;
-use crate::log::messages::Messages;
-use crate::log::schema::{ABOUT, ABOUT_TOPIC, Context, Own, Topics, wire};
+use pipeline::feed::{Feed, Nothing, Subscription};
+use pipeline::log::Header;
+use pipeline::log::messages::Messages;
+use pipeline::log::schema::{ABOUT, ABOUT_TOPIC, Context, Own, Topics, wire};
 
 /// Cycles that may wait to become messages; the image of the newest two stays.
 const CYCLES_WAITING: usize = 8;

@@ -6,10 +6,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::{Client, Event, Server, StreamConfig};
-use crate::cycle::{Cycle, Inputs};
-use crate::feed::Feed;
-use crate::log::tests::made_up::{cycle, field, picture};
-use crate::log::{Header, ImageMode};
+use pipeline::cycle::{Cycle, Inputs};
+use pipeline::feed::Feed;
+use pipeline::log::{Header, ImageMode};
+use pipeline::testing::{cycle, field, picture};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use localize::Stamp;
 
-use crate::cycle::Cycle;
+use pipeline::cycle::Cycle;
 
 /// Rates are counted over so many seconds.
 const WINDOW: f64 = 2.0;

@@ -103,7 +103,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::setup::Setup;
+    use pipeline::setup::Setup;
 
     #[test]
     fn the_ground_of_a_pixel_leads_back_to_that_pixel() {

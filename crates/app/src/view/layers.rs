@@ -16,7 +16,7 @@ use vision::labels::ColourTable;
 use super::ink;
 use super::source::image_of;
 use super::stage::Stage;
-use crate::cycle::Cycle;
+use pipeline::cycle::Cycle;
 
 /// Half the side of the bird's-eye view, metres: a midfield robot sees the lines of half the field there.
 pub(crate) const BIRD_REACH: f32 = 6.0;

@@ -11,7 +11,7 @@ use super::series::Quantity;
 use super::session::Session;
 use super::settings;
 use super::source::image_of;
-use crate::cycle::SpineConfig;
+use pipeline::cycle::SpineConfig;
 
 /// Columns of the table of the run, with what they are scaled by.
 const COLUMNS: [(&str, Quantity); 8] = [
@@ -103,7 +103,7 @@ fn words(session: &Session) -> Result<String> {
             text,
             "At {:.3} s: {}",
             now.cycle.stamp.seconds(),
-            crate::log::mode_and_reason(estimate)
+            pipeline::log::mode_and_reason(estimate)
         )?;
         if let Some(pose) = estimate.pose {
             writeln!(

@@ -2,11 +2,11 @@
 
 use localize::estimate::Mode;
 use localize::frame::wrap_angle;
+use localize::robot::BaseConfig;
 use vision::image::Image;
-use vision::robot::BaseConfig;
 
 use super::source::image_of;
-use crate::cycle::Cycle;
+use pipeline::cycle::Cycle;
 
 /// Beyond so many samples every other one is left out, and from there on of what comes: a day at 30 Hz still fits.
 const MOST: usize = 120_000;

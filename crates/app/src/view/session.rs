@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
+use localize::robot::BaseConfig;
 use vision::labels::ColourTable;
-use vision::robot::BaseConfig;
 
 use super::devices::Devices;
 use super::layers::{Job, Painted, Wanted};
@@ -17,9 +17,9 @@ use super::source::survey::Survey;
 use super::source::worker::{Order, SimWorker};
 use super::source::{Shown, Source, remote};
 use super::stage::Stage;
-use crate::cycle::{SPINE_FILE, SpineConfig};
-use crate::log::Index;
-use crate::setup::Setup;
+use pipeline::cycle::{SPINE_FILE, SpineConfig};
+use pipeline::log::Index;
+use pipeline::setup::Setup;
 
 /// What moves the moment that is shown.
 #[derive(Debug, Clone, Copy, PartialEq)]

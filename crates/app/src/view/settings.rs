@@ -3,7 +3,7 @@
 use schemars::schema_for;
 use serde_json::Value as Json;
 
-use crate::cycle::SpineConfig;
+use pipeline::cycle::SpineConfig;
 
 /// In place of a value that is not given.
 pub(crate) const UNSET: &str = "not given";

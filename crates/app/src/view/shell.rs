@@ -186,7 +186,7 @@ impl View {
             ui.label(&self.session.name);
             if let Some(now) = &self.session.now {
                 let mode = now.cycle.estimate.mode;
-                let words = crate::log::mode_and_reason(&now.cycle.estimate);
+                let words = pipeline::log::mode_and_reason(&now.cycle.estimate);
                 ui.colored_label(ink::mode(mode), words);
             }
             ui.weak(format!("{:.0} frames/s", self.meter.rate()));

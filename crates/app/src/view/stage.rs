@@ -5,13 +5,14 @@ use std::sync::Arc;
 use localize::distance::{DistanceConfig, DistanceField};
 use localize::field::Field;
 use localize::frame::{At, Pose, RobotFrame};
+use localize::robot::CameraConfig;
+use localize::robot::RobotConfig;
+use vision::GroundMap;
 use vision::labels::ColourTable;
 use vision::overlay::marking_points;
-use vision::robot::RobotConfig;
-use vision::{CameraConfig, GroundMap};
 
 use super::inverse::Inverse;
-use crate::setup::Setup;
+use pipeline::setup::Setup;
 
 /// Distance between points of a projected line, metres: a bent line still looks bent.
 const PROJECTED_STEP: f32 = 0.1;

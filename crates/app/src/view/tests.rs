@@ -14,10 +14,10 @@ use super::session::Session;
 use super::shell::View;
 use super::source::live::Inbox;
 use super::source::worker::{Order, SimWorker};
-use crate::cycle::{Spine, SpineConfig};
-use crate::log::{ImageMode, LogConfig};
-use crate::simulation::Simulation;
-use crate::start_log::start_log;
+use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::log::start_log;
+use pipeline::log::{ImageMode, LogConfig};
+use pipeline::simulation::Simulation;
 
 /// Long enough for a loaded machine; nothing waits for it to pass.
 const PATIENCE: Duration = Duration::from_secs(120);

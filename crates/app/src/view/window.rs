@@ -17,9 +17,9 @@ use super::session::Session;
 use super::shell::{Picture, View};
 use super::source::live::{Inbox, Live};
 use super::source::remote;
-use crate::cycle::SpineConfig;
-use crate::feed::Feed;
-use crate::setup::Setup;
+use pipeline::cycle::SpineConfig;
+use pipeline::feed::Feed;
+use pipeline::setup::Setup;
 
 /// The name by which desktops and the folder of what is remembered know it.
 const NAME: &str = "mirrorball";

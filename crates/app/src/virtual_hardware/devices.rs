@@ -15,7 +15,7 @@ use super::inertial::{Damage, Units};
 use super::line::Line;
 use super::world::Due;
 use super::{Happened, Options, folder};
-use crate::table::{Written, seconds};
+use pipeline::csv_table::{Written, seconds};
 
 /// Where the wheels' counters stand at the start: they wrap in every run, after five turns of a wheel.
 const COUNT_FIRST: u32 = 0u32.wrapping_sub(20_000);

@@ -22,10 +22,10 @@ use serde::Serialize;
 use sim::Sim;
 
 use crate::run::stop::Stop;
-use crate::table::Written;
 use devices::Devices;
 use faults::{Kind, Plan};
 use orders::Audit;
+use pipeline::csv_table::Written;
 use world::World;
 
 /// What the devices are made from.

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use localize::Stamp;
 use localize::omni::Omni;
-use vision::robot::BaseConfig;
+use localize::robot::BaseConfig;
 
 pub use orders::{Drive, Kick};
 pub use report::{KickerReport, PowerReport, SwitchReport};

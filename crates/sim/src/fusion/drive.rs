@@ -2,11 +2,11 @@
 
 use localize::drive::{DriveConfig, see};
 use localize::frame::{At, Pose, wrap_angle};
+use localize::robot::RobotConfig;
 use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
 use localize::{Field, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use vision::RobotConfig;
 
 use super::Course;
 use crate::scenario::{PathConfig, Placement, Push, Scenario};

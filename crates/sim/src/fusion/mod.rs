@@ -9,8 +9,8 @@ mod score;
 use localize::Field;
 use localize::config::LocalizeConfig;
 use localize::filter::Fusion;
+use localize::robot::RobotConfig;
 use serde::Serialize;
-use vision::RobotConfig;
 
 use crate::simulation::SimError;
 use drive::{Recorded, record};

@@ -2,7 +2,7 @@
 
 use localize::field::{FieldConfig, GoalColour};
 use localize::frame::{At, Pose, RobotFrame, Tf};
-use vision::robot::BodyConfig;
+use localize::robot::BodyConfig;
 
 use super::ground::Ground;
 use super::hall::Hall;

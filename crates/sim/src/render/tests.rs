@@ -3,7 +3,8 @@ use std::path::Path;
 use super::*;
 use crate::film::decode;
 use crate::scenario::Team;
-use vision::{RayTable, RobotConfig};
+use localize::robot::RobotConfig;
+use vision::RayTable;
 
 struct Studio {
     renderer: Renderer,

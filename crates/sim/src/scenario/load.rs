@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use localize::robot::RobotConfig;
 use localize::toml_place::place;
-use vision::RobotConfig;
 
 use super::{RadioConfig, Scenario};
 use crate::world::STEP;
@@ -39,7 +39,7 @@ pub enum ScenarioError {
     },
     /// The robot file it names.
     #[error(transparent)]
-    Robot(#[from] vision::robot::RobotError),
+    Robot(#[from] localize::robot::RobotError),
 }
 
 impl ScenarioError {

@@ -14,11 +14,11 @@ use localize::{Field, Pose};
 use crate::calibrate::correction::{Basis, Correction};
 use crate::calibrate::lines_fit::{Fit, FitImage};
 use crate::calibrate::{CalibrationError, ImageResidual};
-use crate::camera::CameraConfig;
 use crate::config::VisionConfig;
 use crate::eyes::Eyes;
 use crate::ground_map::GroundMap;
 use crate::image::Image;
+use localize::robot::CameraConfig;
 
 /// One image of a drive.
 #[derive(Debug, Clone)]

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use crate::calibrate::CalibrationError;
-use crate::camera::CameraConfig;
 use crate::error::VisionError;
 use crate::image::Image;
+use localize::robot::CameraConfig;
 
 /// Fewer images of a turning robot leave floor that happens to stay the same.
 const FEWEST_IMAGES: usize = 6;

@@ -7,8 +7,8 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::camera::CameraConfig;
 use crate::ground_map::GroundMap;
+use localize::robot::CameraConfig;
 
 /// A periodic function: 1, cos φ, sin φ, cos 2φ, …
 #[derive(Debug, Clone, PartialEq)]

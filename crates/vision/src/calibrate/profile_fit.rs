@@ -3,10 +3,10 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::calibrate::{CalibrationError, Correspondence};
-use crate::camera::CameraConfig;
 use crate::ground_map::GroundMap;
 use crate::mirror::Profile;
 use crate::optics::{Mount, Tracer, trace_rays};
+use localize::robot::CameraConfig;
 
 /// The mount that fits best.
 #[derive(Debug, Clone)]

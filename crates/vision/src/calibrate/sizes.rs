@@ -6,10 +6,10 @@
 use std::f32::consts::{PI, TAU};
 
 use crate::calibrate::{CalibrationError, DriveImage, ImageResidual};
-use crate::camera::CameraConfig;
 use crate::config::VisionConfig;
 use crate::eyes::{Eyes, Seen};
 use crate::ground_map::GroundMap;
+use localize::robot::CameraConfig;
 
 /// Sizes at one distance; those of the map are what an object without blur has.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::calibrate::polar_map::{Periodic, PolarMap};
 use crate::calibrate::strip_edges::{PolarEdge, StripSearch, median};
 use crate::calibrate::{CalibrationError, Correspondence, ImageResidual};
-use crate::camera::CameraConfig;
 use crate::ground_map::GroundMap;
 use crate::image::Image;
+use localize::robot::CameraConfig;
 
 /// A straight strip of alternating black and white bars on the ground, radially from the robot's axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

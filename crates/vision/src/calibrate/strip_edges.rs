@@ -1,7 +1,7 @@
 //! Where are the strip's bars in one image? Edges along its middle, followed outward as it bends away from its direction.
 
-use crate::camera::CameraConfig;
 use crate::image::Image;
+use localize::robot::CameraConfig;
 
 /// One edge of the strip in the image, about the mirror's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]

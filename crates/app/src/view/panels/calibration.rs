@@ -12,8 +12,6 @@ use vision::config::Window;
 use vision::image::Image;
 
 use super::parameters::Parameters;
-use crate::cycle::SPINE_FILE;
-use crate::log::Header;
 use crate::view::brush::{Brush, Tool};
 use crate::view::ink;
 use crate::view::named::Named;
@@ -21,6 +19,8 @@ use crate::view::session::Session;
 use crate::view::settings;
 use crate::view::source::calibrate::{Found, Kind, Running};
 use crate::view::source::image_of;
+use pipeline::cycle::SPINE_FILE;
+use pipeline::log::Header;
 
 /// Images of a turning robot that the mask is found from, at most: spread over what is at hand.
 const MASK_IMAGES: usize = 60;
@@ -388,7 +388,7 @@ fn learn(session: &mut Session, brush: &mut Brush) {
 
 fn residuals(
     ui: &mut Ui,
-    outcome: &crate::calibrate::Outcome,
+    outcome: &crate::commands::calibrate::Outcome,
     images: &[vision::calibrate::ImageResidual],
 ) {
     ui.label(format!(

@@ -12,7 +12,6 @@ use vision::colours::{CLASS_NAMES, Class};
 use vision::image::{Image, yuv_of_rgb};
 
 use super::camera_marks::{self, Drawing};
-use crate::cycle::Cycle;
 use crate::view::brush::{Brush, Tool};
 use crate::view::ink;
 use crate::view::layers::{BIRD_REACH, BIRD_SIDE, Wanted};
@@ -20,6 +19,7 @@ use crate::view::panzoom::{PanZoom, Placed, paint_around};
 use crate::view::session::Session;
 use crate::view::source::image_of;
 use crate::view::stage::Stage;
+use pipeline::cycle::Cycle;
 
 /// What is drawn over the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -11,11 +11,11 @@ use vision::line_points::Refusal;
 use vision::robots::Marker;
 
 use super::camera::Shows;
-use crate::cycle::Cycle;
 use crate::view::ink;
 use crate::view::layers::{BIRD_REACH, BIRD_SIDE};
 use crate::view::panzoom::Placed;
 use crate::view::stage::Stage;
+use pipeline::cycle::Cycle;
 
 /// Rings of the ground grid, metres.
 const RINGS: [f32; 7] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0];

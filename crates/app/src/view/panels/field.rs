@@ -11,13 +11,13 @@ use localize::{At, Pose};
 use serde::{Deserialize, Serialize};
 
 use super::field_marks::{self as marks, OnScreen};
-use crate::cycle::Cycle;
 use crate::view::ink;
 use crate::view::layers::Wanted;
 use crate::view::panzoom::{PanZoom, paint_around};
 use crate::view::session::Session;
 use crate::view::source::worker::Order;
 use crate::view::stage::Stage;
+use pipeline::cycle::Cycle;
 
 /// What can be caught with the pointer is this near, points.
 const CATCH: f32 = 18.0;
@@ -443,7 +443,7 @@ impl FieldView {
             return "no cycle yet".to_owned();
         };
         let estimate = &now.cycle.estimate;
-        let mut words = crate::log::mode_and_reason(estimate);
+        let mut words = pipeline::log::mode_and_reason(estimate);
         if let Some(pose) = estimate.pose {
             let std = |axis: usize| 100.0 * estimate.covariance[(axis, axis)].max(0.0).sqrt();
             words += &format!(

@@ -5,12 +5,12 @@ use std::path::Path;
 use anyhow::Context;
 use eframe::egui::{self, Color32, RichText, Ui};
 
-use crate::cycle::SpineConfig;
 use crate::view::ink;
 use crate::view::named::Named;
 use crate::view::session::Session;
 use crate::view::settings::{self, Setting};
 use crate::view::source::worker::Order;
+use pipeline::cycle::SpineConfig;
 
 /// Room for a setting's name, points.
 const NAME_WIDTH: f32 = 170.0;

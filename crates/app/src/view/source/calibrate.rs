@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use anyhow::Result;
 use vision::calibrate::ImageResidual;
 
-use crate::calibrate::{self, LinesArgs, MapArgs, Outcome};
+use crate::commands::calibrate::{self, LinesArgs, MapArgs, Outcome};
 
 /// What to calibrate from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -7,8 +7,8 @@ use anyhow::{Context, Result};
 use localize::Stamp;
 
 use super::Shown;
-use crate::log::{Index, Logged};
-use crate::setup::Setup;
+use pipeline::log::{Index, Logged};
+use pipeline::setup::Setup;
 
 /// Chunks kept unpacked: about a megabyte each.
 const KEPT: usize = 8;

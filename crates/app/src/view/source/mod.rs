@@ -13,8 +13,8 @@ use std::sync::Arc;
 use localize::Pose;
 use vision::image::Image;
 
-use crate::cycle::Cycle;
-use crate::sample::Picture;
+use pipeline::cycle::Cycle;
+use pipeline::sample::Picture;
 
 /// A cycle as it is shown, its image unpacked.
 #[derive(Debug, Clone)]
@@ -28,7 +28,7 @@ pub(crate) struct Shown {
 impl Shown {
     /// A camera's own bytes become red, green and blue here, in the thread that brings them.
     pub(crate) fn new(mut cycle: Arc<Cycle>, particles: Vec<Pose>) -> Self {
-        if let Some(Picture::Camera(_)) = &cycle.inputs.image {
+        if let Some(Picture::Raw(_)) = &cycle.inputs.image {
             let cycle = Arc::make_mut(&mut cycle);
             let rgb = cycle.inputs.image.as_ref().and_then(Picture::rgb);
             cycle.inputs.image = rgb.map(Picture::Rgb);

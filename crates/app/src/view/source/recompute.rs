@@ -6,12 +6,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 
 use anyhow::{Context, Result};
-use vision::robot::BaseConfig;
+use localize::robot::BaseConfig;
 
-use crate::cycle::{Spine, SpineConfig};
-use crate::log::{ImageMode, Log};
-use crate::setup::Setup;
 use crate::view::series::{Sample, Series};
+use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::log::{ImageMode, Log};
+use pipeline::setup::Setup;
 
 /// Cycles that may wait for the view to take them.
 const WAITING: usize = 256;

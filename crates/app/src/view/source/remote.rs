@@ -8,10 +8,10 @@ use anyhow::{Context, Result, bail};
 
 use super::Shown;
 use super::live::Inbox;
-use crate::feed::{Nothing, Subscription};
-use crate::log::{Header, Logged};
-use crate::setup::Setup;
 use crate::stream::{Client, Event};
+use pipeline::feed::{Nothing, Subscription};
+use pipeline::log::{Header, Logged};
+use pipeline::setup::Setup;
 
 /// A robot that listens answers within this.
 const PATIENCE: Duration = Duration::from_secs(3);

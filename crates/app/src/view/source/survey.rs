@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-use vision::robot::BaseConfig;
+use localize::robot::BaseConfig;
 
-use crate::log::Index;
 use crate::view::series::Sample;
+use pipeline::log::Index;
 
 /// Samples that may wait for the view to take them, in batches of a chunk.
 const WAITING: usize = 64;

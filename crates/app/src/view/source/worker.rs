@@ -14,9 +14,9 @@ use sim::scenario::FaultKind;
 
 use super::Shown;
 use super::live::Inbox;
-use crate::cycle::{Spine, SpineConfig};
-use crate::setup::Setup;
-use crate::simulation::Simulation;
+use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::setup::Setup;
+use pipeline::simulation::Simulation;
 
 /// A pause lasts at most so long before the thread looks for orders again.
 const NAP: Duration = Duration::from_millis(20);
@@ -191,7 +191,7 @@ impl Running {
         }
     }
 
-    fn take(&mut self, sample: crate::sample::Sample) {
+    fn take(&mut self, sample: pipeline::sample::Sample) {
         let Some(cycle) = self.spine.take(sample) else {
             return;
         };

@@ -1,0 +1,159 @@
+//! How well is the place found? Seeded drives, kidnaps and single frames of line points, scored against truth.
+
+use anyhow::Result;
+use localize::drive::DriveConfig;
+use localize::experiment::{TrackScore, find, kidnap, track};
+use localize::{Field, LocalizeConfig};
+
+use super::{Figure, figure};
+use pipeline::paths;
+
+/// Figures of `drives`.
+pub(super) const DRIVES: &[&str] = &[
+    "track_mean",
+    "track_mean_heading",
+    "track_max",
+    "track_max_heading",
+    "track_nees",
+    "track_false_alarms",
+    "track_half_outliers",
+    "track_3_m",
+    "track_3_m_lost",
+    "track_40_rays",
+    "occluded_12_mean",
+    "occluded_12_max",
+    "occluded_25_mean",
+    "occluded_25_max",
+    "occluded_50_mean",
+    "occluded_50_mean_heading",
+    "occluded_50_max",
+    "find_no_prior",
+    "find_no_prior_first_five",
+    "find_compass",
+    "kidnap_said",
+    "kidnap_back",
+];
+
+/// The larger of the mean deviations in x and y, or of the largest ones, centimetres.
+fn worse_cm([x, y, _]: [f32; 3]) -> f64 {
+    100.0 * f64::from(x.max(y))
+}
+
+/// Drives on 18 × 12 m as existing systems were measured on: 30 Hz, σ 3 to 5 cm, odometry biased by 3 %.
+pub(super) fn drives(figures: &mut Vec<Figure>) -> Result<()> {
+    let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
+    let config = LocalizeConfig::default();
+    let usual = DriveConfig::default();
+    // Ten minutes, by one robot after another.
+    let score = track(&field, &config, &usual, 0..20, 900);
+    figures.extend([
+        figure("track_mean", worse_cm(score.mean), "cm", "<= 0.7"),
+        figure(
+            "track_mean_heading",
+            f64::from(score.mean[2]),
+            "degrees",
+            "<= 0.12",
+        ),
+        figure("track_max", worse_cm(score.max), "cm", "<= 4"),
+        figure(
+            "track_max_heading",
+            f64::from(score.max[2]),
+            "degrees",
+            "<= 1",
+        ),
+        figure("track_nees", f64::from(score.nees), "", "about 3"),
+        figure(
+            "track_false_alarms",
+            score.alarms as f64,
+            "frames of 17400",
+            "0",
+        ),
+    ]);
+    let with = |drive: DriveConfig| track(&field, &config, &drive, 0..5, 900);
+    let outliers = with(DriveConfig {
+        outliers: 0.5,
+        ..usual.clone()
+    });
+    let near = with(DriveConfig {
+        range: 3.0,
+        ..usual.clone()
+    });
+    let few = with(DriveConfig {
+        rays: 40,
+        ..usual.clone()
+    });
+    figures.extend([
+        figure(
+            "track_half_outliers",
+            worse_cm(outliers.mean),
+            "cm",
+            "<= 1.2",
+        ),
+        figure("track_3_m", worse_cm(near.mean), "cm", "<= 2.5"),
+        figure("track_3_m_lost", near.lost as f64, "frames of 4350", "0"),
+        figure("track_40_rays", worse_cm(few.mean), "cm", "<= 1.2"),
+    ]);
+    let covered = |covered: f32| -> TrackScore {
+        with(DriveConfig {
+            covered,
+            ..usual.clone()
+        })
+    };
+    let [eighth, quarter, half] = [0.125, 0.25, 0.5].map(covered);
+    figures.extend([
+        figure("occluded_12_mean", worse_cm(eighth.mean), "cm", "<= 2"),
+        figure("occluded_12_max", worse_cm(eighth.max), "cm", "<= 10"),
+        figure("occluded_25_mean", worse_cm(quarter.mean), "cm", "<= 2"),
+        figure("occluded_25_max", worse_cm(quarter.max), "cm", "<= 10"),
+        figure("occluded_50_mean", worse_cm(half.mean), "cm", "<= 2"),
+        figure(
+            "occluded_50_mean_heading",
+            f64::from(half.mean[2].to_radians()),
+            "rad",
+            "<= 0.01",
+        ),
+        figure("occluded_50_max", worse_cm(half.max), "cm", "<= 10"),
+    ]);
+    searches(&field, &config, usual, figures);
+    Ok(())
+}
+
+/// How often a place is found from one frame, and again after the robot was carried off.
+fn searches(field: &Field, config: &LocalizeConfig, usual: DriveConfig, figures: &mut Vec<Figure>) {
+    let frames = 1000;
+    let percent = |part: usize, of: usize| 100.0 * part as f64 / of as f64;
+    let blind = find(field, config, &usual, false, 1, frames);
+    let led = find(field, config, &usual, true, 1, frames);
+    let covered = DriveConfig {
+        covered: 0.25,
+        ..usual
+    };
+    let carried = kidnap(field, config, &covered, 1, 200);
+    figures.extend([
+        figure(
+            "find_no_prior",
+            percent(blind.first, frames),
+            "%",
+            ">= 97.5",
+        ),
+        figure(
+            "find_no_prior_first_five",
+            percent(blind.first_five, frames),
+            "%",
+            ">= 99.5",
+        ),
+        figure("find_compass", percent(led.first, frames), "%", ">= 99.7"),
+        figure(
+            "kidnap_said",
+            percent(carried.said, carried.kidnaps),
+            "%",
+            ">= 99",
+        ),
+        figure(
+            "kidnap_back",
+            percent(carried.back, carried.kidnaps),
+            "%",
+            ">= 99",
+        ),
+    ]);
+}

@@ -1,0 +1,134 @@
+//! How long does it take to know the place? Points of the league's drive that existing systems were measured on.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use anyhow::Result;
+use localize::drive::{Drive, DriveConfig, DriveFrame};
+use localize::matching::Matcher;
+use localize::relocalise::hough::Hough;
+use localize::relocalise::monte_carlo::MonteCarlo;
+use localize::relocalise::scan_map::ScanMap;
+use localize::search::{HeadingPrior, Search};
+use localize::{DistanceField, Field, Localizer, Pose};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::{Figure, REPEATS, figure, median_ms};
+use pipeline::cycle::SpineConfig;
+use pipeline::paths;
+use pipeline::score::spread;
+
+/// The league's drive that existing systems were measured on: 30 Hz, about 113 points within 5 m.
+fn frames(field: &Field) -> Vec<DriveFrame> {
+    Drive::new(field, DriveConfig::default(), ChaCha8Rng::seed_from_u64(2))
+        .take(900)
+        .collect()
+}
+
+/// Figures of `placing`.
+pub(super) const NAMES: &[&str] = &[
+    "match_points",
+    "track_frame",
+    "exact_no_prior",
+    "exact_compass",
+];
+
+/// Our own matching, tracking and search.
+pub(super) fn placing(figures: &mut Vec<Figure>) -> Result<()> {
+    let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
+    let frames = frames(&field);
+    let config = SpineConfig::default().localize;
+    let distances = DistanceField::new(&field, &config.distance);
+    let mut matcher = Matcher::new(config.matching.clone());
+    let mut search = Search::new(&field, &distances, config.search.clone());
+    let mut number = 0;
+    let mut next = || {
+        number = (number + 7) % frames.len();
+        &frames[number]
+    };
+    let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
+    let value = median_ms(3000, || {
+        let frame = next();
+        black_box(matcher.refine(&distances, &frame.points, near(frame.truth), 0.05));
+    });
+    figures.push(figure("match_points", value, "ms", "<= 0.08"));
+    let mut localizer = Localizer::new(&field, config);
+    let mut times = Vec::new();
+    for frame in &frames {
+        let started = Instant::now();
+        localizer.odometry(&frame.odometry);
+        localizer.compass(&frame.compass);
+        black_box(localizer.see(frame.stamp, &frame.points));
+        times.push(started.elapsed().as_secs_f64() * 1e3);
+    }
+    let value = spread(times).map_or(f64::NAN, |spread| spread.median);
+    figures.push(figure("track_frame", value, "ms", "<= 0.03"));
+    let value = median_ms(REPEATS, || {
+        black_box(search.find(&distances, &mut matcher, &next().points, None));
+    });
+    figures.push(figure("exact_no_prior", value, "ms", "<= 3"));
+    let value = median_ms(REPEATS, || {
+        let frame = next();
+        let prior = HeadingPrior {
+            heading: frame.compass.heading,
+            std: 10f32.to_radians(),
+        };
+        black_box(search.find(&distances, &mut matcher, &frame.points, Some(prior)));
+    });
+    figures.push(figure("exact_compass", value, "ms", "<= 0.5"));
+    Ok(())
+}
+
+/// Figures of `papers`.
+pub(super) const PAPERS: &[&str] = &[
+    "hough",
+    "scan_map_global",
+    "scan_map_local",
+    "monte_carlo_cycle",
+];
+
+/// The three papers' relocalisers.
+pub(super) fn papers(figures: &mut Vec<Figure>) -> Result<()> {
+    let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
+    let frames = frames(&field);
+    let config = SpineConfig::default().localize;
+    let distances = DistanceField::new(&field, &config.distance);
+    let mut number = 0;
+    let mut next = || {
+        number = (number + 7) % frames.len();
+        let frame = &frames[number];
+        (
+            frame,
+            HeadingPrior {
+                heading: frame.compass.heading,
+                std: 10f32.to_radians(),
+            },
+        )
+    };
+    let mut hough = Hough::new(&field, config.relocalise.hough.clone());
+    let value = median_ms(REPEATS, || {
+        let (frame, prior) = next();
+        black_box(hough.find(&frame.points, Some(prior)));
+    });
+    figures.push(figure("hough", value, "ms", "<= 1"));
+    let map = ScanMap::new(&field, &distances, config.relocalise.scan_map.clone());
+    let value = median_ms(REPEATS, || {
+        let (frame, prior) = next();
+        black_box(map.find(&frame.points, prior.heading, 6, 0.4));
+    });
+    figures.push(figure("scan_map_global", value, "ms", "<= 2"));
+    let value = median_ms(REPEATS, || {
+        let (frame, _) = next();
+        black_box(map.find_near(&frame.points, frame.truth));
+    });
+    figures.push(figure("scan_map_local", value, "ms", "<= 0.05"));
+    let mut filter = MonteCarlo::new(&field, &distances, config.relocalise.monte_carlo.clone());
+    let value = median_ms(REPEATS, || {
+        let (frame, prior) = next();
+        filter.restart();
+        black_box(filter.cycle(&frame.points, Some(prior)));
+    });
+    figures.push(figure("monte_carlo_cycle", value, "ms", "<= 0.3"));
+    Ok(())
+}

@@ -1,0 +1,165 @@
+//! How fast is the simulated game? One image of the demo among nine robots, and whole seconds of scenarios.
+
+use std::hint::black_box;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use localize::robot::BodyConfig;
+use localize::robot::CameraConfig;
+use localize::{At, Field, Pose};
+use sim::Scenario;
+use sim::render::{Renderer, Scene, Setting};
+use sim::scenario::Team;
+use sim::world::RobotState;
+use vision::Profile;
+
+use super::{Figure, REPEATS, figure, median_ms};
+use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::paths;
+use pipeline::sample::Sample;
+use pipeline::setup::Setup;
+use pipeline::simulation::Simulation;
+
+/// Figures of `rendering`.
+pub(super) const RENDERED: &[&str] = &["render_480_nine_robots"];
+
+/// Figures of `simulating`.
+pub(super) const SIMULATED: &[&str] = &["simulation_30_hz", "game_all_cores"];
+
+/// The demo's robot with nine robots from 1 to 9 m around it, the ball at 2 m, a goal 5 m ahead.
+pub(super) struct Demo {
+    scenario: Scenario,
+    pub(super) field: Field,
+    pub(super) camera: CameraConfig,
+    pub(super) mirror: PathBuf,
+    body: BodyConfig,
+    robots: Vec<RobotState>,
+}
+
+impl Demo {
+    /// With a camera of so many pixels a side in place of its own: the same view, as much finer.
+    pub(super) fn load(side_px: usize) -> Result<Self> {
+        let (scenario, robot) = Scenario::load(&paths::find("config/scenarios/demo.toml")?)?;
+        let field = Field::load(&robot.field)?;
+        let own = robot.camera.context("the demo's robot has no camera")?;
+        let finer = side_px as f32 / own.width_px as f32;
+        let camera = CameraConfig {
+            width_px: side_px,
+            height_px: side_px,
+            focal_px: own.focal_px.map(|focal| focal * finer),
+            // Integers are pixel centres.
+            centre_px: own.centre_px.map(|centre| (centre + 0.5) * finer - 0.5),
+            outer_radius_px: own.outer_radius_px.map(|radius| radius * finer),
+            ..own
+        };
+        let mirror = robot.mirror.context("the demo's robot has no mirror")?;
+        let robots = (0..9u8)
+            .map(|index| {
+                let (sin, cos) = (0.7 * f32::from(index)).sin_cos();
+                let distance = 1.0 + f32::from(index);
+                let pose = Pose::new(4.0 - distance * cos, distance * sin * 0.8, f32::from(index));
+                let team = if index % 2 == 0 {
+                    Team::Cyan
+                } else {
+                    Team::Magenta
+                };
+                RobotState {
+                    pose,
+                    velocity: [0.0; 2],
+                    omega: 0.0,
+                    team,
+                }
+            })
+            .collect();
+        Ok(Demo {
+            scenario,
+            field,
+            camera,
+            mirror: mirror.profile,
+            body: robot.body.unwrap_or_default(),
+            robots,
+        })
+    }
+
+    pub(super) fn renderer(&self) -> Result<Renderer> {
+        Ok(Renderer::new(&Setting {
+            camera: &self.camera,
+            profile: &Profile::load(&self.mirror)?,
+            mount: self.scenario.mount,
+            body: &self.body,
+            field: &self.field,
+            light: &self.scenario.light,
+            blur_px: self.scenario.film.blur_px,
+            seed: self.scenario.seed,
+        })?)
+    }
+
+    /// What the robot sees, turned by so many radians.
+    pub(super) fn render(&self, renderer: &mut Renderer, turn: f32, rgb: &mut Vec<u8>) {
+        let ball = &self.scenario.ball;
+        let scene = Scene {
+            pose: Pose::new(4.0, 0.3, turn),
+            robots: &self.robots,
+            ball: Some((At::new(2.5, 1.5), ball.diameter, ball.colour)),
+            lamp: [1.0; 3],
+            occlusions: &[],
+        };
+        renderer.render(&scene, &self.scenario.film, rgb);
+    }
+}
+
+/// One image of the scene.
+pub(super) fn rendering(figures: &mut Vec<Figure>) -> Result<()> {
+    let demo = Demo::load(480)?;
+    let mut renderer = demo.renderer()?;
+    let (mut turn, mut rgb) = (0.0f32, Vec::new());
+    let value = median_ms(REPEATS, || {
+        turn += 0.1;
+        demo.render(&mut renderer, turn, &mut rgb);
+        black_box(&rgb);
+    });
+    figures.push(figure("render_480_nine_robots", value, "ms", "<= 4"));
+    Ok(())
+}
+
+/// The demo on one core, and the league's game as `sim` runs it: the simulator a step ahead in a thread of its own.
+pub(super) fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
+    let load = |name| Simulation::load(&paths::find(name)?, None, Some(f64::MAX));
+    let demo = load("config/scenarios/demo.toml")?;
+    let mut setup = demo.setup()?;
+    // Nothing is commanded here.
+    setup.robot.exposure = None;
+    figures.push(figure(
+        "simulation_30_hz",
+        times_real_time(demo, &setup)?,
+        "x real time",
+        ">= 8",
+    ));
+    let game = load("config/scenarios/game_18x12.toml")?;
+    let mut setup = game.setup()?;
+    setup.robot.exposure = None;
+    figures.push(figure(
+        "game_all_cores",
+        times_real_time(game.ahead()?, &setup)?,
+        "x real time",
+        ">= 8",
+    ));
+    Ok(())
+}
+
+fn times_real_time(mut source: impl Iterator<Item = Sample>, setup: &Setup) -> Result<f64> {
+    let mut spine = Spine::new(setup, &SpineConfig::default())?;
+    let mut next = || {
+        source
+            .find_map(|sample| spine.take(sample))
+            .context("the scenario ends at once")
+    };
+    // The first image builds tables and learns colours.
+    let first = next()?.stamp;
+    let started = Instant::now();
+    for _ in 0..300 {
+        next()?;
+    }
+    Ok((next()?.stamp - first) / started.elapsed().as_secs_f64())
+}

@@ -1,0 +1,213 @@
+//! `mirrorball calibrate colours`: a table of what colours mean, from labels or from images alone.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use serde::Serialize;
+use vision::calibrate::{LearnedColours, learn_colours};
+use vision::colours::{CLASS_NAMES, Class};
+use vision::image::{Image, yuv_of_rgb};
+use vision::labels::{ColourTable, Label, TableKind, class_of_name, load_labels};
+use vision::{Eyes, overlay};
+
+use super::{LeftOut, drive_images};
+use pipeline::cycle::SpineConfig;
+use pipeline::setup::Setup;
+
+/// From images: what each colour means, as a table that robot.toml can name (`colours = "FILE"`).
+///
+/// The folder is a recording (robot.toml, frames.csv). Without labels, carpet and white are learned from each image as
+/// while playing, and all images vote. With labels (a CSV of file,u,v,class, paths relative to it) the table is learned
+/// from the labelled pixels.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example: mirrorball calibrate colours samples/sequence --out colours.table --picture colours.png"
+)]
+pub(super) struct ColoursArgs {
+    /// The recording folder; with --labels it may be left out.
+    #[arg(required_unless_present = "labels")]
+    dir: Option<PathBuf>,
+    /// Labelled pixels to learn from.
+    #[arg(long, value_name = "LABELS.csv")]
+    labels: Option<PathBuf>,
+    /// Where the table over Y, U and V goes (16 MiB).
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Also write the table over U and V alone, of the same labels (64 KiB).
+    #[arg(long, value_name = "FILE")]
+    uv: Option<PathBuf>,
+    /// Also draw the first image beside its classes.
+    #[arg(long, value_name = "FILE.png")]
+    picture: Option<PathBuf>,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome {
+    /// Images that were used, of those given (without labels).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    images: Option<[usize; 2]>,
+    left_out: Vec<LeftOut>,
+    /// Labelled pixels by class, and the share of them that the table gives back.
+    labels: Vec<ClassShare>,
+    table: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    uv_table: Option<PathBuf>,
+    /// Share of the pixels (of the labels, or of all images) of which both tables say the same.
+    tables_agree: f64,
+}
+
+#[derive(Serialize)]
+struct ClassShare {
+    class: String,
+    pixels: usize,
+    given_back: f64,
+}
+
+/// Runs the command.
+pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
+    let (tables, mut outcome, picture) = match &args.labels {
+        Some(labels) => from_labels(args, labels)?,
+        None => from_images(args)?,
+    };
+    let [yuv, uv] = tables;
+    yuv.save(&args.out)?;
+    if let Some(path) = &args.uv {
+        uv.save(path)?;
+        outcome.uv_table = Some(path.clone());
+    }
+    if let (Some(path), Some(image)) = (&args.picture, picture) {
+        classified(&image, &yuv).save(path)?;
+    }
+    if json {
+        println!("{}", serde_json::to_string(&outcome)?);
+        return Ok(());
+    }
+    for left_out in &outcome.left_out {
+        println!("{}: left out: {}", left_out.file, left_out.reason);
+    }
+    for class in &outcome.labels {
+        println!(
+            "{}: {} labelled pixels, {:.1} % of them given back",
+            class.class,
+            class.pixels,
+            100.0 * class.given_back
+        );
+    }
+    if let Some([used, given]) = outcome.images {
+        println!("{used} of {given} images used");
+    }
+    println!(
+        "both tables agree on {:.1} % of these pixels",
+        100.0 * outcome.tables_agree
+    );
+    println!("table: {}", outcome.table.display());
+    Ok(())
+}
+
+type Found = ([ColourTable; 2], Outcome, Option<Image>);
+
+fn from_labels(args: &ColoursArgs, path: &Path) -> Result<Found> {
+    let labels = load_labels(path)?;
+    let learn = |kind| {
+        ColourTable::learn(&labels, kind)
+            .with_context(|| format!("{}: has no label", path.display()))
+    };
+    let tables = [learn(TableKind::Yuv)?, learn(TableKind::Uv)?];
+    let mut names: Vec<&str> = labels
+        .iter()
+        .map(|label| class_of_name(&label.class))
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    let right = |label: &&Label| {
+        let class = tables[0].class(yuv_of_rgb(label.rgb));
+        tables[0].name(class) == Some(class_of_name(&label.class))
+    };
+    let share = |name: &&str| {
+        let members = labels
+            .iter()
+            .filter(|label| class_of_name(&label.class) == *name);
+        let pixels = members.clone().count();
+        ClassShare {
+            class: (*name).to_owned(),
+            pixels,
+            given_back: members.filter(right).count() as f64 / pixels.max(1) as f64,
+        }
+    };
+    let outcome = Outcome {
+        images: None,
+        left_out: Vec::new(),
+        labels: names.iter().map(share).collect(),
+        table: args.out.clone(),
+        uv_table: None,
+        tables_agree: agreement(&tables, labels.iter().map(|label| label.rgb)),
+    };
+    let picture = match &args.dir {
+        Some(dir) => drive_images(dir)?
+            .into_iter()
+            .next()
+            .map(|image| image.image),
+        None => None,
+    };
+    Ok((tables, outcome, picture))
+}
+
+fn from_images(args: &ColoursArgs) -> Result<Found> {
+    let dir = args.dir.as_deref().context("no recording folder")?;
+    let robot_file = dir.join("robot.toml");
+    let setup = Setup::load(&robot_file, None)?;
+    let (camera, map) = setup
+        .camera
+        .as_ref()
+        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
+    let config = SpineConfig::default().vision;
+    let line_width = setup.field.config.line_width;
+    let mask = setup.mask.as_deref();
+    let mut eyes = Eyes::with_mask(map, camera, mask, line_width, config.clone())?;
+    let images = drive_images(dir)?;
+    let learned: LearnedColours =
+        learn_colours(&mut eyes, &images).with_context(|| dir.display().to_string())?;
+    let tables = [TableKind::Yuv, TableKind::Uv].map(|kind| learned.table(kind, &config));
+    let outcome = Outcome {
+        images: Some([learned.models.len(), images.len()]),
+        left_out: LeftOut::of(&learned.images),
+        labels: Vec::new(),
+        table: args.out.clone(),
+        uv_table: None,
+        tables_agree: agreement(
+            &tables,
+            images
+                .iter()
+                .flat_map(|image| image.image.rgb.chunks_exact(3))
+                .map(|rgb| [rgb[0], rgb[1], rgb[2]]),
+        ),
+    };
+    let picture = images.into_iter().next().map(|image| image.image);
+    Ok((tables, outcome, picture))
+}
+
+fn agreement(tables: &[ColourTable; 2], pixels: impl Iterator<Item = [u8; 3]>) -> f64 {
+    let (mut same, mut all) = (0usize, 0usize);
+    for rgb in pixels {
+        let yuv = yuv_of_rgb(rgb);
+        same += usize::from(tables[0].class(yuv) == tables[1].class(yuv));
+        all += 1;
+    }
+    same as f64 / all.max(1) as f64
+}
+
+/// An image beside the classes of its pixels.
+fn classified(image: &Image, table: &ColourTable) -> Image {
+    let mut classes = image.clone();
+    for rgb in classes.rgb.chunks_exact_mut(3) {
+        let class = table.class(yuv_of_rgb([rgb[0], rgb[1], rgb[2]]));
+        let known = usize::from(class.0) < CLASS_NAMES.len();
+        rgb.copy_from_slice(&overlay::class_colour(if known {
+            class
+        } else {
+            Class::OTHER
+        }));
+    }
+    crate::pictures::field::beside(image, &classes)
+}

@@ -1,0 +1,77 @@
+//! `mirrorball calibrate compass`: what does the robot's own iron do to its magnetometer?
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use localize::compass::{CompassFit, fit};
+use serde::Serialize;
+
+use pipeline::csv_table::{Table, Written, seconds};
+
+/// From magnetometer readings of the robot turning once all round: hard and soft iron.
+///
+/// The folder is a recording with magnetometer.csv (stamp_s,x,y: the field in the robot's frame, any unit). Readings that
+/// something nearby disturbed are left out.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example: mirrorball calibrate compass turn/ --out compass.toml --headings turn/compass.csv"
+)]
+pub(super) struct CompassArgs {
+    /// The recording folder.
+    dir: PathBuf,
+    /// Where the calibration goes (TOML).
+    #[arg(long, value_name = "FILE.toml")]
+    out: PathBuf,
+    /// Direction of magnetic north on the field, degrees counter-clockwise from its x axis.
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    north: f32,
+    /// Also write the calibrated headings (stamp_s,heading_rad), as a recording's compass.csv.
+    #[arg(long, value_name = "FILE.csv")]
+    headings: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Outcome {
+    #[serde(flatten)]
+    fit: CompassFit,
+    out: PathBuf,
+}
+
+pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
+    let path = args.dir.join("magnetometer.csv");
+    let mut stamps = Vec::new();
+    let mut readings = Vec::new();
+    for row in Table::read(&path, &["stamp_s", "x", "y"])?.rows() {
+        stamps.push(localize::Stamp::from_seconds(row.number("stamp_s")?));
+        readings.push([row.number("x")? as f32, row.number("y")? as f32]);
+    }
+    let mut fit = fit(&readings).with_context(|| path.display().to_string())?;
+    fit.calibration.north_deg = args.north;
+    let text = toml::to_string(&fit.calibration)?;
+    std::fs::write(&args.out, text)
+        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    if let Some(path) = &args.headings {
+        let mut file = Written::create(path, "stamp_s,heading_rad")?;
+        for (stamp, reading) in stamps.iter().zip(&readings) {
+            let (heading, _) = fit.calibration.heading(*reading);
+            file.row(format_args!("{},{heading}", seconds(*stamp)))?;
+        }
+        file.finish()?;
+    }
+    if json {
+        let out = args.out.clone();
+        println!("{}", serde_json::to_string(&Outcome { fit, out })?);
+        return Ok(());
+    }
+    println!(
+        "{} readings on the ellipse within {:.2}°, {} disturbed ones left out; uncalibrated headings erred by up to {:.1}°",
+        fit.used, fit.residual_deg, fit.left_out, fit.raw_error_deg
+    );
+    println!("{}", args.out.display());
+    Ok(())
+}

@@ -1,0 +1,89 @@
+//! `mirrorball calibrate mask`: where does the camera see its own robot?
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use localize::robot::RobotConfig;
+use serde::Serialize;
+use vision::calibrate::calibrate_mask;
+use vision::calibrate::mask::save_mask;
+use vision::image::Image;
+
+use super::drive_images;
+
+/// From a few images of the robot turning in place: its own body and rods.
+///
+/// The folder is a recording (robot.toml, frames.csv) with at least six images spread around the circle. The mask is a
+/// grey PNG, black where the robot sees itself; robot.toml names it (`mask = "mask.png"`).
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example: mirrorball calibrate mask samples/calibration --out mask.png --picture seen.png"
+)]
+pub(super) struct MaskArgs {
+    /// The recording folder.
+    dir: PathBuf,
+    /// Where the mask goes.
+    #[arg(long, value_name = "MASK.png")]
+    out: PathBuf,
+    /// Also draw the mask into the first image.
+    #[arg(long, value_name = "FILE.png")]
+    picture: Option<PathBuf>,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome {
+    images: usize,
+    /// Share of the mirror's image that is the robot itself.
+    own_share: f64,
+    mask: PathBuf,
+}
+
+/// Runs the command.
+pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
+    let robot_file = args.dir.join("robot.toml");
+    let robot = RobotConfig::load(&robot_file)?;
+    let camera = robot
+        .camera
+        .as_ref()
+        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
+    let images: Vec<Image> = drive_images(&args.dir)?
+        .into_iter()
+        .map(|image| image.image)
+        .collect();
+    let mask = calibrate_mask(camera, &images).with_context(|| args.dir.display().to_string())?;
+    save_mask(&mask, camera.width_px, camera.height_px, &args.out)?;
+    if let (Some(path), Some(first)) = (&args.picture, images.first()) {
+        let mut picture = first.clone();
+        for (rgb, _) in picture
+            .rgb
+            .chunks_exact_mut(3)
+            .zip(&mask)
+            .filter(|(_, free)| !**free)
+        {
+            rgb.copy_from_slice(&[255, 0, 120]);
+        }
+        picture.save(path)?;
+    }
+    let inside = (0..mask.len()).filter(|pixel| {
+        let (u, v) = (pixel % camera.width_px, pixel / camera.width_px);
+        camera.sees_mirror(u as f32, v as f32)
+    });
+    let own = inside.clone().filter(|&pixel| !mask[pixel]).count();
+    let outcome = Outcome {
+        images: images.len(),
+        own_share: own as f64 / inside.count().max(1) as f64,
+        mask: args.out.clone(),
+    };
+    if json {
+        println!("{}", serde_json::to_string(&outcome)?);
+        return Ok(());
+    }
+    println!(
+        "{} images: the robot itself covers {:.1} % of the mirror's image",
+        outcome.images,
+        100.0 * outcome.own_share
+    );
+    println!("mask: {}", outcome.mask.display());
+    Ok(())
+}

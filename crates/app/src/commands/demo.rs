@@ -1,0 +1,179 @@
+//! `mirrorball demo`: a minute of play in the simulator, then a recording of another's, with pictures and a log.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use localize::frame::{At, FieldFrame};
+use serde::Serialize;
+use vision::image::Image;
+
+use crate::commands::arguments;
+use crate::commands::locate::FOREIGN_POINT_STD;
+use crate::interrupt;
+use crate::pictures::annotate::annotated;
+use crate::pictures::field::{FieldPicture, beside, ink};
+use pipeline::cycle::{Cycle, Spine, SpineConfig};
+use pipeline::log::start_log;
+use pipeline::log::{ImageMode, LogConfig};
+use pipeline::paths;
+use pipeline::recording::Recording;
+use pipeline::score;
+use pipeline::score::summary::{Summary, Tally};
+use pipeline::setup::Setup;
+use pipeline::simulation::Simulation;
+
+/// Show a minute of play against moving opponents, then the same on recorded images.
+///
+/// Leaves a log (demo.mcap) and two pictures: the field with the true and the estimated path beside one camera image
+/// with everything found in it.
+#[derive(clap::Args)]
+#[command(after_help = "Example: mirrorball demo --seed 3 --out out/demo")]
+pub struct Args {
+    /// In place of the scenario's seed.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Seconds to play.
+    #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
+    duration: Option<f64>,
+    /// Where log and pictures go.
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Outcome {
+    seed: u64,
+    simulated_s: f64,
+    times_real_time: f64,
+    play: Summary,
+    recording: Summary,
+    log: PathBuf,
+    pictures: [PathBuf; 2],
+}
+
+/// Runs the command.
+pub fn run(args: &Args, json: bool) -> Result<()> {
+    let scenario = paths::find("config/scenarios/demo.toml")?;
+    let sample = paths::find("samples/sequence")?;
+    std::fs::create_dir_all(&args.out)
+        .with_context(|| format!("cannot make {}", args.out.display()))?;
+    let log = args.out.join("demo.mcap");
+    let pictures = ["play.png", "recording.png"].map(|name| args.out.join(name));
+
+    interrupt::watch()?;
+    let simulation = Simulation::load(&scenario, args.seed, args.duration)?;
+    let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
+    let setup = simulation.setup()?;
+    let config = SpineConfig::default();
+    let log_config = LogConfig {
+        images: ImageMode::Jpeg,
+        ..LogConfig::default()
+    };
+    let mut recorder = start_log(&log, "demo", Some(seed), (&setup, &config), &log_config)?;
+    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
+    let started = Instant::now();
+    let mut play = Story::default();
+    let mut spine = Spine::new(&setup, &config)?;
+    simulation.play(&mut spine, |cycle| {
+        let cycle = Arc::new(cycle);
+        bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
+        play.add(&cycle);
+        recorder.cycle(cycle)?;
+        Ok(interrupt::flow())
+    })?;
+    bar.finish_and_clear();
+    interrupt::check()?;
+    let times_real_time = duration / started.elapsed().as_secs_f64();
+    recorder.finish()?;
+    play.picture(&setup)?.save(&pictures[0])?;
+
+    let setup = Setup::load(&sample.join("robot.toml"), None)?;
+    let recording = Recording::open(&sample, FOREIGN_POINT_STD)?;
+    let mut spine = Spine::new(&setup, &config)?;
+    let mut seen = Story::default();
+    for cycle in recording.filter_map(|sample| spine.take(sample)) {
+        seen.add(&Arc::new(cycle));
+        interrupt::check()?;
+    }
+    seen.picture(&setup)?.save(&pictures[1])?;
+
+    let (play, recording) = (play.tally.summary(), seen.tally.summary());
+    if json {
+        let outcome = Outcome {
+            seed,
+            simulated_s: duration,
+            times_real_time,
+            play,
+            recording,
+            log,
+            pictures,
+        };
+        println!("{}", serde_json::to_string(&outcome)?);
+        return Ok(());
+    }
+    println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+    play.print();
+    println!("\nrecorded images ({})", sample.display());
+    recording.print();
+    println!("\nlog:      {}", log.display());
+    for picture in &pictures {
+        println!("picture:  {}", picture.display());
+    }
+    Ok(())
+}
+
+/// A run from its first to its last cycle, as far as a picture of it needs.
+#[derive(Default)]
+struct Story {
+    truth: Vec<At<FieldFrame>>,
+    estimates: Vec<At<FieldFrame>>,
+    tally: Tally,
+    /// The cycle with most found in it.
+    shown: Option<(usize, Arc<Cycle>)>,
+}
+
+impl Story {
+    fn add(&mut self, cycle: &Arc<Cycle>) {
+        self.tally.add(cycle, score::cycle_error(cycle));
+        self.truth
+            .extend(cycle.inputs.truth.as_ref().map(|truth| truth.pose.origin()));
+        self.estimates
+            .extend(cycle.estimate.pose.map(|pose| pose.origin()));
+        let Some(seen) = &cycle.seen else { return };
+        // A ball near by tells more in a picture than a few line points.
+        let richness = seen.line_points.len()
+            + 40 * (seen.robots.len() + 2 * usize::from(seen.ball.is_some()));
+        if self.shown.as_ref().is_none_or(|(most, _)| richness > *most) {
+            self.shown = Some((richness, cycle.clone()));
+        }
+    }
+
+    fn picture(&self, setup: &Setup) -> Result<Image> {
+        let mut field =
+            FieldPicture::new(&setup.field, 1200).context("the field is too large to draw")?;
+        field.path(self.truth.iter().copied(), ink::truth(), 5.0);
+        field.path(self.estimates.iter().copied(), ink::estimate(), 2.0);
+        field.text(12, 10, "true path", ink::line());
+        field.text(12, 30, "estimated path", ink::estimate());
+        let Some((_, cycle)) = &self.shown else {
+            return Ok(field.finish());
+        };
+        let truth = cycle.inputs.truth.as_ref();
+        if let Some(ball) = truth.and_then(|truth| truth.ball) {
+            field.dot(ball, ink::ball(), 6.0);
+        }
+        for robot in truth.iter().flat_map(|truth| &truth.robots) {
+            field.dot(*robot, ink::global(), 10.0);
+        }
+        if let Some(pose) = cycle.estimate.pose {
+            field.dot(pose.origin(), ink::estimate(), 9.0);
+        }
+        let map = setup.camera.as_ref().map(|(_, map)| map);
+        let camera = map.and_then(|map| annotated(cycle, &setup.field, map));
+        let field = field.finish();
+        Ok(camera.map_or_else(|| field.clone(), |camera| beside(&field, &camera)))
+    }
+}

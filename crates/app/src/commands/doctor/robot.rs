@@ -1,0 +1,237 @@
+//! Do configuration and devices go together? Each device is opened and listened to for a moment; no wheel turns.
+
+use std::path::Path;
+use std::time::Duration;
+
+use hw::{Devices, Event, HardwareConfig, Health, Inbox, State};
+
+use super::Finding;
+use crate::net::NetworkConfig;
+use crate::run::outside::NETWORK_FILE;
+use crate::run::raw_image::raw_image;
+use crate::run::robot::files;
+use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::sample::{Content, Frame, Picture, Sample};
+use pipeline::setup::Setup;
+
+/// Line points that a camera on a field shows at least.
+const POINTS_FEW: usize = 15;
+
+/// What was found of a robot.
+pub(super) fn findings(path: &Path, listen: f64) -> Vec<Finding> {
+    let (folder, robot_file) = match files(path) {
+        Ok(found) => found,
+        Err(error) => {
+            let remedy = "name the robot's folder, or copy config/robots/virtual and change it";
+            return vec![Finding::bad("robot", format!("{error:#}"), remedy)];
+        }
+    };
+    let mut findings = Vec::new();
+    let setup = Setup::load(&robot_file, None);
+    findings.push(match &setup {
+        Ok(setup) => Finding::fine(
+            "robot.toml",
+            match &setup.camera {
+                Some((camera, _)) => {
+                    format!(
+                        "camera of {} × {} pixels",
+                        camera.width_px, camera.height_px
+                    )
+                }
+                None => "no camera".to_owned(),
+            },
+        ),
+        Err(error) => Finding::bad(
+            "robot.toml",
+            format!("{error:#}"),
+            "correct the file; docs/recording.md has its keys",
+        ),
+    });
+    let hardware = HardwareConfig::load(&folder.join("hardware.toml"));
+    match hardware {
+        Ok(hardware) => {
+            findings.push(Finding::fine("hardware.toml", summary(&hardware)));
+            if let Ok(setup) = &setup {
+                findings.extend(devices(&hardware, setup, listen));
+            }
+        }
+        Err(error) => findings.push(Finding::bad(
+            "hardware.toml",
+            error.to_string(),
+            "docs/hardware.toml has every key; `mirrorball run --list` the devices of this machine",
+        )),
+    }
+    findings.extend(network(&folder.join(NETWORK_FILE)));
+    findings
+}
+
+/// What the robot's network.toml opens; nothing without one.
+fn network(path: &Path) -> Option<Finding> {
+    if !path.exists() {
+        return None;
+    }
+    let config = match NetworkConfig::load(path) {
+        Ok(config) => config,
+        Err(error) => {
+            let remedy = "docs/network.md has every key";
+            return Some(Finding::bad(NETWORK_FILE, format!("{error:#}"), remedy));
+        }
+    };
+    let mut open: Vec<String> = Vec::new();
+    open.extend(
+        config
+            .outputs
+            .iter()
+            .map(|out| format!("state to {}", out.to)),
+    );
+    open.extend(
+        config
+            .commands
+            .map(|commands| format!("commands at {}", commands.bind)),
+    );
+    open.extend(config.team.map(|team| {
+        format!(
+            "the team at {} as robot {} (the settings' team.number must be the same)",
+            team.group, team.robot
+        )
+    }));
+    open.extend(
+        config
+            .stream
+            .map(|stream| format!("viewers at {}:{}", stream.bind, stream.port)),
+    );
+    if open.is_empty() {
+        open.push("nothing is open".to_owned());
+    }
+    Some(Finding::fine(NETWORK_FILE, open.join(", ")))
+}
+
+fn summary(hardware: &HardwareConfig) -> String {
+    let yes = |there: bool| if there { "" } else { "no " };
+    format!(
+        "{}camera, {}base, {} inertial",
+        yes(hardware.camera.is_some()),
+        yes(hardware.base.is_some()),
+        hardware.inertial.len()
+    )
+}
+
+fn devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<Finding> {
+    let inbox = Inbox::new(1024);
+    let devices = match Devices::start(hardware, &setup.robot, &inbox) {
+        Ok(devices) => devices,
+        Err(error) => {
+            let remedy = "correct hardware.toml or robot.toml";
+            return vec![Finding::bad("devices", error.to_string(), remedy)];
+        }
+    };
+    let until = hw::now() + listen;
+    let (mut frame, mut stopped) = (None, false);
+    while hw::now() < until {
+        match inbox.take(Duration::from_millis(50)) {
+            Some(Event::Frame(newest)) => frame = Some(newest),
+            Some(Event::Switches(switches)) => stopped = switches.emergency_stop,
+            _ => {}
+        }
+    }
+    let ports = ports(hardware);
+    let mut findings: Vec<Finding> = devices
+        .health()
+        .iter()
+        .zip(ports)
+        .map(|(health, port)| device(health, &port))
+        .collect();
+    if stopped {
+        findings.push(Finding::note(
+            "emergency stop",
+            "is pressed",
+            "release it before the game",
+        ));
+    }
+    if hardware.camera.is_some() {
+        findings.extend(frame.map(|frame| sight(setup, frame)));
+    }
+    findings
+}
+
+/// The ports in the order in which [`Devices::health`] tells.
+fn ports(hardware: &HardwareConfig) -> Vec<String> {
+    let base = hardware.base.iter().map(|base| base.port.clone());
+    let camera = hardware.camera.iter().map(|camera| camera.device.clone());
+    let inertial = hardware.inertial.iter().map(|one| one.port.clone());
+    base.chain(camera).chain(inertial).collect()
+}
+
+fn device(health: &Health, port: &str) -> Finding {
+    let what = format!("{} ({port})", health.device);
+    let reason = health.reason.clone().unwrap_or_default();
+    match health.state {
+        State::Running => Finding::fine(&what, format!("{} messages", health.messages)),
+        State::Clock => Finding::note(&what, reason, "set the device's clock, or its driver's"),
+        State::Absent => Finding::bad(&what, reason, remedy_of_absence(port)),
+        State::Stalled => Finding::bad(&what, reason, "look at its power, cable and settings"),
+        State::Garbage => Finding::bad(
+            &what,
+            reason,
+            "compare baud rate and protocol with the device's; swap the names if two were confused",
+        ),
+        State::Stuck | State::Range => Finding::bad(&what, reason, "switch the device off and on"),
+    }
+}
+
+/// What helps with a device that cannot be opened.
+fn remedy_of_absence(port: &str) -> String {
+    let path = Path::new(port.strip_prefix("unix:").unwrap_or(port));
+    if port.starts_with("genicam:") {
+        return "look at the network's address and the camera's power; `arv-tool-0.8` lists what answers".to_owned();
+    }
+    if !port.contains('/') {
+        return format!(
+            "bring the interface up: sudo ip link set {port} up type can bitrate 500000"
+        );
+    }
+    match rustix::fs::access(
+        path,
+        rustix::fs::Access::READ_OK | rustix::fs::Access::WRITE_OK,
+    ) {
+        Ok(()) => "end the other program that uses it (fuser names it)".to_owned(),
+        Err(rustix::io::Errno::ACCESS) => {
+            let group = if port.contains("video") || port.contains("v4l") {
+                "video"
+            } else {
+                "dialout"
+            };
+            format!("install the udev rules, or: sudo usermod -aG {group} $USER, and log in again")
+        }
+        Err(_) => "plug it in; `mirrorball run --list` shows the names that are there".to_owned(),
+    }
+}
+
+/// Looks at one frame as `run` would.
+fn sight(setup: &Setup, frame: hw::camera::CameraFrame) -> Finding {
+    let spine = Spine::new(setup, &SpineConfig::default());
+    let stamp = frame.stamp;
+    let content = Content::Image(Picture::Raw(raw_image(frame)));
+    let looked = spine.map(|mut spine| spine.take(Sample::Frame(Frame { stamp, content })));
+    let bad = |found: String| {
+        let remedy = "compare the camera's size and format with robot.toml's";
+        Finding::bad("sight", found, remedy)
+    };
+    match looked {
+        Err(error) => bad(format!("{error:#}")),
+        Ok(None) => bad("no image was looked at".to_owned()),
+        Ok(Some(cycle)) => match cycle.fault {
+            Some(fault) => bad(fault),
+            None => {
+                let points = cycle.points.len();
+                let found = format!("{points} line points in one image");
+                if points < POINTS_FEW {
+                    let remedy = "on a field: uncover the lens, set exposure, check the map with `calibrate`";
+                    Finding::note("sight", found, remedy)
+                } else {
+                    Finding::fine("sight", found)
+                }
+            }
+        },
+    }
+}

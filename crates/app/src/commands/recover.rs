@@ -1,0 +1,63 @@
+//! `mirrorball recover`: a proper log from one whose writer was killed.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use serde::Serialize;
+
+use pipeline::log;
+
+/// Make a proper log, with index and summary, of one that was killed, cut or damaged.
+#[derive(clap::Args)]
+#[command(after_help = "Example: mirrorball recover game.mcap --out game-whole.mcap")]
+pub struct Args {
+    /// The log.
+    log: PathBuf,
+    /// Where the recovered log goes.
+    #[arg(long, value_name = "LOG2")]
+    out: PathBuf,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Summary {
+    messages: u64,
+    until_s: Option<f64>,
+    lost: Vec<String>,
+    was_whole: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, json: bool) -> Result<()> {
+    let recovered = log::recover(&args.log, &args.out)?;
+    if recovered.messages == 0 {
+        std::fs::remove_file(&args.out)
+            .with_context(|| format!("cannot remove {}", args.out.display()))?;
+        bail!("{}: no message can be saved from it", args.log.display());
+    }
+    let summary = Summary {
+        messages: recovered.messages,
+        until_s: recovered.until.map(localize::Stamp::seconds),
+        lost: recovered.lost,
+        was_whole: recovered.was_whole,
+    };
+    if json {
+        println!("{}", serde_json::to_string(&summary)?);
+        return Ok(());
+    }
+    let until = summary
+        .until_s
+        .map_or_else(String::new, |until| format!(" until {until:.3} s"));
+    println!(
+        "{} messages{until}: {}",
+        summary.messages,
+        args.out.display()
+    );
+    for lost in &summary.lost {
+        println!("lost {lost}");
+    }
+    if summary.was_whole {
+        println!("{} was whole already", args.log.display());
+    }
+    Ok(())
+}

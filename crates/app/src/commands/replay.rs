@@ -1,0 +1,182 @@
+//! `mirrorball replay`: a log's run once more, to verify it or to hand it on as a recording folder.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail};
+use serde::Serialize;
+
+use pipeline::cycle::{SPINE_FILE, Spine, SpineConfig};
+use pipeline::log::{self, Difference, End, Log, Verdict};
+use pipeline::setup::Setup;
+
+/// Run a log once more: verify that it gives the same bits, or export it as a recording folder.
+#[derive(clap::Args)]
+#[command(
+    after_help = "Example: mirrorball replay game.mcap --verify\n         mirrorball replay game.mcap --export game/"
+)]
+pub struct Args {
+    /// The log.
+    log: PathBuf,
+    /// Compute every estimate again and compare it bit for bit (the default).
+    #[arg(long)]
+    verify: bool,
+    /// Write the log as a recording folder.
+    #[arg(long, value_name = "DIR")]
+    export: Option<PathBuf>,
+    /// Show the log in a window, with the run computed again beside the recorded one.
+    #[cfg(feature = "view")]
+    #[arg(long, conflicts_with_all = ["verify", "export"])]
+    view: bool,
+}
+
+/// What `--json` prints.
+#[derive(Serialize, Default)]
+struct Summary {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verified: Option<Verified>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    exported: Option<Exported>,
+}
+
+#[derive(Serialize)]
+struct Verified {
+    identical: bool,
+    cycles: u64,
+    vision_cycles: u64,
+    different: u64,
+    unverified: u64,
+    whole: bool,
+}
+
+#[derive(Serialize)]
+struct Exported {
+    frames: u64,
+    odometry: u64,
+    whole: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, json: bool) -> Result<()> {
+    #[cfg(feature = "view")]
+    if args.view {
+        return crate::view::again(&args.log);
+    }
+    let mut summary = Summary::default();
+    if let Some(folder) = &args.export {
+        let exported = log::export(Log::open(&args.log)?, folder)?;
+        let whole = exported.end == End::Whole;
+        if !json {
+            let cut = if whole {
+                ""
+            } else {
+                " (the log is cut: up to its last whole part)"
+            };
+            println!(
+                "{} frames, {} odometry samples{cut}: {}",
+                exported.frames,
+                exported.odometry,
+                folder.display()
+            );
+        }
+        summary.exported = Some(Exported {
+            frames: exported.frames,
+            odometry: exported.odometry,
+            whole,
+        });
+    }
+    let mut failure = None;
+    if args.verify || args.export.is_none() {
+        let log = Log::open(&args.log)?;
+        if let Some(note) = log.header().other_version() {
+            eprintln!("{}: {note}", args.log.display());
+        }
+        let verdict =
+            verify(log).with_context(|| format!("cannot verify {}", args.log.display()))?;
+        if !json {
+            print(&verdict);
+        }
+        summary.verified = Some(Verified {
+            identical: verdict.different == 0,
+            cycles: verdict.cycles,
+            vision_cycles: verdict.seen,
+            different: verdict.different,
+            unverified: verdict.unverified,
+            whole: verdict.end == End::Whole,
+        });
+        failure = verdict.first;
+    }
+    if json {
+        println!("{}", serde_json::to_string(&summary)?);
+    }
+    match failure {
+        None => Ok(()),
+        Some(Difference {
+            stamp,
+            what,
+            recorded,
+            computed,
+        }) => bail!(
+            "{}: at {} s {what} differs: recorded {recorded}, computed {computed}",
+            args.log.display(),
+            stamp.seconds()
+        ),
+    }
+}
+
+/// Runs a fresh spine, built from the log's own files, over the log.
+fn verify(log: Log) -> Result<Verdict> {
+    let folder = tempfile::tempdir().context("no room for the log's files")?;
+    log.header().write_files(folder.path())?;
+    let mut spine = spine_of(folder.path()).map_err(|error| {
+        // The files lie in the log; where they were unpacked tells nobody anything.
+        let unpacked = format!("{}/", folder.path().display());
+        anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
+    })?;
+    let bar = crate::progress::bar(0, "cycles");
+    let verdict = log::verify(log, |sample| {
+        let cycle = spine.take(sample);
+        bar.inc(u64::from(cycle.is_some()));
+        cycle
+    });
+    bar.finish_and_clear();
+    verdict
+}
+
+/// A spine from the files that a log keeps.
+fn spine_of(folder: &Path) -> Result<Spine> {
+    let setup = Setup::load(&folder.join("robot.toml"), None)?;
+    let settings = folder.join(SPINE_FILE);
+    let config = SpineConfig::load("default", settings.exists().then_some(&*settings))?;
+    Spine::new(&setup, &config)
+}
+
+fn print(verdict: &Verdict) {
+    let Verdict {
+        cycles,
+        seen,
+        different,
+        gap,
+        unverified,
+        end,
+        ..
+    } = verdict;
+    if *different == 0 {
+        println!("{cycles} estimates computed again: the same bits");
+    } else {
+        println!("{cycles} estimates computed again: {different} differ");
+    }
+    if seen < cycles {
+        println!(
+            "vision computed again in {seen} cycles; the others hold no exact image, so their line points were taken"
+        );
+    }
+    if let Some(gap) = gap {
+        println!(
+            "not verified: {unverified} cycles behind one that was dropped at {} s",
+            gap.seconds()
+        );
+    }
+    if *end == End::Cut {
+        println!("the log is cut: verified up to its last whole part");
+    }
+}

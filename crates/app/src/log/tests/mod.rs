@@ -1,6 +1,0 @@
-//! Claims about the log as a whole: what goes in comes out, from whole, killed and damaged files.
-
-mod broken;
-mod index;
-mod kept;
-pub(crate) mod made_up;

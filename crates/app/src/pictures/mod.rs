@@ -1,0 +1,4 @@
+//! Pictures that commands write: an annotated camera image, a field from above.
+
+pub mod annotate;
+pub mod field;

@@ -1,0 +1,104 @@
+//! How does a pixel lie on the robot? The pinhole camera and its mount, as robot.toml states them.
+
+use serde::{Deserialize, Serialize};
+
+/// `[camera]` of robot.toml.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraConfig {
+    /// Image width, pixels.
+    pub width_px: usize,
+    /// Image height, pixels.
+    pub height_px: usize,
+    /// Focal length, pixels; needed to trace a mirror profile, not with a map.
+    pub focal_px: Option<f32>,
+    /// Where the mirror's axis meets the image (u right, v down), pixels; integers are pixel centres.
+    #[serde(deserialize_with = "crate::exactly::exactly")]
+    pub centre_px: [f32; 2],
+    /// Height of the pinhole above the ground, metres; needed to trace a mirror profile.
+    pub height: Option<f32>,
+    /// Where the robot's x axis points in the image: degrees from image right towards image up.
+    pub forward_deg: f32,
+    /// True if, with forward up, the robot's left is on the image's right (a camera below one mirror).
+    pub flipped: bool,
+    /// Radius of the mirror's rim in the image, pixels; beyond it there is nothing to see.
+    pub outer_radius_px: Option<f32>,
+}
+
+impl CameraConfig {
+    /// The image direction (pixels right, pixels down) of a step along the robot's (x, y).
+    ///
+    /// Row-major 2 × 2 orthogonal matrix; its determinant is −1 for an unflipped mount, since v points down.
+    pub fn image_from_robot(&self) -> [[f32; 2]; 2] {
+        let (sin, cos) = self.forward_deg.to_radians().sin_cos();
+        let side = if self.flipped { -1.0 } else { 1.0 };
+        // Forward is (cos, sin) in (right, up); left is a quarter turn from it, the other way round if flipped.
+        [[cos, -side * sin], [-sin, -side * cos]]
+    }
+
+    /// Direction of a pixel from the mirror's axis, in pixels along the robot's x and y.
+    pub fn robot_direction_px(&self, u: f32, v: f32) -> [f32; 2] {
+        let [[xu, yu], [xv, yv]] = self.image_from_robot();
+        let (du, dv) = (u - self.centre_px[0], v - self.centre_px[1]);
+        [xu * du + xv * dv, yu * du + yv * dv]
+    }
+
+    /// True where the mirror is in the image.
+    pub fn sees_mirror(&self, u: f32, v: f32) -> bool {
+        let radius = (u - self.centre_px[0]).hypot(v - self.centre_px[1]);
+        self.outer_radius_px.is_none_or(|rim| radius <= rim)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera(forward_deg: f32, flipped: bool) -> CameraConfig {
+        CameraConfig {
+            width_px: 480,
+            height_px: 480,
+            focal_px: None,
+            centre_px: [240.0, 240.0],
+            height: None,
+            forward_deg,
+            flipped,
+            outer_radius_px: Some(200.0),
+        }
+    }
+
+    fn assert_direction(found: [f32; 2], wanted: [f32; 2]) {
+        assert!(
+            (found[0] - wanted[0]).abs() < 1e-3 && (found[1] - wanted[1]).abs() < 1e-3,
+            "{found:?} {wanted:?}"
+        );
+    }
+
+    #[test]
+    fn with_forward_up_a_flipped_camera_shows_left_on_the_right() {
+        assert_direction(
+            camera(90.0, true).robot_direction_px(250.0, 240.0),
+            [0.0, 10.0],
+        );
+        assert_direction(
+            camera(90.0, false).robot_direction_px(250.0, 240.0),
+            [0.0, -10.0],
+        );
+        assert_direction(
+            camera(90.0, true).robot_direction_px(240.0, 230.0),
+            [10.0, 0.0],
+        );
+    }
+
+    #[test]
+    fn forward_right_unflipped_has_left_up() {
+        assert_direction(
+            camera(0.0, false).robot_direction_px(250.0, 240.0),
+            [10.0, 0.0],
+        );
+        assert_direction(
+            camera(0.0, false).robot_direction_px(240.0, 230.0),
+            [0.0, 10.0],
+        );
+    }
+}

@@ -1,0 +1,406 @@
+//! Which robot took these images? robot.toml: camera, mirror or map, field, and what else the robot carries.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::compass::CompassCalibration;
+use crate::toml_place::place;
+
+mod camera;
+mod exposure;
+
+pub use camera::CameraConfig;
+pub use exposure::{CameraControl, CameraSetting};
+
+/// A robot file. Paths are relative to the file; `load` has already resolved them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotConfig {
+    /// The field file.
+    pub field: PathBuf,
+    /// Camera and its mount; a recording of line points needs none.
+    pub camera: Option<CameraConfig>,
+    /// What the camera's exposure and gain can be set to.
+    pub exposure: Option<CameraControl>,
+    /// The mirror's profile.
+    pub mirror: Option<MirrorConfig>,
+    /// A calibrated map.
+    pub map: Option<MapConfig>,
+    /// Where the robot sees itself: a grey PNG as large as the image, black there.
+    pub mask: Option<PathBuf>,
+    /// Labelled pixels to learn colours from: a CSV of file,u,v,class.
+    pub labels: Option<PathBuf>,
+    /// A saved colour table, in place of labels.
+    pub colours: Option<PathBuf>,
+    /// Wheels.
+    pub base: Option<BaseConfig>,
+    /// Inertial unit.
+    pub imu: Option<ImuConfig>,
+    /// Compass.
+    pub compass: Option<CompassConfig>,
+    /// What of the robot itself stands in the view.
+    pub body: Option<BodyConfig>,
+}
+
+/// `[mirror]`: a mirror of revolution.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MirrorConfig {
+    /// CSV of radius_m,height_m (above the ground).
+    pub profile: PathBuf,
+}
+
+/// `[map]`: pixel to ground, calibrated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapConfig {
+    /// npz of x_m, y_m.
+    pub file: PathBuf,
+}
+
+/// `[base]`: three or four omnidirectional wheels on a circle (MATH.md 5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BaseConfig {
+    /// Where each wheel stands, degrees counter-clockwise from the robot's x axis; it rolls across that direction.
+    pub wheel_angles_deg: Vec<f32>,
+    /// Radius of a wheel, metres.
+    pub wheel_radius: f32,
+    /// Distance of the wheels from the robot's centre, metres.
+    pub wheel_distance: f32,
+    /// Encoder ticks per turn of a wheel.
+    pub ticks_per_turn: f32,
+    /// Odometry samples per second.
+    pub rate_hz: f32,
+    /// Mass of the robot, kilograms.
+    pub mass: f32,
+    /// Top speed of a wheel's rim, m/s.
+    pub speed_max: f32,
+    /// What the motors can accelerate the robot by, m/s².
+    pub acceleration_max: f32,
+}
+
+impl Default for BaseConfig {
+    fn default() -> Self {
+        BaseConfig {
+            wheel_angles_deg: vec![60.0, 180.0, 300.0],
+            wheel_radius: 0.05,
+            wheel_distance: 0.2,
+            ticks_per_turn: 4096.0,
+            rate_hz: 100.0,
+            mass: 30.0,
+            speed_max: 4.5,
+            acceleration_max: 3.0,
+        }
+    }
+}
+
+/// `[imu]`: an inertial unit at the robot's centre, axes along the robot's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImuConfig {
+    /// Samples per second.
+    pub rate_hz: f32,
+    /// White noise of each acceleration sample, m/s² (one sigma).
+    pub acceleration_noise: f32,
+    /// Spread of the constant acceleration bias from unit to unit, m/s² (one sigma).
+    pub acceleration_bias: f32,
+    /// White noise of each rate sample, degrees/s (one sigma).
+    pub rate_noise_deg: f32,
+    /// Spread of the constant rate bias from unit to unit, degrees/s (one sigma).
+    pub rate_bias_deg: f32,
+}
+
+impl Default for ImuConfig {
+    fn default() -> Self {
+        ImuConfig {
+            rate_hz: 100.0,
+            acceleration_noise: 0.15,
+            acceleration_bias: 0.1,
+            rate_noise_deg: 0.3,
+            rate_bias_deg: 0.3,
+        }
+    }
+}
+
+/// `[compass]`: a heading on the field, disturbed by motors and iron in the floor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CompassConfig {
+    /// Samples per second.
+    pub rate_hz: f32,
+    /// White noise of each sample, degrees (one sigma).
+    pub noise_deg: f32,
+    /// Slow bias, degrees (one sigma).
+    pub bias_deg: f32,
+    /// Time in which the slow bias forgets itself, seconds.
+    pub bias_time: f32,
+    /// What makes headings of this magnetometer's field: what `calibrate compass` wrote.
+    pub calibration: Option<CompassCalibration>,
+    /// Iron that the simulated robot carries: its compass is then a magnetometer whose own headings are wrong.
+    pub iron: Option<IronConfig>,
+}
+
+/// `[compass.iron]`: what a robot's own iron makes of the earth's field, whose horizontal part is 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IronConfig {
+    /// Added to the field in the robot's frame: magnets.
+    pub hard: [f32; 2],
+    /// Stretches and shears the field in the robot's frame before, rows: steel.
+    pub soft: [[f32; 2]; 2],
+}
+
+impl Default for CompassConfig {
+    fn default() -> Self {
+        CompassConfig {
+            rate_hz: 30.0,
+            noise_deg: 5.0,
+            bias_deg: 4.0,
+            bias_time: 20.0,
+            calibration: None,
+            iron: None,
+        }
+    }
+}
+
+/// `[body]`: what the robot sees of itself, the rods that carry the mirror included.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BodyConfig {
+    /// Radius of the robot's round body, metres.
+    pub radius: f32,
+    /// Height of that body, metres.
+    pub height: f32,
+    /// Side of the square camera box that carries the pinhole, metres.
+    pub camera_side: f32,
+    /// Directions of the rods, degrees counter-clockwise from the robot's x axis.
+    pub rod_angles_deg: Vec<f32>,
+    /// Distance of the rods from the mirror's axis, metres.
+    pub rod_distance: f32,
+    /// Radius of each rod, metres.
+    pub rod_radius: f32,
+}
+
+impl Default for BodyConfig {
+    fn default() -> Self {
+        BodyConfig {
+            radius: 0.22,
+            height: 0.35,
+            camera_side: 0.03,
+            rod_angles_deg: vec![60.0, 180.0, 300.0],
+            rod_distance: 0.18,
+            rod_radius: 0.003,
+        }
+    }
+}
+
+/// Why there is no robot.
+#[derive(Debug, thiserror::Error)]
+pub enum RobotError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        source: std::io::Error,
+    },
+    /// The file is not a robot.
+    #[error("{}: {source}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Line and reason.
+        source: Box<toml::de::Error>,
+    },
+    /// A number that no robot can have.
+    #[error("{place}: {key}: {reason}")]
+    Value {
+        /// The file, and the line where there is one.
+        place: String,
+        /// The key in the file.
+        key: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+impl RobotConfig {
+    /// Reads and checks a robot file; its paths come back relative to the working folder (or absolute).
+    pub fn load(path: &Path) -> Result<Self, RobotError> {
+        let text = std::fs::read_to_string(path).map_err(|source| RobotError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let mut robot: RobotConfig = toml::from_str(&text).map_err(|source| RobotError::Parse {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })?;
+        robot.check().map_err(|(key, reason)| RobotError::Value {
+            place: place(path, &text, key),
+            key,
+            reason,
+        })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let files = [
+            Some(&mut robot.field),
+            robot.mask.as_mut(),
+            robot.labels.as_mut(),
+            robot.colours.as_mut(),
+            robot.map.as_mut().map(|map| &mut map.file),
+            robot.mirror.as_mut().map(|mirror| &mut mirror.profile),
+        ];
+        for file in files.into_iter().flatten() {
+            *file = folder.join(&*file);
+        }
+        Ok(robot)
+    }
+
+    /// The first key whose number makes no robot, and why.
+    fn check(&self) -> Result<(), (&'static str, String)> {
+        if let Some(camera) = &self.camera {
+            if !(2..=8192).contains(&camera.width_px) || !(2..=8192).contains(&camera.height_px) {
+                let size = format!("{} × {} px", camera.width_px, camera.height_px);
+                return Err((
+                    "camera.width_px",
+                    format!("the image has {size}: both sides between 2 and 8192"),
+                ));
+            }
+            finite("camera.centre_px", &camera.centre_px)?;
+            finite("camera.forward_deg", &[camera.forward_deg])?;
+            for (key, value) in [
+                ("camera.focal_px", camera.focal_px),
+                ("camera.height", camera.height),
+                ("camera.outer_radius_px", camera.outer_radius_px),
+            ] {
+                positive(key, value.unwrap_or(1.0))?;
+            }
+        }
+        if let Some(exposure) = &self.exposure {
+            exposure.check()?;
+        }
+        if let Some(base) = &self.base {
+            base.check()?;
+        }
+        if let Some(imu) = &self.imu {
+            positive("imu.rate_hz", imu.rate_hz)?;
+            not_negative("imu.acceleration_noise", imu.acceleration_noise)?;
+            not_negative("imu.acceleration_bias", imu.acceleration_bias)?;
+            not_negative("imu.rate_noise_deg", imu.rate_noise_deg)?;
+            not_negative("imu.rate_bias_deg", imu.rate_bias_deg)?;
+        }
+        if let Some(compass) = &self.compass {
+            positive("compass.rate_hz", compass.rate_hz)?;
+            not_negative("compass.noise_deg", compass.noise_deg)?;
+            not_negative("compass.bias_deg", compass.bias_deg)?;
+            positive("compass.bias_time", compass.bias_time)?;
+        }
+        if let Some(body) = &self.body {
+            finite("body.rod_angles_deg", &body.rod_angles_deg)?;
+            not_negative("body.radius", body.radius)?;
+            not_negative("body.height", body.height)?;
+            not_negative("body.camera_side", body.camera_side)?;
+            not_negative("body.rod_distance", body.rod_distance)?;
+            not_negative("body.rod_radius", body.rod_radius)?;
+        }
+        Ok(())
+    }
+}
+
+impl BaseConfig {
+    fn check(&self) -> Result<(), (&'static str, String)> {
+        let wheels = self.wheel_angles_deg.len();
+        if !(3..=4).contains(&wheels) {
+            return Err((
+                "base.wheel_angles_deg",
+                format!("{wheels} wheels: three or four are wanted"),
+            ));
+        }
+        finite("base.wheel_angles_deg", &self.wheel_angles_deg)?;
+        for (key, value) in [
+            ("base.wheel_radius", self.wheel_radius),
+            ("base.wheel_distance", self.wheel_distance),
+            ("base.ticks_per_turn", self.ticks_per_turn),
+            ("base.rate_hz", self.rate_hz),
+            ("base.mass", self.mass),
+            ("base.speed_max", self.speed_max),
+            ("base.acceleration_max", self.acceleration_max),
+        ] {
+            positive(key, value)?;
+        }
+        Ok(())
+    }
+}
+
+fn positive(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err((key, format!("{value} must be a positive number")))
+}
+
+fn not_negative(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
+    if value.is_finite() && value >= 0.0 {
+        return Ok(());
+    }
+    Err((key, format!("{value} must be zero or a positive number")))
+}
+
+fn finite(key: &'static str, values: &[f32]) -> Result<(), (&'static str, String)> {
+    match values.iter().find(|value| !value.is_finite()) {
+        Some(value) => Err((key, format!("{value} is not a number"))),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(text: &str) -> Result<RobotConfig, RobotError> {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("robot.toml");
+        std::fs::write(&path, text).expect("written");
+        RobotConfig::load(&path)
+    }
+
+    #[test]
+    fn the_samples_robot_is_read_and_its_paths_lead_to_files() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
+        let robot = RobotConfig::load(&folder.join("robot.toml")).expect("a robot");
+        assert!(robot.field.is_file());
+        assert!(robot.mirror.expect("a mirror").profile.is_file());
+    }
+
+    #[test]
+    fn a_field_alone_is_a_robot() {
+        let robot = load("field = \"field.toml\"").expect("a robot");
+        assert!(robot.camera.is_none() && robot.base.is_none());
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused_with_its_line() {
+        let message = load("field = \"f.toml\"\n[base]\nwheels = 3\n")
+            .expect_err("unknown key")
+            .to_string();
+        assert!(
+            message.contains("robot.toml")
+                && message.contains("line 3")
+                && message.contains("wheels"),
+            "{message}"
+        );
+    }
+
+    #[test]
+    fn two_wheels_are_refused() {
+        let message = load("field = \"f.toml\"\n[base]\nwheel_angles_deg = [0.0, 180.0]\n")
+            .expect_err("two wheels")
+            .to_string();
+        assert!(
+            message.contains("robot.toml: line 3: base.wheel_angles_deg"),
+            "{message}"
+        );
+    }
+}

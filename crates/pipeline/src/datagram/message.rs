@@ -1,0 +1,325 @@
+//! What is said to other programs? The messages of `docs/network.proto`, in protobuf and JSON alike.
+
+use localize::estimate::Estimate;
+use localize::world::{Object, Team};
+use serde::{Deserialize, Serialize};
+
+use crate::cycle::Cycle;
+use crate::log::schema::convert;
+
+/// Version of all messages; raised when a field changes its meaning.
+pub const VERSION: u32 = 1;
+
+/// What the robot knows at a frame.
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct State {
+    /// [`VERSION`].
+    #[prost(uint32)]
+    pub version: u32,
+    /// Our number.
+    #[prost(uint32)]
+    pub robot: u32,
+    /// Counts cycles from 0; a gap is one that was not sent.
+    #[prost(uint64)]
+    pub sequence: u64,
+    /// When the frame was exposed, by the robot's clock.
+    #[prost(sint64)]
+    pub stamp_ns: i64,
+    /// Where the robot is; none while it is lost.
+    #[prost(message, optional)]
+    pub pose: Option<Pose>,
+    /// The ball.
+    #[prost(message, optional)]
+    pub ball: Option<Thing>,
+    /// Robots.
+    #[prost(message, repeated)]
+    pub robots: Vec<Thing>,
+    /// How it is.
+    #[prost(message, optional)]
+    pub health: Option<Health>,
+    /// The ball that the team agrees on.
+    #[prost(message, optional)]
+    pub team_ball: Option<Spot>,
+}
+
+/// A pose on the field, metres and radians.
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Pose {
+    /// Metres.
+    #[prost(float)]
+    pub x: f32,
+    /// Metres.
+    #[prost(float)]
+    pub y: f32,
+    /// Radians.
+    #[prost(float)]
+    pub theta: f32,
+    /// Standard deviations of x, y and θ.
+    #[prost(float, repeated)]
+    pub std: Vec<f32>,
+    /// Is it known in which half the robot is?
+    #[prost(bool)]
+    pub half_known: bool,
+}
+
+/// A place on the field, metres, with its motion, m/s.
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Spot {
+    /// Metres.
+    #[prost(float)]
+    pub x: f32,
+    /// Metres.
+    #[prost(float)]
+    pub y: f32,
+    /// m/s.
+    #[prost(float)]
+    pub velocity_x: f32,
+    /// m/s.
+    #[prost(float)]
+    pub velocity_y: f32,
+    /// Covariance of the place: xx, xy, yy, m².
+    #[prost(float, repeated)]
+    pub covariance: Vec<f32>,
+}
+
+/// An object: where it is seen from the robot, and on the field.
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Thing {
+    /// Stays with it while it is followed.
+    #[prost(uint32)]
+    pub id: u32,
+    /// Robot frame.
+    #[prost(message, optional)]
+    pub from_robot: Option<Spot>,
+    /// Field frame; none while the robot is lost.
+    #[prost(message, optional)]
+    pub on_field: Option<Spot>,
+    /// That there is such a thing, 0 to 1.
+    #[prost(float)]
+    pub probability: f32,
+    /// Since it was last seen, seconds.
+    #[prost(float)]
+    pub unseen: f32,
+    /// cyan, magenta or nothing.
+    #[prost(string)]
+    pub team: String,
+}
+
+/// How the robot's eyes and sense of place are.
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Health {
+    /// tracking, global or lost, with its reason.
+    #[prost(string)]
+    pub mode: String,
+    /// Why the frame could not be used; empty if it could.
+    #[prost(string)]
+    pub fault: String,
+    /// Line points.
+    #[prost(uint32)]
+    pub line_points: u32,
+    /// Share of them on markings.
+    #[prost(float)]
+    pub inlier_share: f32,
+    /// Image to features, milliseconds.
+    #[prost(float)]
+    pub see_ms: f32,
+    /// Features to a pose, milliseconds.
+    #[prost(float)]
+    pub localize_ms: f32,
+}
+
+/// A command to drive, to kick, or both.
+#[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Command {
+    /// [`VERSION`].
+    #[prost(uint32)]
+    pub version: u32,
+    /// Larger for each start of the sender: its start in nanoseconds since 1970 will do.
+    #[prost(uint64)]
+    pub session: u64,
+    /// Larger for each command of a session.
+    #[prost(uint64)]
+    pub sequence: u64,
+    /// It holds for so long after its arrival, milliseconds; then the wheels stop.
+    #[prost(float)]
+    pub valid_ms: f32,
+    /// How to drive from now on.
+    #[prost(message, optional)]
+    #[serde(default)]
+    pub drive: Option<Drive>,
+    /// A kick, once.
+    #[prost(message, optional)]
+    #[serde(default)]
+    pub kick: Option<Kick>,
+    /// Drive only while the robot knows where it is.
+    #[prost(bool)]
+    #[serde(default)]
+    pub needs_pose: bool,
+}
+
+/// A velocity in the robot frame.
+#[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Drive {
+    /// Forward, m/s.
+    #[prost(float)]
+    pub x: f32,
+    /// To the left, m/s.
+    #[prost(float)]
+    pub y: f32,
+    /// Counter-clockwise, rad/s.
+    #[prost(float)]
+    pub theta: f32,
+}
+
+/// A kick.
+#[derive(Clone, Copy, PartialEq, prost::Message, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Kick {
+    /// Speed of the ball, m/s.
+    #[prost(float)]
+    pub speed: f32,
+    /// Lofted, or along the ground.
+    #[prost(bool)]
+    pub lofted: bool,
+}
+
+/// A word to the team.
+#[derive(Clone, PartialEq, prost::Message)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct TeamWord {
+    /// [`VERSION`].
+    #[prost(uint32)]
+    pub version: u32,
+    /// The team's number: two teams may share a network.
+    #[prost(uint32)]
+    pub team: u32,
+    /// The speaker's.
+    #[prost(uint32)]
+    pub robot: u32,
+    /// Larger for each start of the speaker.
+    #[prost(uint64)]
+    pub session: u64,
+    /// Larger for each word.
+    #[prost(uint64)]
+    pub sequence: u64,
+    /// When it was sent, by the speaker's clock.
+    #[prost(sint64)]
+    pub sent_ns: i64,
+    /// When what it says was so, by the speaker's clock.
+    #[prost(sint64)]
+    pub stamp_ns: i64,
+    /// The last words that the speaker heard, for the clocks.
+    #[prost(message, repeated)]
+    pub echoes: Vec<Echo>,
+    /// Where the speaker is; none while it is lost.
+    #[prost(message, optional)]
+    pub pose: Option<Pose>,
+    /// The ball that it sees itself.
+    #[prost(message, optional)]
+    pub ball: Option<Spot>,
+    /// When it last saw it, by its clock.
+    #[prost(sint64)]
+    pub ball_seen_ns: i64,
+    /// Robots that it sees.
+    #[prost(message, repeated)]
+    pub obstacles: Vec<Spot>,
+}
+
+/// When a word of another was heard.
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+#[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
+pub struct Echo {
+    /// Whose.
+    #[prost(uint32)]
+    pub robot: u32,
+    /// Its `sent_ns`.
+    #[prost(sint64)]
+    pub sent_ns: i64,
+    /// From hearing it to sending this, nanoseconds.
+    #[prost(sint64)]
+    pub held_ns: i64,
+}
+
+impl State {
+    /// What a cycle says; `sequence`: the cycle's number.
+    pub fn of(robot: u32, sequence: u64, cycle: &Cycle) -> Self {
+        let estimate = &cycle.estimate;
+        let thing = |object: &Object| Thing::of(object, cycle);
+        State {
+            version: VERSION,
+            robot,
+            sequence,
+            stamp_ns: cycle.stamp.0,
+            pose: Pose::of(estimate),
+            ball: cycle.world.ball.as_ref().map(thing),
+            robots: cycle.world.robots.iter().map(thing).collect(),
+            health: Some(Health {
+                mode: convert::mode_and_reason(estimate),
+                fault: cycle.fault.clone().unwrap_or_default(),
+                line_points: estimate.line_points as u32,
+                inlier_share: estimate.inlier_share,
+                see_ms: cycle.timings.see_ms,
+                localize_ms: cycle.timings.localize_ms,
+            }),
+            team_ball: cycle.team.ball.as_ref().map(|ball| Spot {
+                x: ball.at.x,
+                y: ball.at.y,
+                velocity_x: ball.velocity[0],
+                velocity_y: ball.velocity[1],
+                covariance: ball.covariance.to_vec(),
+            }),
+        }
+    }
+}
+
+impl Pose {
+    /// The pose of an estimate, if it has one.
+    pub fn of(estimate: &Estimate) -> Option<Self> {
+        let pose = estimate.pose?;
+        let std = |i: usize| estimate.covariance[(i, i)].max(0.0).sqrt();
+        Some(Pose {
+            x: pose.x,
+            y: pose.y,
+            theta: pose.theta,
+            std: (0..3).map(std).collect(),
+            half_known: estimate.half_known,
+        })
+    }
+}
+
+impl Thing {
+    fn of(object: &Object, cycle: &Cycle) -> Self {
+        let place = |x, y, [velocity_x, velocity_y]: [f32; 2], p: &nalgebra::Matrix4<f32>| Spot {
+            x,
+            y,
+            velocity_x,
+            velocity_y,
+            covariance: vec![p[(0, 0)], p[(0, 1)], p[(1, 1)]],
+        };
+        let team = object.team.map(|team| match team {
+            Team::Cyan => "cyan",
+            Team::Magenta => "magenta",
+        });
+        let (at, velocity) = (object.at, object.velocity);
+        Thing {
+            id: object.id,
+            from_robot: Some(place(at.x, at.y, velocity, &object.covariance)),
+            on_field: object
+                .on_field
+                .map(|on| place(on.at.x, on.at.y, on.velocity, &on.covariance)),
+            probability: object.probability,
+            unseen: object.seen.seconds_until(cycle.stamp) as f32,
+            team: team.unwrap_or_default().to_owned(),
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! Who waits and what is dropped when whoever takes is slow.
+
+use std::sync::Arc;
+
+use super::queue::{Dropped, Queue};
+use crate::feed::Pace;
+use crate::testing::cycle;
+
+#[test]
+fn a_full_live_queue_drops_images_before_cycles_and_counts_them() {
+    let queue = Queue::new(Pace::Live, 2, 4);
+    for number in 0..6 {
+        queue.push((number, Arc::new(cycle(number))));
+    }
+    queue.close();
+    let mut found = Vec::new();
+    let mut dropped = Dropped::default();
+    while let Some(((number, cycle), lost)) = queue.pop() {
+        found.push((number, cycle.inputs.image.is_some()));
+        dropped.images += lost.images;
+        dropped.cycles += lost.cycles;
+    }
+    assert_eq!(found, [(2, false), (3, false), (4, true), (5, true)]);
+    assert_eq!((dropped.images, dropped.cycles), (4, 2));
+}
+
+#[test]
+fn a_lockstep_queue_waits_and_drops_nothing() {
+    let queue = Queue::new(Pace::Lockstep, 1, 2);
+    let popped = std::thread::scope(|scope| {
+        let reader = scope.spawn(|| {
+            std::iter::from_fn(|| queue.pop())
+                .map(|(_, lost)| u64::from(lost.none()))
+                .sum::<u64>()
+        });
+        (0..50).for_each(|number| queue.push((number, Arc::new(cycle(number)))));
+        queue.close();
+        reader.join().expect("joined")
+    });
+    assert_eq!(popped, 50);
+}

@@ -1,0 +1,230 @@
+//! How do other programs get at a log? As a recording folder of images and CSV, whole or not at all.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+
+use super::picture::ImageMode;
+use super::read::{Log, Logged};
+use super::stream::End;
+use crate::csv_table::seconds;
+
+/// What an export wrote.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Exported {
+    /// Images, or frames of line points where the log holds no images.
+    pub frames: u64,
+    /// Rows of odometry.csv.
+    pub odometry: u64,
+    /// How the log ended.
+    pub end: End,
+}
+
+/// Writes a log as a recording folder, which appears whole or not at all.
+///
+/// A log without images gives points.csv in place of frames.csv. A folder that is there must be empty.
+pub fn export(log: Log, folder: &Path) -> Result<Exported> {
+    let taken = folder.exists()
+        && folder
+            .read_dir()
+            .map_or(true, |mut entries| entries.next().is_some());
+    ensure!(
+        !taken,
+        "{} exists and is not an empty folder: name another",
+        folder.display()
+    );
+    let mut name = folder
+        .file_name()
+        .context("the folder has no name")?
+        .to_owned();
+    name.push(".part");
+    let partial = folder.with_file_name(name);
+    let exported = fresh(&partial)
+        .and_then(|()| fill(log, &partial))
+        .and_then(|exported| {
+            std::fs::rename(&partial, folder)
+                .with_context(|| format!("cannot write {}", folder.display()))?;
+            Ok(exported)
+        });
+    if exported.is_err() {
+        // The error is told already; a part that cannot be removed is its lesser half.
+        let _ = std::fs::remove_dir_all(&partial);
+    }
+    exported
+}
+
+fn fresh(partial: &Path) -> Result<()> {
+    if partial.exists() {
+        std::fs::remove_dir_all(partial)
+            .with_context(|| format!("cannot clear {}", partial.display()))?;
+    }
+    std::fs::create_dir_all(partial.join("frames"))
+        .with_context(|| format!("cannot write {}", partial.display()))
+}
+
+fn fill(mut log: Log, folder: &Path) -> Result<Exported> {
+    let header = log.header().clone();
+    header.write_files(folder)?;
+    if !header.files.contains_key("robot.toml") {
+        // A run on line points alone has no camera to tell of.
+        std::fs::write(folder.join("robot.toml"), "field = \"field.toml\"\n")?;
+    }
+    let mut tables = Tables::create(folder)?;
+    for logged in log.by_ref() {
+        tables.add(&logged?)?;
+    }
+    let end = log.end().unwrap_or(End::Cut);
+    tables.finish(end)
+}
+
+/// The folder's CSV files, written as the log is read.
+struct Tables {
+    folder: PathBuf,
+    frames: Table,
+    points: Table,
+    odometry: Table,
+    compass: Table,
+    magnetometer: Table,
+    truth: Table,
+    objects: Table,
+    point_frames: u64,
+}
+
+impl Tables {
+    fn create(folder: &Path) -> Result<Self> {
+        let table = |name: &str, columns: &str| Table::create(folder.join(name), columns);
+        Ok(Tables {
+            folder: folder.to_owned(),
+            frames: table("frames.csv", "stamp_s,file")?,
+            points: table("points.csv", "stamp_s,x_m,y_m")?,
+            odometry: table("odometry.csv", "stamp_s,dx_m,dy_m,dtheta_rad")?,
+            compass: table("compass.csv", "stamp_s,heading_rad")?,
+            magnetometer: table("magnetometer.csv", "stamp_s,x,y")?,
+            truth: table("truth.csv", "stamp_s,x_m,y_m,theta_rad")?,
+            objects: table("objects.csv", "stamp_s,kind,x_m,y_m")?,
+            point_frames: 0,
+        })
+    }
+
+    fn add(&mut self, logged: &Logged) -> Result<()> {
+        let cycle = &logged.cycle;
+        for sample in &cycle.inputs.odometry {
+            let row = format!(
+                "{},{},{},{}",
+                seconds(sample.stamp),
+                sample.dx,
+                sample.dy,
+                sample.dtheta
+            );
+            self.odometry.row(&row)?;
+        }
+        for sample in &cycle.inputs.compass {
+            self.compass
+                .row(&format!("{},{}", seconds(sample.stamp), sample.heading))?;
+            if let Some([x, y]) = sample.field {
+                self.magnetometer
+                    .row(&format!("{},{x},{y}", seconds(sample.stamp)))?;
+            }
+        }
+        if let Some(truth) = &cycle.inputs.truth {
+            let (stamp, pose) = (seconds(truth.stamp), truth.pose);
+            self.truth
+                .row(&format!("{stamp},{},{},{}", pose.x, pose.y, pose.theta))?;
+            let robots = truth.robots.iter().map(|at| ("robot", at));
+            for (kind, at) in truth.ball.iter().map(|at| ("ball", at)).chain(robots) {
+                self.objects
+                    .row(&format!("{stamp},{kind},{},{}", at.x, at.y))?;
+            }
+        }
+        let stamp = seconds(cycle.stamp);
+        if let Some(image) = &logged.image {
+            let ending = if image.mode == ImageMode::Jpeg {
+                "jpg"
+            } else {
+                "png"
+            };
+            let file = format!("frames/{:06}.{ending}", logged.index);
+            let path = self.folder.join(&file);
+            std::fs::write(&path, &image.bytes)
+                .with_context(|| format!("cannot write {}", path.display()))?;
+            self.frames.row(&format!("{stamp},{file}"))?;
+        }
+        for point in &cycle.points {
+            self.points
+                .row(&format!("{stamp},{},{}", point.at.x, point.at.y))?;
+        }
+        self.point_frames += u64::from(!cycle.points.is_empty());
+        Ok(())
+    }
+
+    fn finish(self, end: End) -> Result<Exported> {
+        let images = self.frames.rows;
+        let exported = Exported {
+            frames: if images > 0 {
+                images
+            } else {
+                self.point_frames
+            },
+            odometry: self.odometry.rows,
+            end,
+        };
+        ensure!(
+            exported.frames > 0,
+            "the log holds neither images nor line points"
+        );
+        // Images are what was seen; line points stand in for them alone.
+        self.points.finish(images == 0)?;
+        self.frames.finish(true)?;
+        if images == 0 {
+            std::fs::remove_dir(self.folder.join("frames"))?;
+        }
+        let motion = [self.odometry, self.compass, self.magnetometer];
+        for table in motion.into_iter().chain([self.truth, self.objects]) {
+            table.finish(true)?;
+        }
+        Ok(exported)
+    }
+}
+
+/// A CSV file that is kept if it has rows.
+struct Table {
+    path: PathBuf,
+    file: BufWriter<File>,
+    rows: u64,
+}
+
+impl Table {
+    fn create(path: PathBuf, columns: &str) -> Result<Self> {
+        let file =
+            File::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
+        let mut table = Table {
+            path,
+            file: BufWriter::new(file),
+            rows: 0,
+        };
+        table.line(columns)?;
+        Ok(table)
+    }
+
+    fn row(&mut self, row: &str) -> Result<()> {
+        self.rows += 1;
+        self.line(row)
+    }
+
+    fn line(&mut self, line: &str) -> Result<()> {
+        writeln!(self.file, "{line}")
+            .with_context(|| format!("cannot write {}", self.path.display()))
+    }
+
+    fn finish(mut self, wanted: bool) -> Result<()> {
+        self.file
+            .flush()
+            .with_context(|| format!("cannot write {}", self.path.display()))?;
+        if self.rows == 0 || !wanted {
+            std::fs::remove_file(&self.path)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,134 @@
+//! How does an estimate become its message and come back?
+
+use anyhow::Result;
+use localize::Stamp;
+use localize::estimate::{Estimate, Mode, Reason};
+use localize::omni::Twist;
+use localize::search::Hypothesis;
+
+use super::super::wire;
+use super::{matrix, names, pair, pose_from_wire, pose_to_wire};
+
+names!(mode_name, mode_named: Mode { Tracking = "tracking", Global = "global", Lost = "lost" });
+names!(reason_name, reason_named: Reason {
+    FewPoints = "few points",
+    PoorMatch = "poor match",
+    Rival = "rival",
+    CompassContradicts = "compass contradicts",
+    Blind = "blind",
+    NothingFits = "nothing fits",
+    Ambiguous = "ambiguous",
+    FromThePast = "from the past",
+    Searching = "searching",
+});
+pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
+    let Estimate {
+        stamp,
+        pose,
+        covariance,
+        mode,
+        reason,
+        residual,
+        inlier_share,
+        line_points,
+        lean,
+        half_known,
+        odometry_scales,
+        twist,
+        collision,
+        gyro_bias,
+        latency,
+        runners_up,
+    } = estimate;
+    wire::Estimate {
+        stamp_ns: stamp.0,
+        pose: pose.map(pose_to_wire),
+        covariance: covariance.transpose().iter().copied().collect(),
+        mode: mode_name(*mode).to_owned(),
+        reason: reason.map_or("", reason_name).to_owned(),
+        residual: *residual,
+        inlier_share: *inlier_share,
+        line_points: *line_points as u32,
+        lean: lean.to_vec(),
+        half_known: *half_known,
+        odometry_scales: odometry_scales.to_vec(),
+        runners_up: runners_up.iter().map(hypothesis_to_wire).collect(),
+        twist: twist.map_or_else(Vec::new, |twist| vec![twist.x, twist.y, twist.theta]),
+        collision: *collision,
+        gyro_bias: *gyro_bias,
+        latency: *latency,
+    }
+}
+
+pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
+    Ok(Estimate {
+        stamp: Stamp(estimate.stamp_ns),
+        pose: estimate.pose.as_ref().map(pose_from_wire),
+        covariance: matrix(&estimate.covariance)?,
+        mode: mode_named(&estimate.mode)?,
+        reason: match estimate.reason.as_str() {
+            "" => None,
+            reason => Some(reason_named(reason)?),
+        },
+        residual: estimate.residual,
+        inlier_share: estimate.inlier_share,
+        line_points: estimate.line_points as usize,
+        lean: pair(&estimate.lean)?,
+        half_known: estimate.half_known,
+        odometry_scales: pair(&estimate.odometry_scales)?,
+        runners_up: estimate
+            .runners_up
+            .into_iter()
+            .map(hypothesis_from_wire)
+            .collect::<Result<_>>()?,
+        twist: match estimate.twist[..] {
+            [x, y, theta] => Some(Twist { x, y, theta }),
+            _ => None,
+        },
+        collision: estimate.collision,
+        gyro_bias: estimate.gyro_bias,
+        latency: estimate.latency,
+    })
+}
+
+fn hypothesis_to_wire(hypothesis: &Hypothesis) -> wire::Hypothesis {
+    let Hypothesis {
+        pose,
+        covariance,
+        probability,
+        score,
+        inlier_share,
+        residual,
+        lean,
+    } = hypothesis;
+    wire::Hypothesis {
+        pose: pose_to_wire(*pose),
+        covariance: covariance.transpose().iter().copied().collect(),
+        probability: *probability,
+        score: *score,
+        inlier_share: *inlier_share,
+        residual: *residual,
+        lean: lean.to_vec(),
+    }
+}
+
+fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
+    Ok(Hypothesis {
+        pose: pose_from_wire(&hypothesis.pose),
+        covariance: matrix(&hypothesis.covariance)?,
+        probability: hypothesis.probability,
+        score: hypothesis.score,
+        inlier_share: hypothesis.inlier_share,
+        residual: hypothesis.residual,
+        lean: pair(&hypothesis.lean)?,
+    })
+}
+
+/// The estimate's mode and reason in words.
+pub fn mode_and_reason(estimate: &Estimate) -> String {
+    let mode = mode_name(estimate.mode);
+    estimate.reason.map_or_else(
+        || mode.to_owned(),
+        |reason| format!("{mode}: {}", reason_name(reason)),
+    )
+}

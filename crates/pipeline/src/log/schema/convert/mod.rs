@@ -1,0 +1,312 @@
+//! How does a cycle become its message and come back? Bit for bit; every field is named, so that none is forgotten.
+
+mod estimate;
+mod seen;
+mod sensors;
+mod team;
+mod world;
+
+use anyhow::{Context, Result, bail};
+use localize::frame::At;
+use localize::omni::Twist;
+use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
+use localize::{Pose, Stamp};
+use nalgebra::Matrix3;
+
+pub use estimate::mode_and_reason;
+pub(crate) use estimate::{estimate_from_wire, estimate_to_wire};
+pub(crate) use seen::{ball_to_wire, robot_to_wire, seen_from_wire, seen_to_wire};
+use sensors::exposure_from_wire;
+pub(crate) use sensors::{exposure_to_wire, windows_to_wire};
+pub(crate) use team::team_to_wire;
+
+use super::wire;
+use crate::cycle::{Cycle, Inputs, Timings};
+use crate::sample::Truth;
+
+/// Gives the values of an enum their names in the log, both ways; a value without a name does not compile.
+macro_rules! names {
+    ($to:ident, $from:ident: $type:ident { $($value:ident = $name:literal),+ $(,)? }) => {
+        fn $to(value: $type) -> &'static str {
+            match value { $($type::$value => $name),+ }
+        }
+        fn $from(name: &str) -> anyhow::Result<$type> {
+            Ok(match name {
+                $($name => $type::$value,)+
+                _ => anyhow::bail!(concat!("the log names an unknown ", stringify!($type), ": {}"), name),
+            })
+        }
+    };
+}
+use names;
+
+/// The message of a cycle; `image`: what stands on /camera/image for it.
+pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cycle {
+    let Cycle {
+        stamp,
+        inputs,
+        seen,
+        points,
+        estimate,
+        world,
+        team,
+        exposure,
+        fault,
+        timings,
+    } = cycle;
+    let Inputs {
+        odometry,
+        compass,
+        imu,
+        commands,
+        reports,
+        truth,
+        image: _,
+    } = inputs;
+    wire::Cycle {
+        index,
+        stamp_ns: stamp.0,
+        image: image.to_owned(),
+        odometry: odometry.iter().map(odometry_to_wire).collect(),
+        compass: compass.iter().map(compass_to_wire).collect(),
+        imu: imu.iter().map(imu_to_wire).collect(),
+        truth: truth.as_ref().map(truth_to_wire),
+        points: points_to_wire(points.iter()),
+        seen: seen.as_ref().map(seen_to_wire),
+        estimate: estimate_to_wire(estimate),
+        fault: fault.clone(),
+        see_ms: timings.see_ms,
+        localize_ms: timings.localize_ms,
+        exposure: exposure.as_ref().map(exposure_to_wire),
+        commands: commands.iter().map(command_to_wire).collect(),
+        reports: reports.iter().map(team::report_to_wire).collect(),
+        world: world::world_to_wire(world),
+        team: team_to_wire(team),
+    }
+}
+
+/// The cycle of a message, without its image.
+pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
+    let odometry = |one: wire::Odometry| Odometry {
+        stamp: Stamp(one.stamp_ns),
+        dx: one.dx,
+        dy: one.dy,
+        dtheta: one.dtheta,
+        slip: one.slip,
+    };
+    let command = |one: wire::Command| Command {
+        stamp: Stamp(one.stamp_ns),
+        twist: Twist {
+            x: one.x,
+            y: one.y,
+            theta: one.theta,
+        },
+    };
+    let compass = |one: wire::Compass| Compass {
+        stamp: Stamp(one.stamp_ns),
+        heading: one.heading,
+        field: one.field.first_chunk().copied(),
+    };
+    let imu = |one: wire::Imu| Imu {
+        stamp: Stamp(one.stamp_ns),
+        acceleration: [one.acceleration_x, one.acceleration_y, one.acceleration_z],
+        rate: [one.rate_x, one.rate_y, one.rate_z],
+    };
+    Ok(Cycle {
+        stamp: Stamp(cycle.stamp_ns),
+        inputs: Inputs {
+            odometry: cycle.odometry.into_iter().map(odometry).collect(),
+            compass: cycle.compass.into_iter().map(compass).collect(),
+            imu: cycle.imu.into_iter().map(imu).collect(),
+            commands: cycle.commands.into_iter().map(command).collect(),
+            reports: cycle
+                .reports
+                .iter()
+                .map(team::report_from_wire)
+                .collect::<Result<_>>()?,
+            truth: cycle.truth.map(truth_from_wire).transpose()?,
+            image: None,
+        },
+        seen: cycle.seen.map(seen_from_wire).transpose()?,
+        points: points_from_wire(cycle.points)?,
+        estimate: estimate_from_wire(cycle.estimate)?,
+        world: world::world_from_wire(&cycle.world)?,
+        team: team::team_from_wire(&cycle.team)?,
+        exposure: cycle.exposure.as_ref().map(exposure_from_wire),
+        fault: cycle.fault,
+        timings: Timings {
+            see_ms: cycle.see_ms,
+            localize_ms: cycle.localize_ms,
+        },
+    })
+}
+
+pub(crate) fn odometry_to_wire(
+    &Odometry {
+        stamp,
+        dx,
+        dy,
+        dtheta,
+        slip,
+    }: &Odometry,
+) -> wire::Odometry {
+    wire::Odometry {
+        stamp_ns: stamp.0,
+        dx,
+        dy,
+        dtheta,
+        slip,
+    }
+}
+
+pub(crate) fn command_to_wire(&Command { stamp, twist }: &Command) -> wire::Command {
+    let Twist { x, y, theta } = twist;
+    wire::Command {
+        stamp_ns: stamp.0,
+        x,
+        y,
+        theta,
+    }
+}
+
+pub(crate) fn compass_to_wire(
+    &Compass {
+        stamp,
+        heading,
+        field,
+    }: &Compass,
+) -> wire::Compass {
+    wire::Compass {
+        stamp_ns: stamp.0,
+        heading,
+        field: field.map_or_else(Vec::new, Vec::from),
+    }
+}
+
+pub(crate) fn imu_to_wire(
+    &Imu {
+        stamp,
+        acceleration,
+        rate,
+    }: &Imu,
+) -> wire::Imu {
+    let [acceleration_x, acceleration_y, acceleration_z] = acceleration;
+    let [rate_x, rate_y, rate_z] = rate;
+    let stamp_ns = stamp.0;
+    wire::Imu {
+        stamp_ns,
+        acceleration_x,
+        acceleration_y,
+        acceleration_z,
+        rate_x,
+        rate_y,
+        rate_z,
+    }
+}
+
+fn pose_to_wire(pose: Pose) -> wire::Pose {
+    wire::Pose {
+        x: pose.x,
+        y: pose.y,
+        theta: pose.theta,
+    }
+}
+
+fn pose_from_wire(pose: &wire::Pose) -> Pose {
+    Pose::new(pose.x, pose.y, pose.theta)
+}
+
+fn truth_to_wire(truth: &Truth) -> wire::Truth {
+    let Truth {
+        stamp,
+        pose,
+        ball,
+        robots,
+        robot_headings: _,
+    } = truth;
+    wire::Truth {
+        stamp_ns: stamp.0,
+        pose: pose_to_wire(*pose),
+        ball: ball.map_or_else(Vec::new, |ball| vec![ball.x, ball.y]),
+        robots_x: robots.iter().map(|robot| robot.x).collect(),
+        robots_y: robots.iter().map(|robot| robot.y).collect(),
+    }
+}
+
+fn truth_from_wire(truth: wire::Truth) -> Result<Truth> {
+    same_length("robots", &[truth.robots_x.len(), truth.robots_y.len()])?;
+    Ok(Truth {
+        stamp: Stamp(truth.stamp_ns),
+        pose: pose_from_wire(&truth.pose),
+        ball: match truth.ball[..] {
+            [] => None,
+            [x, y] => Some(At::new(x, y)),
+            _ => bail!(
+                "a true ball of the log has {} coordinates",
+                truth.ball.len()
+            ),
+        },
+        robots: truth
+            .robots_x
+            .iter()
+            .zip(&truth.robots_y)
+            .map(|(&x, &y)| At::new(x, y))
+            .collect(),
+        robot_headings: Vec::new(),
+    })
+}
+
+fn points_to_wire<'a>(points: impl Iterator<Item = &'a LinePoint>) -> wire::LinePoints {
+    let mut lists = wire::LinePoints::default();
+    for &LinePoint {
+        at,
+        std_radial,
+        std_tangential,
+    } in points
+    {
+        lists.x.push(at.x);
+        lists.y.push(at.y);
+        lists.std_radial.push(std_radial);
+        lists.std_tangential.push(std_tangential);
+    }
+    lists
+}
+
+fn points_from_wire(lists: wire::LinePoints) -> Result<Vec<LinePoint>> {
+    let wire::LinePoints {
+        x,
+        y,
+        std_radial,
+        std_tangential,
+    } = lists;
+    same_length(
+        "line points",
+        &[x.len(), y.len(), std_radial.len(), std_tangential.len()],
+    )?;
+    let point = |index: usize| LinePoint {
+        at: At::new(x[index], y[index]),
+        std_radial: std_radial[index],
+        std_tangential: std_tangential[index],
+    };
+    Ok((0..x.len()).map(point).collect())
+}
+
+fn matrix(values: &[f32]) -> Result<Matrix3<f32>> {
+    let values: &[f32; 9] = values
+        .try_into()
+        .context("a covariance of the log has not 9 entries")?;
+    Ok(Matrix3::from_row_slice(values))
+}
+
+fn pair(values: &[f32]) -> Result<[f32; 2]> {
+    values
+        .try_into()
+        .context("a pair of the log has not 2 entries")
+}
+
+fn same_length(what: &str, lengths: &[usize]) -> Result<()> {
+    if lengths.iter().any(|length| *length != lengths[0]) {
+        bail!("the log's lists of {what} differ in length: {lengths:?}");
+    }
+    Ok(())
+}

@@ -1,0 +1,104 @@
+//! How do the virtual sensors' readings and the exposure's become their messages and come back?
+
+use anyhow::{Context, Result};
+use localize::robot::CameraSetting;
+use vision::exposure::{CameraCommand, ExposureReading};
+use vision::windows::{Bumper, WindowReadings};
+
+use super::super::wire;
+use super::same_length;
+
+pub(crate) fn windows_to_wire(readings: &WindowReadings) -> wire::Windows {
+    let WindowReadings {
+        bumpers,
+        blue_goal_px,
+        yellow_goal_px,
+        ball_px,
+        kick,
+        lens_px,
+        lens_centred,
+    } = readings;
+    let place = |at: &Option<[f32; 2]>| at.map_or_else(Vec::new, |at| at.to_vec());
+    wire::Windows {
+        bumper_share: bumpers.iter().map(|bumper| bumper.share).collect(),
+        bumper_hit: bumpers.iter().map(|bumper| bumper.hit).collect(),
+        blue_goal_px: place(blue_goal_px),
+        yellow_goal_px: place(yellow_goal_px),
+        ball_px: place(ball_px),
+        kick: *kick,
+        lens_px: place(lens_px),
+        lens_centred: *lens_centred,
+    }
+}
+
+pub(super) fn windows_from_wire(readings: wire::Windows) -> Result<WindowReadings> {
+    let (shares, hits) = (readings.bumper_share, readings.bumper_hit);
+    same_length("bumpers", &[shares.len(), hits.len()])?;
+    let bumpers = shares.into_iter().zip(hits);
+    Ok(WindowReadings {
+        bumpers: bumpers.map(|(share, hit)| Bumper { share, hit }).collect(),
+        blue_goal_px: place(&readings.blue_goal_px)?,
+        yellow_goal_px: place(&readings.yellow_goal_px)?,
+        ball_px: place(&readings.ball_px)?,
+        kick: readings.kick,
+        lens_px: place(&readings.lens_px)?,
+        lens_centred: readings.lens_centred,
+    })
+}
+
+fn place(values: &[f32]) -> Result<Option<[f32; 2]>> {
+    if values.is_empty() {
+        return Ok(None);
+    }
+    let pair = values
+        .try_into()
+        .context("a place of the log has not 2 numbers")?;
+    Ok(Some(pair))
+}
+
+pub(crate) fn exposure_to_wire(reading: &ExposureReading) -> wire::Exposure {
+    let &ExposureReading {
+        entropy,
+        level,
+        in_force,
+        searching,
+        command,
+        light_jumped,
+        warning,
+    } = reading;
+    wire::Exposure {
+        entropy,
+        level,
+        exposure: in_force.map(|setting| setting.exposure),
+        gain: in_force.map(|setting| setting.gain),
+        searching,
+        command_exposure: command.map(|command| command.setting.exposure),
+        command_gain: command.map(|command| command.setting.gain),
+        command_from_frame: command.map_or(0, |command| command.from_frame),
+        light_jumped,
+        warning,
+    }
+}
+
+pub(super) fn exposure_from_wire(reading: &wire::Exposure) -> ExposureReading {
+    let setting = |exposure: Option<f32>, gain: Option<f32>| {
+        Some(CameraSetting {
+            exposure: exposure?,
+            gain: gain?,
+        })
+    };
+    ExposureReading {
+        entropy: reading.entropy,
+        level: reading.level,
+        in_force: setting(reading.exposure, reading.gain),
+        searching: reading.searching,
+        command: setting(reading.command_exposure, reading.command_gain).map(|setting| {
+            CameraCommand {
+                setting,
+                from_frame: reading.command_from_frame,
+            }
+        }),
+        light_jumped: reading.light_jumped,
+        warning: reading.warning,
+    }
+}

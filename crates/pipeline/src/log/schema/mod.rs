@@ -1,0 +1,304 @@
+//! Which topics does a log have, in which schemas? The one place that knows foxglove's SDK.
+//!
+//! A channel is logged to once; whatever sinks its context has (a file, viewers) get the message.
+
+pub(crate) mod annotate;
+pub(crate) mod convert;
+pub(crate) mod file;
+pub(crate) mod scene;
+pub mod wire;
+mod wire_seen;
+mod wire_world;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
+
+use anyhow::{Context as _, Result, anyhow};
+pub use foxglove::Context;
+pub(crate) use foxglove::messages::log::Level;
+use foxglove::messages::{
+    CompressedImage, FrameTransforms, ImageAnnotations, Log, PointCloud, PoseInFrame, PosesInFrame,
+    SceneUpdate, Timestamp,
+};
+use foxglove::prost_types::FileDescriptorSet;
+use foxglove::{
+    Channel, Encode, McapAttachment, McapCompression, McapWriteOptions, McapWriterHandle,
+    PartialMetadata, RawChannel, Schema,
+};
+use localize::Stamp;
+use prost::Message;
+
+use file::LogFile;
+
+use super::picture::{Encoded, ImageMode};
+use crate::feed::Pace;
+
+/// The form of what our own topics and records hold; a log of another form is refused.
+pub(crate) const FORMAT: u32 = 2;
+/// The name of the metadata record that makes an MCAP file a log of ours.
+pub const ABOUT: &str = "mirrorball";
+/// Topic of [`wire::Cycle`], all that replay needs.
+pub const CYCLE_TOPIC: &str = "/cycle";
+/// Topic of [`wire::About`], with which a live stream greets whoever subscribes.
+pub const ABOUT_TOPIC: &str = "/about";
+/// Topic of the images.
+pub const IMAGE_TOPIC: &str = "/camera/image";
+
+/// A chunk is closed at this size; with the image that goes beyond it, it stays below 1 MiB for usual cameras.
+const CHUNK_BYTES: u64 = 384 * 1024;
+/// On a robot each flush ends a chunk, and only a camera far beyond the usual fills one before that.
+///
+/// The writer remembers each chunk, with a place for each topic (a kilobyte), for the summary at the end: many small
+/// chunks of a long game would cost memory. A kill costs what came since the last flush, whatever the size.
+const LIVE_CHUNK_BYTES: u64 = 4 * 1024 * 1024;
+
+/// The channels of a run; they reach whatever sinks their context has.
+pub struct Topics {
+    image: Shown<CompressedImage>,
+    pub(crate) annotations: Shown<ImageAnnotations>,
+    pub(crate) line_points: Shown<PointCloud>,
+    pub(crate) ball: Own<wire::Ball>,
+    pub(crate) robots: Own<wire::Robots>,
+    pub(crate) sensors: Own<wire::Sensors>,
+    pub(crate) odometry: Own<wire::Odometry>,
+    pub(crate) imu: Own<wire::Imu>,
+    pub(crate) compass: Own<wire::Compass>,
+    pub(crate) command: Own<wire::Command>,
+    pub(crate) team: Own<wire::TeamView>,
+    pub(crate) pose: Shown<PoseInFrame>,
+    pub(crate) particles: Shown<PosesInFrame>,
+    pub(crate) truth: Shown<PoseInFrame>,
+    pub(crate) frames: Shown<FrameTransforms>,
+    pub(crate) field_lines: Shown<PointCloud>,
+    pub(crate) scene: Shown<SceneUpdate>,
+    pub(crate) cycle: Own<wire::Cycle>,
+    log: Shown<Log>,
+}
+
+impl Topics {
+    /// Every channel of a run, in a context.
+    pub fn new(context: &Arc<Context>) -> Result<Self> {
+        Ok(Topics {
+            image: Shown::new(context, IMAGE_TOPIC),
+            annotations: Shown::new(context, "/camera/annotations"),
+            line_points: Shown::new(context, "/vision/line_points"),
+            ball: Own::new(context, "/vision/ball")?,
+            robots: Own::new(context, "/vision/robots")?,
+            sensors: Own::new(context, "/vision/sensors")?,
+            odometry: Own::new(context, "/odometry")?,
+            imu: Own::new(context, "/imu")?,
+            compass: Own::new(context, "/compass")?,
+            command: Own::new(context, "/command")?,
+            team: Own::new(context, "/team")?,
+            pose: Shown::new(context, "/pose"),
+            particles: Shown::new(context, "/pose/particles"),
+            truth: Shown::new(context, "/truth/pose"),
+            frames: Shown::new(context, "/tf"),
+            field_lines: Shown::new(context, "/field/lines"),
+            scene: Shown::new(context, "/field/scene"),
+            cycle: Own::new(context, CYCLE_TOPIC)?,
+            log: Shown::new(context, "/log"),
+        })
+    }
+
+    /// True if somebody takes images: packing them is most of the work.
+    pub(crate) fn image_is_wanted(&self) -> bool {
+        self.image.0.has_sinks()
+    }
+
+    /// Logs an image as it is packed.
+    pub(crate) fn picture(&self, picture: Encoded, stamp: Stamp) {
+        let message = CompressedImage {
+            timestamp: timestamp(stamp),
+            frame_id: "camera".to_owned(),
+            format: picture.mode.name().to_owned(),
+            data: picture.bytes.into(),
+        };
+        self.image.log_at(&message, stamp);
+    }
+
+    /// Logs a line for people.
+    pub(crate) fn note(&self, stamp: Stamp, level: Level, message: String) {
+        let line = Log {
+            timestamp: timestamp(stamp),
+            level: level as i32,
+            message,
+            name: ABOUT.to_owned(),
+            ..Log::default()
+        };
+        self.log.log_at(&line, stamp);
+    }
+}
+
+/// A log's file.
+pub(crate) struct Sink {
+    /// Joins channels and file for as long as it lives.
+    _context: Arc<Context>,
+    file: McapWriterHandle<LogFile>,
+    fault: Arc<OnceLock<String>>,
+}
+
+impl Sink {
+    /// Starts a log file with its channels; one that is there is replaced.
+    pub(crate) fn create(path: &Path, pace: Pace) -> Result<(Self, Topics)> {
+        let chunk_bytes = match pace {
+            Pace::Live => LIVE_CHUNK_BYTES,
+            Pace::Lockstep => CHUNK_BYTES,
+        };
+        let fault = Arc::new(OnceLock::new());
+        let file = LogFile::create(path, fault.clone())
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        // A seeking writer would leave a chunk without its length when it is killed.
+        let options = McapWriteOptions::new()
+            .profile(ABOUT)
+            .compression(Some(McapCompression::Zstd))
+            .compression_level(1)
+            .compression_threads(0)
+            .chunk_size(Some(chunk_bytes))
+            .disable_seeking(true);
+        let context = Context::new();
+        let file = context
+            .mcap_writer_with_options(options)
+            .create(file)
+            .map_err(|error| anyhow!("cannot write {}: {error}", path.display()))?;
+        let topics = Topics::new(&context)?;
+        let sink = Sink {
+            file,
+            fault,
+            _context: context,
+        };
+        Ok((sink, topics))
+    }
+
+    /// Writes a metadata record.
+    pub(crate) fn metadata(&self, name: &str, values: BTreeMap<String, String>) -> Result<()> {
+        self.file
+            .write_metadata(name, values)
+            .map_err(|error| self.reason(&error.to_string()))
+    }
+
+    /// Writes an attachment.
+    pub(crate) fn attach(&self, name: &str, data: &[u8]) -> Result<()> {
+        let attachment = McapAttachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.to_owned(),
+            media_type: media_type(name).to_owned(),
+            data: data.into(),
+        };
+        self.file
+            .attach(&attachment)
+            .map_err(|error| self.reason(&error.to_string()))
+    }
+
+    /// Ends the chunk and hands everything to the system: from here on a kill loses nothing of it.
+    pub(crate) fn flush(&self) -> Result<()> {
+        self.file
+            .flush()
+            .map_err(|error| self.reason(&error.to_string()))
+    }
+
+    /// Writes index and summary.
+    pub(crate) fn close(self) -> Result<()> {
+        let fault = self.fault.clone();
+        let closed = self.file.close().and_then(|mut file| Ok(file.finish()?));
+        closed.map_err(|error| anyhow!("{}", fault.get().cloned().unwrap_or(error.to_string())))
+    }
+
+    // The SDK's own word after a first failure is only that there was one.
+    fn reason(&self, word: &str) -> anyhow::Error {
+        anyhow!("{}", self.fault.get().map_or(word, String::as_str))
+    }
+}
+
+/// A channel of one of foxglove's messages, which viewers know.
+pub(crate) struct Shown<M: Encode>(Channel<M>);
+
+impl<M: Encode> Shown<M> {
+    fn new(context: &Arc<Context>, topic: &str) -> Self {
+        Shown(context.channel_builder(topic).build())
+    }
+
+    /// Logs a message.
+    pub(crate) fn log_at(&self, message: &M, stamp: Stamp) {
+        self.0.log_with_time(message, log_time(stamp));
+    }
+}
+
+/// A channel of one of our own messages.
+pub struct Own<M> {
+    channel: Arc<RawChannel>,
+    message: std::marker::PhantomData<M>,
+}
+
+impl<M: Message + Encode> Own<M> {
+    /// Opens the channel of a topic.
+    pub fn new(context: &Arc<Context>, topic: &str) -> Result<Self> {
+        let channel = context
+            .channel_builder(topic)
+            .message_encoding("protobuf")
+            .schema(own_schema::<M>()?)
+            .build_raw()?;
+        Ok(Own {
+            channel,
+            message: std::marker::PhantomData,
+        })
+    }
+
+    /// Logs a message.
+    pub fn log_at(&self, message: &M, stamp: Stamp) {
+        let meta = PartialMetadata::with_log_time(log_time(stamp));
+        self.channel
+            .log_with_meta(&Message::encode_to_vec(message), meta);
+    }
+}
+
+/// The derived schema under our own package, `mirrorball.Cycle` rather than `cycle.Cycle`.
+fn own_schema<M: Encode>() -> Result<Schema> {
+    let derived = M::get_schema().context("a message of ours has no schema")?;
+    let mut files = FileDescriptorSet::decode(&derived.data[..])?;
+    for file in &mut files.file {
+        file.package = Some(ABOUT.to_owned());
+    }
+    let message = derived.name.rsplit('.').next().unwrap_or(&derived.name);
+    Ok(Schema::new(
+        format!("{ABOUT}.{message}"),
+        "protobuf",
+        files.encode_to_vec(),
+    ))
+}
+
+/// A stamp as MCAP counts time; what lies before the epoch is put at it.
+pub(crate) fn log_time(stamp: Stamp) -> u64 {
+    stamp.0.max(0).unsigned_abs()
+}
+
+/// A stamp as foxglove's messages hold it.
+pub(crate) fn timestamp(stamp: Stamp) -> Option<Timestamp> {
+    let (seconds, rest) = (
+        log_time(stamp) / 1_000_000_000,
+        log_time(stamp) % 1_000_000_000,
+    );
+    Timestamp::new_checked(u32::try_from(seconds).ok()?, rest as u32)
+}
+
+fn media_type(name: &str) -> &'static str {
+    match name.rsplit('.').next() {
+        Some("toml") => "application/toml",
+        Some("csv") => "text/csv",
+        Some("json") => "application/json",
+        _ => "application/octet-stream",
+    }
+}
+
+/// The image that a message of [`IMAGE_TOPIC`] holds.
+pub(crate) fn picture_from_bytes(message: &[u8]) -> Result<Encoded> {
+    let message = CompressedImage::decode(message)?;
+    let mode = ImageMode::named(&message.format)
+        .with_context(|| format!("an image of the unknown format {:?}", message.format))?;
+    Ok(Encoded {
+        mode,
+        bytes: message.data.into(),
+    })
+}

@@ -1,0 +1,236 @@
+//! What bytes does a cycle become? Our own protobuf messages, for what no foxglove schema holds exactly.
+//!
+//! Each message derives its bytes (prost) and its schema (foxglove) from one struct: both number the fields in order
+//! of declaration. Single floats are marked `required`, since proto3 would drop −0.0 as a default, and replay compares
+//! bits. Whoever changes a message raises [`super::FORMAT`].
+
+use foxglove::Encode;
+use prost::bytes::Bytes;
+
+pub(crate) use super::wire_seen::{Ball, Exposure, Goal, Robot, Robots, Seen, Sensors, Windows};
+pub(crate) use super::wire_world::{Mate, Object, OnField, Report, SharedBall, TeamView, World};
+
+/// A pose, metres and radians, field_from_robot.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Pose {
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, required)]
+    pub(crate) theta: f32,
+}
+
+/// `localize::sample::Odometry`: motion since the previous one, robot frame.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Odometry {
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    #[prost(float, required)]
+    pub(crate) dx: f32,
+    #[prost(float, required)]
+    pub(crate) dy: f32,
+    #[prost(float, required)]
+    pub(crate) dtheta: f32,
+    #[prost(float, required)]
+    pub(crate) slip: f32,
+}
+
+/// `localize::sample::Command`: what the motors were told, m/s and rad/s, robot frame.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Command {
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, required)]
+    pub(crate) theta: f32,
+}
+
+/// `localize::sample::Compass`: heading on the field, radians.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Compass {
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    #[prost(float, required)]
+    pub(crate) heading: f32,
+    /// The magnetic field that it was made of: x and y, or nothing.
+    #[prost(float, repeated)]
+    pub(crate) field: Vec<f32>,
+}
+
+/// `localize::sample::Imu`: specific force in m/s², rate of turn in rad/s, robot frame.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Imu {
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    #[prost(float, required)]
+    pub(crate) acceleration_x: f32,
+    #[prost(float, required)]
+    pub(crate) acceleration_y: f32,
+    #[prost(float, required)]
+    pub(crate) acceleration_z: f32,
+    #[prost(float, required)]
+    pub(crate) rate_x: f32,
+    #[prost(float, required)]
+    pub(crate) rate_y: f32,
+    #[prost(float, required)]
+    pub(crate) rate_z: f32,
+}
+
+/// Line points in the robot frame, metres; one entry a point in each list.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct LinePoints {
+    #[prost(float, repeated)]
+    pub(crate) x: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) y: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) std_radial: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) std_tangential: Vec<f32>,
+}
+
+/// `localize::search::Hypothesis`: a pose that explains the points too; covariance row by row.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Hypothesis {
+    #[prost(message, required)]
+    pub(crate) pose: Pose,
+    #[prost(float, repeated)]
+    pub(crate) covariance: Vec<f32>,
+    #[prost(float, required)]
+    pub(crate) probability: f32,
+    #[prost(float, required)]
+    pub(crate) score: f32,
+    #[prost(float, required)]
+    pub(crate) inlier_share: f32,
+    #[prost(float, required)]
+    pub(crate) residual: f32,
+    #[prost(float, repeated)]
+    pub(crate) lean: Vec<f32>,
+}
+
+/// `localize::estimate::Estimate`: covariance of (x, y, θ) row by row.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Estimate {
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    #[prost(message, optional)]
+    pub(crate) pose: Option<Pose>,
+    #[prost(float, repeated)]
+    pub(crate) covariance: Vec<f32>,
+    #[prost(string)]
+    pub(crate) mode: String,
+    #[prost(string)]
+    pub(crate) reason: String,
+    #[prost(float, required)]
+    pub(crate) residual: f32,
+    #[prost(float, required)]
+    pub(crate) inlier_share: f32,
+    #[prost(uint32)]
+    pub(crate) line_points: u32,
+    #[prost(float, repeated)]
+    pub(crate) lean: Vec<f32>,
+    #[prost(bool)]
+    pub(crate) half_known: bool,
+    #[prost(float, repeated)]
+    pub(crate) odometry_scales: Vec<f32>,
+    #[prost(message, repeated)]
+    pub(crate) runners_up: Vec<Hypothesis>,
+    /// Velocity in the robot's frame (m/s, m/s, rad/s); empty while lost.
+    #[prost(float, repeated)]
+    pub(crate) twist: Vec<f32>,
+    #[prost(bool)]
+    pub(crate) collision: bool,
+    #[prost(float, required)]
+    pub(crate) gyro_bias: f32,
+    #[prost(float, required)]
+    pub(crate) latency: f32,
+}
+
+/// Where things truly were, field frame, metres.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Truth {
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    #[prost(message, required)]
+    pub(crate) pose: Pose,
+    #[prost(float, repeated)]
+    pub(crate) ball: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) robots_x: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) robots_y: Vec<f32>,
+}
+
+/// One turn of the spine with every bit that replay recomputes from or compares with.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Cycle {
+    /// Counts from 0; a gap is a cycle that was dropped.
+    #[prost(uint64)]
+    pub(crate) index: u64,
+    #[prost(sint64)]
+    pub(crate) stamp_ns: i64,
+    /// What stands on /camera/image at this stamp: png, jpeg, or none.
+    #[prost(string)]
+    pub(crate) image: String,
+    #[prost(message, repeated)]
+    pub(crate) odometry: Vec<Odometry>,
+    #[prost(message, repeated)]
+    pub(crate) compass: Vec<Compass>,
+    #[prost(message, repeated)]
+    pub(crate) imu: Vec<Imu>,
+    #[prost(message, optional)]
+    pub(crate) truth: Option<Truth>,
+    #[prost(message, required)]
+    pub(crate) points: LinePoints,
+    #[prost(message, optional)]
+    pub(crate) seen: Option<Seen>,
+    #[prost(message, required)]
+    pub(crate) estimate: Estimate,
+    #[prost(string, optional)]
+    pub(crate) fault: Option<String>,
+    #[prost(float, required)]
+    pub(crate) see_ms: f32,
+    #[prost(float, required)]
+    pub(crate) localize_ms: f32,
+    #[prost(message, optional)]
+    pub(crate) exposure: Option<Exposure>,
+    #[prost(message, repeated)]
+    pub(crate) commands: Vec<Command>,
+    #[prost(message, repeated)]
+    pub(crate) reports: Vec<Report>,
+    #[prost(message, required)]
+    pub(crate) world: World,
+    #[prost(message, required)]
+    pub(crate) team: TeamView,
+}
+
+/// A file that a run works with, under its name in a recording folder.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct File {
+    #[prost(string)]
+    pub(crate) name: String,
+    #[prost(bytes = "bytes")]
+    pub(crate) content: Bytes,
+}
+
+/// A line of the metadata record.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Entry {
+    #[prost(string)]
+    pub(crate) key: String,
+    #[prost(string)]
+    pub(crate) value: String,
+}
+
+/// What a log keeps as metadata and attachments, for those who watch a run live.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub struct About {
+    #[prost(message, repeated)]
+    pub(crate) metadata: Vec<Entry>,
+    #[prost(message, repeated)]
+    pub(crate) files: Vec<File>,
+}

@@ -1,0 +1,211 @@
+//! What is left of a killed, cut or damaged log, and what a file that is none is told.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::feed::Pace;
+use crate::log::{End, Header, ImageMode, Log, LogConfig, Recorder, recover};
+use crate::testing::{complaint, cycle, field, read, record};
+
+#[test]
+fn a_cut_log_reads_to_its_last_whole_chunk_and_is_recovered() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, cut, whole) = (
+        folder.path().join("a.mcap"),
+        folder.path().join("cut.mcap"),
+        folder.path().join("b.mcap"),
+    );
+    record(&path, 300, &LogConfig::default());
+    let bytes = std::fs::read(&path).expect("bytes");
+    std::fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).expect("cut");
+    let before = read(&cut);
+    assert!(before.len() > 100 && before.len() < 300, "{}", before.len());
+    let recovered = recover(&cut, &whole).expect("recovered");
+    assert!(!recovered.was_whole && recovered.lost.is_empty());
+    assert!(recovered.until >= before.last().map(|logged| logged.cycle.stamp));
+    let mut log = Log::open(&whole).expect("a log");
+    assert_eq!(log.header(), Log::open(&path).expect("a log").header());
+    assert_eq!(
+        log.by_ref()
+            .map(|logged| logged.expect("a cycle").index)
+            .last(),
+        before.last().map(|logged| logged.index)
+    );
+    assert_eq!(log.end(), Some(End::Whole));
+    let bytes = std::fs::read(&whole).expect("bytes");
+    let summary = mcap::Summary::read(&bytes)
+        .expect("readable")
+        .expect("a summary");
+    assert_eq!(
+        summary.stats.expect("statistics").message_count,
+        recovered.messages
+    );
+    assert!(format!("{:#}", recover(&cut, &cut).expect_err("refused")).contains("into itself"));
+}
+
+#[test]
+fn a_damaged_log_is_one_clear_message_and_recover_skips_the_damage() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, whole) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    record(&path, 300, &LogConfig::default());
+    let mut bytes = std::fs::read(&path).expect("bytes");
+    let middle = bytes.len() / 2;
+    bytes[middle..middle + 16].fill(0x55);
+    std::fs::write(&path, &bytes).expect("damaged");
+    let told = complaint(&path);
+    assert!(
+        told.contains("is damaged at byte") && told.contains("mirrorball recover"),
+        "{told}"
+    );
+    let recovered = recover(&path, &whole).expect("recovered");
+    assert_eq!(recovered.lost.len(), 1);
+    let indices: Vec<u64> = read(&whole).iter().map(|logged| logged.index).collect();
+    assert!(
+        indices.len() > 200 && indices.last() == Some(&299),
+        "{} cycles",
+        indices.len()
+    );
+}
+
+#[test]
+fn no_truncation_or_damage_panics() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    record(
+        &path,
+        3,
+        &LogConfig {
+            images: ImageMode::None,
+            ..LogConfig::default()
+        },
+    );
+    let bytes = std::fs::read(&path).expect("bytes");
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    for round in 0..400 {
+        let mut broken = bytes.clone();
+        if round % 2 == 0 {
+            broken.truncate(rng.random_range(0..bytes.len()));
+        }
+        for _ in 0..round % 5 {
+            if !broken.is_empty() {
+                let at = rng.random_range(0..broken.len());
+                broken[at] = rng.random();
+            }
+        }
+        std::fs::write(&path, &broken).expect("written");
+        if let Ok(log) = Log::open(&path) {
+            log.for_each(drop);
+        }
+        let _ = recover(&path, &folder.path().join("b.mcap"));
+    }
+}
+
+#[test]
+fn what_is_no_log_of_this_form_says_so() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    std::fs::write(&path, "no log at all").expect("written");
+    assert!(complaint(&path).ends_with("a.mcap is no MCAP file"));
+    assert!(complaint(&folder.path().join("b.mcap")).contains("cannot read"));
+    let mut foreign =
+        mcap::Writer::new(std::fs::File::create(&path).expect("a file")).expect("a writer");
+    foreign.finish().expect("finished");
+    assert!(complaint(&path).contains("no log of mirrorball"));
+    let mut other =
+        mcap::Writer::new(std::fs::File::create(&path).expect("a file")).expect("a writer");
+    let values = [("format", "99"), ("version", "7.1.0")]
+        .map(|(key, value)| (key.to_owned(), value.to_owned()));
+    other
+        .write_metadata(&mcap::records::Metadata {
+            name: "mirrorball".to_owned(),
+            metadata: values.into(),
+        })
+        .expect("metadata");
+    other.finish().expect("finished");
+    let told = complaint(&path);
+    assert!(
+        told.contains("written by mirrorball 7.1.0 in log format 99"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_disk_that_refuses_is_told_with_its_reason() {
+    if !Path::new("/dev/full").exists() {
+        return;
+    }
+    let created = Recorder::create(
+        Path::new("/dev/full"),
+        &Header::new("test", None),
+        &field(),
+        Pace::Live,
+        &LogConfig::default(),
+    );
+    let told = format!("{:#}", created.map(|_| ()).expect_err("refused"));
+    assert!(
+        told.contains("cannot write /dev/full") && told.contains("No space left"),
+        "{told}"
+    );
+}
+
+/// Names the log to the process that is killed.
+const KILLED_LOG: &str = "MIRRORBALL_KILLED_LOG";
+
+fn record_until_killed(path: &Path) {
+    let config = LogConfig {
+        flush_period: 0.1,
+        ..LogConfig::default()
+    };
+    let header = Header::new("test", None);
+    let mut recorder =
+        Recorder::create(path, &header, &field(), Pace::Live, &config).expect("a recorder");
+    // Should nobody kill it, it ends by itself.
+    for number in 0..4000 {
+        recorder.cycle(Arc::new(cycle(number))).expect("taken");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_log_whose_writer_is_killed_can_be_read() {
+    // The process to be killed is this test once more.
+    if let Some(path) = std::env::var_os(KILLED_LOG) {
+        return record_until_killed(Path::new(&path));
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, whole) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    let mut child = std::process::Command::new(std::env::current_exe().expect("this program"))
+        .args([
+            "--exact",
+            "log::tests::broken::a_log_whose_writer_is_killed_can_be_read",
+            "--nocapture",
+        ])
+        .env(KILLED_LOG, &path)
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .expect("a process");
+    // Some flushes after the header; how long they take is the machine's matter.
+    let size = || std::fs::metadata(&path).map_or(0, |file| file.len());
+    while size() < 400_000 && child.try_wait().expect("a state").is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    let mut log = Log::open(&path).expect("a log");
+    let cycles = log
+        .by_ref()
+        .map(|logged| logged.expect("a cycle").index)
+        .collect::<Vec<_>>();
+    assert_eq!(log.end(), Some(End::Cut));
+    assert!(
+        cycles.len() > 10 && cycles.iter().copied().eq(0..cycles.len() as u64),
+        "{}",
+        cycles.len()
+    );
+    let recovered = recover(&path, &whole).expect("recovered");
+    assert_eq!(recovered.until, Some(cycle(cycles.len() as u64 - 1).stamp));
+    assert_eq!(read(&whole).len(), cycles.len());
+}

@@ -1,0 +1,193 @@
+//! What a whole log keeps, and what replay and export make of it.
+
+use std::sync::Arc;
+
+use vision::image::Image;
+
+use crate::cycle::{Cycle, Inputs, Spine, SpineConfig};
+use crate::feed::Pace;
+use crate::log::verify::compare;
+use crate::log::{End, Header, ImageMode, Log, LogConfig, Recorder, Verdict, export, verify};
+use crate::recording::Recording;
+use crate::setup::Setup;
+use crate::testing::{cycle, picture, read, record, sample_folder};
+
+#[test]
+fn what_is_recorded_reads_back_bit_for_bit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let written = record(&path, 40, &LogConfig::default());
+    assert_eq!(
+        (written.cycles, written.images, written.dropped.none()),
+        (40, 40, true)
+    );
+    let log = Log::open(&path).expect("a log");
+    assert_eq!(
+        (log.header().seed, log.header().source.as_str()),
+        (Some(7), "test")
+    );
+    assert_eq!(log.header().other_version(), None);
+    let logged = read(&path);
+    assert_eq!(logged.len(), 40);
+    for (number, logged) in logged.iter().enumerate() {
+        let wanted = cycle(number as u64);
+        assert_eq!(logged.index, number as u64);
+        assert_eq!(compare(&wanted, &logged.cycle), None);
+        assert_eq!(
+            format!(
+                "{:?}",
+                Cycle {
+                    inputs: Inputs {
+                        image: None,
+                        ..wanted.inputs
+                    },
+                    ..wanted
+                }
+            ),
+            format!("{:?}", logged.cycle)
+        );
+        let image = logged
+            .image
+            .as_ref()
+            .expect("an image")
+            .decode()
+            .expect("decoded");
+        assert_eq!(image, picture(number as u64));
+    }
+}
+
+#[test]
+fn one_flipped_bit_is_a_difference() {
+    let mut other = cycle(5);
+    other.estimate.covariance[(2, 1)] =
+        f32::from_bits(other.estimate.covariance[(2, 1)].to_bits() ^ 1);
+    let difference = compare(&cycle(5), &other).expect("a difference");
+    assert_eq!(difference.what, "covariance");
+    let mut negated = cycle(5);
+    negated.estimate.lean[0] = 0.0;
+    let mut zero = cycle(5);
+    zero.estimate.lean[0] = -0.0;
+    assert!(compare(&negated, &zero).is_some());
+}
+
+#[test]
+fn an_exported_log_is_a_recording_folder_whole_or_not_at_all() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, out) = (
+        folder.path().join("a.mcap"),
+        folder.path().join("recording"),
+    );
+    record(&path, 5, &LogConfig::default());
+    let exported = export(Log::open(&path).expect("a log"), &out).expect("exported");
+    assert_eq!(
+        (exported.frames, exported.odometry, exported.end),
+        (5, 15, End::Whole)
+    );
+    let frames = std::fs::read_to_string(out.join("frames.csv")).expect("frames");
+    assert_eq!(frames.lines().nth(2), Some("0.033333333,frames/000001.png"));
+    assert_eq!(
+        Image::load(&out.join("frames/000004.png")).expect("an image"),
+        picture(4)
+    );
+    let odometry = std::fs::read_to_string(out.join("odometry.csv")).expect("odometry");
+    let dx: f32 = odometry
+        .lines()
+        .nth(4)
+        .and_then(|row| row.split(',').nth(1))
+        .expect("dx")
+        .parse()
+        .expect("a number");
+    assert_eq!(dx.to_bits(), cycle(1).inputs.odometry[0].dx.to_bits());
+    assert!(!out.join("points.csv").exists());
+    let refused = export(Log::open(&path).expect("a log"), &out).expect_err("refused");
+    assert!(format!("{refused:#}").contains("not an empty folder"));
+
+    record(&path, 200, &LogConfig::default());
+    let mut bytes = std::fs::read(&path).expect("bytes");
+    let late = bytes.len() * 2 / 3;
+    bytes[late] ^= 0xff;
+    std::fs::write(&path, &bytes).expect("damaged");
+    let other = folder.path().join("other");
+    assert!(export(Log::open(&path).expect("a log"), &other).is_err());
+    let left: Vec<_> = folder
+        .path()
+        .read_dir()
+        .expect("entries")
+        .map(|entry| entry.expect("one").file_name())
+        .collect();
+    assert_eq!(left.len(), 2, "{left:?}");
+}
+
+#[test]
+fn a_log_without_images_exports_line_points() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (path, out) = (
+        folder.path().join("a.mcap"),
+        folder.path().join("recording"),
+    );
+    record(
+        &path,
+        5,
+        &LogConfig {
+            images: ImageMode::None,
+            ..LogConfig::default()
+        },
+    );
+    assert_eq!(
+        export(Log::open(&path).expect("a log"), &out)
+            .expect("exported")
+            .frames,
+        5
+    );
+    let points = std::fs::read_to_string(out.join("points.csv")).expect("points");
+    assert_eq!(points.lines().count(), 1 + 5 * 50);
+    assert!(!out.join("frames.csv").exists() && !out.join("frames").exists());
+}
+
+/// The samples' run through the spine: recorded, and computed again from what the log alone holds.
+fn recorded_and_verified(images: ImageMode) -> Verdict {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.mcap");
+    let setup = Setup::load(&sample_folder().join("robot.toml"), None).expect("a setup");
+    let map = setup.camera.as_ref().map(|(_, map)| &**map);
+    let header = Header::new("test", None)
+        .with_robot(&setup.robot, map, None)
+        .expect("a header");
+    let config = LogConfig {
+        images,
+        ..LogConfig::default()
+    };
+    let mut recorder = Recorder::create(&path, &header, &setup.field, Pace::Lockstep, &config)
+        .expect("a recorder");
+    let mut spine = Spine::new(&setup, &SpineConfig::default()).expect("a spine");
+    for sample in Recording::open(&sample_folder(), 0.04).expect("a recording") {
+        if let Some(cycle) = spine.take(sample) {
+            recorder.cycle(Arc::new(cycle)).expect("taken");
+        }
+    }
+    recorder.finish().expect("written");
+    let log = Log::open(&path).expect("a log");
+    log.header().write_files(folder.path()).expect("files");
+    let setup = Setup::load(&folder.path().join("robot.toml"), None).expect("the log's own setup");
+    let mut spine = Spine::new(&setup, &SpineConfig::default()).expect("a spine");
+    verify(log, |sample| spine.take(sample)).expect("a verdict")
+}
+
+#[test]
+fn the_samples_verify_bit_for_bit_vision_included() {
+    let verdict = recorded_and_verified(ImageMode::Png);
+    assert_eq!(verdict.first, None);
+    assert_eq!(
+        (verdict.cycles, verdict.seen, verdict.unverified),
+        (20, 20, 0)
+    );
+}
+
+#[test]
+fn without_exact_images_localisation_verifies_from_line_points() {
+    for images in [ImageMode::Jpeg, ImageMode::None] {
+        let verdict = recorded_and_verified(images);
+        assert_eq!(verdict.first, None);
+        assert_eq!((verdict.cycles, verdict.seen), (20, 0));
+    }
+}

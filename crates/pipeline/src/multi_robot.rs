@@ -1,0 +1,446 @@
+//! Several of our robots on one field: how do they play together, each with eyes and a sense of place of its own?
+//!
+//! Each robot's simulation senses for that robot; the first one's world holds the ball and the opponents, and every
+//! hundredth of a second all worlds are brought into line. Words travel as the datagrams of `net::team`, and are lost,
+//! late and out of order as the scenario says. The same seed gives the same bits, however many threads there are.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Result;
+use localize::Stamp;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+use sim::scenario::{Fellow, PlacedRobot, RadioConfig, Scenario, Team};
+use sim::{Sample as Simulated, Sim};
+
+use crate::cycle::{Cycle, Spine, SpineConfig};
+use crate::datagram::LinkConfig;
+use crate::datagram::Talk;
+use crate::log::start_log;
+use crate::log::{LogConfig, Recorder};
+use crate::sample::Sample;
+use crate::score::summary::{Summary, Tally};
+use crate::score::{self, Spread};
+use crate::simulation::{setup_of, translated};
+
+/// The worlds are brought into line this often: in it a robot at 5 m/s moves 5 cm, and goes on as it did.
+const TICK: Stamp = Stamp(10_000_000);
+/// Chance of the radio, beside the streams that a simulation draws from.
+const RADIO_STREAM: u64 = 9;
+/// A ball nearer than this to some robot is known well by that one alone, metres.
+const FAR_BALL: f32 = 4.0;
+
+/// Robots that play together.
+pub struct Squad {
+    players: Vec<Player>,
+    radio: Radio,
+    /// Where our robots stand among the others of each world.
+    fellows_from: usize,
+    now: Stamp,
+    duration: f64,
+}
+
+struct Player {
+    sim: Sim,
+    spine: Spine,
+    talk: Talk,
+    /// A sample that lies beyond the tick.
+    held: Option<Simulated>,
+    cycles: Vec<Arc<Cycle>>,
+    spoken: Option<Stamp>,
+    tally: Tally,
+    own_ball: Vec<f64>,
+    team_ball: Vec<f64>,
+    recorder: Option<Recorder>,
+    fault: Option<anyhow::Error>,
+}
+
+/// How one robot fared.
+#[derive(Serialize)]
+pub struct Fared {
+    /// Its number.
+    pub robot: usize,
+    /// Its frames and errors.
+    #[serde(flatten)]
+    pub summary: Summary,
+    /// Error of the ball on the field as it knows it by itself, metres, where the ball was far from everybody.
+    pub own_far_ball_m: Option<Spread>,
+    /// The same of the ball that the team agrees on.
+    pub team_far_ball_m: Option<Spread>,
+    /// Words heard.
+    pub words: u64,
+}
+
+/// Words that are under way.
+struct Radio {
+    config: RadioConfig,
+    rng: ChaCha8Rng,
+    under_way: Vec<(Stamp, usize, Vec<u8>)>,
+}
+
+impl Squad {
+    /// Sets up the scenario's squad; `record` writes the first robot's log there and the others' beside it.
+    pub fn new(
+        (path, scenario): (&Path, &Scenario),
+        config: &SpineConfig,
+        duration: f64,
+        record: Option<(&Path, &LogConfig)>,
+    ) -> Result<Self> {
+        let count = scenario.squad.len() + 1;
+        let mut players = Vec::with_capacity(count);
+        for index in 0..count {
+            let own = scenario_of(scenario, index);
+            let (robot, field) = robot_and_field(&own)?;
+            let sim = Sim::new(own, robot, field)?;
+            let setup = setup_of(&sim)?;
+            let number = index as u32 + 1;
+            let mut config = config.clone();
+            config.team.number = number;
+            let link = LinkConfig {
+                robot: number,
+                ..LinkConfig::default()
+            };
+            let recorder = record
+                .map(|(log, log_config)| {
+                    let source = format!("sim {} (robot {number})", path.display());
+                    let seed = Some(scenario.seed);
+                    start_log(
+                        &log_of(log, index),
+                        &source,
+                        seed,
+                        (&setup, &config),
+                        log_config,
+                    )
+                })
+                .transpose()?;
+            players.push(Player {
+                sim,
+                spine: Spine::new(&setup, &config)?,
+                talk: Talk::new(&link, 1)?,
+                held: None,
+                cycles: Vec::new(),
+                spoken: None,
+                tally: Tally::default(),
+                own_ball: Vec::new(),
+                team_ball: Vec::new(),
+                recorder,
+                fault: None,
+            });
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(scenario.seed);
+        rng.set_stream(RADIO_STREAM);
+        Ok(Squad {
+            players,
+            radio: Radio {
+                config: scenario.radio,
+                rng,
+                under_way: Vec::new(),
+            },
+            fellows_from: scenario.others.placed.len(),
+            now: Stamp(0),
+            duration,
+        })
+    }
+
+    /// Plays to the end; `progress` hears the seconds played.
+    pub fn play(mut self, progress: impl Fn(f64)) -> Result<Vec<Fared>> {
+        while self.now.seconds() < self.duration {
+            self.tick()?;
+            progress(self.now.seconds());
+        }
+        let fared = |(index, player): (usize, Player)| {
+            player.recorder.map(Recorder::finish).transpose()?;
+            Ok(Fared {
+                robot: index + 1,
+                summary: player.tally.summary(),
+                own_far_ball_m: score::spread(player.own_ball),
+                team_far_ball_m: score::spread(player.team_ball),
+                words: player.talk.counts().heard,
+            })
+        };
+        self.players.into_iter().enumerate().map(fared).collect()
+    }
+
+    fn tick(&mut self) -> Result<()> {
+        self.now = Stamp(self.now.0 + TICK.0);
+        let now = self.now;
+        self.players
+            .par_iter_mut()
+            .for_each(|player| player.advance(now));
+        self.share();
+        let players = self.players.iter().map(|player| player.sim.truth());
+        let truths: Vec<_> = players.collect();
+        let others = truths[0].others.clone();
+        let from = self.fellows_from;
+        for (index, player) in self.players.iter_mut().enumerate() {
+            let mut others = others.clone();
+            let own = truths.iter().map(|truth| truth.robot);
+            let fellows = own.enumerate().filter(|(other, _)| *other != index);
+            for (place, (_, fellow)) in others[from..].iter_mut().zip(fellows) {
+                *place = fellow;
+            }
+            let ball = truths[0].ball.filter(|_| index > 0);
+            player.sim.follow(&others, ball);
+        }
+        for index in 0..self.players.len() {
+            self.score(index)?;
+        }
+        Ok(())
+    }
+
+    /// Sends the words that are due and delivers those that arrive.
+    fn share(&mut self) {
+        let (now, count) = (self.now, self.players.len());
+        for from in 0..count {
+            let player = &mut self.players[from];
+            let Some(cycle) = player.cycles.last() else {
+                continue;
+            };
+            let period = 1.0 / self.radio.config.rate_hz;
+            if player.spoken.is_some_and(|last| now - last < period) {
+                continue;
+            }
+            player.spoken = Some(now);
+            let word = player.talk.word(cycle, now);
+            self.radio.send(now, from, count, &word);
+        }
+        for (to, word) in self.radio.arrived(now) {
+            let player = &mut self.players[to];
+            // What is refused is counted there.
+            if let Ok(report) = player.talk.hear(&word, now) {
+                player.spine.take(Sample::Report(report));
+            }
+        }
+    }
+
+    fn score(&mut self, index: usize) -> Result<()> {
+        let places = self.players.iter().map(|player| player.sim.truth());
+        let places: Vec<_> = places.map(|truth| truth.robot.pose.origin()).collect();
+        let player = &mut self.players[index];
+        if let Some(fault) = player.fault.take() {
+            return Err(fault);
+        }
+        for cycle in std::mem::take(&mut player.cycles) {
+            player.tally.add(&cycle, score::cycle_error(&cycle));
+            let Some(ball) = cycle.inputs.truth.as_ref().and_then(|truth| truth.ball) else {
+                continue;
+            };
+            if places.iter().any(|at| at.distance_to(ball) <= FAR_BALL) {
+                continue;
+            }
+            let own = cycle.world.ball.and_then(|ball| ball.on_field);
+            let own = own.map(|own| f64::from(own.at.distance_to(ball)));
+            let team = cycle.team.ball.as_ref();
+            let team = team.map(|team| f64::from(team.at.distance_to(ball)));
+            player.own_ball.extend(own);
+            player.team_ball.extend(team);
+        }
+        Ok(())
+    }
+}
+
+impl Player {
+    /// Senses and thinks until `now`.
+    fn advance(&mut self, now: Stamp) {
+        loop {
+            let sample = match self.held.take() {
+                Some(sample) => sample,
+                None => self.sim.next_sample(),
+            };
+            if sample.stamp() > now {
+                self.held = Some(sample);
+                return;
+            }
+            let Some(cycle) = self.spine.take(translated(sample)).map(Arc::new) else {
+                continue;
+            };
+            if let Some(recorder) = &mut self.recorder
+                && let Err(fault) = recorder.cycle(cycle.clone())
+            {
+                self.fault = Some(fault);
+            }
+            self.cycles.push(cycle);
+        }
+    }
+}
+
+impl Radio {
+    fn send(&mut self, now: Stamp, from: usize, count: usize, word: &[u8]) {
+        let [soonest, latest] = self.config.delay;
+        for to in (0..count).filter(|to| *to != from) {
+            let (lost, late) = (self.rng.random::<f32>(), self.rng.random::<f64>());
+            if lost >= self.config.loss {
+                let delay = soonest + late * (latest - soonest);
+                let arrival = Stamp(now.0 + Stamp::from_seconds(delay).0);
+                self.under_way.push((arrival, to, word.to_vec()));
+            }
+        }
+    }
+
+    /// What has arrived, in the order of its arrival.
+    fn arrived(&mut self, now: Stamp) -> Vec<(usize, Vec<u8>)> {
+        self.under_way
+            .sort_by_key(|(arrival, to, _)| (*arrival, *to));
+        let due = self
+            .under_way
+            .partition_point(|(arrival, _, _)| *arrival <= now);
+        let words = self.under_way.drain(..due);
+        words.map(|(_, to, word)| (to, word)).collect()
+    }
+}
+
+/// The scenario as robot `index` lives it: itself as our robot, the others of the squad as mates that are moved.
+fn scenario_of(scenario: &Scenario, index: usize) -> Scenario {
+    let first = Fellow {
+        start: scenario.start,
+        path: scenario.path.clone(),
+        mount: scenario.mount,
+    };
+    let squad: Vec<&Fellow> = std::iter::once(&first).chain(&scenario.squad).collect();
+    let mut own = scenario.clone();
+    let fellow = squad[index];
+    (own.start, own.mount) = (fellow.start, fellow.mount);
+    own.path.clone_from(&fellow.path);
+    own.squad.clear();
+    // Sensors err each for itself; the opponents' play is the first one's.
+    own.seed = scenario.seed.wrapping_add(index as u64);
+    if index > 0 {
+        own.kidnaps.clear();
+        own.pushes.clear();
+        own.occlusions.clear();
+        own.faults.clear();
+    }
+    let mates = squad
+        .iter()
+        .enumerate()
+        .filter(|(other, _)| *other != index);
+    own.others.placed.extend(mates.map(|(_, mate)| PlacedRobot {
+        x: mate.start.x,
+        y: mate.start.y,
+        theta_deg: mate.start.theta_deg,
+        team: Team::Cyan,
+        stands: true,
+    }));
+    own
+}
+
+fn robot_and_field(scenario: &Scenario) -> Result<(localize::robot::RobotConfig, localize::Field)> {
+    let robot = localize::robot::RobotConfig::load(&scenario.robot)?;
+    let field = localize::Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
+    Ok((robot, field))
+}
+
+/// `game.mcap`, `game-2.mcap`, `game-3.mcap`, …
+fn log_of(log: &Path, index: usize) -> PathBuf {
+    if index == 0 {
+        return log.to_owned();
+    }
+    let stem = log.file_stem().unwrap_or_default().to_string_lossy();
+    let mut name = format!("{stem}-{}", index + 1);
+    if let Some(ending) = log.extension() {
+        name = format!("{name}.{}", ending.to_string_lossy());
+    }
+    log.with_file_name(name)
+}
+
+/// Prints how everybody fared.
+pub fn print(fared: &[Fared]) {
+    println!("robot  frames  tracking  position  heading  far ball: own  team  words");
+    for robot in fared {
+        let mean = |spread: &Option<Spread>| {
+            spread
+                .as_ref()
+                .map_or("-".to_owned(), |spread| format!("{:.3} m", spread.mean))
+        };
+        let summary = &robot.summary;
+        let heading = summary.heading_error_rad.as_ref();
+        println!(
+            "{:>5} {:>7} {:>9} {:>9} {:>8} {:>14} {:>8} {:>6}",
+            robot.robot,
+            summary.frames,
+            summary.tracking,
+            mean(&summary.position_error_m),
+            heading.map_or("-".to_owned(), |spread| format!(
+                "{:.2}°",
+                spread.mean.to_degrees()
+            )),
+            mean(&robot.own_far_ball_m),
+            mean(&robot.team_far_ball_m),
+            robot.words
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::{Log, verify};
+    use crate::setup::Setup;
+    use crate::simulation::changed_scenario;
+
+    fn scenario() -> (PathBuf, Scenario) {
+        let config =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/squad.toml");
+        let mut scenario = changed_scenario(&config, &toml::Table::new(), None)
+            .expect("a scenario")
+            .0;
+        scenario.squad.truncate(2);
+        (config, scenario)
+    }
+
+    fn played(threads: usize, seconds: f64, log: &Path) -> Vec<Fared> {
+        let (path, scenario) = scenario();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.expect("threads").install(|| {
+            let log_config = LogConfig::default();
+            let record = Some((log, &log_config));
+            let squad = Squad::new((&path, &scenario), &SpineConfig::default(), seconds, record);
+            squad.expect("a squad").play(|_| ()).expect("played")
+        })
+    }
+
+    #[test]
+    fn robots_of_one_field_see_each_other_share_the_ball_and_replay_bit_for_bit() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let log = folder.path().join("game.mcap");
+        let fared = played(2, 1.0, &log);
+        assert_eq!(fared.len(), 3);
+        for robot in &fared {
+            assert!(
+                robot.words > 10,
+                "robot {} heard {}",
+                robot.robot,
+                robot.words
+            );
+            let error = robot.summary.position_error_m.as_ref().expect("scored");
+            assert!(error.median < 0.3, "{} m", error.median);
+        }
+        let again = folder.path().join("again.mcap");
+        played(1, 1.0, &again);
+        for index in 0..3 {
+            let cycles = |log: &Path| {
+                let log = Log::open(&log_of(log, index)).expect("a log");
+                log.map(|logged| {
+                    let cycle = logged.expect("a cycle").cycle;
+                    format!("{:?} {:?} {:?}", cycle.estimate, cycle.world, cycle.team)
+                })
+                .collect::<Vec<_>>()
+            };
+            assert_eq!(cycles(&log), cycles(&again));
+        }
+        let log = Log::open(&log_of(&log, 1)).expect("a log");
+        let files = folder.path().join("files");
+        std::fs::create_dir(&files).expect("a folder");
+        log.header().write_files(&files).expect("written");
+        let setup = Setup::load(&files.join("robot.toml"), None).expect("a setup");
+        let settings = files.join(crate::cycle::SPINE_FILE);
+        let config = SpineConfig::load("default", Some(&settings)).expect("settings");
+        let mut spine = Spine::new(&setup, &config).expect("a spine");
+        let verdict = verify(log, |sample| spine.take(sample)).expect("verified");
+        assert_eq!((verdict.different, verdict.first), (0, None));
+        assert!(verdict.cycles >= 29 && verdict.seen == verdict.cycles);
+    }
+}

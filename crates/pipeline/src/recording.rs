@@ -1,0 +1,293 @@
+//! What does a recording folder hold? Its CSV files and images as stamped samples in the order of time.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use localize::frame::At;
+use localize::sample::{Compass, LinePoint, Odometry};
+use localize::{Pose, Stamp};
+use vision::image::Image;
+
+use crate::csv_table::{Row, Table};
+use crate::sample::{Content, Frame, Sample, Truth};
+use crate::score::objects::TrueObject;
+
+/// A recording folder, its small files read whole and its images read one by one.
+pub struct Recording {
+    /// Where it lies.
+    pub folder: PathBuf,
+    /// Poses for scoring; empty where nothing is known.
+    pub truth: Vec<Truth>,
+    /// Ball and robots where they truly were, for scoring; empty where nothing is known.
+    pub objects: BTreeMap<Stamp, Vec<TrueObject>>,
+    events: std::vec::IntoIter<Event>,
+    frames: usize,
+}
+
+struct Event {
+    stamp: Stamp,
+    kind: Kind,
+}
+
+// Samples of one stamp arrive in this order: what moved before what was seen.
+enum Kind {
+    Odometry(Odometry),
+    Compass(Compass),
+    Truth(Truth),
+    Image(PathBuf),
+    Points(Vec<LinePoint>),
+}
+
+impl Kind {
+    fn order(&self) -> u8 {
+        match self {
+            Kind::Odometry(_) => 0,
+            Kind::Compass(_) => 1,
+            Kind::Truth(_) => 2,
+            Kind::Image(_) | Kind::Points(_) => 3,
+        }
+    }
+}
+
+impl Recording {
+    /// Reads the folder's tables; a broken one is an error with its line, an absent optional one is not.
+    ///
+    /// `point_std`: standard deviation given to line points of someone else's vision, metres.
+    pub fn open(folder: &Path, point_std: f32) -> Result<Self> {
+        let mut events = Vec::new();
+        let (images, points) = (folder.join("frames.csv"), folder.join("points.csv"));
+        if points.exists() {
+            events.extend(read_points(&points, point_std)?);
+        } else if images.exists() {
+            for row in Table::read(&images, &["stamp_s", "file"])?.rows() {
+                events.push(Event {
+                    stamp: stamp(row)?,
+                    kind: Kind::Image(folder.join(row.text("file")?)),
+                });
+            }
+        } else {
+            bail!(
+                "{} is no recording: it has neither frames.csv nor points.csv",
+                folder.display()
+            );
+        }
+        let frames = events.len();
+        if frames == 0 {
+            bail!(
+                "{} has no frame",
+                if points.exists() { points } else { images }.display()
+            );
+        }
+        let mut truth = read_truth(folder)?;
+        let objects = read_objects(folder)?;
+        for row in &mut truth {
+            let there = objects.get(&row.stamp).map_or(&[][..], Vec::as_slice);
+            row.ball = there.iter().find(|one| one.is_ball).map(|one| one.at);
+            let robots = there.iter().filter(|one| !one.is_ball);
+            row.robots = robots.map(|one| one.at).collect();
+        }
+        events.extend(truth.iter().map(|truth| Event {
+            stamp: truth.stamp,
+            kind: Kind::Truth(truth.clone()),
+        }));
+        if let Some(table) = optional(
+            folder,
+            "odometry.csv",
+            &["stamp_s", "dx_m", "dy_m", "dtheta_rad"],
+        )? {
+            let mut last = None;
+            for row in table.rows() {
+                let odometry = odometry(row)?;
+                // Each row goes on from the one above it: in another order they mean nothing.
+                if last.is_some_and(|last| odometry.stamp < last) {
+                    bail!("{}: stamp_s goes back in time", row.place());
+                }
+                last = Some(odometry.stamp);
+                events.push(Event {
+                    stamp: odometry.stamp,
+                    kind: Kind::Odometry(odometry),
+                });
+            }
+        }
+        if let Some(table) = optional(folder, "compass.csv", &["stamp_s", "heading_rad"])? {
+            let fields = magnetic_fields(folder)?;
+            for row in table.rows() {
+                let [heading] = floats(row, ["heading_rad"])?;
+                let stamp = stamp(row)?;
+                let compass = Compass {
+                    stamp,
+                    heading,
+                    field: fields.get(&stamp).copied(),
+                };
+                events.push(Event {
+                    stamp: compass.stamp,
+                    kind: Kind::Compass(compass),
+                });
+            }
+        }
+        events.sort_by_key(|event| (event.stamp, event.kind.order()));
+        Ok(Recording {
+            folder: folder.to_owned(),
+            truth,
+            objects,
+            events: events.into_iter(),
+            frames,
+        })
+    }
+
+    /// How many frames it has.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+}
+
+impl Iterator for Recording {
+    type Item = Sample;
+
+    fn next(&mut self) -> Option<Sample> {
+        let Event { stamp, kind } = self.events.next()?;
+        let content = match kind {
+            Kind::Odometry(odometry) => return Some(Sample::Odometry(odometry)),
+            Kind::Compass(compass) => return Some(Sample::Compass(compass)),
+            Kind::Truth(truth) => return Some(Sample::Truth(truth)),
+            Kind::Points(points) => Content::Found {
+                points,
+                goals: Vec::new(),
+            },
+            Kind::Image(path) => match Image::load(&path) {
+                Ok(image) => Content::Image(image.into()),
+                Err(error) => Content::Unreadable(error.to_string()),
+            },
+        };
+        Some(Sample::Frame(Frame { stamp, content }))
+    }
+}
+
+/// The magnetic fields that compass.csv's headings were made of, where magnetometer.csv has them at the same stamps.
+fn magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
+    let Some(table) = optional(folder, "magnetometer.csv", &["stamp_s", "x", "y"])? else {
+        return Ok(BTreeMap::new());
+    };
+    let rows = table.rows();
+    rows.map(|row| Ok((stamp(row)?, floats(row, ["x", "y"])?)))
+        .collect()
+}
+
+fn optional(folder: &Path, name: &str, wanted: &[&str]) -> Result<Option<Table>> {
+    let path = folder.join(name);
+    if path.exists() {
+        Table::read(&path, wanted).map(Some)
+    } else {
+        Ok(None)
+    }
+}
+
+fn stamp(row: Row<'_>) -> Result<Stamp> {
+    let seconds = row.number("stamp_s")?;
+    // What fits into nanoseconds: 292 years to both sides.
+    if seconds.abs() > 9e9 {
+        bail!("{}: stamp_s = {seconds} is no time", row.place());
+    }
+    Ok(Stamp::from_seconds(seconds))
+}
+
+/// A row may span a gap, but not one of more than this, metres and radians.
+const FARTHEST: f32 = 100.0;
+
+fn odometry(row: Row<'_>) -> Result<Odometry> {
+    let columns = ["dx_m", "dy_m", "dtheta_rad"];
+    let [dx, dy, dtheta] = floats(row, columns)?;
+    for (value, column) in [dx, dy, dtheta].into_iter().zip(columns) {
+        if value.abs() > FARTHEST {
+            bail!(
+                "{}: {column} = {value}: no robot moves so far between two rows",
+                row.place()
+            );
+        }
+    }
+    Ok(Odometry {
+        stamp: stamp(row)?,
+        dx,
+        dy,
+        dtheta,
+        slip: 0.0,
+    })
+}
+
+fn floats<const N: usize>(row: Row<'_>, columns: [&str; N]) -> Result<[f32; N]> {
+    let mut values = [0.0; N];
+    for (value, column) in values.iter_mut().zip(columns) {
+        *value = row.number(column)? as f32;
+    }
+    Ok(values)
+}
+
+/// Line points of someone else's vision; rows of one stamp are one frame.
+fn read_points(path: &Path, point_std: f32) -> Result<Vec<Event>> {
+    let mut frames: BTreeMap<Stamp, Vec<LinePoint>> = BTreeMap::new();
+    for row in Table::read(path, &["stamp_s", "x_m", "y_m"])?.rows() {
+        let [x, y] = floats(row, ["x_m", "y_m"])?;
+        let point = LinePoint {
+            at: At::new(x, y),
+            std_radial: point_std,
+            std_tangential: point_std,
+        };
+        frames.entry(stamp(row)?).or_default().push(point);
+    }
+    Ok(frames
+        .into_iter()
+        .map(|(stamp, points)| Event {
+            stamp,
+            kind: Kind::Points(points),
+        })
+        .collect())
+}
+
+fn read_truth(folder: &Path) -> Result<Vec<Truth>> {
+    let Some(table) = optional(folder, "truth.csv", &["stamp_s", "x_m", "y_m", "theta_rad"])?
+    else {
+        return Ok(Vec::new());
+    };
+    let mut truth = Vec::new();
+    for row in table.rows() {
+        let [x, y, theta] = floats(row, ["x_m", "y_m", "theta_rad"])?;
+        truth.push(Truth {
+            stamp: stamp(row)?,
+            pose: Pose::new(x, y, theta),
+            ball: None,
+            robots: Vec::new(),
+            robot_headings: Vec::new(),
+        });
+    }
+    truth.sort_by_key(|truth| truth.stamp);
+    Ok(truth)
+}
+
+/// Ball and robots where they truly were: objects.csv, for scoring alone.
+fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<TrueObject>>> {
+    let mut objects: BTreeMap<Stamp, Vec<TrueObject>> = BTreeMap::new();
+    let Some(table) = optional(folder, "objects.csv", &["stamp_s", "kind", "x_m", "y_m"])? else {
+        return Ok(objects);
+    };
+    for row in table.rows() {
+        let [x, y] = floats(row, ["x_m", "y_m"])?;
+        let is_ball = match row.text("kind")? {
+            "ball" => true,
+            "robot" => false,
+            // Another recording may know of more than is scored.
+            _ => continue,
+        };
+        let visible_px = row
+            .text("visible_px")
+            .ok()
+            .and_then(|text| text.parse().ok());
+        objects.entry(stamp(row)?).or_default().push(TrueObject {
+            is_ball,
+            at: At::new(x, y),
+            heading: None,
+            visible_px,
+        });
+    }
+    Ok(objects)
+}

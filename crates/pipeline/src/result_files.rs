@@ -1,0 +1,101 @@
+//! What does a run leave as tables? poses.csv, line points and objects, one row a find (see the recording folder).
+
+use std::path::Path;
+
+use anyhow::Result;
+use localize::estimate::{Estimate, Mode};
+
+use crate::csv_table::{Written, seconds};
+use crate::cycle::Cycle;
+
+/// The tables of a run: poses, line points, what was seen; those that were asked for.
+pub struct Outputs {
+    poses: Option<Written>,
+    points: Option<Written>,
+    seen: Option<Written>,
+}
+
+impl Outputs {
+    /// Starts those that have a path.
+    pub fn create(
+        poses: Option<&Path>,
+        points: Option<&Path>,
+        seen: Option<&Path>,
+    ) -> Result<Self> {
+        let start = |path: Option<&Path>, header| {
+            path.map(|path| Written::create(path, header)).transpose()
+        };
+        let poses_header =
+            "stamp_s,x_m,y_m,theta_rad,std_x_m,std_y_m,std_theta_rad,mode,line_points";
+        Ok(Outputs {
+            poses: start(poses, poses_header)?,
+            points: start(points, "stamp_s,x_m,y_m")?,
+            seen: start(seen, "stamp_s,kind,x_m,y_m,std_m,score")?,
+        })
+    }
+
+    /// Adds a cycle's rows.
+    pub fn write(&mut self, cycle: &Cycle) -> Result<()> {
+        let stamp = seconds(cycle.stamp);
+        if let Some(file) = &mut self.poses {
+            write_pose(file, &stamp, &cycle.estimate)?;
+        }
+        if let Some(file) = &mut self.points {
+            for point in &cycle.points {
+                file.row(format_args!("{stamp},{:.5},{:.5}", point.at.x, point.at.y))?;
+            }
+        }
+        if let (Some(file), Some(seen)) = (&mut self.seen, &cycle.seen) {
+            let ball = seen
+                .ball
+                .iter()
+                .map(|ball| ("ball", ball.at, ball.covariance, ball.score));
+            let robots = seen
+                .robots
+                .iter()
+                .map(|robot| ("robot", robot.at, robot.covariance, robot.score));
+            let goals = seen
+                .goals
+                .iter()
+                .map(|goal| ("goal", goal.at, goal.covariance, goal.score));
+            for (kind, at, [var_xx, _, var_yy], score) in ball.chain(robots).chain(goals) {
+                // One number for both directions: the root of the mean variance.
+                let std = ((var_xx + var_yy) / 2.0).max(0.0).sqrt();
+                file.row(format_args!(
+                    "{stamp},{kind},{:.4},{:.4},{std:.4},{score:.3}",
+                    at.x, at.y
+                ))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives the files their names.
+    pub fn finish(self) -> Result<()> {
+        self.poses.map_or(Ok(()), Written::finish)?;
+        self.points.map_or(Ok(()), Written::finish)?;
+        self.seen.map_or(Ok(()), Written::finish)
+    }
+}
+
+/// One row a frame; the coordinates stay empty where the robot is lost.
+fn write_pose(file: &mut Written, stamp: &str, estimate: &Estimate) -> Result<()> {
+    let (mode, points) = (mode_name(estimate.mode), estimate.line_points);
+    let Some(pose) = estimate.pose else {
+        return file.row(format_args!("{stamp},,,,,,,{mode},{points}"));
+    };
+    let [std_x, std_y, std_theta] = [0, 1, 2].map(|i| estimate.covariance[(i, i)].max(0.0).sqrt());
+    file.row(format_args!(
+        "{stamp},{:.5},{:.5},{:.6},{std_x:.5},{std_y:.5},{std_theta:.6},{mode},{points}",
+        pose.x, pose.y, pose.theta
+    ))
+}
+
+/// The mode's name in poses.csv.
+pub fn mode_name(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Tracking => "tracking",
+        Mode::Global => "global",
+        Mode::Lost => "lost",
+    }
+}

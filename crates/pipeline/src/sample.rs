@@ -1,0 +1,155 @@
+//! What does a source yield? Stamped samples, the same from a robot, a simulation, a log or a folder.
+
+use std::fmt::Debug;
+use std::ops::Deref;
+use std::sync::Arc;
+
+use localize::Pose;
+use localize::Stamp;
+use localize::frame::{At, FieldFrame};
+use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
+use localize::team::Report;
+use vision::eyes::Seen;
+use vision::image::{Frame as Pixels, Image, PixelFormat};
+
+/// Where things truly were.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// When.
+    pub stamp: Stamp,
+    /// The robot.
+    pub pose: Pose,
+    /// The ball, if the source knows it.
+    pub ball: Option<At<FieldFrame>>,
+    /// Other robots, if the source knows them.
+    pub robots: Vec<At<FieldFrame>>,
+    /// Where they head, radians on the field, in their order; empty where the source does not know (a log keeps none).
+    pub robot_headings: Vec<f32>,
+}
+
+/// One thing that arrived.
+#[derive(Debug, Clone)]
+pub enum Sample {
+    /// From the wheels.
+    Odometry(Odometry),
+    /// From the compass.
+    Compass(Compass),
+    /// From the inertial unit.
+    Imu(Imu),
+    /// What the motors are told.
+    Command(Command),
+    /// What a team-mate says.
+    Report(Report),
+    /// For scoring alone; no stage sees it.
+    Truth(Truth),
+    /// A frame: it ends a cycle.
+    Frame(Frame),
+}
+
+/// What vision starts from in a cycle.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// When it was exposed.
+    pub stamp: Stamp,
+    /// What it shows.
+    pub content: Content,
+}
+
+/// A frame's content.
+#[derive(Debug, Clone)]
+pub enum Content {
+    /// An image for our own vision.
+    Image(Picture),
+    /// What another vision (or an earlier run) found.
+    Found {
+        /// Line points.
+        points: Vec<LinePoint>,
+        /// Goals by their colours.
+        goals: Vec<GoalSight>,
+    },
+    /// What our own vision found in an earlier run.
+    Seen(Box<Seen>),
+    /// A frame that could not be read; the cycle runs on without sight.
+    Unreadable(String),
+}
+
+/// An image as its source has it.
+#[derive(Debug, Clone)]
+pub enum Picture {
+    /// Red, green, blue: from a file, a log or the simulator.
+    Rgb(Arc<Image>),
+    /// A camera's own bytes; JPEG is decoded before.
+    Raw(RawImage),
+}
+
+/// Bytes of an image that belong to whoever made them, such as a camera's buffer pool.
+pub trait ImageBytes: Deref<Target = [u8]> + Debug + Send + Sync {}
+
+impl<T: Deref<Target = [u8]> + Debug + Send + Sync> ImageBytes for T {}
+
+/// An image in a camera's own pixel format.
+#[derive(Debug, Clone)]
+pub struct RawImage {
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Layout of the bytes.
+    pub format: PixelFormat,
+    /// Bytes from one row to the next.
+    pub stride: usize,
+    /// Row by row from the top.
+    pub data: Arc<dyn ImageBytes>,
+}
+
+impl Picture {
+    /// Its pixels, for vision.
+    pub fn pixels(&self) -> Pixels<'_> {
+        match self {
+            Picture::Rgb(image) => image.frame(),
+            Picture::Raw(frame) => Pixels {
+                width_px: frame.width_px,
+                height_px: frame.height_px,
+                format: frame.format,
+                stride: frame.stride,
+                data: &frame.data,
+            },
+        }
+    }
+
+    /// Red, green, blue, as vision takes the camera's bytes; none of a torn frame.
+    pub fn rgb(&self) -> Option<Arc<Image>> {
+        let frame = match self {
+            Picture::Rgb(image) => return Some(Arc::clone(image)),
+            Picture::Raw(_) => self.pixels(),
+        };
+        let (width_px, height_px) = (frame.width_px, frame.height_px);
+        frame.check(width_px, height_px).ok()?;
+        let mut rgb = Vec::with_capacity(3 * width_px * height_px);
+        if frame.format == PixelFormat::Rgb8 {
+            for row in frame.data.chunks(frame.stride).take(height_px) {
+                rgb.extend_from_slice(&row[..3 * width_px]);
+            }
+        } else {
+            for row in 0..height_px {
+                rgb.extend((0..width_px).flat_map(|column| frame.rgb(column, row)));
+            }
+        }
+        Some(Arc::new(Image {
+            width_px,
+            height_px,
+            rgb,
+        }))
+    }
+
+    /// True if red, green and blue hold all that vision sees: brightness and chroma round on their way there.
+    pub fn is_exact_in_rgb(&self) -> bool {
+        !self.pixels().format.is_yuv()
+    }
+}
+
+impl From<Image> for Picture {
+    fn from(image: Image) -> Self {
+        Picture::Rgb(Arc::new(image))
+    }
+}

@@ -1,0 +1,148 @@
+//! How far from the truth? Errors of estimated poses, summarised.
+
+pub mod objects;
+pub mod summary;
+pub mod visibility;
+
+use localize::frame::wrap_angle;
+use localize::{Pose, Stamp};
+use serde::Serialize;
+
+use crate::cycle::Cycle;
+use crate::sample::Truth;
+
+/// Truth is interpolated between rows no further apart than this, seconds.
+const LONGEST_GAP: f64 = 0.25;
+
+/// One frame's error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseError {
+    /// Distance, metres.
+    pub position: f32,
+    /// Along the field, metres.
+    pub x: f32,
+    /// Across the field, metres.
+    pub y: f32,
+    /// On the circle, radians.
+    pub heading: f32,
+}
+
+/// The error of an estimate against the truth at its stamp; none where the truth says nothing about that time.
+pub fn pose_error(truth: &[Truth], stamp: Stamp, estimate: Pose) -> Option<PoseError> {
+    let wanted = pose_at(truth, stamp)?;
+    let (x, y) = (estimate.x - wanted.x, estimate.y - wanted.y);
+    Some(PoseError {
+        position: x.hypot(y),
+        x,
+        y,
+        heading: wrap_angle(estimate.theta - wanted.theta),
+    })
+}
+
+/// The error of a cycle whose source says the truth with every frame.
+pub fn cycle_error(cycle: &Cycle) -> Option<PoseError> {
+    let truth = cycle.inputs.truth.as_ref()?;
+    pose_error(
+        std::slice::from_ref(truth),
+        cycle.stamp,
+        cycle.estimate.pose?,
+    )
+}
+
+/// The true pose at a stamp, interpolated between the rows around it.
+pub fn pose_at(truth: &[Truth], stamp: Stamp) -> Option<Pose> {
+    let after = truth.partition_point(|row| row.stamp < stamp);
+    let later = truth.get(after);
+    if let Some(row) = later.filter(|row| row.stamp == stamp) {
+        return Some(row.pose);
+    }
+    let earlier = truth.get(after.checked_sub(1)?)?;
+    // A stamp that was rounded differently in the two files is the same moment.
+    if stamp - earlier.stamp < 1e-3 {
+        return Some(earlier.pose);
+    }
+    let later = later?;
+    let gap = later.stamp - earlier.stamp;
+    if gap > LONGEST_GAP {
+        return (later.stamp - stamp < 1e-3).then_some(later.pose);
+    }
+    let share = ((stamp - earlier.stamp) / gap) as f32;
+    let (a, b) = (earlier.pose, later.pose);
+    let turned = wrap_angle(b.theta - a.theta);
+    Some(Pose::new(
+        a.x + share * (b.x - a.x),
+        a.y + share * (b.y - a.y),
+        a.theta + share * turned,
+    ))
+}
+
+/// A list of magnitudes in four numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Half lie below.
+    pub median: f64,
+    /// 95 % lie below.
+    pub p95: f64,
+    /// The largest.
+    pub max: f64,
+}
+
+/// Summarises magnitudes; none of an empty list.
+pub fn spread(values: impl IntoIterator<Item = f64>) -> Option<Spread> {
+    let mut values: Vec<f64> = values.into_iter().collect();
+    values.sort_by(f64::total_cmp);
+    let last = values.len().checked_sub(1)?;
+    let at = |share: f64| values[(share * last as f64).round() as usize];
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    Some(Spread {
+        mean,
+        median: at(0.5),
+        p95: at(0.95),
+        max: values[last],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn truth(seconds: f64, x: f32, theta: f32) -> Truth {
+        Truth {
+            stamp: Stamp::from_seconds(seconds),
+            pose: Pose::new(x, 0.0, theta),
+            ball: None,
+            robots: Vec::new(),
+            robot_headings: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn truth_between_rows_is_interpolated_across_the_half_turn() {
+        let rows = [truth(0.0, 0.0, 3.1), truth(0.1, 1.0, -3.1)];
+        let pose = pose_at(&rows, Stamp::from_seconds(0.05)).expect("a pose");
+        assert!((pose.x - 0.5).abs() < 1e-6 && pose.theta.abs() > 3.13);
+    }
+
+    #[test]
+    fn nothing_is_said_far_from_any_row() {
+        let rows = [truth(0.0, 0.0, 0.0), truth(40.0, 1.0, 0.0)];
+        assert_eq!(pose_at(&rows, Stamp::from_seconds(20.0)), None);
+        assert!(pose_at(&rows, Stamp::from_seconds(40.0)).is_some());
+    }
+
+    #[test]
+    fn a_spread_of_nothing_is_nothing() {
+        assert_eq!(spread([]), None);
+        assert_eq!(
+            spread([3.0, 1.0, 2.0]),
+            Some(Spread {
+                mean: 2.0,
+                median: 2.0,
+                p95: 3.0,
+                max: 3.0
+            })
+        );
+    }
+}

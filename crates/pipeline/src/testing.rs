@@ -1,0 +1,345 @@
+//! Cycles of arbitrary values to log, and the short ways to log and read them.
+
+use std::sync::Arc;
+
+use std::path::{Path, PathBuf};
+
+use localize::estimate::{Estimate, Mode, Reason};
+use localize::frame::At;
+use localize::omni::Twist;
+use localize::robot::CameraSetting;
+use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
+use localize::search::Hypothesis;
+use localize::team::{self, Mate, Report, SharedBall, TeamView};
+use localize::world::{Object, OnField, Team, World};
+use localize::{Field, Pose, Stamp};
+use nalgebra::{Matrix3, Matrix4};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use vision::ball::Ball;
+use vision::exposure::{CameraCommand, ExposureReading};
+use vision::eyes::Seen;
+use vision::goals::{Goal, GoalKind};
+use vision::image::Image;
+use vision::line_points::{Refusal, RefusedRun, SeenLinePoint};
+use vision::robots::{Marker, Robot};
+use vision::windows::{Bumper, WindowReadings};
+
+use crate::cycle::{Cycle, Inputs, Timings};
+use crate::log::read::Logged;
+
+use crate::feed::Pace;
+use crate::log::{Header, Log, LogConfig, Recorder, Written};
+use crate::sample::Truth;
+
+/// The sample recording's field.
+pub fn field() -> Field {
+    Field::load(&sample_folder().join("field.toml")).expect("a field")
+}
+
+/// The sample recording.
+pub fn sample_folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence")
+}
+
+/// Arbitrary values, zeros of both signs and the smallest number among them.
+struct Any(ChaCha8Rng);
+
+impl Any {
+    fn value(&mut self) -> f32 {
+        match self.0.random_range(0..8) {
+            0 => -0.0,
+            1 => 0.0,
+            2 => f32::from_bits(1),
+            _ => self.0.random_range(-3.0_f32..3.0),
+        }
+    }
+
+    fn values<const N: usize>(&mut self) -> [f32; N] {
+        [(); N].map(|()| self.value())
+    }
+
+    fn at<F>(&mut self) -> At<F> {
+        At::new(self.value(), self.value())
+    }
+
+    fn pose(&mut self) -> Pose {
+        Pose::new(self.value(), self.value(), self.value())
+    }
+
+    fn matrix(&mut self) -> Matrix3<f32> {
+        Matrix3::from_fn(|_, _| self.value())
+    }
+
+    fn inputs(&mut self, stamp: Stamp) -> Inputs {
+        let mut odometry = || {
+            let [dx, dy, dtheta, slip] = self.values();
+            Odometry {
+                stamp,
+                dx,
+                dy,
+                dtheta,
+                slip,
+            }
+        };
+        Inputs {
+            odometry: vec![odometry(), odometry(), odometry()],
+            compass: vec![Compass {
+                stamp,
+                heading: self.value(),
+                field: Some([self.value(), self.value()]),
+            }],
+            imu: vec![Imu {
+                stamp,
+                acceleration: self.values(),
+                rate: self.values(),
+            }],
+            commands: vec![Command {
+                stamp,
+                twist: Twist {
+                    x: self.value(),
+                    y: self.value(),
+                    theta: self.value(),
+                },
+            }],
+            reports: vec![Report {
+                robot: 3,
+                stamp,
+                pose: Some(self.pose()),
+                pose_std: self.values(),
+                half_known: true,
+                ball: Some(team::Ball {
+                    at: self.at(),
+                    velocity: self.values(),
+                    covariance: self.values(),
+                    seen: stamp,
+                }),
+                obstacles: vec![self.at()],
+            }],
+            truth: Some(Truth {
+                stamp,
+                pose: self.pose(),
+                ball: Some(self.at()),
+                robots: vec![self.at()],
+                robot_headings: Vec::new(),
+            }),
+            image: None,
+        }
+    }
+
+    fn seen(&mut self, number: u64) -> Seen {
+        let mut line_point = || SeenLinePoint {
+            point: LinePoint {
+                at: self.at(),
+                std_radial: 0.01,
+                std_tangential: -0.0,
+            },
+            at_px: [1.5, 2.5],
+            contrast: self.value(),
+            width: self.value(),
+        };
+        let line_points = (0..50).map(|_| line_point()).collect();
+        Seen {
+            line_points,
+            refused: vec![RefusedRun {
+                at_px: self.values(),
+                reason: Refusal::BeyondCarpet,
+            }],
+            ball: Some(Ball {
+                at: self.at(),
+                covariance: self.values(),
+                on_ground: true,
+                score: self.value(),
+                at_px: self.values(),
+                pixels: 99,
+            }),
+            robots: vec![Robot {
+                at: self.at(),
+                edge: self.at(),
+                covariance: self.values(),
+                width: self.value(),
+                marker: number.is_multiple_of(2).then_some(Marker::Magenta),
+                score: self.value(),
+                at_px: self.values(),
+            }],
+            goals: vec![Goal {
+                kind: GoalKind::Post,
+                at: self.at(),
+                covariance: self.values(),
+                width: self.value(),
+                score: self.value(),
+                at_px: self.values(),
+            }],
+            windows: WindowReadings {
+                bumpers: vec![Bumper {
+                    share: self.value(),
+                    hit: true,
+                }],
+                blue_goal_px: Some(self.values()),
+                ball_px: number.is_multiple_of(2).then(|| self.values()),
+                kick: true,
+                lens_px: Some(self.values()),
+                lens_centred: Some(number.is_multiple_of(3)),
+                ..WindowReadings::default()
+            },
+            carpet_end: vec![self.value(), f32::INFINITY],
+            carpet_share: self.value(),
+            learned: number == 0,
+        }
+    }
+
+    fn world(&mut self, stamp: Stamp, number: u64) -> World {
+        let mut object = |id| Object {
+            id,
+            at: self.at(),
+            velocity: self.values(),
+            covariance: Matrix4::from_fn(|_, _| self.value()),
+            on_field: number.is_multiple_of(2).then(|| OnField {
+                at: self.at(),
+                velocity: self.values(),
+                covariance: Matrix4::from_fn(|_, _| self.value()),
+            }),
+            probability: self.value(),
+            seen: stamp,
+            team: [None, Some(Team::Cyan), Some(Team::Magenta)][number as usize % 3],
+        };
+        World {
+            ball: Some(object(7)),
+            robots: vec![object(8), object(9)],
+        }
+    }
+
+    fn team(&mut self) -> TeamView {
+        TeamView {
+            ball: Some(SharedBall {
+                at: self.at(),
+                velocity: self.values(),
+                covariance: self.values(),
+                witnesses: vec![1, 3],
+                dissenters: vec![2],
+            }),
+            mates: [None, Some(true), Some(false)]
+                .map(|agrees| Mate {
+                    robot: 3,
+                    age: self.value(),
+                    pose: Some(self.pose()),
+                    agrees,
+                })
+                .into(),
+            half_evidence: self.value(),
+        }
+    }
+
+    fn exposure(&mut self, number: u64) -> ExposureReading {
+        let mut setting = || CameraSetting {
+            exposure: self.value(),
+            gain: self.value(),
+        };
+        ExposureReading {
+            in_force: Some(setting()),
+            command: number.is_multiple_of(4).then(|| CameraCommand {
+                setting: setting(),
+                from_frame: number,
+            }),
+            searching: true,
+            light_jumped: number.is_multiple_of(3),
+            warning: false,
+            entropy: self.value(),
+            level: self.value(),
+        }
+    }
+
+    fn estimate(&mut self, stamp: Stamp, number: u64) -> Estimate {
+        let lost = number.is_multiple_of(3);
+        Estimate {
+            stamp,
+            pose: (!lost).then(|| self.pose()),
+            covariance: self.matrix(),
+            mode: [Mode::Lost, Mode::Tracking, Mode::Global][number as usize % 3],
+            reason: lost.then_some(Reason::NothingFits),
+            residual: self.value(),
+            inlier_share: self.value(),
+            line_points: 50,
+            lean: self.values(),
+            half_known: number.is_multiple_of(2),
+            odometry_scales: self.values(),
+            twist: (!lost).then(|| Twist {
+                x: self.value(),
+                y: self.value(),
+                theta: self.value(),
+            }),
+            collision: number.is_multiple_of(2),
+            gyro_bias: self.value(),
+            latency: self.value(),
+            runners_up: vec![Hypothesis {
+                pose: self.pose(),
+                covariance: self.matrix(),
+                score: self.value(),
+                inlier_share: self.value(),
+                residual: self.value(),
+                lean: self.values(),
+                probability: self.value(),
+            }],
+        }
+    }
+}
+
+/// A cycle of arbitrary values, the same for the same number.
+pub fn cycle(number: u64) -> Cycle {
+    let mut any = Any(ChaCha8Rng::seed_from_u64(number));
+    let stamp = Stamp(33_333_333 * number as i64);
+    let seen = any.seen(number);
+    Cycle {
+        stamp,
+        inputs: Inputs {
+            image: Some(picture(number).into()),
+            ..any.inputs(stamp)
+        },
+        points: seen.line_points.iter().map(|seen| seen.point).collect(),
+        seen: Some(seen),
+        estimate: any.estimate(stamp, number),
+        world: any.world(stamp, number),
+        team: any.team(),
+        exposure: number.is_multiple_of(2).then(|| any.exposure(number)),
+        fault: None,
+        timings: Timings {
+            see_ms: 0.25,
+            localize_ms: 0.0625,
+        },
+    }
+}
+
+/// picture
+pub fn picture(number: u64) -> Image {
+    let mut rng = ChaCha8Rng::seed_from_u64(number);
+    Image {
+        width_px: 64,
+        height_px: 48,
+        rgb: (0..3 * 64 * 48).map(|_| rng.random()).collect(),
+    }
+}
+
+/// Records cycles to a log.
+pub fn record(path: &Path, count: u64, config: &LogConfig) -> Written {
+    let header = Header::new("test", Some(7)).with_file("robot.toml", "field = \"field.toml\"\n");
+    let mut recorder =
+        Recorder::create(path, &header, &field(), Pace::Lockstep, config).expect("a recorder");
+    for number in 0..count {
+        recorder.cycle(Arc::new(cycle(number))).expect("taken");
+    }
+    recorder.finish().expect("written")
+}
+
+/// Reads all cycles of a log.
+pub fn read(path: &Path) -> Vec<Logged> {
+    Log::open(path)
+        .expect("a log")
+        .collect::<anyhow::Result<_>>()
+        .expect("cycles")
+}
+
+/// The error of a log that cannot be read to its end, as the user sees it.
+pub fn complaint(path: &Path) -> String {
+    let read = Log::open(path).and_then(|log| log.collect::<anyhow::Result<Vec<_>>>());
+    format!("{:#}", read.map(|_| ()).expect_err("an error"))
+}
