@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use localize::sample::{Command, Compass, Imu, Odometry};
+use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 
 use crate::base::{KickerReport, PowerReport, SwitchReport};
 use crate::camera::CameraFrame;
@@ -18,7 +18,7 @@ pub enum Event {
     /// Motion by the wheels.
     Odometry(Odometry),
     /// What the wheels were told.
-    Command(Command),
+    Command(VelocityCommand),
     /// The inertial unit.
     Imu(Imu),
     /// The compass.

@@ -157,12 +157,15 @@ impl Reader {
                 readings.push(Event::Compass(Compass {
                     stamp: arrival,
                     heading: wrap_angle(self.turn_sign * yaw + self.north),
-                    field: None,
+                    magnetic_field: None,
                 }));
             }
             if let Some(field) = reading.field.filter(|_| self.compass && self.magnetometer) {
                 let [x, y, _] = self.in_robot(field);
-                readings.push(Event::Compass(Compass::of_field(arrival, [x, y])));
+                readings.push(Event::Compass(Compass::from_magnetic_field(
+                    arrival,
+                    [x, y],
+                )));
             }
         }
         readings

@@ -245,7 +245,7 @@ fn the_queue_keeps_the_newest_of_a_bounded_number_and_hands_samples_out_before_a
         Event::Compass(localize::sample::Compass {
             stamp: localize::Stamp(at),
             heading: 0.0,
-            field: None,
+            magnetic_field: None,
         })
     };
     (0..5).for_each(|at| inbox.put(compass(at)));

@@ -12,91 +12,93 @@ use serde::{Deserialize, Serialize};
 pub struct CollisionConfig {
     /// Felt acceleration beyond the commanded one from which on something hit the robot, m/s²: half of gravity, since
     /// rubber on carpet hardly pushes more.
-    pub shock: f32,
+    pub shock_acceleration: f32,
     /// What the motors can do of themselves, m/s²: how fast a commanded twist is taken up.
-    pub motor_acceleration: f32,
+    pub motor_acceleration_max: f32,
     /// Speed between wheels and ground from which on the wheels are not believed, m/s.
-    pub slip_speed: f32,
+    pub slip_speed_max: f32,
     /// The same of the turn, rad/s.
-    pub slip_turn: f32,
+    pub slip_yaw_rate_max: f32,
     /// In standard deviations of the motion that is believed instead, the same slip must be at least so much.
-    pub significance: f32,
+    pub significance_sigmas: f32,
     /// A collision is over when nothing spoke of it for so long, seconds.
-    pub hold: f32,
+    pub hold_time: f32,
     /// After so long wheels are believed again whatever the inertial unit says, seconds: it drifts, or it is broken.
-    pub longest: f32,
+    pub timeout: f32,
 }
 
 impl Default for CollisionConfig {
     fn default() -> Self {
         CollisionConfig {
-            shock: 5.0,
-            motor_acceleration: 3.0,
-            slip_speed: 0.25,
-            slip_turn: 0.8,
-            significance: 3.5,
-            hold: 0.1,
-            longest: 5.0,
+            shock_acceleration: 5.0,
+            motor_acceleration_max: 3.0,
+            slip_speed_max: 0.25,
+            slip_yaw_rate_max: 0.8,
+            significance_sigmas: 3.5,
+            hold_time: 0.1,
+            timeout: 5.0,
         }
     }
 }
 
 /// How far the wheels are from the motion believed without them.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mismatch {
+pub struct WheelMismatch {
     /// Speed of the rims over the ground, m/s, and its standard deviation by what is known of the motion.
     pub speed: [f32; 2],
     /// The same of the turn, rad/s.
-    pub turn: [f32; 2],
+    pub yaw_rate: [f32; 2],
 }
 
 /// Does a collision last?
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Collision {
+pub struct CollisionDetector {
     /// Until it is over if nothing more happens, seconds.
-    left: f32,
+    remaining: f32,
     /// Since it began, seconds.
-    lasted: f32,
+    duration: f32,
 }
 
-impl Collision {
+impl CollisionDetector {
     /// Does it last?
-    pub fn lasts(&self) -> bool {
-        self.left > 0.0
+    pub fn is_active(&self) -> bool {
+        self.remaining > 0.0
     }
 
     /// Time passes.
-    pub fn pass(&mut self, seconds: f32) {
-        if self.left > 0.0 {
-            self.lasted += seconds;
-            self.left -= seconds;
+    pub fn advance_time(&mut self, seconds: f32) {
+        if self.remaining > 0.0 {
+            self.duration += seconds;
+            self.remaining -= seconds;
         }
-        if self.left <= 0.0 {
-            *self = Collision::default();
+        if self.remaining <= 0.0 {
+            *self = CollisionDetector::default();
         }
     }
 
     /// Something hit the robot.
-    pub fn hit(&mut self, config: &CollisionConfig) {
-        self.left = config.hold;
+    pub fn trigger(&mut self, config: &CollisionConfig) {
+        self.remaining = config.hold_time;
     }
 
     /// Hears how far the wheels are off; true if they are to be believed.
     ///
     /// What began a collision must fall to half before it ends, so that it does not flicker.
-    pub fn believes(&mut self, off: &Mismatch, config: &CollisionConfig) -> bool {
-        if self.lasted >= config.longest {
-            *self = Collision::default();
+    pub fn accepts_wheels(&mut self, off: &WheelMismatch, config: &CollisionConfig) -> bool {
+        if self.duration >= config.timeout {
+            *self = CollisionDetector::default();
             return true;
         }
-        let part = if self.lasts() { 0.5 } else { 1.0 };
+        let part = if self.is_active() { 0.5 } else { 1.0 };
         let speaks = |[value, std]: [f32; 2], most: f32| {
-            value > part * most && value > part * config.significance * std
+            value > part * most && value > part * config.significance_sigmas * std
         };
-        if speaks(off.speed, config.slip_speed) || speaks(off.turn, config.slip_turn) {
-            self.hit(config);
+        if speaks(off.speed, config.slip_speed_max)
+            || speaks(off.yaw_rate, config.slip_yaw_rate_max)
+        {
+            self.trigger(config);
         }
-        !self.lasts()
+        !self.is_active()
     }
 }
 
@@ -104,44 +106,44 @@ impl Collision {
 mod tests {
     use super::*;
 
-    fn off(speed: f32, std: f32) -> Mismatch {
-        Mismatch {
+    fn mismatch(speed: f32, std: f32) -> WheelMismatch {
+        WheelMismatch {
             speed: [speed, std],
-            turn: [0.0, 0.1],
+            yaw_rate: [0.0, 0.1],
         }
     }
 
     #[test]
-    fn wheels_that_spin_are_not_believed_until_they_agree_again() {
+    fn spinning_wheels_are_rejected_until_they_agree_with_the_imu() {
         let config = CollisionConfig::default();
-        let mut collision = Collision::default();
-        assert!(collision.believes(&off(0.1, 0.01), &config));
-        assert!(!collision.believes(&off(1.0, 0.02), &config));
+        let mut collision = CollisionDetector::default();
+        assert!(collision.accepts_wheels(&mismatch(0.1, 0.01), &config));
+        assert!(!collision.accepts_wheels(&mismatch(1.0, 0.02), &config));
         for _ in 0..50 {
-            collision.pass(0.01);
-            assert!(!collision.believes(&off(0.8, 0.05), &config));
+            collision.advance_time(0.01);
+            assert!(!collision.accepts_wheels(&mismatch(0.8, 0.05), &config));
         }
         let mut until = 0;
-        while !collision.believes(&off(0.02, 0.05), &config) {
-            collision.pass(0.01);
+        while !collision.accepts_wheels(&mismatch(0.02, 0.05), &config) {
+            collision.advance_time(0.01);
             until += 1;
         }
         assert!((9..=11).contains(&until), "{until}");
     }
 
     #[test]
-    fn who_knows_no_better_believes_the_wheels() {
+    fn wheels_are_accepted_while_the_imu_motion_is_uncertain() {
         let config = CollisionConfig::default();
-        assert!(Collision::default().believes(&off(1.0, 0.5), &config));
+        assert!(CollisionDetector::default().accepts_wheels(&mismatch(1.0, 0.5), &config));
     }
 
     #[test]
-    fn no_broken_unit_silences_the_wheels_for_ever() {
+    fn wheels_are_accepted_again_after_the_collision_timeout() {
         let config = CollisionConfig::default();
-        let mut collision = Collision::default();
+        let mut collision = CollisionDetector::default();
         let believed = (0..1000).position(|_| {
-            collision.pass(0.01);
-            collision.believes(&off(9.0, 0.01), &config)
+            collision.advance_time(0.01);
+            collision.accepts_wheels(&mismatch(9.0, 0.01), &config)
         });
         assert!((490..520).contains(&believed.expect("believed again")));
     }

@@ -71,12 +71,12 @@ const READINGS_MIN: usize = 30;
 /// Largest gap in the directions, degrees: beyond it the ellipse is guessed rather than seen.
 const GAP_MAX_DEG: f32 = 60.0;
 /// Readings further off than so many standard deviations are disturbed.
-const OUTLIER: f64 = 3.5;
+const OUTLIER_SIGMAS: f64 = 3.5;
 /// Rounds of leaving disturbed readings out.
-const ROUNDS: usize = 10;
+const REJECTION_ROUNDS_MAX: usize = 10;
 
 /// Fits the calibration to horizontal readings (robot frame) of a robot that turned all round.
-pub fn fit(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError> {
+pub fn fit_calibration(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError> {
     let all: Vec<Vector2<f64>> = readings
         .iter()
         .map(|reading| Vector2::new(reading[0].into(), reading[1].into()))
@@ -84,8 +84,8 @@ pub fn fit(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError> {
         .collect();
     let mut kept = all.clone();
     let mut ellipse = Ellipse::fit(&kept)?;
-    for _ in 0..ROUNDS {
-        let mut sizes: Vec<f64> = all.iter().map(|one| ellipse.off(one).abs()).collect();
+    for _ in 0..REJECTION_ROUNDS_MAX {
+        let mut sizes: Vec<f64> = all.iter().map(|one| ellipse.residual(one).abs()).collect();
         let sorted = {
             sizes.sort_by(f64::total_cmp);
             &sizes
@@ -94,7 +94,7 @@ pub fn fit(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError> {
         let std = (sorted[sorted.len() / 2] / 0.6745).max(1e-3);
         let near: Vec<Vector2<f64>> = all
             .iter()
-            .filter(|one| ellipse.off(one).abs() <= OUTLIER * std)
+            .filter(|one| ellipse.residual(one).abs() <= OUTLIER_SIGMAS * std)
             .copied()
             .collect();
         let same = near.len() == kept.len();
@@ -104,11 +104,11 @@ pub fn fit(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError> {
             break;
         }
     }
-    let gap = ellipse.gap_deg(&kept);
+    let gap = ellipse.largest_gap_deg(&kept);
     if gap > GAP_MAX_DEG {
         return Err(CompassError::Gap(gap));
     }
-    let square: f64 = kept.iter().map(|one| ellipse.off(one).powi(2)).sum();
+    let square: f64 = kept.iter().map(|one| ellipse.residual(one).powi(2)).sum();
     let calibration = ellipse.calibration();
     let raw_error = kept.iter().map(|one| {
         let (heading, _) = calibration.heading([one.x as f32, one.y as f32]);
@@ -120,14 +120,14 @@ pub fn fit(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError> {
         left_out: all.len() - kept.len(),
         residual_deg: (square / kept.len() as f64).sqrt().to_degrees() as f32,
         raw_error_deg: raw_error.fold(0.0_f32, f32::max).to_degrees(),
-        stretch: ellipse.stretch() as f32,
+        stretch: ellipse.axis_ratio() as f32,
     })
 }
 
 /// Points x with |root (x − centre)| = radius.
 struct Ellipse {
     centre: Vector2<f64>,
-    root: Matrix2<f64>,
+    shape_root: Matrix2<f64>,
     radius: f64,
 }
 
@@ -167,22 +167,22 @@ impl Ellipse {
         let root = eigen.eigenvectors * roots * eigen.eigenvectors.transpose();
         Ok(Ellipse {
             centre: mean + centre * size,
-            root,
+            shape_root: root,
             radius: square.sqrt() * size,
         })
     }
 
     /// Distance of a point from the circle over its radius.
-    fn off(&self, point: &Vector2<f64>) -> f64 {
-        (self.root * (point - self.centre)).norm() / self.radius - 1.0
+    fn residual(&self, point: &Vector2<f64>) -> f64 {
+        (self.shape_root * (point - self.centre)).norm() / self.radius - 1.0
     }
 
     /// Largest gap between neighbouring directions, degrees.
-    fn gap_deg(&self, points: &[Vector2<f64>]) -> f32 {
+    fn largest_gap_deg(&self, points: &[Vector2<f64>]) -> f32 {
         let mut directions: Vec<f64> = points
             .iter()
             .map(|one| {
-                let round = self.root * (one - self.centre);
+                let round = self.shape_root * (one - self.centre);
                 round.y.atan2(round.x)
             })
             .collect();
@@ -199,13 +199,13 @@ impl Ellipse {
         gap.to_degrees() as f32
     }
 
-    fn stretch(&self) -> f64 {
-        let values = self.root.symmetric_eigenvalues();
+    fn axis_ratio(&self) -> f64 {
+        let values = self.shape_root.symmetric_eigenvalues();
         values.max() / values.min()
     }
 
     fn calibration(&self) -> CompassCalibration {
-        let m = self.root.map(|value| value as f32);
+        let m = self.shape_root.map(|value| value as f32);
         CompassCalibration {
             hard: [self.centre.x as f32, self.centre.y as f32],
             soft: [[m[(0, 0)], m[(0, 1)]], [m[(1, 0)], m[(1, 1)]]],
@@ -245,10 +245,10 @@ mod tests {
     }
 
     #[test]
-    fn iron_that_turned_a_compass_by_half_a_right_angle_is_taken_out() {
+    fn calibration_removes_hard_and_soft_iron() {
         let readings = readings(200, 1.0);
         let fields: Vec<[f32; 2]> = readings.iter().map(|one| one.1).collect();
-        let found = fit(&fields).expect("a calibration");
+        let found = fit_calibration(&fields).expect("a calibration");
         assert!(
             found.raw_error_deg > 40.0 && found.residual_deg < 0.5,
             "{found:?}"
@@ -260,13 +260,13 @@ mod tests {
     }
 
     #[test]
-    fn a_magnet_that_was_passed_by_is_left_out() {
+    fn local_disturbance_is_rejected_as_outliers() {
         let readings = readings(200, 1.0);
         let mut fields: Vec<[f32; 2]> = readings.iter().map(|one| one.1).collect();
         for field in &mut fields[40..60] {
             field[0] += 9.0;
         }
-        let found = fit(&fields).expect("a calibration");
+        let found = fit_calibration(&fields).expect("a calibration");
         assert!((15..=40).contains(&found.left_out), "{found:?}");
         let worst = errors_deg(&readings, &found.calibration)
             .into_iter()
@@ -277,11 +277,19 @@ mod tests {
     }
 
     #[test]
-    fn half_a_turn_is_refused_with_what_is_missing() {
+    fn incomplete_turn_is_refused_with_a_hint() {
         let fields: Vec<[f32; 2]> = readings(100, 0.5).iter().map(|one| one.1).collect();
-        let error = fit(&fields).expect_err("half a turn").to_string();
+        let error = fit_calibration(&fields)
+            .expect_err("half a turn")
+            .to_string();
         assert!(error.contains("turn the robot"), "{error}");
-        assert_eq!(fit(&fields[..10]), Err(CompassError::TooFew(10)));
-        assert_eq!(fit(&[[1.0, 2.0]; 50]), Err(CompassError::NoEllipse));
+        assert_eq!(
+            fit_calibration(&fields[..10]),
+            Err(CompassError::TooFew(10))
+        );
+        assert_eq!(
+            fit_calibration(&[[1.0, 2.0]; 50]),
+            Err(CompassError::NoEllipse)
+        );
     }
 }

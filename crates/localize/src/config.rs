@@ -5,27 +5,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::attitude::AttitudeConfig;
 use crate::compass::CompassCalibration;
-use crate::distance::DistanceConfig;
+use crate::distance::DistanceFieldConfig;
 use crate::filter::FilterConfig;
 use crate::matching::MatchConfig;
-use crate::relocalise::RelocaliseConfig;
+use crate::relocalise::GlobalSearchConfig;
 use crate::sample::Compass;
-use crate::search::SearchConfig;
+use crate::search::BranchAndBoundConfig;
 
 /// Everything about localisation.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LocalizeConfig {
     /// The look-up of distances to markings.
-    pub distance: DistanceConfig,
+    pub distance_field: DistanceFieldConfig,
     /// Tracking: line points onto markings near an expected pose.
     pub matching: MatchConfig,
     /// What follows the pose from frame to frame.
     pub tracker: Tracker,
     /// Who looks for the pose on the whole field.
-    pub relocalise: RelocaliseConfig,
+    pub global_search: GlobalSearchConfig,
     /// The exact search: relocalisation by default, and in any case the check on what is tracked.
-    pub search: SearchConfig,
+    pub branch_and_bound: BranchAndBoundConfig,
     /// Odometry and fusion.
     pub filter: FilterConfig,
     /// The inertial unit: lean, gyro bias, rest.
@@ -65,13 +65,13 @@ pub enum SuspectRule {
 #[serde(deny_unknown_fields, default)]
 pub struct ModeConfig {
     /// What makes a tracked pose suspect.
-    pub rule: SuspectRule,
+    pub suspect_rule: SuspectRule,
     /// Rule `thresholds`: mean deviation of the points, metres.
-    pub deviation_max: f32,
+    pub mean_distance_max: f32,
     /// Rule `thresholds`: deviation of the heading from the compass, degrees.
-    pub compass_max_deg: f32,
+    pub compass_deviation_max_deg: f32,
     /// Longest time without odometry that leads from one frame to the next, seconds (the recording's contract).
-    pub gap_max: f64,
+    pub odometry_gap_max: f64,
     /// Fewer line points than this say nothing about a pose.
     pub points_min: usize,
     /// Fewer inliers than this found no pose on the whole field: six line segments of two points fit by chance.
@@ -79,54 +79,54 @@ pub struct ModeConfig {
     /// Share of inliers below which a tracked pose is suspected at once.
     pub inlier_share_min: f32,
     /// Suspected too when the share falls below this part of the usual one.
-    pub usual_share_part: f32,
+    pub inlier_share_drop_max: f32,
     /// Share of inliers below which a pose of the global search is no find.
-    pub found_share_min: f32,
+    pub global_inlier_share_min: f32,
     /// Squared deviation of the match from the prediction, in standard deviations, beyond which something unreported moved the
     /// robot: 99.9 % of 3 degrees of freedom.
-    pub surprise_max: f32,
+    pub normalized_innovation_max: f32,
     /// How far a push that odometry missed carries the robot within a frame and is still followed, metres.
-    pub push_max: f32,
+    pub unreported_motion_max: f32,
     /// Suspect frames in a row after which the pose is given up (nubot2013 4: five).
-    pub strikes_max: u32,
+    pub suspect_frames_max: u32,
     /// A rival of the global search must explain this share of the points more than the tracked pose.
-    pub rival_share: f32,
+    pub alternative_margin_share: f32,
     /// It must also explain this many points more: a few points lie on some lines by chance.
-    pub rival_points: f32,
+    pub alternative_margin_points: f32,
     /// Seconds between checks of an unsuspected pose against the global search; 0 never checks.
-    pub check_period: f64,
+    pub global_check_period: f64,
     /// Probability among the hypotheses from which on one is taken.
-    pub decided: f32,
+    pub decision_probability: f32,
     /// Position uncertainty at which a pose that nothing was seen of is given up, metres.
-    pub lost_std: f32,
+    pub lost_position_std: f32,
     /// The same for the heading, degrees.
-    pub lost_std_deg: f32,
+    pub lost_heading_std_deg: f32,
     /// Samples in a row from the past after which the source's clock is taken to have been set back.
-    pub past_max: u32,
+    pub out_of_order_max: u32,
 }
 
 impl Default for ModeConfig {
     fn default() -> Self {
         ModeConfig {
-            rule: SuspectRule::default(),
-            deviation_max: 0.3,
-            compass_max_deg: 30.0,
-            gap_max: 1.0,
+            suspect_rule: SuspectRule::default(),
+            mean_distance_max: 0.3,
+            compass_deviation_max_deg: 30.0,
+            odometry_gap_max: 1.0,
             points_min: 6,
             inliers_min: 12.0,
             inlier_share_min: 0.45,
-            usual_share_part: 0.75,
-            found_share_min: 0.4,
-            surprise_max: 16.3,
-            push_max: 0.4,
-            strikes_max: 5,
-            rival_share: 0.1,
-            rival_points: 6.0,
-            check_period: 1.0,
-            decided: 0.95,
-            lost_std: 0.7,
-            lost_std_deg: 20.0,
-            past_max: 5,
+            inlier_share_drop_max: 0.75,
+            global_inlier_share_min: 0.4,
+            normalized_innovation_max: 16.3,
+            unreported_motion_max: 0.4,
+            suspect_frames_max: 5,
+            alternative_margin_share: 0.1,
+            alternative_margin_points: 6.0,
+            global_check_period: 1.0,
+            decision_probability: 0.95,
+            lost_position_std: 0.7,
+            lost_heading_std_deg: 20.0,
+            out_of_order_max: 5,
         }
     }
 }
@@ -140,18 +140,18 @@ pub struct CompassConfig {
     /// A reading older than this says nothing about a frame, seconds.
     pub age_max: f64,
     /// Evidence (log odds) from which on the half is known.
-    pub known: f32,
+    pub half_known_log_odds: f32,
     /// Most evidence one reading gives: a magnet beside the robot lies for a while.
-    pub reading_max: f32,
+    pub reading_log_odds_max: f32,
     /// Most evidence kept, so that a lasting contradiction is heard; from there on the half is well established.
-    pub evidence_max: f32,
+    pub log_odds_max: f32,
     /// A compass lives that kept its deviation while the robot turned this far, degrees; only such a one may overturn a
     /// half that is well established. More than three deviations to each side, which a stuck one may seem to keep.
-    pub alive_turn_deg: f32,
+    pub verified_turn_deg: f32,
     /// A reading's noise averages out in this time, seconds.
-    pub noise_time: f32,
+    pub smoothing_time: f32,
     /// A magnetic field that is stronger or weaker than the usual by this share is that of something nearby.
-    pub strength_off_max: f32,
+    pub strength_tolerance: f32,
     /// What makes a heading of the magnetic field where the sensor gives one (`calibrate compass`); robot.toml's
     /// `compass.calibration` stands before it. Without any the sensor's own heading is taken.
     pub calibration: Option<CompassCalibration>,
@@ -160,11 +160,12 @@ pub struct CompassConfig {
 impl CompassConfig {
     /// The heading that a reading means, radians; none if something nearby disturbs it.
     pub fn heading(&self, sample: &Compass) -> Option<f32> {
-        let Some((calibration, field)) = self.calibration.as_ref().zip(sample.field) else {
+        let Some((calibration, field)) = self.calibration.as_ref().zip(sample.magnetic_field)
+        else {
             return sample.heading.is_finite().then_some(sample.heading);
         };
         let (heading, strength) = calibration.heading(field);
-        ((strength - 1.0).abs() <= self.strength_off_max).then_some(heading)
+        ((strength - 1.0).abs() <= self.strength_tolerance).then_some(heading)
     }
 }
 
@@ -173,12 +174,12 @@ impl Default for CompassConfig {
         CompassConfig {
             std_deg: 10.0,
             age_max: 0.5,
-            known: 2.0,
-            reading_max: 2.5,
-            evidence_max: 10.0,
-            alive_turn_deg: 90.0,
-            noise_time: 0.3,
-            strength_off_max: 0.2,
+            half_known_log_odds: 2.0,
+            reading_log_odds_max: 2.5,
+            log_odds_max: 10.0,
+            verified_turn_deg: 90.0,
+            smoothing_time: 0.3,
+            strength_tolerance: 0.2,
             calibration: None,
         }
     }
@@ -186,35 +187,40 @@ impl Default for CompassConfig {
 
 /// A value that no localisation can work with.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{key} = {value}: must be between {least} and {most}")]
-pub struct ConfigError {
+#[error("{key} = {value}: must be between {min} and {max}")]
+pub struct SettingOutOfRange {
     /// The key, with its section.
     pub key: &'static str,
     /// Its value.
     pub value: f32,
     /// Least that works.
-    pub least: f32,
+    pub min: f32,
     /// Most that works.
-    pub most: f32,
+    pub max: f32,
 }
 
 impl LocalizeConfig {
     /// Refuses sizes that would divide by zero or fill the memory; to be called on what a user wrote.
-    pub fn check(&self) -> Result<(), ConfigError> {
-        let (search, matching) = (&self.search, &self.matching);
-        let relocalise = &self.relocalise;
+    pub fn check(&self) -> Result<(), SettingOutOfRange> {
+        let (search, matching) = (&self.branch_and_bound, &self.matching);
+        let relocalise = &self.global_search;
         for (key, value, least, most) in [
-            ("distance.cell", self.distance.cell, 0.01, 0.5),
-            ("distance.margin", self.distance.margin, 0.0, 20.0),
-            ("matching.reach_sigmas", matching.reach_sigmas, 0.5, 20.0),
-            ("matching.point_std_min", matching.point_std_min, 0.001, 1.0),
+            ("distance.cell", self.distance_field.cell, 0.01, 0.5),
+            ("distance.margin", self.distance_field.margin, 0.0, 20.0),
+            (
+                "matching.reach_sigmas",
+                matching.kernel_scale_sigmas,
+                0.5,
+                20.0,
+            ),
+            ("matching.point_std_min", matching.map_std, 0.001, 1.0),
             (
                 "matching.viewpoint_height",
                 matching.viewpoint_height,
                 0.05,
                 5.0,
             ),
-            ("matching.lean_std_deg", matching.lean_std_deg, 0.0, 10.0),
+            ("matching.lean_std_deg", matching.tilt_std_deg, 0.0, 10.0),
             ("search.cell", search.cell, 0.02, 1.0),
             (
                 "search.heading_step_deg",
@@ -222,15 +228,20 @@ impl LocalizeConfig {
                 0.2,
                 20.0,
             ),
-            ("search.outside", search.outside, 0.0, 10.0),
+            ("search.outside", search.margin, 0.0, 10.0),
             ("search.range_max", search.range_max, 1.0, 40.0),
-            ("search.reach", search.reach, 0.01, 2.0),
+            ("search.reach", search.kernel_scale, 0.01, 2.0),
             ("search.points_max", search.points_max as f32, 10.0, 4000.0),
             ("compass.std_deg", self.compass.std_deg, 0.1, 180.0),
-            ("relocalise.hough.pixel", relocalise.hough.pixel, 0.001, 0.1),
+            (
+                "relocalise.hough.pixel",
+                relocalise.hough.pixel_size,
+                0.001,
+                0.1,
+            ),
             (
                 "relocalise.hough.step_deg",
-                relocalise.hough.step_deg,
+                relocalise.hough.angle_step_deg,
                 0.1,
                 10.0,
             ),
@@ -242,24 +253,29 @@ impl LocalizeConfig {
             ),
             (
                 "relocalise.scan_map.range",
-                relocalise.scan_map.range,
+                relocalise.scan_map.range_max,
                 1.0,
                 20.0,
             ),
-            ("relocalise.heading.bin", relocalise.heading.bin, 0.01, 2.0),
+            (
+                "relocalise.heading.bin",
+                relocalise.heading_histogram.bin_width,
+                0.01,
+                2.0,
+            ),
             (
                 "relocalise.heading.step_deg",
-                relocalise.heading.step_deg,
+                relocalise.heading_histogram.step_deg,
                 0.1,
                 20.0,
             ),
         ] {
             if !(value >= least && value <= most) {
-                return Err(ConfigError {
+                return Err(SettingOutOfRange {
                     key,
                     value,
-                    least,
-                    most,
+                    min: least,
+                    max: most,
                 });
             }
         }
@@ -272,13 +288,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn presets_pass_the_check_and_a_cell_of_nothing_does_not() {
+    fn presets_are_valid_and_a_zero_cell_is_refused() {
         for name in crate::presets::PRESETS {
             let config = LocalizeConfig::preset(name).expect("a preset");
             assert_eq!(config.check(), Ok(()));
         }
         let mut config = LocalizeConfig::default();
-        config.search.cell = 0.0;
+        config.branch_and_bound.cell = 0.0;
         let message = config.check().expect_err("no cells").to_string();
         assert!(message.starts_with("search.cell = 0"), "{message}");
     }

@@ -13,16 +13,16 @@ use crate::field::{Field, Marking};
 /// How the distance field is laid out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct DistanceConfig {
+pub struct DistanceFieldConfig {
     /// Side of a cell, metres. At 0.05 the tangent of the smallest arc (0.75 m) is off by at most 0.4 mm.
     pub cell: f32,
     /// Cells beyond the carpet's edge, metres: points there are outliers and need no exact distance.
     pub margin: f32,
 }
 
-impl Default for DistanceConfig {
+impl Default for DistanceFieldConfig {
     fn default() -> Self {
-        DistanceConfig {
+        DistanceFieldConfig {
             cell: 0.05,
             margin: 0.5,
         }
@@ -34,16 +34,16 @@ impl Default for DistanceConfig {
 #[repr(align(16))]
 struct Cell {
     /// Signed distance at the cell's centre, metres; positive on the normal's side.
-    distance: f32,
+    signed_distance: f32,
     normal_x: f32,
     normal_y: f32,
 }
 
 /// Signed distance to the nearest marking's centre line, with its gradient.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Nearest {
+pub struct NearestMarking {
     /// Metres; its absolute value is the distance.
-    pub distance: f32,
+    pub signed_distance: f32,
     /// The gradient of `distance` (unit length), field frame.
     pub normal: [f32; 2],
 }
@@ -55,7 +55,7 @@ pub struct DistanceField {
     columns: usize,
     rows: usize,
     cell: f32,
-    per_cell: f32,
+    cells_per_metre: f32,
     /// Centre of cell (0, 0), metres.
     x0: f32,
     y0: f32,
@@ -63,7 +63,7 @@ pub struct DistanceField {
 
 impl DistanceField {
     /// Lays the cells over the carpet and finds each one's nearest marking, rows in parallel.
-    pub fn new(field: &Field, config: &DistanceConfig) -> Self {
+    pub fn new(field: &Field, config: &DistanceFieldConfig) -> Self {
         let (half_x, half_y) = field.carpet_half_extent();
         let cell = config.cell;
         let half_columns = ((half_x + config.margin) / cell).ceil();
@@ -75,8 +75,9 @@ impl DistanceField {
             .into_par_iter()
             .flat_map_iter(|row| {
                 let y = y0 + row as f32 * cell;
-                (0..columns)
-                    .map(move |column| tangent(&field.markings, x0 + column as f32 * cell, y))
+                (0..columns).map(move |column| {
+                    nearest_tangent(&field.markings, x0 + column as f32 * cell, y)
+                })
             })
             .collect();
         DistanceField {
@@ -84,7 +85,7 @@ impl DistanceField {
             columns,
             rows,
             cell,
-            per_cell: 1.0 / cell,
+            cells_per_metre: 1.0 / cell,
             x0,
             y0,
         }
@@ -92,60 +93,60 @@ impl DistanceField {
 
     /// The nearest marking from (x, y) on the field, metres; beyond the cells the border's tangents go on.
     #[inline]
-    pub fn nearest(&self, x: f32, y: f32) -> Nearest {
+    pub fn nearest(&self, x: f32, y: f32) -> NearestMarking {
         // Casts saturate: far points and NaN end in a border cell.
-        let column = ((x - self.x0) * self.per_cell + 0.5) as usize;
-        let row = ((y - self.y0) * self.per_cell + 0.5) as usize;
+        let column = ((x - self.x0) * self.cells_per_metre + 0.5) as usize;
+        let row = ((y - self.y0) * self.cells_per_metre + 0.5) as usize;
         let column = column.min(self.columns - 1);
         let row = row.min(self.rows - 1);
         let cell = self.cells[row * self.columns + column];
         let dx = x - (self.x0 + column as f32 * self.cell);
         let dy = y - (self.y0 + row as f32 * self.cell);
-        Nearest {
-            distance: cell.distance + cell.normal_x * dx + cell.normal_y * dy,
+        NearestMarking {
+            signed_distance: cell.signed_distance + cell.normal_x * dx + cell.normal_y * dy,
             normal: [cell.normal_x, cell.normal_y],
         }
     }
 
     /// Memory held, bytes.
-    pub fn bytes(&self) -> usize {
+    pub fn memory_bytes(&self) -> usize {
         self.cells.len() * size_of::<Cell>()
     }
 }
 
 /// The tangent of the marking nearest to (x, y).
-fn tangent(markings: &[Marking], x: f32, y: f32) -> Cell {
+fn nearest_tangent(markings: &[Marking], x: f32, y: f32) -> Cell {
     let mut best = Cell {
-        distance: f32::MAX,
+        signed_distance: f32::MAX,
         normal_x: 1.0,
         normal_y: 0.0,
     };
     for marking in markings {
-        let candidate = to_marking(marking, x, y);
-        if candidate.distance.abs() < best.distance.abs() {
+        let candidate = tangent_to_marking(marking, x, y);
+        if candidate.signed_distance.abs() < best.signed_distance.abs() {
             best = candidate;
         }
     }
     best
 }
 
-fn to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
+fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
     match *marking {
         Marking::Line { from, to } => {
             let (ux, uy) = (to.x - from.x, to.y - from.y);
             let length = ux.hypot(uy);
             if length == 0.0 {
-                return to_point(x - from.x, y - from.y);
+                return tangent_to_point(x - from.x, y - from.y);
             }
             let (ux, uy) = (ux / length, uy / length);
             let along = (x - from.x) * ux + (y - from.y) * uy;
             if along < 0.0 {
-                to_point(x - from.x, y - from.y)
+                tangent_to_point(x - from.x, y - from.y)
             } else if along > length {
-                to_point(x - to.x, y - to.y)
+                tangent_to_point(x - to.x, y - to.y)
             } else {
                 Cell {
-                    distance: (y - from.y) * ux - (x - from.x) * uy,
+                    signed_distance: (y - from.y) * ux - (x - from.x) * uy,
                     normal_x: -uy,
                     normal_y: ux,
                 }
@@ -160,16 +161,17 @@ fn to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
             let (dx, dy) = (x - centre.x, y - centre.y);
             let turned = (dy.atan2(dx) - start).rem_euclid(std::f32::consts::TAU);
             if turned <= sweep {
-                let out = to_point(dx, dy);
+                let out = tangent_to_point(dx, dy);
                 Cell {
-                    distance: out.distance - radius,
+                    signed_distance: out.signed_distance - radius,
                     ..out
                 }
             } else {
-                let end =
-                    |angle: f32| to_point(dx - radius * angle.cos(), dy - radius * angle.sin());
+                let end = |angle: f32| {
+                    tangent_to_point(dx - radius * angle.cos(), dy - radius * angle.sin())
+                };
                 let (first, last) = (end(start), end(start + sweep));
-                if first.distance < last.distance {
+                if first.signed_distance < last.signed_distance {
                     first
                 } else {
                     last
@@ -177,22 +179,22 @@ fn to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
             }
         }
         // A scan line's white run over a spot has its centre about the spot's centre.
-        Marking::Spot { centre, .. } => to_point(x - centre.x, y - centre.y),
+        Marking::Spot { centre, .. } => tangent_to_point(x - centre.x, y - centre.y),
     }
 }
 
 /// Distance from a point that lies (dx, dy) away.
-fn to_point(dx: f32, dy: f32) -> Cell {
+fn tangent_to_point(dx: f32, dy: f32) -> Cell {
     let distance = dx.hypot(dy);
     if distance < 1e-6 {
         return Cell {
-            distance: 0.0,
+            signed_distance: 0.0,
             normal_x: 1.0,
             normal_y: 0.0,
         };
     }
     Cell {
-        distance,
+        signed_distance: distance,
         normal_x: dx / distance,
         normal_y: dy / distance,
     }
@@ -204,9 +206,9 @@ mod tests {
     use crate::field::tests::league_18x12;
 
     #[test]
-    fn distance_is_exact_beside_lines_and_half_a_millimetre_on_arcs() {
+    fn signed_distance_is_within_a_millimetre_of_the_nearest_marking() {
         let field = league_18x12("centres");
-        let distances = DistanceField::new(&field, &DistanceConfig::default());
+        let distances = DistanceField::new(&field, &DistanceFieldConfig::default());
         for step in 0..4000 {
             // A quasi-random walk over the carpet (golden ratio in both coordinates).
             let x = (step as f32 * 0.618_034).fract() * 19.0 - 9.5;
@@ -214,11 +216,11 @@ mod tests {
             let mut by_marking: Vec<f32> = field
                 .markings
                 .iter()
-                .map(|marking| to_marking(marking, x, y).distance.abs())
+                .map(|marking| tangent_to_marking(marking, x, y).signed_distance.abs())
                 .collect();
             by_marking.sort_by(f32::total_cmp);
             let truth = by_marking[0];
-            let found = distances.nearest(x, y).distance.abs();
+            let found = distances.nearest(x, y).signed_distance.abs();
             // Where two markings are equally near either may answer, a cell's diagonal too early or late; spots
             // (and ends of lines from near) bend faster than a cell shows.
             let alone = by_marking[1] - truth > 0.08 && truth < 0.3;
@@ -236,19 +238,19 @@ mod tests {
     }
 
     #[test]
-    fn the_gradient_points_away_from_the_line() {
+    fn gradient_points_away_from_the_line() {
         let field = league_18x12("centres");
-        let distances = DistanceField::new(&field, &DistanceConfig::default());
+        let distances = DistanceField::new(&field, &DistanceFieldConfig::default());
         let near = distances.nearest(4.0, 5.9);
-        let toward = near.distance * near.normal[1];
+        let toward = near.signed_distance * near.normal[1];
         assert!((toward + 0.1).abs() < 1e-5 && near.normal[0].abs() < 1e-6);
     }
 
     #[test]
     fn far_points_and_nan_do_not_panic() {
         let field = league_18x12("centres");
-        let distances = DistanceField::new(&field, &DistanceConfig::default());
-        assert!(distances.nearest(100.0, -100.0).distance.abs() > 50.0);
-        assert!(distances.nearest(f32::NAN, 0.0).distance.is_nan());
+        let distances = DistanceField::new(&field, &DistanceFieldConfig::default());
+        assert!(distances.nearest(100.0, -100.0).signed_distance.abs() > 50.0);
+        assert!(distances.nearest(f32::NAN, 0.0).signed_distance.is_nan());
     }
 }

@@ -26,19 +26,19 @@ pub enum Reason {
     /// The points do not lie on the markings as they use to, but no other pose explains them better.
     PoorMatch,
     /// Another pose explains the points better: suspected.
-    Rival,
+    BetterAlternative,
     /// The compass contradicts the pose: suspected, or turned to the other half.
-    CompassContradicts,
+    CompassConflict,
     /// Odometry alone for too long.
-    Blind,
+    DeadReckoningTimeout,
     /// The relocaliser has not gathered a pose yet.
     Searching,
     /// No pose on the whole field explains the points.
-    NothingFits,
+    NoMatch,
     /// Several poses explain the points: the runners-up.
     Ambiguous,
     /// The frame is older than what is known already; it was not used.
-    FromThePast,
+    OutOfOrder,
 }
 
 /// What one frame says about the place.
@@ -62,7 +62,7 @@ pub struct Estimate {
     /// Line points used.
     pub line_points: usize,
     /// Lean (a, b) of the robot in this frame, radians.
-    pub lean: [f32; 2],
+    pub tilt: [f32; 2],
     /// Is it known in which half the robot is (compass, prior pose, or a field that tells)?
     pub half_known: bool,
     /// Estimated metres per metre and radians per radian of the odometry.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Deserializer};
 
 /// For `#[serde(deserialize_with)]`: an array of exactly `N` values.
-pub fn exactly<'de, D, T, const N: usize>(deserializer: D) -> Result<[T; N], D::Error>
+pub fn deserialize<'de, D, T, const N: usize>(deserializer: D) -> Result<[T; N], D::Error>
 where
     D: Deserializer<'de>,
     T: Deserialize<'de>,

@@ -7,31 +7,33 @@ use rand::SeedableRng;
 use rand::rngs::Xoshiro256PlusPlus;
 use serde::Serialize;
 
-use crate::candidates::apart;
+use crate::candidates::pose_difference;
 use crate::config::LocalizeConfig;
 use crate::distance::DistanceField;
-use crate::drive::{Drive, DriveConfig, anywhere, normal, see};
+use crate::drive::{
+    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
+};
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::field::Field;
 use crate::frame::Pose;
 use crate::localizer::Localizer;
 use crate::matching::Matcher;
-use crate::relocalise::{Relocaliser, Sight};
-use crate::search::{HeadingPrior, Search, half_turn};
+use crate::relocalise::{GlobalSearch, SearchInput};
+use crate::search::{BranchAndBound, HeadingPrior, half_turn};
 
 /// Errors of tracked drives.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct TrackScore {
+pub struct TrackingScore {
     /// Frames scored (a second after each start).
     pub frames: usize,
     /// Mean |x|, |y| (metres) and |θ| (degrees).
-    pub mean: [f32; 3],
+    pub mean_error: [f32; 3],
     /// Largest of the same.
-    pub max: [f32; 3],
+    pub max_error: [f32; 3],
     /// Frames that were said to be lost.
-    pub lost: usize,
+    pub lost_frames: usize,
     /// Frames half a metre or more off while the mode was `tracking`.
-    pub silently_wrong: usize,
+    pub undetected_failures: usize,
     /// Frames in which a right pose was given up or suspected of being wrong.
     pub alarms: usize,
     /// Mean normalised error squared; 3 is honest.
@@ -39,58 +41,58 @@ pub struct TrackScore {
 }
 
 /// Drives `frames` frames from each of `seeds` starts, compass given.
-pub fn track(
+pub fn evaluate_tracking(
     field: &Field,
     config: &LocalizeConfig,
-    drive: &DriveConfig,
+    drive: &SyntheticDriveConfig,
     seeds: std::ops::Range<u64>,
     frames: usize,
-) -> TrackScore {
-    let mut score = TrackScore::default();
+) -> TrackingScore {
+    let mut score = TrackingScore::default();
     let mut normalised = 0.0_f64;
     let mut sums = [0.0_f64; 3];
-    let begun = drive.rate as usize;
+    let begun = drive.frame_rate as usize;
     for seed in seeds {
         let mut localizer = Localizer::new(field, config.clone());
         let rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-        let drive = Drive::new(field, drive.clone(), rng);
+        let drive = SyntheticDrive::new(field, drive.clone(), rng);
         for (k, frame) in drive.take(frames).enumerate() {
-            localizer.odometry(&frame.odometry);
-            localizer.compass(&frame.compass);
-            let estimate = localizer.see(frame.stamp, &frame.points);
+            localizer.add_odometry(&frame.odometry);
+            localizer.add_compass(&frame.compass);
+            let estimate = localizer.process_points(frame.stamp, &frame.points);
             if k < begun {
                 continue;
             }
             score.frames += 1;
-            score.alarms += usize::from(alarm(&estimate));
+            score.alarms += usize::from(is_alarm(&estimate));
             let Some(pose) = estimate.pose else {
-                score.lost += 1;
+                score.lost_frames += 1;
                 continue;
             };
-            let off = apart(pose, frame.truth);
-            score.silently_wrong +=
+            let off = pose_difference(pose, frame.true_pose);
+            score.undetected_failures +=
                 usize::from(estimate.mode == Mode::Tracking && off[0].hypot(off[1]) >= 0.5);
             for (i, value) in [off[0], off[1], off[2].to_degrees()]
                 .into_iter()
                 .enumerate()
             {
                 sums[i] += f64::from(value.abs());
-                score.max[i] = score.max[i].max(value.abs());
+                score.max_error[i] = score.max_error[i].max(value.abs());
             }
-            normalised += f64::from(normalised_error(&estimate, &off));
+            normalised += f64::from(normalized_error_squared(&estimate, &off));
         }
     }
-    let located = (score.frames - score.lost).max(1) as f64;
-    score.mean = sums.map(|sum| (sum / located) as f32);
+    let located = (score.frames - score.lost_frames).max(1) as f64;
+    score.mean_error = sums.map(|sum| (sum / located) as f32);
     score.nees = (normalised / located) as f32;
     score
 }
 
-fn alarm(estimate: &Estimate) -> bool {
-    estimate.mode == Mode::Lost || estimate.reason == Some(Reason::Rival)
+fn is_alarm(estimate: &Estimate) -> bool {
+    estimate.mode == Mode::Lost || estimate.reason == Some(Reason::BetterAlternative)
 }
 
-fn normalised_error(estimate: &Estimate, off: &Vector3<f32>) -> f32 {
+fn normalized_error_squared(estimate: &Estimate, off: &Vector3<f32>) -> f32 {
     estimate
         .covariance
         .try_inverse()
@@ -99,58 +101,62 @@ fn normalised_error(estimate: &Estimate, off: &Vector3<f32>) -> f32 {
 
 /// How single frames are found on the whole field.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct FindScore {
+pub struct GlobalSearchScore {
     /// Frames.
     pub frames: usize,
     /// The truth (up to the half turn without a compass; 0.25 m, 5°) is the first hypothesis.
-    pub first: usize,
+    pub top_1: usize,
     /// It is among the first five, half turns counted once.
-    pub first_five: usize,
+    pub top_5: usize,
 }
 
 /// Locates `count` random poses, each by one frame; with a compass of the drive's noise, or without.
-pub fn find(
+pub fn evaluate_global_search(
     field: &Field,
     config: &LocalizeConfig,
-    drive: &DriveConfig,
+    drive: &SyntheticDriveConfig,
     compass: bool,
     seed: u64,
     count: usize,
-) -> FindScore {
-    let distances = DistanceField::new(field, &config.distance);
-    let mut search = Search::new(field, &distances, config.search.clone());
+) -> GlobalSearchScore {
+    let distances = DistanceField::new(field, &config.distance_field);
+    let mut search = BranchAndBound::new(field, &distances, config.branch_and_bound.clone());
     let mut matcher = Matcher::new(config.matching.clone());
-    let mut relocaliser = Relocaliser::new(field, &distances, &config.relocalise);
+    let mut relocaliser = GlobalSearch::new(field, &distances, &config.global_search);
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let std = drive.compass_std_deg.to_radians();
-    let mut score = FindScore::default();
+    let mut score = GlobalSearchScore::default();
     for _ in 0..count {
-        let truth = anywhere(field, &mut rng);
-        let points = see(field, drive, truth, &mut rng);
-        let heading = truth.theta + std * normal(&mut rng);
-        relocaliser.restart();
-        let sight = Sight {
+        let truth = random_pose(field, &mut rng);
+        let points = simulate_line_points(field, drive, truth, &mut rng);
+        let heading = truth.theta + std * standard_normal(&mut rng);
+        relocaliser.reset();
+        let sight = SearchInput {
             distances: &distances,
             points: &points,
-            prior: compass.then_some(HeadingPrior { heading, std }),
+            heading_prior: compass.then_some(HeadingPrior { heading, std }),
             goals: &[],
-            alone: true,
+            single_image: true,
         };
-        let found = relocaliser.find(&mut search, &mut matcher, &sight);
+        let found = relocaliser.find_hypotheses(&mut search, &mut matcher, &sight);
         let right =
-            |pose: Pose| is_right(pose, truth) || !compass && is_right(half_turn(pose), truth);
+            |pose: Pose| is_correct(pose, truth) || !compass && is_correct(half_turn(pose), truth);
         // Without a compass each pose is followed by its half turn.
-        let step = if !compass && search.symmetric() { 2 } else { 1 };
+        let step = if !compass && search.is_half_turn_symmetric() {
+            2
+        } else {
+            1
+        };
         let place = found.iter().step_by(step).position(|one| right(one.pose));
         score.frames += 1;
-        score.first += usize::from(place == Some(0));
-        score.first_five += usize::from(place.is_some_and(|place| place < 5));
+        score.top_1 += usize::from(place == Some(0));
+        score.top_5 += usize::from(place.is_some_and(|place| place < 5));
     }
     score
 }
 
-fn is_right(pose: Pose, truth: Pose) -> bool {
-    let off = apart(pose, truth);
+fn is_correct(pose: Pose, truth: Pose) -> bool {
+    let off = pose_difference(pose, truth);
     off[0].hypot(off[1]) < 0.25 && off[2].abs() < 5.0_f32.to_radians()
 }
 
@@ -160,33 +166,33 @@ pub struct KidnapScore {
     /// Kidnaps.
     pub kidnaps: usize,
     /// Within 0.4 s the pose was no longer called tracked (or was right already).
-    pub said: usize,
+    pub detected: usize,
     /// Within 0.4 s after that the pose was right (0.15 m, 3°).
-    pub back: usize,
+    pub recovered: usize,
 }
 
 /// Carries the robot `count` times to a random place, three seconds apart, compass given.
-pub fn kidnap(
+pub fn evaluate_kidnaps(
     field: &Field,
     config: &LocalizeConfig,
-    drive: &DriveConfig,
+    drive: &SyntheticDriveConfig,
     seed: u64,
     count: usize,
 ) -> KidnapScore {
     let mut localizer = Localizer::new(field, config.clone());
-    let within = (0.4 * drive.rate) as usize;
-    let between = (3.0 * drive.rate) as usize;
+    let within = (0.4 * drive.frame_rate) as usize;
+    let between = (3.0 * drive.frame_rate) as usize;
     let rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut drive = Drive::new(field, drive.clone(), rng);
+    let mut drive = SyntheticDrive::new(field, drive.clone(), rng);
     let mut score = KidnapScore::default();
     for carried in 0..=count {
         let (mut said, mut back) = (None, None);
         for (k, frame) in drive.by_ref().take(between).enumerate() {
-            localizer.odometry(&frame.odometry);
-            localizer.compass(&frame.compass);
-            let estimate = localizer.see(frame.stamp, &frame.points);
+            localizer.add_odometry(&frame.odometry);
+            localizer.add_compass(&frame.compass);
+            let estimate = localizer.process_points(frame.stamp, &frame.points);
             let right = estimate.pose.is_some_and(|pose| {
-                let off = apart(pose, frame.truth);
+                let off = pose_difference(pose, frame.true_pose);
                 off[0].hypot(off[1]) < 0.15 && off[2].abs() < 3.0_f32.to_radians()
             });
             if estimate.mode != Mode::Tracking || right {
@@ -201,11 +207,11 @@ pub fn kidnap(
             continue;
         }
         score.kidnaps += 1;
-        score.said += usize::from(said.is_some_and(|k| k <= within));
+        score.detected += usize::from(said.is_some_and(|k| k <= within));
         let soon = said
             .zip(back)
             .is_some_and(|(said, back)| back <= said + within);
-        score.back += usize::from(soon);
+        score.recovered += usize::from(soon);
     }
     score
 }
@@ -216,19 +222,21 @@ mod tests {
     use crate::field::tests::league_18x12;
 
     #[test]
-    fn the_same_seeds_give_the_same_scores_and_good_ones() {
+    fn equal_seeds_give_equal_scores() {
         let field = league_18x12("outer_edges");
-        let (config, drive) = (LocalizeConfig::default(), DriveConfig::default());
-        let score = track(&field, &config, &drive, 0..2, 150);
-        assert_eq!(score, track(&field, &config, &drive, 0..2, 150));
+        let (config, drive) = (LocalizeConfig::default(), SyntheticDriveConfig::default());
+        let score = evaluate_tracking(&field, &config, &drive, 0..2, 150);
+        assert_eq!(score, evaluate_tracking(&field, &config, &drive, 0..2, 150));
         assert_eq!(
-            (score.frames, score.lost, score.silently_wrong),
+            (score.frames, score.lost_frames, score.undetected_failures),
             (240, 0, 0)
         );
-        assert!(score.mean[0] < 0.01 && score.mean[1] < 0.01 && score.mean[2] < 0.15);
-        let found = find(&field, &config, &drive, false, 1, 40);
-        assert!(found.first >= 39 && found.first_five >= found.first);
-        let kidnapped = kidnap(&field, &config, &drive, 1, 5);
-        assert_eq!((kidnapped.said, kidnapped.back), (5, 5));
+        assert!(
+            score.mean_error[0] < 0.01 && score.mean_error[1] < 0.01 && score.mean_error[2] < 0.15
+        );
+        let found = evaluate_global_search(&field, &config, &drive, false, 1, 40);
+        assert!(found.top_1 >= 39 && found.top_5 >= found.top_1);
+        let kidnapped = evaluate_kidnaps(&field, &config, &drive, 1, 5);
+        assert_eq!((kidnapped.detected, kidnapped.recovered), (5, 5));
     }
 }

@@ -149,14 +149,14 @@ mod tests {
     use std::f32::consts::PI;
 
     #[test]
-    fn a_pose_and_its_inverse_cancel() {
+    fn pose_times_inverse_is_identity() {
         let pose = Pose::new(3.0, -2.0, 2.5);
         let back = pose.inverse() * (pose * At::<RobotFrame>::new(0.7, -1.1));
         assert!((back.x - 0.7).abs() < 1e-5 && (back.y + 1.1).abs() < 1e-5);
     }
 
     #[test]
-    fn angles_wrap_to_the_half_open_turn() {
+    fn angles_wrap_to_minus_pi_exclusive_pi_inclusive() {
         assert_eq!(wrap_angle(PI), PI);
         assert!((wrap_angle(-PI) - PI).abs() < 1e-6);
         assert!((wrap_angle(7.0 * PI + 0.1) - (-PI + 0.1)).abs() < 1e-5);

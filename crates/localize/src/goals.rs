@@ -5,11 +5,11 @@
 
 use crate::field::{Field, GoalColour};
 use crate::frame::{At, FieldFrame, Pose, RobotFrame};
-use crate::sample::GoalSight;
+use crate::sample::GoalObservation;
 use crate::search::half_turn;
 
 /// Deviation (in standard deviations, squared) beyond which a goal's colour is something else: a banner, a spectator.
-const DEVIATION_MAX: f32 = 9.0;
+const MAHALANOBIS_SQUARED_MAX: f32 = 9.0;
 
 /// Where the goals stand, if their colours tell them apart.
 #[derive(Debug, Clone)]
@@ -17,7 +17,7 @@ pub(crate) struct ColouredGoals {
     goals: Vec<(GoalColour, At<FieldFrame>)>,
     /// How far the seen middle of a goal's foot may be from the middle of its box, metres: carpet reaches into it, and
     /// half of it may be hidden.
-    reach: f32,
+    position_std: f32,
 }
 
 impl ColouredGoals {
@@ -35,35 +35,38 @@ impl ColouredGoals {
         };
         ColouredGoals {
             goals,
-            reach: (goal.width / 4.0).hypot(goal.depth / 2.0),
+            position_std: (goal.width / 4.0).hypot(goal.depth / 2.0),
         }
     }
 
     /// Negative log likelihood of goals seen from a pose.
-    pub(crate) fn cost(&self, pose: Pose, sights: &[GoalSight]) -> f32 {
-        sights.iter().map(|sight| self.cost_of(pose, sight)).sum()
+    pub(crate) fn cost(&self, pose: Pose, sights: &[GoalObservation]) -> f32 {
+        sights
+            .iter()
+            .map(|sight| self.observation_cost(pose, sight))
+            .sum()
     }
 
-    fn cost_of(&self, pose: Pose, sight: &GoalSight) -> f32 {
+    fn observation_cost(&self, pose: Pose, sight: &GoalObservation) -> f32 {
         let mut goals = self.goals.iter().filter(|goal| goal.0 == sight.colour);
         let Some((_, goal)) = goals.next() else {
             return 0.0;
         };
         let off = (pose * sight.at).distance_to(*goal);
-        let variance = sight.std * sight.std + self.reach * self.reach;
-        0.5 * (off * off / variance).min(DEVIATION_MAX)
+        let variance = sight.std * sight.std + self.position_std * self.position_std;
+        0.5 * (off * off / variance).min(MAHALANOBIS_SQUARED_MAX)
     }
 
     /// Log odds for a pose against its half turn.
-    pub(crate) fn odds(&self, pose: Pose, sights: &[GoalSight]) -> f32 {
+    pub(crate) fn half_log_odds(&self, pose: Pose, sights: &[GoalObservation]) -> f32 {
         self.cost(half_turn(pose), sights) - self.cost(pose, sights)
     }
 }
 
 /// The colour that the image shows at a point of the ground, if a goal of such a colour was seen in that direction no
 /// farther away.
-pub(crate) fn colour_at(at: At<RobotFrame>, sights: &[GoalSight]) -> Option<GoalColour> {
-    let covers = |sight: &&GoalSight| {
+pub(crate) fn colour_at(at: At<RobotFrame>, sights: &[GoalObservation]) -> Option<GoalColour> {
+    let covers = |sight: &&GoalObservation| {
         let (bearing, range) = (sight.at.bearing(), sight.at.distance());
         let off = crate::frame::wrap_angle(at.bearing() - bearing).abs();
         off <= (0.5 * sight.width).atan2(range) && at.distance() >= range - 2.0 * sight.std

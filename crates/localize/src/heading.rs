@@ -8,23 +8,23 @@ use crate::sample::LinePoint;
 /// The histograms.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct HeadingConfig {
+pub struct HeadingHistogramConfig {
     /// How far the heading may have turned since the last frame, degrees (minho2016 V.B: 40).
-    pub turn_max_deg: f32,
+    pub search_range_deg: f32,
     /// Step of the rotation, degrees.
     pub step_deg: f32,
     /// Width of a bin, metres: about a line's width.
-    pub bin: f32,
+    pub bin_width: f32,
     /// Points beyond this are not counted, metres.
     pub range_max: f32,
 }
 
-impl Default for HeadingConfig {
+impl Default for HeadingHistogramConfig {
     fn default() -> Self {
-        HeadingConfig {
-            turn_max_deg: 40.0,
+        HeadingHistogramConfig {
+            search_range_deg: 40.0,
             step_deg: 1.0,
-            bin: 0.12,
+            bin_width: 0.12,
             range_max: 6.0,
         }
     }
@@ -32,15 +32,15 @@ impl Default for HeadingConfig {
 
 /// The heading within `turn_max_deg` of `last` (radians) at which the points gather most in rows and columns; none
 /// without points. Lines run both ways, so that the answer is one of four a quarter turn apart: the one near `last`.
-pub fn heading_by_histogram(
+pub fn histogram_heading(
     points: &[LinePoint],
     last: f32,
-    config: &HeadingConfig,
+    config: &HeadingHistogramConfig,
 ) -> Option<f32> {
     if points.is_empty() {
         return None;
     }
-    let half = (config.turn_max_deg / config.step_deg).round() as i32;
+    let half = (config.search_range_deg / config.step_deg).round() as i32;
     let heading = |step: i32| last + (step as f32 * config.step_deg).to_radians();
     let peaks: Vec<f32> = (-half..=half)
         .map(|step| histogram_peak(points, heading(step), config))
@@ -68,8 +68,8 @@ pub fn heading_by_histogram(
 }
 
 /// Sum of the highest bins of the histograms along x and y, with the points turned by `heading` (radians).
-pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingConfig) -> f32 {
-    let bins = (2.0 * config.range_max / config.bin) as usize + 2;
+pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingHistogramConfig) -> f32 {
+    let bins = (2.0 * config.range_max / config.bin_width) as usize + 2;
     let mut along = vec![0.0_f32; bins];
     let mut across = vec![0.0_f32; bins];
     let (sin, cos) = heading.sin_cos();
@@ -83,7 +83,7 @@ pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingConfig
             (&mut across, sin * x + cos * y),
         ] {
             // Shared between two bins, so that a line between them is not halved.
-            let place = (value + config.range_max) / config.bin;
+            let place = (value + config.range_max) / config.bin_width;
             let bin = place as usize;
             let part = place - bin as f32;
             histogram[bin] += 1.0 - part;
@@ -102,22 +102,23 @@ pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingConfig
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::drive::{DriveConfig, anywhere, see};
+    use crate::drive::{SyntheticDriveConfig, random_pose, simulate_line_points};
     use crate::field::tests::league_18x12;
     use crate::frame::wrap_angle;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
 
     #[test]
-    fn the_histograms_show_the_heading_up_to_a_quarter_turn() {
+    fn histogram_heading_is_within_three_degrees_in_nine_of_ten_views() {
         let field = league_18x12("centres");
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut right = 0;
         for k in 0..100 {
-            let pose = anywhere(&field, &mut rng);
-            let points = see(&field, &DriveConfig::default(), pose, &mut rng);
+            let pose = random_pose(&field, &mut rng);
+            let points =
+                simulate_line_points(&field, &SyntheticDriveConfig::default(), pose, &mut rng);
             let last = pose.theta + (k as f32 - 50.0) * 0.01;
-            let found = heading_by_histogram(&points, last, &HeadingConfig::default());
+            let found = histogram_heading(&points, last, &HeadingHistogramConfig::default());
             let off = wrap_angle(found.expect("points") - pose.theta).abs();
             right += usize::from(off < 3.0_f32.to_radians());
         }

@@ -35,7 +35,7 @@ impl Twist {
     /// The robot turns on an arc: the translation is the integral of R(θ̇t)·(x, y).
     ///
     /// `slip`: see [`Odometry::slip`].
-    pub fn odometry(self, stamp: Stamp, slip: f32) -> Odometry {
+    pub fn integrate(self, stamp: Stamp, slip: f32) -> Odometry {
         // sin θ/θ and (1 − cos θ)/θ; their series below 1e-3 err by less than an f32 resolves.
         let (along, across) = if self.theta.abs() < 1e-3 {
             (1.0 - self.theta * self.theta / 6.0, self.theta / 2.0)
@@ -73,7 +73,7 @@ pub enum OmniError {
     TooFew(usize),
     /// Radius or distance is no length, or an angle is no number.
     #[error("wheel radius, distance and angles must be numbers, the lengths above zero")]
-    Size,
+    InvalidSize,
     /// The wheels leave a direction in which the robot cannot be driven, or hardly.
     #[error("the wheels' angles leave a direction in which they cannot drive")]
     Degenerate,
@@ -81,15 +81,15 @@ pub enum OmniError {
 
 /// The wheels of a base.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Omni {
+pub struct OmniKinematics {
     /// Of each wheel: radians of turn per metre forward, metre to the left, radian of the robot's turn.
     wheel_from_robot: Vec<[f32; 3]>,
     /// The pseudo-inverse, a column for each wheel.
     robot_from_wheel: Vec<[f32; 3]>,
-    radius: f32,
+    wheel_radius: f32,
 }
 
-impl Omni {
+impl OmniKinematics {
     /// From the wheels' angles (radians from the robot's x axis), radius and distance from the centre (metres).
     pub fn new(angles: &[f32], radius: f32, distance: f32) -> Result<Self, OmniError> {
         if angles.len() < 3 {
@@ -101,7 +101,7 @@ impl Omni {
             .all(|length| *length > 0.0 && length.is_finite())
             || !angles.iter().all(|angle| angle.is_finite())
         {
-            return Err(OmniError::Size);
+            return Err(OmniError::InvalidSize);
         }
         // Columns in units of one wheel's rim: the conditioning then does not depend on the robot's size.
         let rim = DMatrix::from_fn(angles.len(), 3, |wheel, way| {
@@ -130,15 +130,15 @@ impl Omni {
                 })
             })
             .collect();
-        Ok(Omni {
+        Ok(OmniKinematics {
             wheel_from_robot,
             robot_from_wheel,
-            radius,
+            wheel_radius: radius,
         })
     }
 
     /// How many wheels there are.
-    pub fn wheels(&self) -> usize {
+    pub fn wheel_count(&self) -> usize {
         self.wheel_from_robot.len()
     }
 
@@ -162,7 +162,7 @@ impl Omni {
         }
         let [x, y, theta] = sum;
         let twist = Twist { x, y, theta };
-        if self.wheels() == 3 {
+        if self.wheel_count() == 3 {
             return (twist, 0.0);
         }
         let square: f32 = self
@@ -170,15 +170,18 @@ impl Omni {
             .zip(wheels)
             .map(|(explained, speed)| (speed - explained) * (speed - explained))
             .sum();
-        (twist, self.radius * (square / self.wheels() as f32).sqrt())
+        (
+            twist,
+            self.wheel_radius * (square / self.wheel_count() as f32).sqrt(),
+        )
     }
 
     /// The twist, slowed down in all its parts alike until no wheel's rim is faster than `rim_speed_max` (m/s).
-    pub fn limited(&self, twist: Twist, rim_speed_max: f32) -> Twist {
+    pub fn limit_twist(&self, twist: Twist, rim_speed_max: f32) -> Twist {
         let fastest = self
             .wheel_speeds(twist)
             .fold(0.0, |fastest: f32, speed| fastest.max(speed.abs()));
-        let share = (rim_speed_max / (fastest * self.radius)).min(1.0);
+        let share = (rim_speed_max / (fastest * self.wheel_radius)).min(1.0);
         if !(share < 1.0) {
             return twist;
         }
@@ -190,15 +193,15 @@ impl Omni {
         let mut sum = [0.0_f32; 3];
         for (row, push) in self.wheel_from_robot.iter().zip(pushes) {
             for (sum, part) in sum.iter_mut().zip(row) {
-                *sum += self.radius * part * push;
+                *sum += self.wheel_radius * part * push;
             }
         }
         sum
     }
 
     /// Radius of the wheels, metres.
-    pub fn radius(&self) -> f32 {
-        self.radius
+    pub fn wheel_radius(&self) -> f32 {
+        self.wheel_radius
     }
 }
 
@@ -207,17 +210,17 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn omni(angles_deg: &[f32]) -> Result<Omni, OmniError> {
+    fn omni(angles_deg: &[f32]) -> Result<OmniKinematics, OmniError> {
         let angles: Vec<_> = angles_deg.iter().map(|angle| angle.to_radians()).collect();
-        Omni::new(&angles, 0.05, 0.2)
+        OmniKinematics::new(&angles, 0.05, 0.2)
     }
 
-    fn apart(a: Twist, b: Twist) -> f32 {
+    fn twist_difference(a: Twist, b: Twist) -> f32 {
         (a.x - b.x).abs() + (a.y - b.y).abs() + (a.theta - b.theta).abs()
     }
 
     #[test]
-    fn a_wheel_in_front_rolls_sideways_and_turns_counter_clockwise_with_the_robot() {
+    fn front_wheel_responds_to_lateral_motion_and_rotation() {
         let base = omni(&[0.0, 90.0, 180.0, 270.0]).expect("a base");
         let turn = Twist {
             theta: 1.0,
@@ -238,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wheel_that_spins_alone_shows_as_slip() {
+    fn single_spinning_wheel_is_reported_as_slip() {
         let base = omni(&[45.0, 135.0, 225.0, 315.0]).expect("a base");
         let twist = Twist {
             x: 1.0,
@@ -253,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn pushes_of_the_rims_do_the_work_that_the_motion_takes() {
+    fn wheel_forces_and_wrench_do_equal_work() {
         let base = omni(&[60.0, 180.0, 300.0]).expect("a base");
         let twist = Twist {
             x: 0.7,
@@ -269,12 +272,15 @@ mod tests {
     }
 
     #[test]
-    fn wheels_that_cannot_drive_everywhere_are_refused() {
+    fn degenerate_wheel_layouts_are_refused() {
         assert_eq!(omni(&[0.0, 120.0]), Err(OmniError::TooFew(2)));
         assert_eq!(omni(&[0.0, 0.0, 0.0]), Err(OmniError::Degenerate));
         assert_eq!(omni(&[0.0, 180.0, 0.0]), Err(OmniError::Degenerate));
-        assert_eq!(omni(&[0.0, f32::NAN, 90.0]), Err(OmniError::Size));
-        assert_eq!(Omni::new(&[0.0, 2.0, 4.0], 0.0, 0.2), Err(OmniError::Size));
+        assert_eq!(omni(&[0.0, f32::NAN, 90.0]), Err(OmniError::InvalidSize));
+        assert_eq!(
+            OmniKinematics::new(&[0.0, 2.0, 4.0], 0.0, 0.2),
+            Err(OmniError::InvalidSize)
+        );
     }
 
     #[test]
@@ -285,24 +291,24 @@ mod tests {
             y: -3.0,
             theta: 8.0,
         };
-        let limited = base.limited(twist, 2.0);
+        let limited = base.limit_twist(twist, 2.0);
         let fastest = base
             .wheel_speeds(limited)
             .fold(0.0_f32, |a, b| a.max(b.abs()));
         assert!((fastest * 0.05 - 2.0).abs() < 1e-4);
         assert!((limited.x / limited.theta - twist.x / twist.theta).abs() < 1e-5);
-        assert_eq!(base.limited(Twist::default(), 2.0), Twist::default());
+        assert_eq!(base.limit_twist(Twist::default(), 2.0), Twist::default());
     }
 
     #[test]
-    fn half_a_circle_ends_across_its_diameter() {
+    fn half_circle_integrates_to_its_diameter() {
         // 1 m of arc in half a turn: radius 1/π, so 2/π to the left.
         let end = Twist {
             x: 1.0,
             y: 0.0,
             theta: std::f32::consts::PI,
         }
-        .odometry(Stamp(0), 0.0);
+        .integrate(Stamp(0), 0.0);
         assert!(end.dx.abs() < 1e-6 && (end.dy - 2.0 / std::f32::consts::PI).abs() < 1e-6);
         let nearly_straight = Twist {
             x: 1.0,
@@ -314,15 +320,15 @@ mod tests {
             ..nearly_straight
         };
         let (below, above) = (
-            nearly_straight.odometry(Stamp(0), 0.0),
-            beyond.odometry(Stamp(0), 0.0),
+            nearly_straight.integrate(Stamp(0), 0.0),
+            beyond.integrate(Stamp(0), 0.0),
         );
         assert!((below.dx - above.dx).abs() < 1e-6 && (below.dy - above.dy).abs() < 2e-6);
     }
 
     proptest! {
         #[test]
-        fn any_wheels_give_back_the_motion_they_were_asked_for(
+        fn forward_kinematics_inverts_inverse_kinematics(
             angles in prop::collection::vec(0.0f32..360.0, 3..=4),
             x in -5.0f32..5.0, y in -5.0f32..5.0, theta in -10.0f32..10.0,
         ) {
@@ -330,7 +336,7 @@ mod tests {
             let twist = Twist { x, y, theta };
             let speeds: Vec<_> = base.wheel_speeds(twist).collect();
             let (back, slip) = base.twist(&speeds);
-            prop_assert!(apart(back, twist) < 0.01, "{:?} {:?}", back, twist);
+            prop_assert!(twist_difference(back, twist) < 0.01, "{:?} {:?}", back, twist);
             prop_assert!(slip < 1e-3);
         }
     }

@@ -20,7 +20,7 @@ pub struct LinePoint {
 
 /// A goal that vision saw by its colour, robot frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GoalSight {
+pub struct GoalObservation {
     /// Its colour.
     pub colour: GoalColour,
     /// Where the middle of what is seen of it meets the ground, metres.
@@ -48,7 +48,7 @@ pub struct Odometry {
 
 /// What the motors are told: a velocity in the robot frame, valid until the next.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Command {
+pub struct VelocityCommand {
     /// From when on.
     pub stamp: Stamp,
     /// The wanted velocity.
@@ -63,16 +63,16 @@ pub struct Compass {
     /// Direction of the robot's x axis on the field, radians.
     pub heading: f32,
     /// Horizontal magnetic field, robot frame, the magnetometer's own unit; none where the device tells a heading alone.
-    pub field: Option<[f32; 2]>,
+    pub magnetic_field: Option<[f32; 2]>,
 }
 
 impl Compass {
     /// The reading of a magnetometer whose field is a circle about zero, north along the field's x axis.
-    pub fn of_field(stamp: Stamp, field: [f32; 2]) -> Self {
+    pub fn from_magnetic_field(stamp: Stamp, field: [f32; 2]) -> Self {
         Compass {
             stamp,
             heading: -field[1].atan2(field[0]),
-            field: Some(field),
+            magnetic_field: Some(field),
         }
     }
 }

@@ -6,14 +6,14 @@ use toml::de::{DeTable, DeValue};
 
 /// `file: line N`, where `key` (as in `camera.focal_px` or `faults[2].start`) stands in `text`, the file's content; as far
 /// down the key as the text goes, and the file alone where it does not speak of it at all.
-pub fn place(path: &Path, text: &str, key: &str) -> String {
-    match line(text, key) {
+pub fn key_location(path: &Path, text: &str, key: &str) -> String {
+    match key_line(text, key) {
         Some(line) => format!("{}: line {line}", path.display()),
         None => path.display().to_string(),
     }
 }
 
-fn line(text: &str, key: &str) -> Option<usize> {
+fn key_line(text: &str, key: &str) -> Option<usize> {
     let document = DeTable::parse(text).ok()?;
     let mut table = document.get_ref();
     let mut found = None;
@@ -46,7 +46,7 @@ mod tests {
     const TEXT: &str = "a = 1\n[b]\nc = 2\nd = { e = 3 }\n[[f]]\ng = 4\n[[f]]\ng = 5\n";
 
     #[test]
-    fn a_key_is_found_on_its_line_and_what_is_not_there_where_it_would_stand() {
+    fn missing_key_is_located_at_its_deepest_existing_table() {
         for (key, wanted) in [
             ("a", Some(1)),
             ("b.c", Some(3)),
@@ -55,9 +55,12 @@ mod tests {
             ("f[1].g", Some(8)),
             ("missing", None),
         ] {
-            assert_eq!(line(TEXT, key), wanted, "{key}");
+            assert_eq!(key_line(TEXT, key), wanted, "{key}");
         }
-        assert_eq!(place(Path::new("x.toml"), TEXT, "b.c"), "x.toml: line 3");
-        assert_eq!(place(Path::new("x.toml"), TEXT, "z"), "x.toml");
+        assert_eq!(
+            key_location(Path::new("x.toml"), TEXT, "b.c"),
+            "x.toml: line 3"
+        );
+        assert_eq!(key_location(Path::new("x.toml"), TEXT, "z"), "x.toml");
     }
 }

@@ -1,6 +1,6 @@
 //! What a robot must be able to rely on: right when it says so, and saying so when it is not.
 
-use localize::drive::{Drive, DriveConfig, anywhere, see};
+use localize::drive::{SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points};
 use localize::frame::wrap_angle;
 use localize::matching::Matcher;
 use localize::sample::{Compass, LinePoint, Odometry};
@@ -17,8 +17,8 @@ fn field() -> Field {
     Field::load(std::path::Path::new(path)).expect("a field")
 }
 
-fn drive(seed: u64, config: DriveConfig) -> Drive<ChaCha8Rng> {
-    Drive::new(&field(), config, ChaCha8Rng::seed_from_u64(seed))
+fn drive(seed: u64, config: SyntheticDriveConfig) -> SyntheticDrive<ChaCha8Rng> {
+    SyntheticDrive::new(&field(), config, ChaCha8Rng::seed_from_u64(seed))
 }
 
 fn localizer() -> Localizer {
@@ -37,7 +37,7 @@ fn point(x: f32, y: f32) -> LinePoint {
     }
 }
 
-fn still(seconds: f64) -> Odometry {
+fn stationary_odometry(seconds: f64) -> Odometry {
     Odometry {
         stamp: Stamp::from_seconds(seconds),
         dx: 0.0,
@@ -48,16 +48,19 @@ fn still(seconds: f64) -> Odometry {
 }
 
 #[test]
-fn a_drive_is_followed_within_centimetres_and_its_odometry_scale_learnt() {
+fn drive_is_tracked_within_6_cm_and_odometry_scale_is_estimated() {
     let mut localizer = localizer();
     let mut last = None;
-    for (k, frame) in drive(1, DriveConfig::default()).take(600).enumerate() {
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
-        let estimate = localizer.see(frame.stamp, &frame.points);
+    for (k, frame) in drive(1, SyntheticDriveConfig::default())
+        .take(600)
+        .enumerate()
+    {
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
         if k >= 15 {
             let pose = estimate.pose.expect("a pose");
-            assert!(position_error(pose, frame.truth) < 0.06, "frame {k}");
+            assert!(position_error(pose, frame.true_pose) < 0.06, "frame {k}");
             assert_eq!(estimate.mode, Mode::Tracking);
         }
         last = Some(estimate);
@@ -68,21 +71,24 @@ fn a_drive_is_followed_within_centimetres_and_its_odometry_scale_learnt() {
 }
 
 #[test]
-fn the_stated_uncertainty_is_honest() {
+fn pose_covariance_is_consistent() {
     let mut localizer = localizer();
     let (mut sum, mut count) = (0.0, 0.0_f32);
-    for (k, frame) in drive(2, DriveConfig::default()).take(1800).enumerate() {
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
-        let estimate = localizer.see(frame.stamp, &frame.points);
+    for (k, frame) in drive(2, SyntheticDriveConfig::default())
+        .take(1800)
+        .enumerate()
+    {
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
         if k < 60 {
             continue;
         }
         let pose = estimate.pose.expect("a pose");
         let off = nalgebra::Vector3::new(
-            pose.x - frame.truth.x,
-            pose.y - frame.truth.y,
-            wrap_angle(pose.theta - frame.truth.theta),
+            pose.x - frame.true_pose.x,
+            pose.y - frame.true_pose.y,
+            wrap_angle(pose.theta - frame.true_pose.theta),
         );
         let inverse = estimate.covariance.try_inverse().expect("a covariance");
         sum += off.dot(&(inverse * off));
@@ -93,22 +99,23 @@ fn the_stated_uncertainty_is_honest() {
 }
 
 #[test]
-fn stills_are_each_found_by_themselves_with_their_compass() {
+fn single_images_are_located_with_a_compass() {
     let field = field();
     let mut localizer = localizer();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let mut right = 0;
     for k in 0..60 {
-        let truth = anywhere(&field, &mut rng);
-        let points = see(&field, &DriveConfig::default(), truth, &mut rng);
+        let truth = random_pose(&field, &mut rng);
+        let points =
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
         let stamp = Stamp::from_seconds(f64::from(k) * 40.0);
         let heading = truth.theta + 0.2;
-        localizer.compass(&Compass {
+        localizer.add_compass(&Compass {
             stamp,
             heading,
-            field: None,
+            magnetic_field: None,
         });
-        let estimate = localizer.see(stamp, &points);
+        let estimate = localizer.process_points(stamp, &points);
         assert_ne!(estimate.mode, Mode::Tracking);
         right += i32::from(
             estimate
@@ -120,28 +127,28 @@ fn stills_are_each_found_by_themselves_with_their_compass() {
 }
 
 #[test]
-fn without_a_compass_the_half_is_said_to_be_unknown_until_one_decides() {
+fn field_half_is_unknown_until_a_compass_reading() {
     let mut localizer = localizer();
-    let mut frames = drive(4, DriveConfig::default());
+    let mut frames = drive(4, SyntheticDriveConfig::default());
     for _ in 0..30 {
         let frame = frames.next().expect("endless");
-        localizer.odometry(&frame.odometry);
-        let estimate = localizer.see(frame.stamp, &frame.points);
+        localizer.add_odometry(&frame.odometry);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
         assert_eq!(estimate.mode, Mode::Global);
         assert!(!estimate.half_known && estimate.reason.is_some());
         let pose = estimate.pose.expect("a pose");
-        let either =
-            position_error(pose, frame.truth).min(position_error(half_turn(pose), frame.truth));
+        let either = position_error(pose, frame.true_pose)
+            .min(position_error(half_turn(pose), frame.true_pose));
         assert!(either < 0.1, "{either}");
     }
     let mut known = None;
     for k in 0..10 {
         let frame = frames.next().expect("endless");
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
-        let estimate = localizer.see(frame.stamp, &frame.points);
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
         if estimate.mode == Mode::Tracking {
-            assert!(position_error(estimate.pose.expect("a pose"), frame.truth) < 0.1);
+            assert!(position_error(estimate.pose.expect("a pose"), frame.true_pose) < 0.1);
             known = known.or(Some(k));
         }
     }
@@ -149,33 +156,33 @@ fn without_a_compass_the_half_is_said_to_be_unknown_until_one_decides() {
 }
 
 #[test]
-fn a_kidnapped_robot_says_lost_and_finds_itself_again() {
-    let covered = DriveConfig {
-        covered: 0.25,
-        ..DriveConfig::default()
+fn kidnapped_robot_is_located_within_24_frames() {
+    let covered = SyntheticDriveConfig {
+        occluded_share: 0.25,
+        ..SyntheticDriveConfig::default()
     };
     let mut frames = drive(5, covered);
     let mut localizer = localizer();
     for _ in 0..12 {
         for _ in 0..60 {
             let frame = frames.next().expect("endless");
-            localizer.odometry(&frame.odometry);
-            localizer.compass(&frame.compass);
-            localizer.see(frame.stamp, &frame.points);
+            localizer.add_odometry(&frame.odometry);
+            localizer.add_compass(&frame.compass);
+            localizer.process_points(frame.stamp, &frame.points);
         }
         frames.kidnap();
         let (mut lost_after, mut found_after) = (None, None);
         for k in 0..24 {
             let frame = frames.next().expect("endless");
-            localizer.odometry(&frame.odometry);
-            localizer.compass(&frame.compass);
-            let estimate = localizer.see(frame.stamp, &frame.points);
+            localizer.add_odometry(&frame.odometry);
+            localizer.add_compass(&frame.compass);
+            let estimate = localizer.process_points(frame.stamp, &frame.points);
             if estimate.mode == Mode::Lost {
                 lost_after = lost_after.or(Some(k));
             }
             if estimate
                 .pose
-                .is_some_and(|pose| position_error(pose, frame.truth) < 0.15)
+                .is_some_and(|pose| position_error(pose, frame.true_pose) < 0.15)
             {
                 found_after = found_after.or(Some(k));
             }
@@ -185,7 +192,7 @@ fn a_kidnapped_robot_says_lost_and_finds_itself_again() {
 }
 
 #[test]
-fn a_push_that_odometry_missed_is_followed() {
+fn push_missed_by_odometry_is_corrected_within_5_frames() {
     let field = field();
     let mut localizer = localizer();
     let mut rng = ChaCha8Rng::seed_from_u64(6);
@@ -194,14 +201,15 @@ fn a_push_that_odometry_missed_is_followed() {
         let truth = Pose::new(x, 3.0, 0.5);
         let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
         let heading = 0.5;
-        localizer.odometry(&still(f64::from(k) / 30.0));
-        localizer.compass(&Compass {
+        localizer.add_odometry(&stationary_odometry(f64::from(k) / 30.0));
+        localizer.add_compass(&Compass {
             stamp,
             heading,
-            field: None,
+            magnetic_field: None,
         });
-        let points = see(&field, &DriveConfig::default(), truth, &mut rng);
-        let estimate = localizer.see(stamp, &points);
+        let points =
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
+        let estimate = localizer.process_points(stamp, &points);
         if k == 29 || k > 34 {
             let pose = estimate.pose.expect("a pose");
             assert!(position_error(pose, truth) < 0.05, "frame {k}: {pose:?}");
@@ -210,20 +218,20 @@ fn a_push_that_odometry_missed_is_followed() {
 }
 
 #[test]
-fn a_covered_camera_is_bridged_and_then_admitted() {
+fn covered_camera_is_dead_reckoned_then_reported_lost() {
     let mut config = LocalizeConfig::default();
-    config.mode.lost_std = 0.2;
+    config.mode.lost_position_std = 0.2;
     let mut localizer = Localizer::new(&field(), config);
-    let mut frames = drive(7, DriveConfig::default());
+    let mut frames = drive(7, SyntheticDriveConfig::default());
     let mut before = 0.0;
     let mut said = None;
     for k in 0..30 * 40 {
         let frame = frames.next().expect("endless");
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
         let covered = k >= 300;
         let points = if covered { &[][..] } else { &frame.points };
-        let estimate = localizer.see(frame.stamp, points);
+        let estimate = localizer.process_points(frame.stamp, points);
         let std = estimate.covariance[(0, 0)].sqrt();
         if (300..330).contains(&k) {
             assert_eq!(estimate.reason, Some(Reason::FewPoints));
@@ -231,7 +239,7 @@ fn a_covered_camera_is_bridged_and_then_admitted() {
         }
         before = std;
         if let Some(pose) = estimate.pose {
-            let error = position_error(pose, frame.truth);
+            let error = position_error(pose, frame.true_pose);
             assert!(k < 15 || error < 0.8, "frame {k}: off by {error}");
         } else if k > 300 {
             said = said.or(Some(k));
@@ -241,14 +249,14 @@ fn a_covered_camera_is_bridged_and_then_admitted() {
 }
 
 #[test]
-fn the_same_samples_give_the_same_bits() {
+fn estimates_are_bit_reproducible() {
     let run = || -> Vec<u32> {
         let mut localizer = localizer();
-        drive(8, DriveConfig::default())
+        drive(8, SyntheticDriveConfig::default())
             .take(120)
             .flat_map(|frame| {
-                localizer.odometry(&frame.odometry);
-                let estimate = localizer.see(frame.stamp, &frame.points);
+                localizer.add_odometry(&frame.odometry);
+                let estimate = localizer.process_points(frame.stamp, &frame.points);
                 let pose = estimate.pose.unwrap_or(Pose::new(0.0, 0.0, 0.0));
                 [pose.x.to_bits(), pose.y.to_bits(), pose.theta.to_bits()]
             })
@@ -258,8 +266,8 @@ fn the_same_samples_give_the_same_bits() {
 }
 
 #[test]
-fn points_on_one_line_leave_their_direction_free() {
-    let distances = DistanceField::new(&field(), &LocalizeConfig::default().distance);
+fn single_line_leaves_position_along_it_unconstrained() {
+    let distances = DistanceField::new(&field(), &LocalizeConfig::default().distance_field);
     let mut matcher = Matcher::new(LocalizeConfig::default().matching);
     // Along the touch line at y = 5.9375, seen from (3, 4).
     let points: Vec<_> = (0..30)
@@ -273,22 +281,22 @@ fn points_on_one_line_leave_their_direction_free() {
 }
 
 #[test]
-fn worthless_points_make_no_pose() {
+fn invalid_points_give_no_pose() {
     let mut localizer = localizer();
     let nan = vec![point(f32::NAN, 1.0), point(1.0, f32::INFINITY)];
     let far: Vec<_> = (0..50).map(|k| point(40.0 + k as f32, 40.0)).collect();
     let heap: Vec<_> = (0..50).map(|_| point(1.0, 1.0)).collect();
     for (k, points) in [&[][..], &nan, &far].into_iter().enumerate() {
-        let estimate = localizer.see(Stamp::from_seconds(k as f64), points);
+        let estimate = localizer.process_points(Stamp::from_seconds(k as f64), points);
         assert_eq!((estimate.mode, estimate.pose), (Mode::Lost, None));
         assert!(estimate.covariance[(0, 0)].sqrt() > 3.0);
     }
-    let estimate = localizer.see(Stamp::from_seconds(10.0), &heap);
+    let estimate = localizer.process_points(Stamp::from_seconds(10.0), &heap);
     assert_ne!(estimate.mode, Mode::Tracking);
 }
 
 #[test]
-fn a_tracked_robot_that_sees_one_line_alone_grows_unsure_along_it() {
+fn single_line_grows_the_covariance_along_it() {
     let field = field();
     let mut localizer = localizer();
     let truth = Pose::new(3.0, 4.0, 0.0);
@@ -296,21 +304,21 @@ fn a_tracked_robot_that_sees_one_line_alone_grows_unsure_along_it() {
     let mut begun = None;
     for k in 0..240 {
         let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
-        localizer.odometry(&still(f64::from(k) / 30.0));
-        localizer.compass(&Compass {
+        localizer.add_odometry(&stationary_odometry(f64::from(k) / 30.0));
+        localizer.add_compass(&Compass {
             stamp,
             heading: 0.0,
-            field: None,
+            magnetic_field: None,
         });
         let points = if k < 60 {
-            see(&field, &DriveConfig::default(), truth, &mut rng)
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng)
         } else {
             // Along the touch line at y = 5.9375.
             (0..30)
                 .map(|k| point(-1.5 + 0.1 * k as f32, 5.9375 - 4.0))
                 .collect()
         };
-        let estimate = localizer.see(stamp, &points);
+        let estimate = localizer.process_points(stamp, &points);
         let [along, across] = [0, 1].map(|i| estimate.covariance[(i, i)].sqrt());
         if k >= 59 {
             assert!(
@@ -330,14 +338,14 @@ fn a_tracked_robot_that_sees_one_line_alone_grows_unsure_along_it() {
 }
 
 #[test]
-fn points_outside_the_field_move_no_tracked_robot() {
+fn points_outside_the_field_do_not_move_a_tracked_pose() {
     let mut localizer = localizer();
-    let mut frames = drive(15, DriveConfig::default());
+    let mut frames = drive(15, SyntheticDriveConfig::default());
     let mut last = None;
     for k in 0..90 {
         let frame = frames.next().expect("endless");
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
         let astray =
             [30.0_f32, -40.0, 60.0].map(|x| [point(x, x), point(-x, 0.5 * x), point(x, 0.0)]);
         let points = if k < 60 {
@@ -345,11 +353,11 @@ fn points_outside_the_field_move_no_tracked_robot() {
         } else {
             astray.as_flattened().to_vec()
         };
-        let estimate = localizer.see(frame.stamp, &points);
+        let estimate = localizer.process_points(frame.stamp, &points);
         if k >= 60 {
             assert_ne!(estimate.reason, None, "frame {k}");
             if let Some(pose) = estimate.pose {
-                assert!(position_error(pose, frame.truth) < 0.3, "frame {k}");
+                assert!(position_error(pose, frame.true_pose) < 0.3, "frame {k}");
             }
             let std = estimate.covariance[(0, 0)].sqrt();
             assert!(
@@ -362,14 +370,14 @@ fn points_outside_the_field_move_no_tracked_robot() {
 }
 
 #[test]
-fn a_view_that_fits_several_places_is_said_to_be_ambiguous_until_the_drive_decides() {
+fn single_line_is_reported_ambiguous() {
     // Two hypotheses that one line leaves: a robot that sees nothing but a line is nowhere in particular.
     let mut localizer = localizer();
     let line: Vec<_> = (0..40).map(|k| point(-2.0 + 0.1 * k as f32, 1.5)).collect();
     for k in 0..3 {
         let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
-        localizer.odometry(&still(f64::from(k) / 30.0));
-        let estimate = localizer.see(stamp, &line);
+        localizer.add_odometry(&stationary_odometry(f64::from(k) / 30.0));
+        let estimate = localizer.process_points(stamp, &line);
         assert_ne!(estimate.mode, Mode::Tracking);
         assert!(!estimate.half_known && estimate.reason.is_some());
         assert!(estimate.covariance[(0, 0)].max(estimate.covariance[(1, 1)]) > 0.5);
@@ -377,94 +385,96 @@ fn a_view_that_fits_several_places_is_said_to_be_ambiguous_until_the_drive_decid
 }
 
 #[test]
-fn nan_among_good_points_changes_nothing() {
+fn nan_points_are_ignored() {
     let (mut clean, mut dirty) = (localizer(), localizer());
-    for frame in drive(9, DriveConfig::default()).take(60) {
+    for frame in drive(9, SyntheticDriveConfig::default()).take(60) {
         let mut points = frame.points.clone();
         points.insert(points.len() / 2, point(f32::NAN, f32::NAN));
-        clean.odometry(&frame.odometry);
-        dirty.odometry(&frame.odometry);
-        let a = clean.see(frame.stamp, &frame.points);
-        let b = dirty.see(frame.stamp, &points);
+        clean.add_odometry(&frame.odometry);
+        dirty.add_odometry(&frame.odometry);
+        let a = clean.process_points(frame.stamp, &frame.points);
+        let b = dirty.process_points(frame.stamp, &points);
         assert_eq!(a.pose, b.pose);
     }
 }
 
 #[test]
-fn a_frame_from_the_past_is_refused_and_a_clock_set_back_is_accepted() {
+fn out_of_order_image_is_rejected_and_clock_reset_accepted() {
     let mut localizer = localizer();
-    let mut frames = drive(10, DriveConfig::default());
+    let mut frames = drive(10, SyntheticDriveConfig::default());
     let mut newest = None;
     for _ in 0..30 {
         let frame = frames.next().expect("endless");
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
-        newest = localizer.see(frame.stamp, &frame.points).pose;
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        newest = localizer.process_points(frame.stamp, &frame.points).pose;
     }
     let frame = frames.next().expect("endless");
     let early = Stamp::from_seconds(0.1);
-    let estimate = localizer.see(early, &frame.points);
-    assert_eq!(estimate.reason, Some(Reason::FromThePast));
+    let estimate = localizer.process_points(early, &frame.points);
+    assert_eq!(estimate.reason, Some(Reason::OutOfOrder));
     assert_eq!(estimate.pose, newest);
     let mut again = estimate;
     for k in 0..10 {
         let stamp = Stamp::from_seconds(0.2 + 0.03 * f64::from(k));
-        let heading = frame.truth.theta;
-        localizer.compass(&Compass {
+        let heading = frame.true_pose.theta;
+        localizer.add_compass(&Compass {
             stamp,
             heading,
-            field: None,
+            magnetic_field: None,
         });
-        again = localizer.see(stamp, &frame.points);
+        again = localizer.process_points(stamp, &frame.points);
     }
-    assert_ne!(again.reason, Some(Reason::FromThePast));
-    assert!(position_error(again.pose.expect("a pose"), frame.truth) < 0.1);
+    assert_ne!(again.reason, Some(Reason::OutOfOrder));
+    assert!(position_error(again.pose.expect("a pose"), frame.true_pose) < 0.1);
 }
 
 #[test]
-fn a_camera_slower_than_odometry_costs_nothing() {
+fn late_images_are_applied_at_their_stamp() {
     let mut localizer = localizer();
-    let frames: Vec<_> = drive(13, DriveConfig::default()).take(120).collect();
+    let frames: Vec<_> = drive(13, SyntheticDriveConfig::default())
+        .take(120)
+        .collect();
     for (k, now) in frames.iter().enumerate() {
-        localizer.odometry(&now.odometry);
-        localizer.compass(&now.compass);
+        localizer.add_odometry(&now.odometry);
+        localizer.add_compass(&now.compass);
         // The frame that arrives was taken two samples ago.
         let Some(frame) = k.checked_sub(2).map(|k| &frames[k]) else {
             continue;
         };
-        let estimate = localizer.see(frame.stamp, &frame.points);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
         if k > 30 {
             assert_eq!(estimate.mode, Mode::Tracking, "frame {k}");
             let pose = estimate.pose.expect("a pose");
-            assert!(position_error(pose, frame.truth) < 0.05, "frame {k}");
+            assert!(position_error(pose, frame.true_pose) < 0.05, "frame {k}");
         }
     }
 }
 
 #[test]
-fn odometry_with_a_gap_leads_to_nothing() {
+fn odometry_gap_ends_tracking() {
     let mut localizer = localizer();
-    let mut frames = drive(11, DriveConfig::default());
+    let mut frames = drive(11, SyntheticDriveConfig::default());
     for _ in 0..30 {
         let frame = frames.next().expect("endless");
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
-        localizer.see(frame.stamp, &frame.points);
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        localizer.process_points(frame.stamp, &frame.points);
     }
     let frame = frames.next().expect("endless");
-    localizer.odometry(&still(3.0));
-    let estimate = localizer.see(Stamp::from_seconds(3.0), &frame.points);
+    localizer.add_odometry(&stationary_odometry(3.0));
+    let estimate = localizer.process_points(Stamp::from_seconds(3.0), &frame.points);
     assert_ne!(estimate.mode, Mode::Tracking);
 }
 
 #[test]
-fn a_lean_is_found_and_repaired() {
+fn tilt_estimation_reduces_position_error() {
     let field = field();
-    let distances = DistanceField::new(&field, &LocalizeConfig::default().distance);
+    let distances = DistanceField::new(&field, &LocalizeConfig::default().distance_field);
     let config = LocalizeConfig::default().matching;
     let mut matcher = Matcher::new(config.clone());
     let upright = localize::matching::MatchConfig {
-        lean_std_deg: 0.0,
+        tilt_std_deg: 0.0,
         ..config.clone()
     };
     let mut without = Matcher::new(upright);
@@ -473,8 +483,9 @@ fn a_lean_is_found_and_repaired() {
     let height = config.viewpoint_height;
     let (a, b) = (0.5_f32.to_radians(), -0.4_f32.to_radians());
     for _ in 0..40 {
-        let truth = anywhere(&field, &mut rng);
-        let mut points = see(&field, &DriveConfig::default(), truth, &mut rng);
+        let truth = random_pose(&field, &mut rng);
+        let mut points =
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
         for point in &mut points {
             // What an upright map says of a point that a leaning robot sees: the inverse of MATH.md's formula.
             let (x, y) = (point.at.x, point.at.y);

@@ -4,15 +4,15 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow};
-use localize::config::{ConfigError, LocalizeConfig};
+use localize::config::{LocalizeConfig, SettingOutOfRange};
 use localize::estimate::Estimate;
 use localize::field::GoalColour;
 use localize::localizer::Localizer;
-use localize::relocalise::scan_map::Origin;
-use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
-use localize::team::{Report, TeamConfig, TeamModel, TeamView};
-use localize::toml_place::place;
-use localize::world::{World, WorldConfig, WorldModel};
+use localize::relocalise::scan_map::CacheStatus;
+use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
+use localize::team::{TeamConfig, TeamModel, TeamReport, TeamView};
+use localize::toml_place::key_location;
+use localize::world::{WorldConfig, WorldModel, WorldView};
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 use schemars::JsonSchema;
@@ -41,7 +41,7 @@ pub struct Cycle {
     /// Where the robot is, as far as it knows.
     pub estimate: Estimate,
     /// Ball and robots around it.
-    pub world: World,
+    pub world: WorldView,
     /// What team-mates say, and the ball they agree on.
     pub team: TeamView,
     /// How well the frame is exposed, and what to set the camera to; none where it was not looked at.
@@ -62,9 +62,9 @@ pub struct Inputs {
     /// Inertial readings, in order.
     pub imu: Vec<Imu>,
     /// What the motors were told, in order.
-    pub commands: Vec<Command>,
+    pub commands: Vec<VelocityCommand>,
     /// Words of team-mates, in order.
-    pub reports: Vec<Report>,
+    pub reports: Vec<TeamReport>,
     /// The latest truth; no stage sees it.
     pub truth: Option<Truth>,
     /// The image, if there is one.
@@ -183,8 +183,12 @@ impl SpineConfig {
             .with_context(|| format!("cannot read {}", path.display()))?;
         // Alone first: an unknown key or a wrong type is named with its line.
         toml::from_str::<SpineConfig>(&text).with_context(|| path.display().to_string())?;
-        overlaid(&base, toml::from_str(&text)?)
-            .map_err(|error| anyhow!("{}: {error:#}", place(path, &text, &refused_key(&error))))
+        overlaid(&base, toml::from_str(&text)?).map_err(|error| {
+            anyhow!(
+                "{}: {error:#}",
+                key_location(path, &text, &refused_key(&error))
+            )
+        })
     }
 }
 
@@ -192,7 +196,7 @@ impl SpineConfig {
 fn refused_key(error: &anyhow::Error) -> String {
     match (error.downcast_ref(), error.downcast_ref()) {
         (Some(VisionError::Config { key, .. }), _) => format!("vision.{key}"),
-        (_, Some(ConfigError { key, .. })) => format!("localize.{key}"),
+        (_, Some(SettingOutOfRange { key, .. })) => format!("localize.{key}"),
         _ => String::new(),
     }
 }
@@ -364,23 +368,23 @@ impl Spine {
         for sample in inputs.in_order() {
             match sample {
                 Sample::Odometry(odometry) => {
-                    self.localizer.odometry(&odometry);
-                    self.world.odometry(&odometry);
+                    self.localizer.add_odometry(&odometry);
+                    self.world.add_odometry(&odometry);
                 }
-                Sample::Compass(compass) => self.localizer.compass(&compass),
-                Sample::Report(report) => self.team.hear(&report),
-                Sample::Imu(imu) => self.localizer.imu(&imu),
-                Sample::Command(command) => self.localizer.command(&command),
+                Sample::Compass(compass) => self.localizer.add_compass(&compass),
+                Sample::Report(report) => self.team.receive(&report),
+                Sample::Imu(imu) => self.localizer.add_imu(&imu),
+                Sample::Command(command) => self.localizer.add_command(&command),
                 Sample::Truth(_) | Sample::Frame(_) => {}
             }
         }
-        self.localizer.goals(stamp, &goals);
-        let estimate = self.localizer.see(stamp, &points);
+        self.localizer.add_goals(stamp, &goals);
+        let estimate = self.localizer.process_points(stamp, &points);
         let sight = seen.as_ref().map(crate::observations::sight);
-        let world = self.world.see(stamp, sight.as_ref(), &estimate);
-        let team = self.team.view(stamp, &world, &estimate);
+        let world = self.world.update(stamp, sight.as_ref(), &estimate);
+        let team = self.team.update(stamp, &world, &estimate);
         // For the next frame: this one's estimate is told already.
-        self.localizer.half_evidence(team.half_evidence);
+        self.localizer.add_half_log_odds(team.half_log_odds);
         self.known = estimate.pose.map(|pose| Known {
             stamp,
             pose,
@@ -422,22 +426,22 @@ fn localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
     let Some(folder) = paths::cache() else {
         return Localizer::new(&setup.field, config);
     };
-    let (localizer, origin) = Localizer::cached(&setup.field, config, &folder);
-    let megabytes = localizer.bytes() as f64 / 1e6;
+    let (localizer, origin) = Localizer::with_cache(&setup.field, config, &folder);
+    let megabytes = localizer.memory_bytes() as f64 / 1e6;
     let folder = folder.display();
     match origin {
-        None | Some(Origin::Read) => {}
-        Some(Origin::Built) => {
+        None | Some(CacheStatus::Loaded) => {}
+        Some(CacheStatus::Built) => {
             eprintln!(
                 "built the field's scan map and kept it in {folder} ({megabytes:.0} MB of tables in all)"
             );
         }
-        Some(Origin::Rebuilt) => {
+        Some(CacheStatus::Rebuilt) => {
             eprintln!(
                 "the field's scan map in {folder} is damaged or of another version: built it anew"
             );
         }
-        Some(Origin::NotKept(reason)) => {
+        Some(CacheStatus::NotStored(reason)) => {
             eprintln!("built the field's scan map, but it is not kept: {reason}");
         }
     }
@@ -445,7 +449,7 @@ fn localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
 }
 
 /// The goals that tell the halves of the field apart, as localisation wants them.
-pub fn goal_sights(seen: &Seen) -> Vec<GoalSight> {
+pub fn goal_sights(seen: &Seen) -> Vec<GoalObservation> {
     seen.goals
         .iter()
         .filter_map(|goal| {
@@ -455,7 +459,7 @@ pub fn goal_sights(seen: &Seen) -> Vec<GoalSight> {
                 GoalKind::Post => return None,
             };
             let [var_xx, _, var_yy] = goal.covariance;
-            Some(GoalSight {
+            Some(GoalObservation {
                 colour,
                 at: goal.at,
                 std: (var_xx + var_yy).sqrt(),

@@ -1,29 +1,29 @@
 //! What does vision's sight say to the world model? The same objects in localize's words.
 
-use localize::world::{Sight, Sighting, Team};
+use localize::world::{ObjectObservation, TeamColour, WorldObservation};
 use vision::eyes::Seen;
 use vision::robots::Marker;
 
 /// The objects of a sight.
-pub fn sight(seen: &Seen) -> Sight {
-    let ball = seen.ball.map(|ball| Sighting {
+pub fn sight(seen: &Seen) -> WorldObservation {
+    let ball = seen.ball.map(|ball| ObjectObservation {
         at: ball.at,
         covariance: ball.covariance,
         score: ball.score,
-        flying: !ball.on_ground,
+        airborne: !ball.on_ground,
         team: None,
     });
-    let robots = seen.robots.iter().map(|robot| Sighting {
+    let robots = seen.robots.iter().map(|robot| ObjectObservation {
         at: robot.at,
         covariance: robot.covariance,
         score: robot.score,
-        flying: false,
+        airborne: false,
         team: robot.marker.map(|marker| match marker {
-            Marker::Cyan => Team::Cyan,
-            Marker::Magenta => Team::Magenta,
+            Marker::Cyan => TeamColour::Cyan,
+            Marker::Magenta => TeamColour::Magenta,
         }),
     });
-    Sight {
+    WorldObservation {
         ball,
         robots: robots.collect(),
     }

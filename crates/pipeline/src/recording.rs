@@ -118,7 +118,7 @@ impl Recording {
                 let compass = Compass {
                     stamp,
                     heading,
-                    field: fields.get(&stamp).copied(),
+                    magnetic_field: fields.get(&stamp).copied(),
                 };
                 events.push(Event {
                     stamp: compass.stamp,

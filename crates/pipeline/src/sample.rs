@@ -7,8 +7,8 @@ use std::sync::Arc;
 use localize::Pose;
 use localize::Stamp;
 use localize::frame::{At, FieldFrame};
-use localize::sample::{Command, Compass, GoalSight, Imu, LinePoint, Odometry};
-use localize::team::Report;
+use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
+use localize::team::TeamReport;
 use vision::eyes::Seen;
 use vision::image::{Frame as Pixels, Image, PixelFormat};
 
@@ -37,9 +37,9 @@ pub enum Sample {
     /// From the inertial unit.
     Imu(Imu),
     /// What the motors are told.
-    Command(Command),
+    Command(VelocityCommand),
     /// What a team-mate says.
-    Report(Report),
+    Report(TeamReport),
     /// For scoring alone; no stage sees it.
     Truth(Truth),
     /// A frame: it ends a cycle.
@@ -65,7 +65,7 @@ pub enum Content {
         /// Line points.
         points: Vec<LinePoint>,
         /// Goals by their colours.
-        goals: Vec<GoalSight>,
+        goals: Vec<GoalObservation>,
     },
     /// What our own vision found in an earlier run.
     Seen(Box<Seen>),

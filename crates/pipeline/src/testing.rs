@@ -8,10 +8,10 @@ use localize::estimate::{Estimate, Mode, Reason};
 use localize::frame::At;
 use localize::omni::Twist;
 use localize::robot::CameraSetting;
-use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
+use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::search::Hypothesis;
-use localize::team::{self, Mate, Report, SharedBall, TeamView};
-use localize::world::{Object, OnField, Team, World};
+use localize::team::{self, TeamBall, TeamReport, TeamView, Teammate};
+use localize::world::{FieldState, TeamColour, TrackedObject, WorldView};
 use localize::{Field, Pose, Stamp};
 use nalgebra::{Matrix3, Matrix4};
 use rand::{RngExt, SeedableRng};
@@ -87,14 +87,14 @@ impl Any {
             compass: vec![Compass {
                 stamp,
                 heading: self.value(),
-                field: Some([self.value(), self.value()]),
+                magnetic_field: Some([self.value(), self.value()]),
             }],
             imu: vec![Imu {
                 stamp,
                 acceleration: self.values(),
                 rate: self.values(),
             }],
-            commands: vec![Command {
+            commands: vec![VelocityCommand {
                 stamp,
                 twist: Twist {
                     x: self.value(),
@@ -102,17 +102,17 @@ impl Any {
                     theta: self.value(),
                 },
             }],
-            reports: vec![Report {
+            reports: vec![TeamReport {
                 robot: 3,
                 stamp,
                 pose: Some(self.pose()),
                 pose_std: self.values(),
                 half_known: true,
-                ball: Some(team::Ball {
+                ball: Some(team::ReportedBall {
                     at: self.at(),
                     velocity: self.values(),
                     covariance: self.values(),
-                    seen: stamp,
+                    last_seen: stamp,
                 }),
                 obstacles: vec![self.at()],
             }],
@@ -188,22 +188,22 @@ impl Any {
         }
     }
 
-    fn world(&mut self, stamp: Stamp, number: u64) -> World {
-        let mut object = |id| Object {
+    fn world(&mut self, stamp: Stamp, number: u64) -> WorldView {
+        let mut object = |id| TrackedObject {
             id,
             at: self.at(),
             velocity: self.values(),
             covariance: Matrix4::from_fn(|_, _| self.value()),
-            on_field: number.is_multiple_of(2).then(|| OnField {
+            on_field: number.is_multiple_of(2).then(|| FieldState {
                 at: self.at(),
                 velocity: self.values(),
                 covariance: Matrix4::from_fn(|_, _| self.value()),
             }),
             probability: self.value(),
-            seen: stamp,
-            team: [None, Some(Team::Cyan), Some(Team::Magenta)][number as usize % 3],
+            last_seen: stamp,
+            team: [None, Some(TeamColour::Cyan), Some(TeamColour::Magenta)][number as usize % 3],
         };
-        World {
+        WorldView {
             ball: Some(object(7)),
             robots: vec![object(8), object(9)],
         }
@@ -211,22 +211,22 @@ impl Any {
 
     fn team(&mut self) -> TeamView {
         TeamView {
-            ball: Some(SharedBall {
+            ball: Some(TeamBall {
                 at: self.at(),
                 velocity: self.values(),
                 covariance: self.values(),
-                witnesses: vec![1, 3],
-                dissenters: vec![2],
+                inliers: vec![1, 3],
+                outliers: vec![2],
             }),
-            mates: [None, Some(true), Some(false)]
-                .map(|agrees| Mate {
+            teammates: [None, Some(true), Some(false)]
+                .map(|agrees| Teammate {
                     robot: 3,
                     age: self.value(),
                     pose: Some(self.pose()),
                     agrees,
                 })
                 .into(),
-            half_evidence: self.value(),
+            half_log_odds: self.value(),
         }
     }
 
@@ -256,11 +256,11 @@ impl Any {
             pose: (!lost).then(|| self.pose()),
             covariance: self.matrix(),
             mode: [Mode::Lost, Mode::Tracking, Mode::Global][number as usize % 3],
-            reason: lost.then_some(Reason::NothingFits),
+            reason: lost.then_some(Reason::NoMatch),
             residual: self.value(),
             inlier_share: self.value(),
             line_points: 50,
-            lean: self.values(),
+            tilt: self.values(),
             half_known: number.is_multiple_of(2),
             odometry_scales: self.values(),
             twist: (!lost).then(|| Twist {
@@ -277,7 +277,7 @@ impl Any {
                 score: self.value(),
                 inlier_share: self.value(),
                 residual: self.value(),
-                lean: self.values(),
+                tilt: self.values(),
                 probability: self.value(),
             }],
         }

@@ -1,6 +1,6 @@
 //! What do the wheels do? An omnidirectional base: wheel speeds, traction with slip, and what the encoders count.
 
-use localize::omni::{Omni, OmniError, Twist};
+use localize::omni::{OmniError, OmniKinematics, Twist};
 use localize::robot::BaseConfig;
 use localize::sample::Odometry;
 use localize::stamp::Stamp;
@@ -12,7 +12,7 @@ use crate::scenario::WheelConfig;
 #[derive(Debug, Clone)]
 pub struct Base {
     /// The wheels as the robot file believes them.
-    omni: Omni,
+    omni: OmniKinematics,
     wheels: Vec<Wheel>,
     /// Of the wheels from the centre, metres.
     lever: f32,
@@ -45,7 +45,7 @@ impl Base {
             .iter()
             .map(|angle_deg| angle_deg.to_radians())
             .collect();
-        let omni = Omni::new(&angles, config.wheel_radius, config.wheel_distance)?;
+        let omni = OmniKinematics::new(&angles, config.wheel_radius, config.wheel_distance)?;
         let last = real.radius_scale.len().saturating_sub(1);
         let wheels = (0..angles.len())
             .map(|index| Wheel {
@@ -77,7 +77,7 @@ impl Base {
     /// Force (N along the robot's x and y) and torque (N m) of all wheels on the robot.
     pub fn drive(&mut self, wanted: Twist, real: Twist, step: f32) -> [f32; 3] {
         self.follow(wanted, step);
-        let radius = self.omni.radius();
+        let radius = self.omni.wheel_radius();
         let turns = self.omni.wheel_speeds(self.followed);
         for (wheel, turn) in self.wheels.iter_mut().zip(turns) {
             wheel.turned += f64::from(turn * step);
@@ -98,7 +98,7 @@ impl Base {
 
     /// The motors' ramp: acceleration and wheel speed are limited, the direction of motion is kept.
     fn follow(&mut self, wanted: Twist, step: f32) {
-        let target = self.omni.limited(wanted, self.speed_max);
+        let target = self.omni.limit_twist(wanted, self.speed_max);
         let now = self.followed;
         let change = Vector3::new(target.x - now.x, target.y - now.y, target.theta - now.theta);
         let size = Vector3::new(change.x, change.y, change.z * self.lever).norm();
@@ -128,7 +128,7 @@ impl Base {
             })
             .collect();
         let (motion, slip) = self.omni.twist(&turns);
-        motion.odometry(stamp, slip)
+        motion.integrate(stamp, slip)
     }
 
     /// How far each wheel has turned since the start, radians.

@@ -15,7 +15,7 @@ pub struct FilmConfig {
     /// Gain: brightens what was exposed, noise included.
     pub gain: f32,
     /// Gains of red, green and blue.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub white_balance: [f32; 3],
     /// Light lost at the image's corners over its centre.
     pub vignetting: f32,

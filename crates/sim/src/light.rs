@@ -9,7 +9,7 @@ pub struct LightConfig {
     /// Level at all times where there are no keyframes.
     pub level: f32,
     /// Colour of the light: red, green and blue relative to white.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub colour: [f32; 3],
     /// Levels at given times, straight between them.
     pub keyframes: Vec<LightKey>,

@@ -191,10 +191,10 @@ pub struct BallConfig {
     /// False for a field without a ball.
     pub present: bool,
     /// Where it lies at first, metres.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub position: [f32; 2],
     /// How it moves at first (sliding), m/s.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub velocity: [f32; 2],
     /// Metres.
     pub diameter: f32,
@@ -326,7 +326,7 @@ pub struct Push {
     /// When, seconds.
     pub time: f64,
     /// Impulse on the field, N s along x and y.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub impulse: [f32; 2],
 }
 

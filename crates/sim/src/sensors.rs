@@ -89,13 +89,13 @@ impl CompassModel {
             return Compass {
                 stamp,
                 heading,
-                field: None,
+                magnetic_field: None,
             };
         };
         // North lies along the field's x axis.
         let (sin, cos) = heading.sin_cos();
         let field = [0, 1].map(|k| soft[k][0] * cos - soft[k][1] * sin + hard[k]);
-        Compass::of_field(stamp, field)
+        Compass::from_magnetic_field(stamp, field)
     }
 }
 
@@ -121,9 +121,16 @@ mod tests {
             .map(|k| wrap_angle(k as f32 * 0.1))
             .map(|heading| (heading, compass.read(Stamp(0), heading, &mut rng)))
             .collect();
-        let fields: Vec<[f32; 2]> = readings.iter().filter_map(|one| one.1.field).collect();
+        let fields: Vec<[f32; 2]> = readings
+            .iter()
+            .filter_map(|one| one.1.magnetic_field)
+            .collect();
         let told = localize::config::CompassConfig {
-            calibration: Some(localize::compass::fit(&fields).expect("a turn").calibration),
+            calibration: Some(
+                localize::compass::fit_calibration(&fields)
+                    .expect("a turn")
+                    .calibration,
+            ),
             ..localize::config::CompassConfig::default()
         };
         let worst = |heading: &dyn Fn(&Compass) -> f32| {
@@ -134,7 +141,7 @@ mod tests {
         };
         assert!(worst(&|one| one.heading) > 25.0);
         assert!(worst(&|one| told.heading(one).expect("undisturbed")) < 6.0);
-        let beside_steel = Compass::of_field(Stamp(0), [3.0, 0.0]);
+        let beside_steel = Compass::from_magnetic_field(Stamp(0), [3.0, 0.0]);
         assert_eq!(told.heading(&beside_steel), None);
     }
 

@@ -10,7 +10,7 @@ use localize::field::{Field, FieldError};
 use localize::frame::Pose;
 use localize::omni::{OmniError, Twist};
 use localize::robot::{CameraConfig, RobotConfig};
-use localize::sample::{Command, Compass, Imu, Odometry};
+use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 use localize::stamp::Stamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -36,7 +36,7 @@ pub enum Sample {
     /// Compass.
     Compass(Compass),
     /// What the motors are told, whenever odometry is due.
-    Command(Command),
+    Command(VelocityCommand),
     /// What is true at the time of an image; it comes just before the image.
     Truth(Truth),
     /// The camera.

@@ -13,13 +13,13 @@ use localize::robot::CameraConfig;
 #[serde(deny_unknown_fields, default)]
 pub struct Mount {
     /// Lean of the whole rig, degrees: towards the robot's x (a) and y (b), about the point on the ground below.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub lean_deg: [f64; 2],
     /// Tilt of the mirror against the camera's axis, degrees: its axis's top moves towards the robot's x and y.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub mirror_tilt_deg: [f64; 2],
     /// Offset of the mirror's axis from the camera's, metres along the robot's x and y.
-    #[serde(deserialize_with = "localize::exactly::exactly")]
+    #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub mirror_offset: [f64; 2],
     /// How much higher the mirror hangs than its profile says, metres.
     pub mirror_raise: f64,

@@ -107,7 +107,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         {
             let scene = TrueScene {
                 pose,
-                lean: cycle.estimate.lean,
+                lean: cycle.estimate.tilt,
                 viewpoint_height,
                 field: &setup.field,
                 map,

@@ -217,7 +217,7 @@ impl Looked {
         self.times_ms.push(f64::from(cycle.timings.see_ms));
         let scene = TrueScene {
             pose,
-            lean: cycle.estimate.lean,
+            lean: cycle.estimate.tilt,
             viewpoint_height: setup
                 .viewpoint_height
                 .unwrap_or(ObjectConfig::default().viewpoint_height),

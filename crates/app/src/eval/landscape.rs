@@ -2,8 +2,8 @@
 
 use anyhow::{Result, ensure};
 use indicatif::ProgressBar;
-use localize::drive::{DriveConfig, see};
-use localize::heading::{HeadingConfig, heading_by_histogram, histogram_peak};
+use localize::drive::{SyntheticDriveConfig, simulate_line_points};
+use localize::heading::{HeadingHistogramConfig, histogram_heading, histogram_peak};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -24,11 +24,11 @@ pub fn run(
     let Landscape { step, reach, .. } = *landscape;
     ensure!(step > 0.0 && reach > 0.0, "step and reach must be positive");
     let field = Field::load(&landscape.field)?;
-    let distances = DistanceField::new(&field, &SpineConfig::default().localize.distance);
+    let distances = DistanceField::new(&field, &SpineConfig::default().localize.distance_field);
     let [x, y, theta_deg] = landscape.pose;
     let truth = Pose::new(x, y, theta_deg.to_radians());
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let points = see(&field, &DriveConfig::default(), truth, &mut rng);
+    let points = simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
     let (sin, cos) = truth.theta.sin_cos();
     let turned: Vec<[f32; 2]> = points
         .iter()
@@ -39,7 +39,7 @@ pub fn run(
         .collect();
     let error = |x: f32, y: f32| -> f32 {
         let each = turned.iter().map(|[px, py]| {
-            let d = distances.nearest(x + px, y + py).distance;
+            let d = distances.nearest(x + px, y + py).signed_distance;
             1.0 - reach * reach / (reach * reach + d * d)
         });
         each.sum::<f32>() / turned.len().max(1) as f32
@@ -67,8 +67,8 @@ pub fn run(
         }
         bar.inc(1);
     }
-    let config = HeadingConfig::default();
-    let turns = (config.turn_max_deg / config.step_deg) as i32;
+    let config = HeadingHistogramConfig::default();
+    let turns = (config.search_range_deg / config.step_deg) as i32;
     for turn in -turns..=turns {
         let heading = truth.theta + (turn as f32 * config.step_deg).to_radians();
         let peak = histogram_peak(&points, heading, &config);
@@ -78,7 +78,7 @@ pub fn run(
     }
     // As the paper does, from a heading that is known to 20° only.
     let last = truth.theta + 20f32.to_radians();
-    let heading = heading_by_histogram(&points, last, &config);
+    let heading = histogram_heading(&points, last, &config);
     let off = heading.map(|heading| {
         f64::from(localize::frame::wrap_angle(heading - truth.theta).abs()).to_degrees()
     });

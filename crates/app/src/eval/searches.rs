@@ -4,11 +4,11 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use localize::drive::{DriveConfig, anywhere, normal, see};
+use localize::drive::{SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal};
 use localize::frame::wrap_angle;
 use localize::matching::Matcher;
-use localize::relocalise::{Relocaliser, Sight};
-use localize::search::{HeadingPrior, Search, half_turn};
+use localize::relocalise::{GlobalSearch, SearchInput};
+use localize::search::{BranchAndBound, HeadingPrior, half_turn};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -30,14 +30,14 @@ pub fn run(
 ) -> Result<Vec<Figure>> {
     let field = Field::load(&searches.field)?;
     let compass = searches.compass_std_deg.map(f32::to_radians);
-    let drive = DriveConfig::default();
+    let drive = SyntheticDriveConfig::default();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let sights: Vec<_> = (0..searches.count)
         .map(|_| {
-            let truth = anywhere(&field, &mut rng);
-            let points = see(&field, &drive, truth, &mut rng);
+            let truth = random_pose(&field, &mut rng);
+            let points = simulate_line_points(&field, &drive, truth, &mut rng);
             let prior = compass.map(|std| HeadingPrior {
-                heading: truth.theta + std * normal(&mut rng),
+                heading: truth.theta + std * standard_normal(&mut rng),
                 std,
             });
             (truth, points, prior)
@@ -48,22 +48,22 @@ pub fn run(
     let mut figures = Vec::new();
     for preset in &searches.presets {
         let config = SpineConfig::preset(preset)?.localize;
-        let distances = DistanceField::new(&field, &config.distance);
-        let mut search = Search::new(&field, &distances, config.search.clone());
+        let distances = DistanceField::new(&field, &config.distance_field);
+        let mut search = BranchAndBound::new(&field, &distances, config.branch_and_bound.clone());
         let mut matcher = Matcher::new(config.matching.clone());
-        let mut relocaliser = Relocaliser::new(&field, &distances, &config.relocalise);
+        let mut relocaliser = GlobalSearch::new(&field, &distances, &config.global_search);
         let (mut right, mut off, mut times) = (0, [Vec::new(), Vec::new(), Vec::new()], Vec::new());
         for (number, (truth, points, prior)) in sights.iter().enumerate() {
-            relocaliser.restart();
-            let sight = Sight {
+            relocaliser.reset();
+            let sight = SearchInput {
                 distances: &distances,
                 points,
-                prior: *prior,
-                alone: true,
+                heading_prior: *prior,
+                single_image: true,
                 goals: &[],
             };
             let started = Instant::now();
-            let found = relocaliser.find(&mut search, &mut matcher, &sight);
+            let found = relocaliser.find_hypotheses(&mut search, &mut matcher, &sight);
             times.push(started.elapsed().as_secs_f64() * 1e3);
             bar.inc(1);
             let [x, y, theta] = [truth.x, truth.y, truth.theta];

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use localize::team::experiment::{BallScore, Trial, shared_ball};
+use localize::team::experiment::{BallScore, TeamExperiment, evaluate_team_ball};
 use rayon::prelude::*;
 
 use super::experiment::{Circumstance, SquadRuns, Team, Variant};
@@ -40,7 +40,7 @@ pub fn drawn(
         let runs: Vec<Known> = seeds
             .par_iter()
             .map(|&seed| {
-                let score = shared_ball(seed..seed + 1, &trial);
+                let score = evaluate_team_ball(seed..seed + 1, &trial);
                 bar.inc(1);
                 known(&score)
             })
@@ -51,27 +51,31 @@ pub fn drawn(
     Ok(figures)
 }
 
-fn trial_of(variant: &Circumstance) -> Trial {
-    let usual = Trial::default();
-    Trial {
-        frames_per_word: variant
+fn trial_of(variant: &Circumstance) -> TeamExperiment {
+    let usual = TeamExperiment::default();
+    TeamExperiment {
+        frames_per_message: variant
             .frames_per_word
-            .unwrap_or(usual.frames_per_word)
+            .unwrap_or(usual.frames_per_message)
             .max(1),
         loss: variant.loss.unwrap_or(usual.loss),
         delay_max: variant.delay_max.unwrap_or(usual.delay_max),
-        liars: variant.liars.unwrap_or(usual.liars),
-        beyond: variant.beyond.unwrap_or(usual.beyond),
+        faulty_robots: variant.liars.unwrap_or(usual.faulty_robots),
+        ball_distance_min: variant.beyond.unwrap_or(usual.ball_distance_min),
         seconds: variant.seconds.unwrap_or(usual.seconds),
     }
 }
 
 fn known(score: &BallScore) -> Known {
-    let honest = score.single.iter().copied().filter(|error| *error > 0.0);
+    let honest = score
+        .single_robot
+        .iter()
+        .copied()
+        .filter(|error| *error > 0.0);
     let scored = score.frames > 0;
     Known {
         alone: honest.map(f64::from).collect(),
-        team: scored.then_some(f64::from(score.merged)),
+        team: scored.then_some(f64::from(score.fused)),
         nees: scored.then_some(f64::from(score.nees)),
     }
 }

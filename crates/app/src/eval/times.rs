@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use localize::drive::{Drive, DriveConfig, DriveFrame};
+use localize::drive::{SyntheticDrive, SyntheticDriveConfig, SyntheticSample};
 use localize::matching::{MatchConfig, Matcher, Minimiser};
 use localize::relocalise::hough::Hough;
 use localize::relocalise::monte_carlo::MonteCarlo;
 use localize::relocalise::scan_map::ScanMap;
-use localize::search::{HeadingPrior, Search};
+use localize::search::{BranchAndBound, HeadingPrior};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -65,9 +65,9 @@ impl Stage {
 /// Times each stage; other work on the machine shows in the upper end of the range.
 pub fn run(times: &Times, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Result<Vec<Figure>> {
     let field = Field::load(&times.field)?;
-    let frames: Vec<DriveFrame> = Drive::new(
+    let frames: Vec<SyntheticSample> = SyntheticDrive::new(
         &field,
-        DriveConfig::default(),
+        SyntheticDriveConfig::default(),
         ChaCha8Rng::seed_from_u64(seed),
     )
     .take(times.cycles)
@@ -89,10 +89,10 @@ pub fn run(times: &Times, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Resu
 
 /// Milliseconds of each call; the first, which fills caches, is made twice.
 fn each<'a>(
-    frames: &'a [DriveFrame],
-    mut call: impl FnMut(&'a DriveFrame, Option<HeadingPrior>),
+    frames: &'a [SyntheticSample],
+    mut call: impl FnMut(&'a SyntheticSample, Option<HeadingPrior>),
 ) -> Vec<f64> {
-    let mut once = |frame: &'a DriveFrame| {
+    let mut once = |frame: &'a SyntheticSample| {
         let std = 10f32.to_radians();
         let heading = frame.compass.heading;
         let started = Instant::now();
@@ -105,25 +105,25 @@ fn each<'a>(
     frames.iter().map(once).collect()
 }
 
-fn measure(stage: Stage, field: &Field, frames: &[DriveFrame]) -> Result<Vec<f64>> {
+fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Vec<f64>> {
     let config = SpineConfig::default().localize;
-    let distances = DistanceField::new(field, &config.distance);
+    let distances = DistanceField::new(field, &config.distance_field);
     let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
     let matching = |config: MatchConfig| {
         let mut matcher = Matcher::new(config);
         each(frames, |frame, _| {
-            black_box(matcher.refine(&distances, &frame.points, near(frame.truth), 0.05));
+            black_box(matcher.refine(&distances, &frame.points, near(frame.true_pose), 0.05));
         })
     };
-    let scan_map = || ScanMap::new(field, &distances, config.relocalise.scan_map.clone());
+    let scan_map = || ScanMap::new(field, &distances, config.global_search.scan_map.clone());
     Ok(match stage {
         Stage::LinePoints => return line_points(frames.len()),
         Stage::MonteCarlo => {
-            let settings = config.relocalise.monte_carlo.clone();
+            let settings = config.global_search.monte_carlo.clone();
             let mut filter = MonteCarlo::new(field, &distances, settings);
             each(frames, |frame, prior| {
-                filter.restart();
-                black_box(filter.cycle(&frame.points, prior));
+                filter.reset();
+                black_box(filter.update(&frame.points, prior));
             })
         }
         Stage::MatchingRprop => {
@@ -138,26 +138,27 @@ fn measure(stage: Stage, field: &Field, frames: &[DriveFrame]) -> Result<Vec<f64
             let map = scan_map();
             each(frames, |frame, prior| {
                 let heading = prior.map_or(0.0, |prior| prior.heading);
-                black_box(map.find(&frame.points, heading, 6, 0.4));
+                black_box(map.find_poses(&frame.points, heading, 6, 0.4));
             })
         }
         Stage::ScanMapLocal => {
             let map = scan_map();
             each(frames, |frame, _| {
-                black_box(map.find_near(&frame.points, frame.truth));
+                black_box(map.find_pose_near(&frame.points, frame.true_pose));
             })
         }
         Stage::Hough => {
-            let mut hough = Hough::new(field, config.relocalise.hough.clone());
+            let mut hough = Hough::new(field, config.global_search.hough.clone());
             each(frames, |frame, prior| {
-                black_box(hough.find(&frame.points, prior));
+                black_box(hough.find_poses(&frame.points, prior));
             })
         }
         Stage::Exact => {
-            let mut search = Search::new(field, &distances, config.search.clone());
+            let mut search =
+                BranchAndBound::new(field, &distances, config.branch_and_bound.clone());
             let mut matcher = Matcher::new(config.matching.clone());
             each(frames, |frame, _| {
-                black_box(search.find(&distances, &mut matcher, &frame.points, None));
+                black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, None));
             })
         }
     })

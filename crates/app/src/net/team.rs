@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use localize::Stamp;
-use localize::team::Report;
+use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
 
 use pipeline::datagram::{Counts, LinkConfig, Talk};
@@ -25,7 +25,7 @@ const LONGEST: usize = 4096;
 
 /// Our place in the team's talk; dropping it ends it.
 pub struct Link {
-    reports: Receiver<Report>,
+    reports: Receiver<TeamReport>,
     talk: Arc<Mutex<Talk>>,
     ending: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -76,7 +76,7 @@ impl Link {
     }
 
     /// What team-mates said since the last call; give it to the spine as samples.
-    pub fn reports(&self) -> impl Iterator<Item = Report> {
+    pub fn reports(&self) -> impl Iterator<Item = TeamReport> {
         self.reports.try_iter()
     }
 
@@ -111,7 +111,7 @@ fn open(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
 fn hear(
     socket: &UdpSocket,
     talk: &Mutex<Talk>,
-    reports: &SyncSender<Report>,
+    reports: &SyncSender<TeamReport>,
     ending: &AtomicBool,
     clock: impl Fn() -> Stamp,
 ) {

@@ -9,7 +9,7 @@ use foxglove::Encode;
 use foxglove::prost_types::FileDescriptorSet;
 use localize::Stamp;
 use localize::frame::{At, Pose};
-use localize::world::OnField;
+use localize::world::FieldState;
 use nalgebra::Matrix4;
 use proptest::prelude::*;
 use prost::Message;
@@ -37,14 +37,14 @@ fn seeing(stamp: Stamp, x: f32, y: f32) -> Cycle {
     cycle.estimate.pose = Some(Pose::new(1.0, 2.0, 0.5));
     cycle.estimate.covariance = nalgebra::Matrix3::from_diagonal_element(1e-3);
     let ball = cycle.world.ball.as_mut().expect("a ball");
-    ball.seen = stamp;
-    ball.on_field = Some(OnField {
+    ball.last_seen = stamp;
+    ball.on_field = Some(FieldState {
         at: At::new(x, y),
         velocity: [0.5, 0.0],
         covariance: Matrix4::from_diagonal_element(0.01),
     });
     for robot in &mut cycle.world.robots {
-        robot.on_field = Some(OnField {
+        robot.on_field = Some(FieldState {
             at: At::new(0.0, 1.0),
             velocity: [0.0; 2],
             covariance: Matrix4::from_diagonal_element(0.01),

@@ -6,7 +6,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::{Result, ensure};
 use hw::base::{Drive, Kick};
 use localize::omni::Twist;
-use localize::team::Report;
+use localize::team::TeamReport;
 use localize::{Field, Stamp};
 
 use super::helm::{Driver, Helm, Refused};
@@ -73,7 +73,7 @@ impl Outside {
     }
 
     /// What team-mates said since the last call.
-    pub(super) fn reports(&self) -> impl Iterator<Item = Report> {
+    pub(super) fn reports(&self) -> impl Iterator<Item = TeamReport> {
         self.network.team.iter().flat_map(crate::net::Link::reports)
     }
 

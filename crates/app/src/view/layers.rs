@@ -343,7 +343,7 @@ fn shade(value: f32) -> Color32 {
 
 fn distance(stage: &Stage) -> ColorImage {
     let distances: &DistanceField = &stage.distances;
-    over_field(stage, |x, y| distances.nearest(x, y).distance.abs())
+    over_field(stage, |x, y| distances.nearest(x, y).signed_distance.abs())
 }
 
 /// Mean distance of the points from the markings, were the robot in the middle of each cell with this heading.
@@ -362,7 +362,7 @@ fn landscape(stage: &Stage, points: &[LinePoint], heading: f32) -> ColorImage {
         // Far outliers would drown what the others say (nubot2013 bounds them alike).
         let distance = |at: &[f32; 2]| {
             let near = distances.nearest(x + at[0], y + at[1]);
-            near.distance.abs().min(LANDSCAPE_DARK)
+            near.signed_distance.abs().min(LANDSCAPE_DARK)
         };
         per * turned.iter().map(distance).sum::<f32>()
     })

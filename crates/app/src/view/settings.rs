@@ -260,7 +260,7 @@ mod tests {
     fn an_overlay_holds_what_differs_and_brings_it_back() {
         let mut config = SpineConfig::default();
         config.vision.scan.range_max = 7.1;
-        config.localize.mode.strikes_max = 3;
+        config.localize.mode.suspect_frames_max = 3;
         let overlay = overlay(&SpineConfig::default(), &config);
         let text = overlay.to_string();
         assert!(text.contains("range_max = 7.1\n"), "{text}");

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use localize::distance::{DistanceConfig, DistanceField};
+use localize::distance::{DistanceField, DistanceFieldConfig};
 use localize::field::Field;
 use localize::frame::{At, Pose, RobotFrame};
 use localize::robot::CameraConfig;
@@ -63,7 +63,7 @@ impl Stage {
         });
         Stage {
             robot: setup.robot,
-            distances: DistanceField::new(&setup.field, &DistanceConfig::default()),
+            distances: DistanceField::new(&setup.field, &DistanceFieldConfig::default()),
             outline: marking_points(&setup.field.markings, PROJECTED_STEP),
             field: setup.field,
             eye,

@@ -2,7 +2,7 @@
 
 use hw::config::Bus;
 use localize::Stamp;
-use localize::omni::{Omni, Twist};
+use localize::omni::{OmniKinematics, Twist};
 use localize::sample::{Compass, Imu};
 
 use super::board::Board;
@@ -16,7 +16,7 @@ pub(super) enum Base {
 }
 
 impl Base {
-    pub(super) fn new(bus: Bus, omni: Omni, ticks_per_turn: f32) -> Self {
+    pub(super) fn new(bus: Bus, omni: OmniKinematics, ticks_per_turn: f32) -> Self {
         match bus {
             Bus::Board => Base::Board(Board::new(omni, ticks_per_turn)),
             Bus::VescUart => Base::Vescs(Vescs::new(omni, ticks_per_turn, Reach::Uart)),

@@ -3,7 +3,7 @@
 use hw::wire::Stream;
 use hw::wire::board::{self, Encoders, Heading, Inertia, Kicker, Message, Packet, Power, Switches};
 use localize::Stamp;
-use localize::omni::{Omni, Twist};
+use localize::omni::{OmniKinematics, Twist};
 use localize::sample::{Compass, Imu};
 
 use super::orders::Orders;
@@ -16,7 +16,7 @@ const CAPACITOR_DV: u16 = 2_400;
 
 /// The board's firmware.
 pub(super) struct Board {
-    omni: Omni,
+    omni: OmniKinematics,
     ticks_per_turn: f32,
     commands: Stream<Packet>,
     sequence: u16,
@@ -28,7 +28,7 @@ pub(super) struct Board {
 }
 
 impl Board {
-    pub(super) fn new(omni: Omni, ticks_per_turn: f32) -> Self {
+    pub(super) fn new(omni: OmniKinematics, ticks_per_turn: f32) -> Self {
         Board {
             omni,
             ticks_per_turn,
@@ -54,8 +54,8 @@ impl Board {
             match packet.message {
                 Message::WheelCommand(command) => {
                     let speeds = command.speed_crad.map(|speed| f32::from(speed) * 0.01);
-                    if usize::from(command.wheels) == self.omni.wheels() {
-                        let (twist, _) = self.omni.twist(&speeds[..self.omni.wheels()]);
+                    if usize::from(command.wheels) == self.omni.wheel_count() {
+                        let (twist, _) = self.omni.twist(&speeds[..self.omni.wheel_count()]);
                         let drives = command.speed_crad != [0; 4];
                         self.orders.obey(twist, drives, command.valid_ms, now);
                     }

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
 use localize::Stamp;
-use localize::omni::Omni;
+use localize::omni::OmniKinematics;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use sim::Sim;
@@ -57,7 +57,7 @@ impl Devices {
             .iter()
             .map(|angle| angle.to_radians())
             .collect();
-        let omni = Omni::new(&angles, base.wheel_radius, base.wheel_distance)?;
+        let omni = OmniKinematics::new(&angles, base.wheel_radius, base.wheel_distance)?;
         let encoding = match options.format {
             "YUYV" => Encoding::Yuyv,
             _ => Encoding::Rgb8,

@@ -4,7 +4,7 @@ use hw::wire::vesc::{Request, Values};
 use hw::wire::vesc_can::{Order, Status};
 use hw::wire::{Step, slcan};
 use localize::Stamp;
-use localize::omni::Omni;
+use localize::omni::OmniKinematics;
 
 use super::orders::Orders;
 
@@ -32,7 +32,7 @@ pub(super) enum Reach {
 
 /// The controllers.
 pub(super) struct Vescs {
-    omni: Omni,
+    omni: OmniKinematics,
     reach: Reach,
     ticks_per_turn: f32,
     received: Vec<u8>,
@@ -47,7 +47,7 @@ pub(super) struct Vescs {
 }
 
 impl Vescs {
-    pub(super) fn new(omni: Omni, ticks_per_turn: f32, reach: Reach) -> Self {
+    pub(super) fn new(omni: OmniKinematics, ticks_per_turn: f32, reach: Reach) -> Self {
         Vescs {
             omni,
             reach,
@@ -141,7 +141,7 @@ impl Vescs {
 
     /// A round of commands is over with the last wheel's.
     fn turn(&mut self, node: u8, erpm: i32, now: Stamp) {
-        let wheels = self.omni.wheels();
+        let wheels = self.omni.wheel_count();
         let Some(wheel) = NODES[..wheels].iter().position(|own| *own == node) else {
             return;
         };
@@ -162,7 +162,7 @@ impl Vescs {
     /// Follows the wheels, whose turns are radians since the start; what is said by itself (CAN).
     pub(super) fn report(&mut self, turned: &[f64], offset: u32, stamp: Stamp) -> Vec<u8> {
         let elapsed = self.said.replace(stamp).map(|said| stamp - said);
-        for (wheel, turned) in turned.iter().enumerate().take(self.omni.wheels()) {
+        for (wheel, turned) in turned.iter().enumerate().take(self.omni.wheel_count()) {
             let ticks = turned / std::f64::consts::TAU * f64::from(self.ticks_per_turn);
             self.counts[wheel] = (ticks.floor() as i64 as u32).wrapping_add(offset) as i32;
             let before = self.turned.get(wheel).copied().unwrap_or(*turned);
@@ -174,7 +174,7 @@ impl Vescs {
         if self.reach != (Reach::Slcan { open: true }) {
             return lines;
         }
-        for (wheel, node) in NODES.into_iter().enumerate().take(self.omni.wheels()) {
+        for (wheel, node) in NODES.into_iter().enumerate().take(self.omni.wheel_count()) {
             let motion = Status::Motion {
                 erpm: self.erpm[wheel],
                 current_da: 0,
@@ -195,7 +195,7 @@ impl Vescs {
     }
 
     fn values(&self, node: u8) -> Vec<u8> {
-        let wheels = &NODES[..self.omni.wheels()];
+        let wheels = &NODES[..self.omni.wheel_count()];
         let Some(wheel) = wheels.iter().position(|own| *own == node) else {
             return Vec::new();
         };

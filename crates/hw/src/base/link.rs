@@ -391,7 +391,7 @@ fn board_said(
             heading: localize::frame::wrap_angle(
                 f32::from(said.heading_dmrad) * 1e-4 + device.north_deg.to_radians(),
             ),
-            field: None,
+            magnetic_field: None,
         }),
         _ => return None,
     })

@@ -10,7 +10,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use localize::Stamp;
-use localize::omni::Omni;
+use localize::omni::OmniKinematics;
 use localize::robot::BaseConfig;
 
 pub use orders::{Drive, Kick};
@@ -69,14 +69,12 @@ impl Base {
             .iter()
             .map(|a| a.to_radians())
             .collect();
-        let omni =
-            Omni::new(&angles, wheels.wheel_radius, wheels.wheel_distance).map_err(|error| {
-                HwError::Config {
-                    key: "base.wheel_angles_deg",
-                    reason: error.to_string(),
-                }
+        let omni = OmniKinematics::new(&angles, wheels.wheel_radius, wheels.wheel_distance)
+            .map_err(|error| HwError::Config {
+                key: "base.wheel_angles_deg",
+                reason: error.to_string(),
             })?;
-        let count = omni.wheels();
+        let count = omni.wheel_count();
         for (key, given, wanted) in [
             ("base.wheel_angles_deg", count, count.min(4)),
             (

@@ -1,7 +1,7 @@
 //! How far did the robot move? Wrapping counters of the wheels in, odometry and slip out.
 
 use localize::Stamp;
-use localize::omni::Omni;
+use localize::omni::OmniKinematics;
 use localize::sample::Odometry;
 
 /// How much faster than its top speed a wheel may seem to turn before its counter is taken to have jumped.
@@ -23,7 +23,7 @@ pub(crate) enum Moved {
 /// Turns readings of the wheels' counters into odometry.
 #[derive(Debug, Clone)]
 pub(crate) struct Odometer {
-    omni: Omni,
+    omni: OmniKinematics,
     /// Radians per tick, negative for a motor that turns the other way.
     wheel_per_tick: Vec<f32>,
     /// Fastest believable turn of a wheel, rad/s.
@@ -40,8 +40,13 @@ pub(crate) struct Odometer {
 
 impl Odometer {
     /// For wheels whose top speed is `turn_max` (rad/s); readings more than `gap_max` seconds apart are not connected.
-    pub(crate) fn new(omni: Omni, wheel_per_tick: Vec<f32>, turn_max: f32, gap_max: f32) -> Self {
-        let wheels = omni.wheels();
+    pub(crate) fn new(
+        omni: OmniKinematics,
+        wheel_per_tick: Vec<f32>,
+        turn_max: f32,
+        gap_max: f32,
+    ) -> Self {
+        let wheels = omni.wheel_count();
         Odometer {
             omni,
             wheel_per_tick,
@@ -118,7 +123,7 @@ impl Odometer {
             return Moved::Began;
         }
         let (motion, slip) = self.omni.twist(&turned);
-        Moved::By(motion.odometry(stamp, slip))
+        Moved::By(motion.integrate(stamp, slip))
     }
 }
 
@@ -129,7 +134,7 @@ mod tests {
 
     fn odometer(angles_deg: &[f32]) -> Odometer {
         let angles: Vec<_> = angles_deg.iter().map(|angle| angle.to_radians()).collect();
-        let omni = Omni::new(&angles, 0.05, 0.2).expect("a base");
+        let omni = OmniKinematics::new(&angles, 0.05, 0.2).expect("a base");
         Odometer::new(omni, vec![TAU / 4096.0; angles.len()], 90.0, 0.5)
     }
 

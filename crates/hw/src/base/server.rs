@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use localize::Stamp;
-use localize::omni::{Omni, Twist};
-use localize::sample::Command;
+use localize::omni::{OmniKinematics, Twist};
+use localize::sample::VelocityCommand;
 
 use super::link::{Link, Said, Wheels};
 use super::odometer::{Moved, Odometer};
@@ -20,7 +20,7 @@ use crate::worker::{Bell, Watch};
 /// What the thread works with.
 pub(super) struct Server {
     pub(super) device: BaseDevice,
-    pub(super) omni: Omni,
+    pub(super) omni: OmniKinematics,
     pub(super) signs: Vec<f32>,
     pub(super) speed_max: f32,
     pub(super) wheel_radius: f32,
@@ -108,7 +108,7 @@ impl Server {
                 Twist::default()
             }
         };
-        self.inbox.put(Event::Command(Command {
+        self.inbox.put(Event::Command(VelocityCommand {
             stamp: now,
             twist: told,
         }));
@@ -125,7 +125,7 @@ impl Server {
     fn wheels(&self, drive: Drive, left: f64) -> Wheels {
         let (mut speeds, twist) = match drive {
             Drive::Twist(twist) => {
-                let twist = self.omni.limited(twist, self.speed_max);
+                let twist = self.omni.limit_twist(twist, self.speed_max);
                 let mut speeds = [0.0; 4];
                 for (speed, wanted) in speeds.iter_mut().zip(self.omni.wheel_speeds(twist)) {
                     *speed = wanted;
@@ -140,7 +140,7 @@ impl Server {
                 // Standing wheels make 0/0: nothing to slow down.
                 let share = if share.is_finite() { share } else { 1.0 };
                 let speeds = speeds.map(|speed| share * speed);
-                let (twist, _) = self.omni.twist(&speeds[..self.omni.wheels()]);
+                let (twist, _) = self.omni.twist(&speeds[..self.omni.wheel_count()]);
                 (speeds, twist)
             }
         };
@@ -152,9 +152,9 @@ impl Server {
 
     fn hear(&mut self, said: Said, arrival: Stamp) {
         let moved = match said {
-            Said::Counts(counts, stamp) => {
-                self.odometer.read_all(&counts[..self.omni.wheels()], stamp)
-            }
+            Said::Counts(counts, stamp) => self
+                .odometer
+                .read_all(&counts[..self.omni.wheel_count()], stamp),
             Said::Count(wheel, count, stamp) => self.odometer.read_one(wheel, count, stamp),
             Said::Power(report) => return self.inbox.put(Event::Power(report)),
             Said::Kicker(report) => return self.inbox.put(Event::Kicker(report)),

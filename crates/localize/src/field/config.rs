@@ -43,14 +43,14 @@ pub struct FieldConfig {
     #[serde(default)]
     pub walls: bool,
     /// The line through the centre, across the field.
-    #[serde(default = "yes")]
+    #[serde(default = "default_true")]
     pub halfway_line: bool,
     /// Further painted lines: [x0, y0, x1, y1] of their centre line.
     #[serde(default)]
     pub extra_lines: Vec<[f32; 4]>,
 }
 
-fn yes() -> bool {
+fn default_true() -> bool {
     true
 }
 
@@ -124,7 +124,7 @@ pub enum FieldError {
     },
     /// A size that no field can have.
     #[error("{key} = {value}: {reason}")]
-    Size {
+    InvalidSize {
         /// The key in the file.
         key: &'static str,
         /// Its value, metres.
@@ -134,7 +134,7 @@ pub enum FieldError {
     },
     /// As `Size`, with the file named.
     #[error("{}: {source}", path.display())]
-    In {
+    InFile {
         /// The file.
         path: PathBuf,
         /// What is wrong in it.
@@ -158,34 +158,34 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
     ] {
         // The largest football pitch is 120 m long; tables grow with the area.
         if !(value > 0.0 && value <= 200.0) {
-            return refuse(
+            return invalid_size(
                 key,
                 value,
                 "must be a positive number of metres, at most 200",
             );
         }
     }
-    for (key, value, limit, reason) in limited_sizes(config) {
+    for (key, value, limit, reason) in size_limits(config) {
         if !(value.is_finite() && value >= 0.0) {
-            return refuse(
+            return invalid_size(
                 key,
                 value,
                 "must be zero (left out) or a positive number of metres",
             );
         }
         if value > limit {
-            return refuse(key, value, reason);
+            return invalid_size(key, value, reason);
         }
     }
     if config.line_width > config.width / 4.0 {
         let reason = "is wider than a quarter of the field";
-        return refuse("line_width", config.line_width, reason);
+        return invalid_size("line_width", config.line_width, reason);
     }
     let extra = config.extra_lines.iter().flatten();
     // A marking may lie beyond the lines, not beyond a second field beside this one.
     let far = config.length.max(config.width);
     if let Some(&value) = extra.into_iter().find(|value| !(value.abs() <= far)) {
-        return refuse(
+        return invalid_size(
             "extra_lines",
             value,
             "lies farther off than the field is long",
@@ -194,12 +194,12 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
     Ok(())
 }
 
-fn refuse(key: &'static str, value: f32, reason: &'static str) -> Result<(), FieldError> {
-    Err(FieldError::Size { key, value, reason })
+fn invalid_size(key: &'static str, value: f32, reason: &'static str) -> Result<(), FieldError> {
+    Err(FieldError::InvalidSize { key, value, reason })
 }
 
 /// Sizes that may be zero: key, value, largest value, and why not more.
-fn limited_sizes(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str); 13] {
+fn size_limits(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str); 13] {
     let FieldConfig {
         goal,
         goal_area,

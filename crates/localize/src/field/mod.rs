@@ -62,7 +62,7 @@ impl Field {
             path: path.to_owned(),
             source: Box::new(source),
         })?;
-        Field::new(config).map_err(|source| FieldError::In {
+        Field::new(config).map_err(|source| FieldError::InFile {
             path: path.to_owned(),
             source: Box::new(source),
         })
@@ -215,7 +215,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn rule_book_sizes_put_line_centres_half_a_line_inside() {
+    fn outer_edge_sizes_put_line_centres_half_a_line_width_inside() {
         let field = league_18x12("outer_edges");
         assert_eq!((field.length, field.width), (17.875, 11.875));
         assert!(has_line(&field, 8.9375, -5.9375, 8.9375, 5.9375));
@@ -230,7 +230,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn centre_sizes_are_taken_as_they_are() {
+    fn centre_sizes_are_used_unchanged() {
         let field = league_18x12("centres");
         assert_eq!((field.length, field.width), (18.0, 12.0));
         assert!(has_line(&field, 6.75, -3.25, 6.75, 3.25));
@@ -266,7 +266,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_goal_area_lies_inside_its_penalty_area_where_there_are_both() {
+    fn goal_area_must_fit_in_the_penalty_area() {
         let mut config = league_18x12("centres").config;
         config.goal_area.depth = config.penalty_area.depth + 0.1;
         let message = Field::new(config.clone()).expect_err("deeper").to_string();
@@ -276,7 +276,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn every_field_that_comes_along_loads() {
+    fn every_shipped_field_loads() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
         let mut names: Vec<_> = std::fs::read_dir(&folder)
             .expect("config/fields")
@@ -291,7 +291,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_2001_field_has_the_lines_of_its_model_and_coloured_goals() {
+    fn msl_2001_field_has_its_model_lines_and_coloured_goals() {
         // lima2001 4.3: six lines along the field, five across (both goal areas' fronts, goal lines, halfway line).
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
         let field = Field::load(&folder.join("msl_2001.toml")).expect("a field");

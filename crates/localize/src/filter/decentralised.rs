@@ -9,9 +9,9 @@ use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::sight::{innovation, moved};
-use super::{FilterConfig, Span, Way};
-use crate::collision::Collision;
+use super::sight::{innovation, retract};
+use super::{FilterConfig, PredictionInput, WheelIncrement};
+use crate::collision::CollisionDetector;
 use crate::frame::{Pose, wrap_angle};
 use crate::omni::Twist;
 
@@ -26,7 +26,7 @@ pub struct DecentralisedConfig {
     /// The same of the turn at rest, degrees per square root of a second.
     pub command_drift_deg: f32,
     /// Wheels that were silent for so long are no member, seconds.
-    pub silence: f32,
+    pub wheel_timeout: f32,
 }
 
 impl Default for DecentralisedConfig {
@@ -35,29 +35,29 @@ impl Default for DecentralisedConfig {
             command_noise: 0.3,
             command_drift: 0.05,
             command_drift_deg: 3.0,
-            silence: 0.2,
+            wheel_timeout: 0.2,
         }
     }
 }
 
 /// A local filter; information is what the node last heard of it, none while it is lost.
 #[derive(Debug, Clone, PartialEq)]
-struct Member {
+struct LocalFilter {
     covariance: Matrix3<f32>,
-    told: Option<(Matrix3<f32>, Vector3<f32>)>,
+    sent_information: Option<(Matrix3<f32>, Vector3<f32>)>,
 }
 
-impl Member {
+impl LocalFilter {
     fn new(covariance: Matrix3<f32>) -> Self {
-        Member {
+        LocalFilter {
             covariance,
-            told: None,
+            sent_information: None,
         }
     }
 
     /// The local Kalman filter: predicted deviation and noise, measured deviation and noise, both from the node's
     /// last estimate. Its deviation; none if nothing can be inverted.
-    fn filter(
+    fn update(
         &mut self,
         predicted: &Vector3<f32>,
         process: &Matrix3<f32>,
@@ -74,69 +74,75 @@ impl Member {
     }
 
     /// Eqs 6 and 7: what it learnt since it last told; a member that is lost takes back what it said.
-    fn tell(&mut self, deviation: Option<Vector3<f32>>) -> (Matrix3<f32>, Vector3<f32>) {
+    fn information_increment(
+        &mut self,
+        deviation: Option<Vector3<f32>>,
+    ) -> (Matrix3<f32>, Vector3<f32>) {
         let now = deviation.and_then(|deviation| {
             let information = self.covariance.try_inverse()?;
             Some((information, information * deviation))
         });
         let nothing = (Matrix3::zeros(), Vector3::zeros());
-        let (before, after) = (self.told.unwrap_or(nothing), now.unwrap_or(nothing));
-        self.told = now;
+        let (before, after) = (
+            self.sent_information.unwrap_or(nothing),
+            now.unwrap_or(nothing),
+        );
+        self.sent_information = now;
         (after.0 - before.0, after.1 - before.1)
     }
 }
 
 /// The net of filters.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Decentralised {
+pub struct DecentralisedFilter {
     /// The node's estimate after its last cycle.
-    fused: Pose,
+    fused_pose: Pose,
     covariance: Matrix3<f32>,
     /// The node's P⁻¹ and P⁻¹X, X as deviation from `fused`: nothing before a member told something.
     information: Matrix3<f32>,
-    vector: Vector3<f32>,
-    vision: Member,
-    odometry: Member,
+    information_vector: Vector3<f32>,
+    vision: LocalFilter,
+    odometry: LocalFilter,
     /// Motion since the last cycle, in the robot's frame then: as commanded, and as the wheels report it.
-    commanded: Pose,
-    driven: Pose,
+    commanded_motion: Pose,
+    wheel_motion: Pose,
     /// Since the last cycle, and since the wheels were heard, seconds.
     elapsed: f32,
-    silent: f32,
+    wheel_silence: f32,
     command: Twist,
-    rate: Twist,
+    wheel_twist: Twist,
     latency: f32,
-    collision: Collision,
+    collision: CollisionDetector,
 }
 
-impl Decentralised {
+impl DecentralisedFilter {
     pub(super) fn new(pose: Pose, covariance: &Matrix3<f32>, config: &FilterConfig) -> Self {
-        Decentralised {
-            fused: pose,
+        DecentralisedFilter {
+            fused_pose: pose,
             covariance: *covariance,
             information: Matrix3::zeros(),
-            vector: Vector3::zeros(),
-            vision: Member::new(*covariance),
-            odometry: Member::new(*covariance),
-            commanded: Pose::new(0.0, 0.0, 0.0),
-            driven: Pose::new(0.0, 0.0, 0.0),
+            information_vector: Vector3::zeros(),
+            vision: LocalFilter::new(*covariance),
+            odometry: LocalFilter::new(*covariance),
+            commanded_motion: Pose::new(0.0, 0.0, 0.0),
+            wheel_motion: Pose::new(0.0, 0.0, 0.0),
             elapsed: 0.0,
-            silent: 0.0,
+            wheel_silence: 0.0,
             command: Twist::default(),
-            rate: Twist::default(),
+            wheel_twist: Twist::default(),
             latency: config.camera_latency,
-            collision: Collision::default(),
+            collision: CollisionDetector::default(),
         }
     }
 
     /// The node's estimate, moved on by what the wheels report, or else by what the motors were told.
     pub(super) fn pose(&self) -> Pose {
-        let motion = if self.wheels_are_member() {
-            self.driven
+        let motion = if self.wheels_active() {
+            self.wheel_motion
         } else {
-            self.commanded
+            self.commanded_motion
         };
-        on(self.fused, motion)
+        compose(self.fused_pose, motion)
     }
 
     pub(super) fn covariance(&self) -> Matrix3<f32> {
@@ -144,8 +150,8 @@ impl Decentralised {
     }
 
     pub(super) fn twist(&self) -> Twist {
-        if self.wheels_are_member() {
-            self.rate
+        if self.wheels_active() {
+            self.wheel_twist
         } else {
             self.command
         }
@@ -155,79 +161,78 @@ impl Decentralised {
         self.latency
     }
 
-    pub(super) fn colliding(&self) -> bool {
-        self.collision.lasts()
+    pub(super) fn in_collision(&self) -> bool {
+        self.collision.is_active()
     }
 
-    fn wheels_are_member(&self) -> bool {
-        self.silent.is_finite() && !self.collision.lasts()
+    fn wheels_active(&self) -> bool {
+        self.wheel_silence.is_finite() && !self.collision.is_active()
     }
 
-    pub(super) fn advance(&mut self, span: &Span, config: &FilterConfig) {
+    pub(super) fn predict(&mut self, span: &PredictionInput, config: &FilterConfig) {
         if span.shock {
-            self.collision.hit(&config.collision);
+            self.collision.trigger(&config.collision);
         }
-        self.collision.pass(span.seconds);
-        self.elapsed += span.seconds;
-        self.silent += span.seconds;
-        if self.silent > config.decentralised.silence {
-            self.silent = f32::INFINITY;
+        self.collision.advance_time(span.dt);
+        self.elapsed += span.dt;
+        self.wheel_silence += span.dt;
+        if self.wheel_silence > config.decentralised.wheel_timeout {
+            self.wheel_silence = f32::INFINITY;
         }
-        self.command = span.command.unwrap_or(self.rate);
-        let step = self.command.scaled(span.seconds);
-        self.commanded = arc(self.commanded, [step.x, step.y, step.theta]);
+        self.command = span.command.unwrap_or(self.wheel_twist);
+        let step = self.command.scaled(span.dt);
+        self.commanded_motion = compose_arc(self.commanded_motion, [step.x, step.y, step.theta]);
     }
 
-    pub(super) fn wheels(&mut self, way: &Way, _config: &FilterConfig) {
+    pub(super) fn update_wheels(&mut self, way: &WheelIncrement, _config: &FilterConfig) {
         let [dx, dy, dtheta] = way.motion;
         let step = Pose::new(dx, dy, dtheta);
-        self.driven = on(self.driven, step);
-        self.silent = 0.0;
-        let per_second = if way.seconds > 0.0 {
-            1.0 / way.seconds
-        } else {
-            0.0
-        };
-        self.rate = Twist {
+        self.wheel_motion = compose(self.wheel_motion, step);
+        self.wheel_silence = 0.0;
+        let per_second = if way.dt > 0.0 { 1.0 / way.dt } else { 0.0 };
+        self.wheel_twist = Twist {
             x: dx * per_second,
             y: dy * per_second,
             theta: dtheta * per_second,
         };
     }
 
-    pub(super) fn wheels_interrupted(&mut self) {
-        self.silent = f32::INFINITY;
+    pub(super) fn restart_wheels(&mut self) {
+        self.wheel_silence = f32::INFINITY;
     }
 
     /// One cycle of the net: members filter and tell, the node fuses (eqs 8 and 9).
     ///
     /// `sight`: the pose that vision measured and its covariance; none where vision is lost.
-    pub(super) fn cycle(&mut self, sight: Option<(Pose, Matrix3<f32>)>, config: &FilterConfig) {
+    pub(super) fn fuse(&mut self, sight: Option<(Pose, Matrix3<f32>)>, config: &FilterConfig) {
         // All as deviations from where the node's estimate was, headings as small angles about it.
-        let origin = self.fused;
-        let commanded = innovation(origin, on(origin, self.commanded));
-        let process = self.command_noise(config);
+        let origin = self.fused_pose;
+        let commanded = innovation(origin, compose(origin, self.commanded_motion));
+        let process = self.command_covariance(config);
         let seen = sight.and_then(|(pose, noise)| {
             let measured = innovation(origin, pose);
-            self.vision.filter(&commanded, &process, &measured, &noise)
+            self.vision.update(&commanded, &process, &measured, &noise)
         });
         if seen.is_none() {
             self.vision.covariance += process;
         }
-        let driven = self.wheels_are_member().then(|| {
-            let measured = innovation(origin, on(origin, self.driven));
-            let noise = self.wheel_noise(config);
+        let driven = self.wheels_active().then(|| {
+            let measured = innovation(origin, compose(origin, self.wheel_motion));
+            let noise = self.wheel_covariance(config);
             self.odometry
-                .filter(&commanded, &process, &measured, &noise)
+                .update(&commanded, &process, &measured, &noise)
         });
         let driven = driven.flatten();
         if driven.is_none() {
             // Regained, it begins from what the net then knows.
             self.odometry.covariance = self.covariance + process;
         }
-        for (part, share) in [self.vision.tell(seen), self.odometry.tell(driven)] {
+        for (part, share) in [
+            self.vision.information_increment(seen),
+            self.odometry.information_increment(driven),
+        ] {
             self.information += part;
-            self.vector += share;
+            self.information_vector += share;
         }
         let covariance = self.information.try_inverse().filter(|covariance| {
             let variances = covariance.diagonal();
@@ -235,53 +240,55 @@ impl Decentralised {
         });
         match covariance {
             Some(covariance) if seen.is_some() || driven.is_some() => {
-                self.fused = moved(origin, &(covariance * self.vector));
+                self.fused_pose = retract(origin, &(covariance * self.information_vector));
                 self.covariance = (covariance + covariance.transpose()) * 0.5;
             }
             // No member is left: the commanded motion alone.
             _ => {
-                self.fused = on(origin, self.commanded);
+                self.fused_pose = compose(origin, self.commanded_motion);
                 self.covariance += process;
-                (self.information, self.vector) = (Matrix3::zeros(), Vector3::zeros());
+                (self.information, self.information_vector) = (Matrix3::zeros(), Vector3::zeros());
             }
         }
-        self.rebase(&innovation(origin, self.fused));
-        self.commanded = Pose::new(0.0, 0.0, 0.0);
-        self.driven = Pose::new(0.0, 0.0, 0.0);
+        self.rebase_information(&innovation(origin, self.fused_pose));
+        self.commanded_motion = Pose::new(0.0, 0.0, 0.0);
+        self.wheel_motion = Pose::new(0.0, 0.0, 0.0);
         self.elapsed = 0.0;
     }
 
     /// What was told, as deviations from the new estimate.
-    fn rebase(&mut self, step: &Vector3<f32>) {
-        self.vector -= self.information * step;
+    fn rebase_information(&mut self, step: &Vector3<f32>) {
+        self.information_vector -= self.information * step;
         for member in [&mut self.vision, &mut self.odometry] {
-            if let Some((information, vector)) = &mut member.told {
+            if let Some((information, vector)) = &mut member.sent_information {
                 *vector -= *information * step;
             }
         }
     }
 
-    fn command_noise(&self, config: &FilterConfig) -> Matrix3<f32> {
+    fn command_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
         let own = &config.decentralised;
-        let way = own.command_noise * self.commanded.x.hypot(self.commanded.y);
-        let turn = own.command_noise * self.commanded.theta;
+        let way = own.command_noise * self.commanded_motion.x.hypot(self.commanded_motion.y);
+        let turn = own.command_noise * self.commanded_motion.theta;
         let position = way * way + own.command_drift * own.command_drift * self.elapsed;
         let heading = turn * turn + own.command_drift_deg.to_radians().powi(2) * self.elapsed;
         Matrix3::from_diagonal(&Vector3::new(position, position, heading))
     }
 
-    fn wheel_noise(&self, config: &FilterConfig) -> Matrix3<f32> {
-        let way = self.driven.x.hypot(self.driven.y);
-        let position =
-            config.way_noise * config.way_noise * way + config.drift * config.drift * self.elapsed;
-        let heading = config.heading_per_way_noise_deg.to_radians().powi(2) * way
-            + config.turn_noise * config.turn_noise * self.driven.theta.abs()
-            + config.drift_deg.to_radians().powi(2) * self.elapsed;
+    fn wheel_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
+        let way = self.wheel_motion.x.hypot(self.wheel_motion.y);
+        let position = config.odometry_noise_per_metre * config.odometry_noise_per_metre * way
+            + config.odometry_drift * config.odometry_drift * self.elapsed;
+        let heading = config.heading_noise_per_metre_deg.to_radians().powi(2) * way
+            + config.heading_noise_per_radian
+                * config.heading_noise_per_radian
+                * self.wheel_motion.theta.abs()
+            + config.odometry_drift_deg.to_radians().powi(2) * self.elapsed;
         // A robot that stands still since its last cycle has moved by nothing, but not by less than the floor.
         Matrix3::from_diagonal(&Vector3::new(position, position, heading).add_scalar(1e-9))
     }
 
-    pub(super) fn widen(&mut self, factor: f32) {
+    pub(super) fn inflate_covariance(&mut self, factor: f32) {
         self.covariance *= factor;
         self.vision.covariance *= factor;
         self.odometry.covariance *= factor;
@@ -289,8 +296,8 @@ impl Decentralised {
 
     pub(super) fn half_turned(&self) -> Self {
         let mut other = self.clone();
-        let pose = self.fused;
-        other.fused = Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI);
+        let pose = self.fused_pose;
+        other.fused_pose = Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI);
         for matrix in [
             &mut other.covariance,
             &mut other.vision.covariance,
@@ -302,15 +309,15 @@ impl Decentralised {
             }
         }
         for member in [&mut other.vision, &mut other.odometry] {
-            member.told = None;
+            member.sent_information = None;
         }
-        (other.information, other.vector) = (Matrix3::zeros(), Vector3::zeros());
+        (other.information, other.information_vector) = (Matrix3::zeros(), Vector3::zeros());
         other
     }
 }
 
 /// A pose moved by a motion in its own frame.
-fn on(pose: Pose, motion: Pose) -> Pose {
+fn compose(pose: Pose, motion: Pose) -> Pose {
     let (sin, cos) = pose.theta.sin_cos();
     Pose::new(
         pose.x + cos * motion.x - sin * motion.y,
@@ -320,7 +327,7 @@ fn on(pose: Pose, motion: Pose) -> Pose {
 }
 
 /// The same for a motion on an arc.
-fn arc(pose: Pose, [x, y, turn]: [f32; 3]) -> Pose {
+fn compose_arc(pose: Pose, [x, y, turn]: [f32; 3]) -> Pose {
     let (sin, cos) = (0.5 * turn).sin_cos();
-    on(pose, Pose::new(cos * x - sin * y, sin * x + cos * y, turn))
+    compose(pose, Pose::new(cos * x - sin * y, sin * x + cos * y, turn))
 }

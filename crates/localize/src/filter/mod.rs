@@ -7,25 +7,25 @@ pub mod decentralised;
 pub mod joint;
 mod sight;
 
-pub use config::{FilterConfig, Fusion};
+pub use config::{FilterConfig, FilterKind};
 
 use nalgebra::Matrix3;
 
 use crate::frame::Pose;
-use crate::matching::{Expected, Match, Matrix5};
+use crate::matching::{Match, Matrix5, PosePrior};
 use crate::omni::Twist;
 
-use decentralised::Decentralised;
-use joint::Joint;
-use sight::Shown;
+use decentralised::DecentralisedFilter;
+use joint::JointFilter;
+use sight::PosePosterior;
 
 /// A stretch of time between two samples, and what is known of the motion in it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Span {
+pub struct PredictionInput {
     /// How long, seconds.
-    pub seconds: f32,
+    pub dt: f32,
     /// What the inertial unit says of it; none where there is none.
-    pub felt: Option<Felt>,
+    pub imu: Option<ImuInterval>,
     /// What the motors were told.
     pub command: Option<Twist>,
     /// Is the acceleration more than motors can do?
@@ -34,39 +34,39 @@ pub struct Span {
 
 /// What the inertial unit says of a stretch of time, robot frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Felt {
+pub struct ImuInterval {
     /// Mean specific force along x and y, gravity's part of it included, m/s².
-    pub force: [f32; 2],
+    pub specific_force: [f32; 2],
     /// Mean rate, rad/s.
     pub rate: [f32; 3],
     /// About z at the stretch's end, rad/s.
-    pub spin: f32,
+    pub yaw_rate: f32,
     /// How much the accelerometer's readings scatter beside one another, m/s² (one sigma).
-    pub rattle: f32,
+    pub vibration_std: f32,
     /// From reading to reading, seconds.
-    pub interval: f32,
+    pub sample_period: f32,
 }
 
 /// What the wheels said of one of their intervals.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Way {
+pub struct WheelIncrement {
     /// Metres forward and to the left, radians, robot frame at the interval's start.
     pub motion: [f32; 3],
     /// Length of the interval, seconds; 0 if it is the time since the belief began.
-    pub seconds: f32,
+    pub dt: f32,
     /// What no motion explains of the wheels' ways, metres.
     pub slip: f32,
     /// Does an inertial unit watch, so that a collision can be told?
-    pub watched: bool,
+    pub imu_active: bool,
 }
 
 /// How is a frame's lean expected to be, beyond what its points were bent by?
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum LeanPrior {
+pub enum TiltPrior {
     /// As the belief knows of it, errors common with the pose's included.
-    Own,
+    FromState,
     /// Another one in every frame: none, with this standard deviation, radians.
-    Fresh(f32),
+    Independent(f32),
 }
 
 /// A pose with its uncertainty, and what else is believed of the robot's motion.
@@ -75,40 +75,40 @@ pub enum LeanPrior {
     clippy::large_enum_variant,
     reason = "one filter is in use; a box would cost every belief an allocation"
 )]
-pub enum Belief {
+pub enum PoseFilter {
     /// See [`Fusion::Joint`].
-    Joint(Joint),
+    Joint(JointFilter),
     /// See [`Fusion::Decentralised`].
-    Decentralised(Decentralised),
+    Decentralised(DecentralisedFilter),
 }
 
 macro_rules! either {
     ($belief:expr, $one:ident => $call:expr) => {
         match $belief {
-            Belief::Joint($one) => $call,
-            Belief::Decentralised($one) => $call,
+            PoseFilter::Joint($one) => $call,
+            PoseFilter::Decentralised($one) => $call,
         }
     };
 }
 
-impl Belief {
+impl PoseFilter {
     /// A pose just found; scales and biases of an earlier belief are kept, since wheels and units are the same.
     pub fn new(
         pose: Pose,
         covariance: &Matrix3<f32>,
-        known: Option<&Belief>,
+        known: Option<&PoseFilter>,
         config: &FilterConfig,
     ) -> Self {
-        match config.fusion {
-            Fusion::Joint => {
+        match config.kind {
+            FilterKind::Joint => {
                 let known = known.and_then(|known| match known {
-                    Belief::Joint(joint) => Some(joint),
-                    Belief::Decentralised(_) => None,
+                    PoseFilter::Joint(joint) => Some(joint),
+                    PoseFilter::Decentralised(_) => None,
                 });
-                Belief::Joint(Joint::new(pose, covariance, known, config))
+                PoseFilter::Joint(JointFilter::new(pose, covariance, known, config))
             }
-            Fusion::Decentralised => {
-                Belief::Decentralised(Decentralised::new(pose, covariance, config))
+            FilterKind::Decentralised => {
+                PoseFilter::Decentralised(DecentralisedFilter::new(pose, covariance, config))
             }
         }
     }
@@ -131,30 +131,30 @@ impl Belief {
     /// Estimated scales of the odometry: metres per metre, radians per radian.
     pub fn scales(&self) -> [f32; 2] {
         match self {
-            Belief::Joint(joint) => joint.scales(),
-            Belief::Decentralised(_) => [1.0; 2],
+            PoseFilter::Joint(joint) => joint.scales(),
+            PoseFilter::Decentralised(_) => [1.0; 2],
         }
     }
 
     /// The gyro's estimated bias about the vertical, rad/s.
     pub fn gyro_bias(&self) -> f32 {
         match self {
-            Belief::Joint(joint) => joint.gyro_bias(),
-            Belief::Decentralised(_) => 0.0,
+            PoseFilter::Joint(joint) => joint.gyro_bias(),
+            PoseFilter::Decentralised(_) => 0.0,
         }
     }
 
     /// Estimated time from a frame's exposure to its stamp, seconds.
     pub fn latency(&self) -> f32 {
         match self {
-            Belief::Joint(joint) => joint.latency(),
-            Belief::Decentralised(one) => one.latency(),
+            PoseFilter::Joint(joint) => joint.latency(),
+            PoseFilter::Decentralised(one) => one.latency(),
         }
     }
 
     /// Does a collision last, so that the wheels are not believed?
-    pub fn colliding(&self) -> bool {
-        either!(self, one => one.colliding())
+    pub fn in_collision(&self) -> bool {
+        either!(self, one => one.in_collision())
     }
 
     /// Largest standard deviation of the position in any direction, metres.
@@ -171,61 +171,61 @@ impl Belief {
     }
 
     /// Moves on by a stretch of time.
-    pub fn advance(&mut self, span: &Span, config: &FilterConfig) {
-        either!(self, one => one.advance(span, config));
+    pub fn predict(&mut self, span: &PredictionInput, config: &FilterConfig) {
+        either!(self, one => one.predict(span, config));
     }
 
     /// Hears the wheels at the end of their interval.
-    pub fn wheels(&mut self, way: &Way, config: &FilterConfig) {
-        either!(self, one => one.wheels(way, config));
+    pub fn update_wheels(&mut self, way: &WheelIncrement, config: &FilterConfig) {
+        either!(self, one => one.update_wheels(way, config));
     }
 
     /// The wheels' counting was interrupted: it begins anew here.
-    pub fn wheels_interrupted(&mut self) {
-        either!(self, one => one.wheels_interrupted());
+    pub fn restart_wheels(&mut self) {
+        either!(self, one => one.restart_wheels());
     }
 
     /// The robot stands still, and has for `seconds` more.
-    pub fn rest(&mut self, seconds: f32) {
-        if let Belief::Joint(joint) = self {
-            joint.rest(seconds);
+    pub fn zero_velocity_update(&mut self, seconds: f32) {
+        if let PoseFilter::Joint(joint) = self {
+            joint.zero_velocity_update(seconds);
         }
     }
 
     /// A frame showed nothing.
-    pub fn unseen(&mut self, config: &FilterConfig) {
-        if let Belief::Decentralised(one) = self {
-            one.cycle(None, config);
+    pub fn update_without_vision(&mut self, config: &FilterConfig) {
+        if let PoseFilter::Decentralised(one) = self {
+            one.fuse(None, config);
         }
     }
 
     /// Lean of the camera and its standard deviation, radians; none where no inertial unit tells.
-    pub fn lean(&self) -> Option<([f32; 2], f32)> {
+    pub fn tilt(&self) -> Option<([f32; 2], f32)> {
         match self {
-            Belief::Joint(joint) => joint.lean(),
-            Belief::Decentralised(_) => None,
+            PoseFilter::Joint(joint) => joint.tilt(),
+            PoseFilter::Decentralised(_) => None,
         }
     }
 
     /// What a matcher is told beforehand of pose and lean at a frame's exposure.
-    pub fn expected(&self, lean: LeanPrior) -> Expected {
-        Expected {
+    pub fn pose_prior(&self, lean: TiltPrior) -> PosePrior {
+        PosePrior {
             pose: self.pose(),
             information: self
-                .sight_covariance(lean)
+                .predicted_covariance(lean)
                 .try_inverse()
                 .unwrap_or_else(Matrix5::zeros),
         }
     }
 
     /// Of pose and lean at a frame's exposure, what is not known of the latency included.
-    fn sight_covariance(&self, lean: LeanPrior) -> Matrix5 {
+    fn predicted_covariance(&self, lean: TiltPrior) -> Matrix5 {
         match self {
-            Belief::Joint(joint) => joint.sight_covariance(lean),
-            Belief::Decentralised(one) => {
+            PoseFilter::Joint(joint) => joint.predicted_covariance(lean),
+            PoseFilter::Decentralised(one) => {
                 let std = match lean {
-                    LeanPrior::Own => 1.0,
-                    LeanPrior::Fresh(std) => std,
+                    TiltPrior::FromState => 1.0,
+                    TiltPrior::Independent(std) => std,
                 };
                 let mut full = Matrix5::from_diagonal_element(std * std);
                 full.fixed_view_mut::<3, 3>(0, 0)
@@ -237,8 +237,8 @@ impl Belief {
 
     /// Squared deviation of a match under this belief's expectation in its own standard deviations (3 degrees of
     /// freedom): an update x⁺ − x has covariance P − P⁺.
-    pub fn surprise(&self, matched: &Match) -> f32 {
-        let expected = self.sight_covariance(LeanPrior::Own);
+    pub fn normalized_innovation_squared(&self, matched: &Match) -> f32 {
+        let expected = self.predicted_covariance(TiltPrior::FromState);
         let expected = expected.fixed_view::<3, 3>(0, 0);
         // Directions that the match left free do not move; a hundredth of P keeps them invertible.
         let update = expected * 1.01 - matched.covariance;
@@ -249,51 +249,51 @@ impl Belief {
     }
 
     /// Fuses a pose that was found without this belief's expectation, with its covariance.
-    pub fn correct(&mut self, pose: Pose, sight: &Matrix3<f32>, config: &FilterConfig) {
-        if let Belief::Decentralised(one) = self {
-            one.cycle(Some((pose, *sight)), config);
+    pub fn update_pose(&mut self, pose: Pose, sight: &Matrix3<f32>, config: &FilterConfig) {
+        if let PoseFilter::Decentralised(one) = self {
+            one.fuse(Some((pose, *sight)), config);
             return;
         }
-        if let Belief::Joint(joint) = self {
-            let expected = joint.sight_covariance(LeanPrior::Own);
-            if let Some(shown) = sight::fused(joint.pose(), &expected, pose, sight) {
-                joint.absorb(&shown, LeanPrior::Own, config);
+        if let PoseFilter::Joint(joint) = self {
+            let expected = joint.predicted_covariance(TiltPrior::FromState);
+            if let Some(shown) = sight::kalman_update(joint.pose(), &expected, pose, sight) {
+                joint.update(&shown, TiltPrior::FromState, config);
             }
         }
     }
 
     /// Takes over what a match found under this belief's expectation, and draws from it what it says about everything
     /// else.
-    pub fn absorb(&mut self, matched: &Match, lean: LeanPrior, config: &FilterConfig) {
+    pub fn update(&mut self, matched: &Match, lean: TiltPrior, config: &FilterConfig) {
         match self {
-            Belief::Joint(joint) => {
-                let shown = Shown {
+            PoseFilter::Joint(joint) => {
+                let shown = PosePosterior {
                     pose: matched.pose,
-                    lean: matched.lean,
-                    covariance: matched.with_lean,
+                    lean: matched.tilt,
+                    covariance: matched.pose_tilt_covariance,
                 };
-                joint.absorb(&shown, lean, config);
+                joint.update(&shown, lean, config);
             }
-            Belief::Decentralised(one) => {
+            PoseFilter::Decentralised(one) => {
                 let expected = one.covariance();
                 let found = (matched.pose, &matched.covariance);
-                let sight = sight::alone(one.pose(), &expected, found.0, found.1);
-                one.cycle(sight, config);
+                let sight = sight::recover_measurement(one.pose(), &expected, found.0, found.1);
+                one.fuse(sight, config);
             }
         }
     }
 
     /// Widens the pose's uncertainty by `factor` (variance): something moved the robot that no witness reported, which
     /// says nothing about scales and biases.
-    pub fn widen(&mut self, factor: f32) {
-        either!(self, one => one.widen(factor.max(1.0)));
+    pub fn inflate_covariance(&mut self, factor: f32) {
+        either!(self, one => one.inflate_covariance(factor.max(1.0)));
     }
 
     /// The same belief seen from the other half of the field.
     pub fn half_turned(&self) -> Self {
         match self {
-            Belief::Joint(joint) => Belief::Joint(joint.half_turned()),
-            Belief::Decentralised(one) => Belief::Decentralised(one.half_turned()),
+            PoseFilter::Joint(joint) => PoseFilter::Joint(joint.half_turned()),
+            PoseFilter::Decentralised(one) => PoseFilter::Decentralised(one.half_turned()),
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::matching::Matrix5;
 
 /// What is believed of pose and lean after a frame.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Shown {
+pub(super) struct PosePosterior {
     pub(super) pose: Pose,
     /// Beyond the lean that was expected, radians.
     pub(super) lean: [f32; 2],
@@ -26,30 +26,30 @@ pub(super) fn innovation(expected: Pose, pose: Pose) -> Vector3<f32> {
 }
 
 /// The pose so far from another.
-pub(super) fn moved(pose: Pose, step: &Vector3<f32>) -> Pose {
+pub(super) fn retract(pose: Pose, step: &Vector3<f32>) -> Pose {
     Pose::new(pose.x + step[0], pose.y + step[1], pose.theta + step[2])
 }
 
 /// Expectation (with its covariance of pose and lean) and a sight of the pose independent of it, together.
-pub(super) fn fused(
+pub(super) fn kalman_update(
     expected: Pose,
     covariance: &Matrix5,
     pose: Pose,
     sight: &Matrix3<f32>,
-) -> Option<Shown> {
+) -> Option<PosePosterior> {
     let with = covariance.fixed_columns::<3>(0);
     let gain = with * (with.fixed_rows::<3>(0) + sight).try_inverse()?;
     let left = covariance - gain * with.transpose();
     let step = gain * innovation(expected, pose);
-    Some(Shown {
-        pose: moved(expected, &step.fixed_rows::<3>(0).into_owned()),
+    Some(PosePosterior {
+        pose: retract(expected, &step.fixed_rows::<3>(0).into_owned()),
         lean: [step[3], step[4]],
         covariance: (left + left.transpose()) * 0.5,
     })
 }
 
 /// The sight alone, given what became of an expectation by it; none where it said nothing.
-pub(super) fn alone(
+pub(super) fn recover_measurement(
     expected: Pose,
     covariance: &Matrix3<f32>,
     found: Pose,
@@ -63,12 +63,12 @@ pub(super) fn alone(
         return None;
     }
     let step = sight * after * innovation(expected, found);
-    Some((moved(expected, &step), (sight + sight.transpose()) * 0.5))
+    Some((retract(expected, &step), (sight + sight.transpose()) * 0.5))
 }
 
 /// What frame after frame repeats of a sight's error.
-pub(super) fn repeated(config: &FilterConfig) -> Matrix3<f32> {
-    let position = config.sight_std * config.sight_std;
-    let heading = config.sight_std_deg.to_radians().powi(2);
+pub(super) fn systematic_covariance(config: &FilterConfig) -> Matrix3<f32> {
+    let position = config.systematic_position_std * config.systematic_position_std;
+    let heading = config.systematic_heading_std_deg.to_radians().powi(2);
     Matrix3::from_diagonal(&Vector3::new(position, position, heading))
 }

@@ -2,9 +2,9 @@
 
 use super::Localizer;
 use super::half::HalfEvidence;
-use crate::candidates::Evidence;
+use crate::candidates::FrameMeasurements;
 use crate::estimate::{Estimate, Mode, Reason};
-use crate::relocalise::Sight;
+use crate::relocalise::SearchInput;
 use crate::sample::LinePoint;
 use crate::search::HeadingPrior;
 use crate::stamp::Stamp;
@@ -12,7 +12,7 @@ use crate::stamp::Stamp;
 impl Localizer {
     /// The heading by a compass reading that is young enough for this frame.
     pub(super) fn heading_prior(&self, stamp: Stamp) -> Option<HeadingPrior> {
-        let compass = self.compass?;
+        let compass = self.last_compass?;
         let age = compass.stamp.seconds_until(stamp).abs();
         (age <= self.config.compass.age_max).then(|| HeadingPrior {
             heading: compass.heading,
@@ -21,50 +21,51 @@ impl Localizer {
     }
 
     /// Looks for the pose on the whole field, together with the hypotheses that earlier frames left.
-    pub(super) fn relocate(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
-        let goals = self.goals_of(stamp);
+    pub(super) fn localize_globally(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
+        let goals = self.take_goals(stamp);
         let mode = &self.config.mode;
         if points.len() < mode.points_min {
-            return self.lost(stamp, Reason::FewPoints, Vec::new());
+            return self.lost_estimate(stamp, Reason::FewPoints, Vec::new());
         }
         let prior = self.heading_prior(stamp);
-        let sight = Sight {
-            distances: &self.distances,
+        let sight = SearchInput {
+            distances: &self.distance_field,
             points,
-            prior,
+            heading_prior: prior,
             goals: &goals,
-            alone: self.odometry.is_none(),
+            single_image: self.last_odometry.is_none(),
         };
         let found = self
-            .relocaliser
-            .find(&mut self.search, &mut self.matcher, &sight);
-        if found.is_empty() && self.relocaliser.active() {
-            return self.lost(stamp, Reason::Searching, found);
+            .global_search
+            .find_hypotheses(&mut self.search, &mut self.matcher, &sight);
+        if found.is_empty() && self.global_search.is_in_progress() {
+            return self.lost_estimate(stamp, Reason::Searching, found);
         }
-        let known = self.config.compass.known;
-        let tell = |pose| self.coloured.odds(pose, &goals).abs() >= known;
+        let known = self.config.compass.half_known_log_odds;
+        let tell = |pose| self.coloured_goals.half_log_odds(pose, &goals).abs() >= known;
         let told = prior.is_some() || found.iter().any(|one| tell(one.pose));
-        let folded = self.search.symmetric() && !told;
+        let folded = self.search.is_half_turn_symmetric() && !told;
         let count = points.len() as f32;
         let fits = found.first().is_some_and(|best| {
-            best.inlier_share >= mode.found_share_min
+            best.inlier_share >= mode.global_inlier_share_min
                 && best.inlier_share * count >= mode.inliers_min
         });
         if !fits {
             self.candidates.clear();
-            self.relocaliser.restart();
-            return self.lost(stamp, Reason::NothingFits, found);
+            self.global_search.reset();
+            return self.lost_estimate(stamp, Reason::NoMatch, found);
         }
-        let used = self.config.search.points_max as f32;
-        let evidence = Evidence {
-            distances: &self.distances,
+        let used = self.config.branch_and_bound.points_max as f32;
+        let evidence = FrameMeasurements {
+            distances: &self.distance_field,
             points,
             prior,
-            goals: (&self.coloured, &goals),
-            folded,
-            share: self.config.search.evidence_share * (used / count).min(1.0),
+            goals: (&self.coloured_goals, &goals),
+            fold_half_turn: folded,
+            likelihood_exponent: self.config.branch_and_bound.likelihood_exponent
+                * (used / count).min(1.0),
         };
-        self.candidates.weigh(
+        self.candidates.update(
             &mut self.matcher,
             &self.search,
             &evidence,
@@ -72,9 +73,9 @@ impl Localizer {
             &self.config.filter,
         );
         let Some((belief, best)) = self.candidates.best() else {
-            return self.lost(stamp, Reason::NothingFits, found);
+            return self.lost_estimate(stamp, Reason::NoMatch, found);
         };
-        let decided = best.probability >= mode.decided;
+        let decided = best.probability >= mode.decision_probability;
         let estimate = Estimate {
             stamp,
             pose: Some(belief.pose()),
@@ -84,28 +85,28 @@ impl Localizer {
             residual: best.residual,
             inlier_share: best.inlier_share,
             line_points: points.len(),
-            lean: best.lean,
+            tilt: best.tilt,
             half_known: decided && !folded,
             odometry_scales: belief.scales(),
             twist: Some(belief.twist()),
-            collision: belief.colliding(),
+            collision: belief.in_collision(),
             gyro_bias: belief.gyro_bias(),
             latency: belief.latency(),
             runners_up: self.candidates.runners_up(folded),
         };
         if decided {
-            self.belief = Some(belief.clone());
+            self.filter = Some(belief.clone());
             self.candidates.clear();
-            self.relocaliser.restart();
+            self.global_search.reset();
             let odds = if folded {
                 0.0
             } else {
-                self.config.compass.known
+                self.config.compass.half_known_log_odds
             };
-            self.half = HalfEvidence::with_odds(odds);
-            self.usual_share = estimate.inlier_share;
-            self.checked = stamp;
-            self.rival = None;
+            self.half_evidence = HalfEvidence::with_log_odds(odds);
+            self.mean_inlier_share = estimate.inlier_share;
+            self.last_global_check = stamp;
+            self.alternative = None;
         }
         estimate
     }

@@ -3,12 +3,12 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Localizer;
-use crate::candidates::apart;
+use crate::candidates::pose_difference;
 use crate::config::{SuspectRule, Tracker};
 use crate::estimate::{Estimate, Reason};
-use crate::filter::Belief;
+use crate::filter::PoseFilter;
 use crate::frame::{Pose, wrap_angle};
-use crate::heading::heading_by_histogram;
+use crate::heading::histogram_heading;
 use crate::matching::Match;
 use crate::sample::LinePoint;
 use crate::search::Hypothesis;
@@ -16,49 +16,50 @@ use crate::stamp::Stamp;
 
 impl Localizer {
     pub(super) fn track(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
-        let Some(mut belief) = self.belief.take() else {
-            return self.relocate(stamp, points);
+        let Some(mut belief) = self.filter.take() else {
+            return self.localize_globally(stamp, points);
         };
-        let goals = self.goals_of(stamp);
-        let odds = self.coloured.odds(belief.pose(), &goals);
-        self.half.sees_goals(odds, &self.config.compass);
+        let goals = self.take_goals(stamp);
+        let odds = self.coloured_goals.half_log_odds(belief.pose(), &goals);
+        self.half_evidence.update_goals(odds, &self.config.compass);
         if points.len() < self.config.mode.points_min {
-            return self.coast(stamp, belief);
+            return self.dead_reckon(stamp, belief);
         }
-        let contradicted =
-            self.search.symmetric() && self.half.odds() <= -self.config.compass.known;
+        let contradicted = self.search.is_half_turn_symmetric()
+            && self.half_evidence.log_odds() <= -self.config.compass.half_known_log_odds;
         if contradicted {
             belief = belief.half_turned();
-            self.half.half_turned();
+            self.half_evidence.apply_half_turn();
         }
         if self.config.tracker == Tracker::ScanMap {
             return self.track_by_scan_map(stamp, belief, points);
         }
-        let (matched, strained) = self.fuse(&mut belief, points);
-        if self.config.mode.rule == SuspectRule::Thresholds {
-            belief.absorb(&matched, self.lean_prior, &self.config.filter);
-            return self.judge(stamp, belief, &matched);
+        let (matched, strained) = self.match_points(&mut belief, points);
+        if self.config.mode.suspect_rule == SuspectRule::Thresholds {
+            belief.update(&matched, self.tilt_prior, &self.config.filter);
+            return self.check_thresholds(stamp, belief, &matched);
         }
         let mode = &self.config.mode;
         let share = matched.inlier_share;
-        let poor = strained || self.poor(share);
-        let due = mode.check_period > 0.0 && self.checked.seconds_until(stamp) >= mode.check_period;
+        let poor = strained || self.is_poor_match(share);
+        let due = mode.global_check_period > 0.0
+            && self.last_global_check.seconds_until(stamp) >= mode.global_check_period;
         let mut rivals = Vec::new();
-        if poor || due || self.rival.is_some() {
-            self.checked = stamp;
-            rivals = self.rivals(stamp, points, &matched);
-            if let Some(rival) = self.better(&rivals, &matched, points.len()) {
+        if poor || due || self.alternative.is_some() {
+            self.last_global_check = stamp;
+            rivals = self.find_alternatives(stamp, points, &matched);
+            if let Some(rival) = self.better_alternative(&rivals, &matched, points.len()) {
                 return self.suspect(stamp, belief, &rival, rivals);
             }
         }
-        self.rival = None;
-        belief.absorb(&matched, self.lean_prior, &self.config.filter);
-        self.lean_left = Some([3, 4].map(|k| matched.with_lean[(k, k)]));
+        self.alternative = None;
+        belief.update(&matched, self.tilt_prior, &self.config.filter);
+        self.tilt_variances = Some([3, 4].map(|k| matched.pose_tilt_covariance[(k, k)]));
         // Forgets over about a second of frames.
-        self.usual_share += 0.05 * (share - self.usual_share);
-        self.belief = Some(belief);
+        self.mean_inlier_share += 0.05 * (share - self.mean_inlier_share);
+        self.filter = Some(belief);
         let reason = if contradicted {
-            Some(Reason::CompassContradicts)
+            Some(Reason::CompassConflict)
         } else {
             poor.then_some(Reason::PoorMatch)
         };
@@ -69,139 +70,162 @@ impl Localizer {
     fn track_by_scan_map(
         &mut self,
         stamp: Stamp,
-        mut belief: Belief,
+        mut belief: PoseFilter,
         points: &[LinePoint],
     ) -> Estimate {
         let expected = belief.pose();
-        let heading = heading_by_histogram(points, expected.theta, &self.config.relocalise.heading);
+        let heading = histogram_heading(
+            points,
+            expected.theta,
+            &self.config.global_search.heading_histogram,
+        );
         let centre = Pose::new(expected.x, expected.y, heading.unwrap_or(expected.theta));
         let found = self
             .scan_map
             .as_ref()
-            .and_then(|map| map.find_near(points, centre));
+            .and_then(|map| map.find_pose_near(points, centre));
         if let Some((_, pose)) = found {
             // A cell, and about half a step of the histograms.
-            let cell = self.config.relocalise.scan_map.cell;
-            let turn = self.config.relocalise.heading.step_deg.to_radians();
+            let cell = self.config.global_search.scan_map.cell;
+            let turn = self
+                .config
+                .global_search
+                .heading_histogram
+                .step_deg
+                .to_radians();
             let variances = Vector3::new(cell * cell, cell * cell, turn * turn);
             let sight = Matrix3::from_diagonal(&variances);
-            belief.correct(pose, &sight, &self.config.filter);
+            belief.update_pose(pose, &sight, &self.config.filter);
         }
-        let matched = self.matcher.assess(&self.distances, points, belief.pose());
-        self.judge(stamp, belief, &matched)
+        let matched = self
+            .matcher
+            .evaluate(&self.distance_field, points, belief.pose());
+        self.check_thresholds(stamp, belief, &matched)
     }
 
     /// nubot2013 4: a possible error is a mean deviation above a threshold and a heading off the compass by another;
     /// five such cycles in a row, and localisation starts anew.
-    fn judge(&mut self, stamp: Stamp, belief: Belief, matched: &Match) -> Estimate {
+    fn check_thresholds(&mut self, stamp: Stamp, belief: PoseFilter, matched: &Match) -> Estimate {
         let mode = &self.config.mode;
-        let deviates = matched.deviation > mode.deviation_max;
+        let deviates = matched.mean_distance > mode.mean_distance_max;
         let turned = self.heading_prior(stamp).is_none_or(|prior| {
             wrap_angle(belief.pose().theta - prior.heading).abs()
-                > mode.compass_max_deg.to_radians()
+                > mode.compass_deviation_max_deg.to_radians()
         });
-        self.strikes = if deviates && turned {
-            self.strikes + 1
+        self.suspect_frames = if deviates && turned {
+            self.suspect_frames + 1
         } else {
             0
         };
-        if self.strikes >= mode.strikes_max {
-            self.forget();
-            return self.lost(stamp, Reason::PoorMatch, Vec::new());
+        if self.suspect_frames >= mode.suspect_frames_max {
+            self.reset();
+            return self.lost_estimate(stamp, Reason::PoorMatch, Vec::new());
         }
-        self.belief = Some(belief);
-        let reason = (self.strikes > 0).then_some(Reason::PoorMatch);
+        self.filter = Some(belief);
+        let reason = (self.suspect_frames > 0).then_some(Reason::PoorMatch);
         self.estimate(stamp, reason, Some(matched), Vec::new())
     }
 
     /// Matches under the belief's expectation. Where the points pull too hard against it, or lie on the markings only
     /// when it is let go, something unreported moved the robot: the expectation is widened. Says whether that was so.
-    fn fuse(&mut self, belief: &mut Belief, points: &[LinePoint]) -> (Match, bool) {
+    fn match_points(&mut self, belief: &mut PoseFilter, points: &[LinePoint]) -> (Match, bool) {
         let spread = belief.position_std() + 3.0 * belief.heading_std();
-        let expected = belief.expected(self.lean_prior);
-        let matched = self.matcher.fuse(&self.distances, points, expected, spread);
+        let expected = belief.pose_prior(self.tilt_prior);
+        let matched =
+            self.matcher
+                .refine_with_prior(&self.distance_field, points, expected, spread);
         let mode = &self.config.mode;
-        let surprise = belief.surprise(&matched);
-        if surprise <= mode.surprise_max && !self.poor(matched.inlier_share) {
+        let surprise = belief.normalized_innovation_squared(&matched);
+        if surprise <= mode.normalized_innovation_max && !self.is_poor_match(matched.inlier_share) {
             return (matched, false);
         }
-        let free = self
-            .matcher
-            .refine(&self.distances, points, belief.pose(), mode.push_max);
+        let free = self.matcher.refine(
+            &self.distance_field,
+            points,
+            belief.pose(),
+            mode.unreported_motion_max,
+        );
         let count = points.len() as f32;
-        let margin = (mode.rival_share * count).max(mode.rival_points);
-        let apart = apart(free.pose, belief.pose());
+        let margin = (mode.alternative_margin_share * count).max(mode.alternative_margin_points);
+        let apart = pose_difference(free.pose, belief.pose());
         if (free.score - matched.score) * count > margin
-            && apart[0].hypot(apart[1]) < 2.0 * mode.push_max
+            && apart[0].hypot(apart[1]) < 2.0 * mode.unreported_motion_max
         {
             let information = expected.information.fixed_view::<3, 3>(0, 0);
-            belief.widen(apart.dot(&(information * apart)));
+            belief.inflate_covariance(apart.dot(&(information * apart)));
             return (free, true);
         }
-        if surprise <= mode.surprise_max {
+        if surprise <= mode.normalized_innovation_max {
             return (matched, false);
         }
-        belief.widen(surprise);
-        let expected = belief.expected(self.lean_prior);
-        let again = self.matcher.fuse(&self.distances, points, expected, spread);
+        belief.inflate_covariance(surprise);
+        let expected = belief.pose_prior(self.tilt_prior);
+        let again = self
+            .matcher
+            .refine_with_prior(&self.distance_field, points, expected, spread);
         (again, true)
     }
 
     /// Do fewer points lie on the markings than should, or than usually do?
-    fn poor(&self, inlier_share: f32) -> bool {
+    fn is_poor_match(&self, inlier_share: f32) -> bool {
         let mode = &self.config.mode;
         inlier_share < mode.inlier_share_min
-            || inlier_share < mode.usual_share_part * self.usual_share
+            || inlier_share < mode.inlier_share_drop_max * self.mean_inlier_share
     }
 
     /// No sight: odometry alone, until it is too uncertain.
-    fn coast(&mut self, stamp: Stamp, belief: Belief) -> Estimate {
+    fn dead_reckon(&mut self, stamp: Stamp, belief: PoseFilter) -> Estimate {
         let mode = &self.config.mode;
-        if belief.position_std() > mode.lost_std
-            || belief.heading_std() > mode.lost_std_deg.to_radians()
+        if belief.position_std() > mode.lost_position_std
+            || belief.heading_std() > mode.lost_heading_std_deg.to_radians()
         {
-            self.forget();
-            return self.lost(stamp, Reason::Blind, Vec::new());
+            self.reset();
+            return self.lost_estimate(stamp, Reason::DeadReckoningTimeout, Vec::new());
         }
         let mut belief = belief;
-        belief.unseen(&self.config.filter);
-        self.belief = Some(belief);
+        belief.update_without_vision(&self.config.filter);
+        self.filter = Some(belief);
         self.estimate(stamp, Some(Reason::FewPoints), None, Vec::new())
     }
 
     /// The best poses of the whole field that are not the tracked one.
-    pub(super) fn rivals(
+    pub(super) fn find_alternatives(
         &mut self,
         stamp: Stamp,
         points: &[LinePoint],
         matched: &Match,
     ) -> Vec<Hypothesis> {
         let prior = self.heading_prior(stamp);
-        let mut found = self
-            .search
-            .find(&self.distances, &mut self.matcher, points, prior);
+        let mut found =
+            self.search
+                .find_hypotheses(&self.distance_field, &mut self.matcher, points, prior);
         // Without a compass the half turn of a pose explains as much: it is no rival, nor a reason to turn.
-        let folded = prior.is_none() && self.search.symmetric();
+        let folded = prior.is_none() && self.search.is_half_turn_symmetric();
         found.retain(|one| {
             let turned = wrap_angle(one.pose.theta - matched.pose.theta).abs();
-            !(self.search.same(one.pose, matched.pose)
+            !(self.search.is_same_hypothesis(one.pose, matched.pose)
                 || folded && turned > std::f32::consts::FRAC_PI_2)
         });
         found
     }
 
     /// The rival that explains clearly more points than the tracked pose does.
-    fn better(&self, rivals: &[Hypothesis], matched: &Match, count: usize) -> Option<Hypothesis> {
+    fn better_alternative(
+        &self,
+        rivals: &[Hypothesis],
+        matched: &Match,
+        count: usize,
+    ) -> Option<Hypothesis> {
         let mode = &self.config.mode;
         let count = count as f32;
-        let margin = (mode.rival_share * count).max(mode.rival_points);
+        let margin = (mode.alternative_margin_share * count).max(mode.alternative_margin_points);
         rivals
             .iter()
             .max_by(|a, b| a.score.total_cmp(&b.score))
             .filter(|rival| {
                 (rival.score - matched.score) * count > margin
                     && rival.inlier_share * count >= mode.inliers_min
-                    && rival.inlier_share >= mode.found_share_min
+                    && rival.inlier_share >= mode.global_inlier_share_min
             })
             .cloned()
     }
@@ -211,26 +235,28 @@ impl Localizer {
     fn suspect(
         &mut self,
         stamp: Stamp,
-        belief: Belief,
+        belief: PoseFilter,
         rival: &Hypothesis,
         rivals: Vec<Hypothesis>,
     ) -> Estimate {
         let config = &self.config.filter;
-        let fresh = Belief::new(rival.pose, &rival.covariance, Some(&belief), config);
-        let strikes = match self.rival.take() {
-            Some((known, strikes)) if self.search.same(known.pose(), rival.pose) => strikes + 1,
+        let fresh = PoseFilter::new(rival.pose, &rival.covariance, Some(&belief), config);
+        let strikes = match self.alternative.take() {
+            Some((known, strikes)) if self.search.is_same_hypothesis(known.pose(), rival.pose) => {
+                strikes + 1
+            }
             _ => 1,
         };
-        if strikes >= self.config.mode.strikes_max {
-            self.forget();
-            return self.lost(stamp, Reason::Rival, rivals);
+        if strikes >= self.config.mode.suspect_frames_max {
+            self.reset();
+            return self.lost_estimate(stamp, Reason::BetterAlternative, rivals);
         }
-        self.rival = Some((fresh, strikes));
-        self.belief = Some(belief);
-        let estimate = self.estimate(stamp, Some(Reason::Rival), None, rivals);
+        self.alternative = Some((fresh, strikes));
+        self.filter = Some(belief);
+        let estimate = self.estimate(stamp, Some(Reason::BetterAlternative), None, rivals);
         let apart = estimate
             .pose
-            .map_or_else(Vector3::zeros, |pose| apart(rival.pose, pose));
+            .map_or_else(Vector3::zeros, |pose| pose_difference(rival.pose, pose));
         Estimate {
             // As likely there as here, until one of them has won.
             covariance: estimate.covariance + apart * apart.transpose() * 0.5,

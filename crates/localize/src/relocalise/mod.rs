@@ -14,19 +14,19 @@ use serde::{Deserialize, Serialize};
 use crate::distance::DistanceField;
 use crate::field::Field;
 use crate::frame::Pose;
-use crate::heading::{HeadingConfig, heading_by_histogram};
+use crate::heading::{HeadingHistogramConfig, histogram_heading};
 use crate::matching::Matcher;
-use crate::sample::{GoalSight, LinePoint};
-use crate::search::{HeadingPrior, Hypothesis, Search};
+use crate::sample::{GoalObservation, LinePoint};
+use crate::search::{BranchAndBound, HeadingPrior, Hypothesis};
 
-use hough::{Hough, HoughConfig, settle};
+use hough::{Hough, HoughConfig, confirm_by_goal_colours};
 use monte_carlo::{MonteCarlo, MonteCarloConfig};
 use scan_map::{ScanMap, ScanMapConfig};
 
 /// Who looks for the pose on the whole field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum RelocaliserKind {
+pub enum GlobalSearchMethod {
     /// Branch and bound over all poses (ours).
     #[default]
     Exact,
@@ -41,9 +41,9 @@ pub enum RelocaliserKind {
 /// Relocalisation.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct RelocaliseConfig {
+pub struct GlobalSearchConfig {
     /// Which one.
-    pub by: RelocaliserKind,
+    pub method: GlobalSearchMethod,
     /// Settings of `hough`.
     pub hough: HoughConfig,
     /// Settings of `scan_map`.
@@ -51,155 +51,157 @@ pub struct RelocaliseConfig {
     /// Settings of `monte_carlo`.
     pub monte_carlo: MonteCarloConfig,
     /// Heading by histograms, where a relocaliser needs one and no compass gives it.
-    pub heading: HeadingConfig,
+    pub heading_histogram: HeadingHistogramConfig,
 }
 
 /// Cells of the scan map that are matched to the end, per heading.
-const CELLS: usize = 6;
+const SCAN_MAP_CANDIDATES: usize = 6;
 
 /// How far off their cells and particles may be, metres: the matcher's first reach.
-const OFF: f32 = 0.4;
+const START_ERROR: f32 = 0.4;
 
 /// One of the four.
 #[derive(Debug, Clone)]
-pub enum Relocaliser {
+pub enum GlobalSearch {
     /// Uses the search that the localizer has anyway.
     Exact,
     /// lima2001 4, and the field for its goal test.
     Hough(Box<Hough>, Box<Field>),
     /// minho2016 IV.
-    ScanMap(Arc<ScanMap>, HeadingConfig),
+    ScanMap(Arc<ScanMap>, HeadingHistogramConfig),
     /// nubot2013 4, and the cycles of a frame that stands alone.
     MonteCarlo(Box<MonteCarlo>, usize),
 }
 
 /// A frame to be located.
 #[derive(Debug, Clone, Copy)]
-pub struct Sight<'a> {
+pub struct SearchInput<'a> {
     /// The field's distances.
     pub distances: &'a DistanceField,
     /// Line points, all finite.
     pub points: &'a [LinePoint],
     /// The compass.
-    pub prior: Option<HeadingPrior>,
+    pub heading_prior: Option<HeadingPrior>,
     /// Goals seen by their colours.
-    pub goals: &'a [GoalSight],
+    pub goals: &'a [GoalObservation],
     /// No odometry leads from here to a next frame: what can be found must be found now.
-    pub alone: bool,
+    pub single_image: bool,
 }
 
-impl Relocaliser {
+impl GlobalSearch {
     /// Builds what the configured one needs.
-    pub fn new(field: &Field, distances: &DistanceField, config: &RelocaliseConfig) -> Self {
-        Relocaliser::with_map(field, distances, config, None)
+    pub fn new(field: &Field, distances: &DistanceField, config: &GlobalSearchConfig) -> Self {
+        GlobalSearch::with_scan_map(field, distances, config, None)
     }
 
     /// The same with a scan map that is there already.
-    pub(crate) fn with_map(
+    pub(crate) fn with_scan_map(
         field: &Field,
         distances: &DistanceField,
-        config: &RelocaliseConfig,
+        config: &GlobalSearchConfig,
         scan_map: Option<&Arc<ScanMap>>,
     ) -> Self {
-        match config.by {
-            RelocaliserKind::Exact => Relocaliser::Exact,
-            RelocaliserKind::Hough => {
+        match config.method {
+            GlobalSearchMethod::Exact => GlobalSearch::Exact,
+            GlobalSearchMethod::Hough => {
                 let hough = Hough::new(field, config.hough.clone());
-                Relocaliser::Hough(Box::new(hough), Box::new(field.clone()))
+                GlobalSearch::Hough(Box::new(hough), Box::new(field.clone()))
             }
-            RelocaliserKind::ScanMap => {
+            GlobalSearchMethod::ScanMap => {
                 let build = || Arc::new(ScanMap::new(field, distances, config.scan_map.clone()));
                 let map = scan_map.cloned().unwrap_or_else(build);
-                Relocaliser::ScanMap(map, config.heading.clone())
+                GlobalSearch::ScanMap(map, config.heading_histogram.clone())
             }
-            RelocaliserKind::MonteCarlo => {
+            GlobalSearchMethod::MonteCarlo => {
                 let config = config.monte_carlo.clone();
-                let cycles = config.cycles_max;
+                let cycles = config.iterations_max;
                 let filter = MonteCarlo::new(field, distances, config);
-                Relocaliser::MonteCarlo(Box::new(filter), cycles)
+                GlobalSearch::MonteCarlo(Box::new(filter), cycles)
             }
         }
     }
 
     /// Does it carry something from frame to frame?
-    pub fn active(&self) -> bool {
-        matches!(self, Relocaliser::MonteCarlo(filter, _) if !filter.particles().is_empty())
+    pub fn is_in_progress(&self) -> bool {
+        matches!(self, GlobalSearch::MonteCarlo(filter, _) if !filter.particles().is_empty())
     }
 
     /// Begins anew.
-    pub fn restart(&mut self) {
-        if let Relocaliser::MonteCarlo(filter, _) = self {
-            filter.restart();
+    pub fn reset(&mut self) {
+        if let GlobalSearch::MonteCarlo(filter, _) = self {
+            filter.reset();
         }
     }
 
     /// The robot moved (robot frame: metres, metres, radians).
-    pub fn moved(&mut self, motion: [f32; 3]) {
-        if let Relocaliser::MonteCarlo(filter, _) = self {
-            filter.moved(motion);
+    pub fn predict(&mut self, motion: [f32; 3]) {
+        if let GlobalSearch::MonteCarlo(filter, _) = self {
+            filter.predict(motion);
         }
     }
 
     /// The particles, of the one that has some.
     pub fn particles(&self) -> &[Pose] {
         match self {
-            Relocaliser::MonteCarlo(filter, _) => filter.particles(),
+            GlobalSearch::MonteCarlo(filter, _) => filter.particles(),
             _ => &[],
         }
     }
 
     /// Memory held, bytes; a scan map is the localizer's.
-    pub fn bytes(&self) -> usize {
+    pub fn memory_bytes(&self) -> usize {
         match self {
-            Relocaliser::Exact | Relocaliser::ScanMap(..) => 0,
-            Relocaliser::Hough(hough, _) => hough.bytes(),
-            Relocaliser::MonteCarlo(filter, _) => filter.bytes(),
+            GlobalSearch::Exact | GlobalSearch::ScanMap(..) => 0,
+            GlobalSearch::Hough(hough, _) => hough.memory_bytes(),
+            GlobalSearch::MonteCarlo(filter, _) => filter.memory_bytes(),
         }
     }
 
     /// Poses that explain the sight, most probable first.
-    pub fn find(
+    pub fn find_hypotheses(
         &mut self,
-        search: &mut Search,
+        search: &mut BranchAndBound,
         matcher: &mut Matcher,
-        sight: &Sight,
+        sight: &SearchInput,
     ) -> Vec<Hypothesis> {
-        let Sight {
+        let SearchInput {
             distances,
             points,
-            prior,
+            heading_prior: prior,
             goals,
-            alone,
+            single_image: alone,
         } = *sight;
         let starts: Vec<Pose> = match self {
-            Relocaliser::Exact => return search.find(distances, matcher, points, prior),
-            Relocaliser::Hough(hough, field) => {
-                let found = hough.find(points, prior);
+            GlobalSearch::Exact => {
+                return search.find_hypotheses(distances, matcher, points, prior);
+            }
+            GlobalSearch::Hough(hough, field) => {
+                let found = hough.find_poses(points, prior);
                 let found: Vec<Pose> = found.into_iter().map(|(_, pose)| pose).collect();
                 // The paper takes the first maximum that is confirmed; several are, and the points tell them apart.
-                let settled = settle(field, &found, goals);
+                let settled = confirm_by_goal_colours(field, &found, goals);
                 if settled.is_empty() { found } else { settled }
             }
-            Relocaliser::ScanMap(map, heading) => by_scan_map(map, heading, points, prior),
-            Relocaliser::MonteCarlo(filter, cycles) => {
+            GlobalSearch::ScanMap(map, heading) => search_scan_map(map, heading, points, prior),
+            GlobalSearch::MonteCarlo(filter, cycles) => {
                 let cycles = if alone { *cycles } else { 1 };
-                return by_particles(filter, cycles, search, matcher, sight);
+                return search_monte_carlo(filter, cycles, search, matcher, sight);
             }
         };
-        search.rank(distances, matcher, points, &starts, prior, OFF)
+        search.rank(distances, matcher, points, &starts, prior, START_ERROR)
     }
 }
 
 /// Cycles until the particles have gathered somewhere that explains the points; elsewhere they are scattered anew.
-fn by_particles(
+fn search_monte_carlo(
     filter: &mut MonteCarlo,
     cycles: usize,
-    search: &mut Search,
+    search: &mut BranchAndBound,
     matcher: &mut Matcher,
-    sight: &Sight,
+    sight: &SearchInput,
 ) -> Vec<Hypothesis> {
     for _ in 0..cycles {
-        let Some(pose) = filter.cycle(sight.points, sight.prior) else {
+        let Some(pose) = filter.update(sight.points, sight.heading_prior) else {
             continue;
         };
         let found = search.rank(
@@ -207,43 +209,43 @@ fn by_particles(
             matcher,
             sight.points,
             &[pose],
-            sight.prior,
-            OFF,
+            sight.heading_prior,
+            START_ERROR,
         );
         if found
             .first()
-            .is_some_and(|best| best.inlier_share >= filter.config().accepted_share)
+            .is_some_and(|best| best.inlier_share >= filter.config().inlier_share_min)
         {
             return found;
         }
-        filter.restart();
+        filter.reset();
     }
     Vec::new()
 }
 
 /// Under the compass's heading made exact by the histograms; without a compass under all four of the histograms'.
-fn by_scan_map(
+fn search_scan_map(
     map: &ScanMap,
-    config: &HeadingConfig,
+    config: &HeadingHistogramConfig,
     points: &[LinePoint],
     prior: Option<HeadingPrior>,
 ) -> Vec<Pose> {
     let (last, quarters) = prior.map_or((0.0, 4), |prior| (prior.heading, 1));
-    let wide = HeadingConfig {
-        turn_max_deg: if prior.is_some() {
-            config.turn_max_deg
+    let wide = HeadingHistogramConfig {
+        search_range_deg: if prior.is_some() {
+            config.search_range_deg
         } else {
             45.0
         },
         ..config.clone()
     };
-    let Some(heading) = heading_by_histogram(points, last, &wide) else {
+    let Some(heading) = histogram_heading(points, last, &wide) else {
         return Vec::new();
     };
     let mut found: Vec<(f32, Pose)> = (0..quarters)
         .flat_map(|quarter| {
             let heading = heading + quarter as f32 * std::f32::consts::FRAC_PI_2;
-            map.find(points, heading, CELLS, 0.4)
+            map.find_poses(points, heading, SCAN_MAP_CANDIDATES, 0.4)
         })
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0));

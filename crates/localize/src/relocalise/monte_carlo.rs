@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::distance::DistanceField;
-use crate::drive::normal;
+use crate::drive::standard_normal;
 use crate::field::Field;
 use crate::frame::{Pose, wrap_angle};
 use crate::sample::LinePoint;
@@ -27,7 +27,7 @@ pub struct MonteCarloConfig {
     pub deviation_max: f32,
     /// Share of the particles that must go on to count after weighing: the likelihood is tempered until they do.
     /// 0 takes the paper's plain product (eq. 3).
-    pub effective_share: f32,
+    pub effective_share_min: f32,
     /// Random part of the motion per metre and radian driven.
     pub motion_noise: f32,
     /// Scatter of resampled particles, metres.
@@ -35,13 +35,13 @@ pub struct MonteCarloConfig {
     /// The same for headings, degrees.
     pub jitter_deg: f32,
     /// Converged when the particles' position spreads less than this, metres.
-    pub spread: f32,
+    pub converged_std: f32,
     /// And their heading less than this, degrees.
-    pub spread_deg: f32,
+    pub converged_std_deg: f32,
     /// Share of inliers that the gathered pose must have, or the particles are scattered anew.
-    pub accepted_share: f32,
+    pub inlier_share_min: f32,
     /// Cycles on the points of a frame that nothing leads to or from.
-    pub cycles_max: usize,
+    pub iterations_max: usize,
     /// Starts the generator: the same seed and samples give the same particles.
     pub seed: u64,
 }
@@ -53,14 +53,14 @@ impl Default for MonteCarloConfig {
             particles_min: 600,
             point_std: 0.5,
             deviation_max: 2.5,
-            effective_share: 0.3,
+            effective_share_min: 0.3,
             motion_noise: 0.1,
             jitter: 0.05,
             jitter_deg: 2.0,
-            spread: 0.3,
-            spread_deg: 8.0,
-            accepted_share: 0.5,
-            cycles_max: 100,
+            converged_std: 0.3,
+            converged_std_deg: 8.0,
+            inlier_share_min: 0.5,
+            iterations_max: 100,
             seed: 1,
         }
     }
@@ -83,8 +83,8 @@ pub struct MonteCarlo {
     half_x: f32,
     half_y: f32,
     particles: Vec<Pose>,
-    spare: Vec<Pose>,
-    logs: Vec<f32>,
+    resampled: Vec<Pose>,
+    weights: Vec<f32>,
     rng: Xoshiro256PlusPlus,
 }
 
@@ -104,7 +104,7 @@ impl MonteCarlo {
                 }
                 let x = (column - 1) as f32 * CELL - half_x;
                 let y = (row - 1) as f32 * CELL - half_y;
-                let deviation = distances.nearest(x, y).distance / config.point_std;
+                let deviation = distances.nearest(x, y).signed_distance / config.point_std;
                 (0.5 * deviation * deviation / end * 255.0)
                     .round()
                     .min(255.0) as u8
@@ -117,8 +117,8 @@ impl MonteCarlo {
             half_x,
             half_y,
             particles: Vec::new(),
-            spare: Vec::new(),
-            logs: Vec::new(),
+            resampled: Vec::new(),
+            weights: Vec::new(),
             rng: Xoshiro256PlusPlus::seed_from_u64(config.seed),
             config,
         }
@@ -135,22 +135,22 @@ impl MonteCarlo {
     }
 
     /// Memory of the look-up table, bytes.
-    pub fn bytes(&self) -> usize {
+    pub fn memory_bytes(&self) -> usize {
         self.table.len()
     }
 
     /// Forgets all particles.
-    pub fn restart(&mut self) {
+    pub fn reset(&mut self) {
         self.particles.clear();
     }
 
     /// Positions at random over the field, headings by compass (nubot2013 4) or at random.
-    fn scatter(&mut self, prior: Option<HeadingPrior>) {
+    fn initialise_particles(&mut self, prior: Option<HeadingPrior>) {
         for _ in 0..self.config.particles {
             let x = (self.rng.random::<f32>() * 2.0 - 1.0) * self.half_x;
             let y = (self.rng.random::<f32>() * 2.0 - 1.0) * self.half_y;
             let theta = match prior {
-                Some(prior) => prior.heading + prior.std * normal(&mut self.rng),
+                Some(prior) => prior.heading + prior.std * standard_normal(&mut self.rng),
                 None => (self.rng.random::<f32>() * 2.0 - 1.0) * std::f32::consts::PI,
             };
             self.particles.push(Pose::new(x, y, theta));
@@ -158,11 +158,11 @@ impl MonteCarlo {
     }
 
     /// Motion model P(l | l′, a): every particle is moved by odometry (robot frame) with its own error.
-    pub fn moved(&mut self, motion: [f32; 3]) {
+    pub fn predict(&mut self, motion: [f32; 3]) {
         let [dx, dy, turn] = motion;
         let noise = self.config.motion_noise * (dx.hypot(dy) + turn.abs());
         for particle in &mut self.particles {
-            let mut off = || noise * normal(&mut self.rng);
+            let mut off = || noise * standard_normal(&mut self.rng);
             let (mx, my, mt) = (dx + off(), dy + off(), turn + off());
             let (sin, cos) = (particle.theta + 0.5 * mt).sin_cos();
             *particle = Pose::new(
@@ -174,24 +174,24 @@ impl MonteCarlo {
     }
 
     /// One cycle: weigh by the points, resample; the mean once the particles have gathered.
-    pub fn cycle(&mut self, points: &[LinePoint], prior: Option<HeadingPrior>) -> Option<Pose> {
+    pub fn update(&mut self, points: &[LinePoint], prior: Option<HeadingPrior>) -> Option<Pose> {
         if self.particles.is_empty() {
-            self.scatter(prior);
+            self.initialise_particles(prior);
         }
-        self.weigh(points);
+        self.compute_log_weights(points);
         self.temper();
         self.resample();
-        self.gathered()
+        self.converged_mean()
     }
 
     /// log P(o | l) = Σ −d²/2σ² (eqs 2 and 3), from the table; particles side by side, so that a point is moved to the
     /// field for many of them at once.
-    fn weigh(&mut self, points: &[LinePoint]) {
+    fn compute_log_weights(&mut self, points: &[LinePoint]) {
         let end = 0.5 * self.config.deviation_max * self.config.deviation_max;
         let per_cell = 1.0 / CELL;
         // Through the middle of the ring of cells around the carpet, which stands for all that lies outside.
         let (right, bottom) = ((self.columns - 1) as f32, (self.rows - 1) as f32);
-        self.logs.clear();
+        self.weights.clear();
         for particles in self.particles.chunks(LANES) {
             let [mut cos, mut sin, mut x0, mut y0] = [[0.0_f32; LANES]; 4];
             for (k, particle) in particles.iter().enumerate() {
@@ -206,21 +206,21 @@ impl MonteCarlo {
                 for k in 0..LANES {
                     let column = (x0[k] + cos[k] * x - sin[k] * y).max(0.0).min(right);
                     let row = (y0[k] + sin[k] * x + cos[k] * y).max(0.0).min(bottom);
-                    cells[k] = rounded(row) * self.columns as u32 + rounded(column);
+                    cells[k] = round_to_u32(row) * self.columns as u32 + round_to_u32(column);
                 }
                 for (sum, cell) in sums.iter_mut().zip(cells) {
                     *sum += u32::from(self.table[cell as usize]);
                 }
             }
             let logs = sums.iter().map(|&sum| -(sum as f32) * end / 255.0);
-            self.logs.extend(logs.take(particles.len()));
+            self.weights.extend(logs.take(particles.len()));
         }
     }
 
     /// Turns logs into weights, tempered so that enough particles go on to count.
     fn temper(&mut self) {
-        let top = self.logs.iter().copied().fold(f32::MIN, f32::max);
-        let wanted = self.config.effective_share * self.logs.len() as f32;
+        let top = self.weights.iter().copied().fold(f32::MIN, f32::max);
+        let wanted = self.config.effective_share_min * self.weights.len() as f32;
         let effective = |power: f32, logs: &[f32]| {
             let (mut sum, mut squares) = (0.0, 0.0);
             for log in logs {
@@ -232,37 +232,37 @@ impl MonteCarlo {
         };
         let mut power = 1.0;
         for _ in 0..8 {
-            if effective(power, &self.logs) >= wanted {
+            if effective(power, &self.weights) >= wanted {
                 break;
             }
             power *= 0.6;
         }
-        for log in &mut self.logs {
+        for log in &mut self.weights {
             *log = ((*log - top) * power).exp();
         }
     }
 
     /// Low-variance resampling: one random number, equal steps through the summed weights.
     fn resample(&mut self) {
-        let total: f32 = self.logs.iter().sum();
+        let total: f32 = self.weights.iter().sum();
         let count = self.count();
         let step = total / count as f32;
         let mut mark = self.rng.random::<f32>() * step;
         let mut sum = 0.0;
         let jitter_theta = self.config.jitter_deg.to_radians();
-        self.spare.clear();
-        for (particle, weight) in self.particles.iter().zip(&self.logs) {
+        self.resampled.clear();
+        for (particle, weight) in self.particles.iter().zip(&self.weights) {
             sum += weight;
-            while mark < sum && self.spare.len() < count {
+            while mark < sum && self.resampled.len() < count {
                 mark += step;
-                self.spare.push(Pose::new(
-                    particle.x + self.config.jitter * normal(&mut self.rng),
-                    particle.y + self.config.jitter * normal(&mut self.rng),
-                    particle.theta + jitter_theta * normal(&mut self.rng),
+                self.resampled.push(Pose::new(
+                    particle.x + self.config.jitter * standard_normal(&mut self.rng),
+                    particle.y + self.config.jitter * standard_normal(&mut self.rng),
+                    particle.theta + jitter_theta * standard_normal(&mut self.rng),
                 ));
             }
         }
-        std::mem::swap(&mut self.particles, &mut self.spare);
+        std::mem::swap(&mut self.particles, &mut self.resampled);
     }
 
     /// Particles of the next cycle: the more they spread, the more of them.
@@ -271,13 +271,13 @@ impl MonteCarlo {
         if least >= most {
             return most;
         }
-        let (_, position, _) = self.spread();
-        let part = (position / (4.0 * self.config.spread)).min(1.0);
+        let (_, position, _) = self.statistics();
+        let part = (position / (4.0 * self.config.converged_std)).min(1.0);
         least + ((most - least) as f32 * part) as usize
     }
 
     /// Mean, standard deviation of position (metres) and of heading (radians).
-    fn spread(&self) -> (Pose, f32, f32) {
+    fn statistics(&self) -> (Pose, f32, f32) {
         let per_one = 1.0 / self.particles.len().max(1) as f32;
         let (mut x, mut y, mut sin, mut cos) = (0.0, 0.0, 0.0, 0.0);
         for particle in &self.particles {
@@ -296,16 +296,17 @@ impl MonteCarlo {
         (mean, position.sqrt(), heading.sqrt())
     }
 
-    fn gathered(&self) -> Option<Pose> {
-        let (mean, position, heading) = self.spread();
-        (position < self.config.spread && heading < self.config.spread_deg.to_radians())
-            .then_some(mean)
+    fn converged_mean(&self) -> Option<Pose> {
+        let (mean, position, heading) = self.statistics();
+        (position < self.config.converged_std
+            && heading < self.config.converged_std_deg.to_radians())
+        .then_some(mean)
     }
 }
 
 /// The nearest whole number of one between 0 and 2²², in a way that compilers turn into vectors: added to 2²³, it is
 /// the mantissa.
-fn rounded(value: f32) -> u32 {
+fn round_to_u32(value: f32) -> u32 {
     const SHIFT: f32 = 8_388_608.0;
     (value + SHIFT).to_bits() & 0x007f_ffff
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::compass::CompassCalibration;
-use crate::toml_place::place;
+use crate::toml_place::key_location;
 
 mod camera;
 mod exposure;
@@ -239,7 +239,7 @@ impl RobotConfig {
             source: Box::new(source),
         })?;
         robot.check().map_err(|(key, reason)| RobotError::Value {
-            place: place(path, &text, key),
+            place: key_location(path, &text, key),
             key,
             reason,
         })?;

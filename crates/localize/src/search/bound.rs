@@ -1,21 +1,21 @@
 //! How much can any pose of a block score? All blocks of a heading at once, as sums of the tables' rows.
 
-use super::Search;
-use super::tables::{BATCH, BLOCK, LANES, ROWS, Tables};
+use super::BranchAndBound;
+use super::tables::{BATCH, BLOCK, LANES, ROWS, ScoreTables};
 
-impl Search {
+impl BranchAndBound {
     /// Bounds of all blocks at `count` headings from `first` on, and the points' offsets at each; rows are `bounds_width`
     /// long, zero beyond the blocks, and filled up to whole `ROWS`.
-    pub(super) fn bound(&mut self, first: f32, step: f32, count: usize) {
+    pub(super) fn compute_bounds(&mut self, first: f32, step: f32, count: usize) {
         let tables = &self.tables;
         let layer = tables.rows.next_multiple_of(ROWS) * bounds_width(tables);
         self.bounds.resize(count * layer, 0);
-        let mut bases = Vec::with_capacity(self.used.len());
+        let mut bases = Vec::with_capacity(self.selected_points.len());
         self.offsets.clear();
         for (heading, bounds) in self.bounds.chunks_exact_mut(layer).enumerate() {
             let heading = first + heading as f32 * step;
             let begun = self.offsets.len();
-            tables.turn(&self.used, heading, &mut self.offsets);
+            tables.point_offsets(&self.selected_points, heading, &mut self.offsets);
             bases.clear();
             bases.extend(self.offsets[begun..].iter().map(|&(x, y)| {
                 let (x, y) = (x as usize, y as usize);
@@ -24,25 +24,25 @@ impl Search {
             }));
             // A field of 25 m has rows of 128 blocks, aprons included; the largest that the configuration allows, 4096.
             match tables.plane_stride {
-                128 => bound_layer::<128, 512>(tables, &bases, bounds),
-                256 => bound_layer::<256, 1024>(tables, &bases, bounds),
-                512 => bound_layer::<512, 2048>(tables, &bases, bounds),
-                1024 => bound_layer::<1024, 4096>(tables, &bases, bounds),
-                2048 => bound_layer::<2048, 8192>(tables, &bases, bounds),
-                _ => bound_layer::<4096, 16384>(tables, &bases, bounds),
+                128 => bound_heading::<128, 512>(tables, &bases, bounds),
+                256 => bound_heading::<256, 1024>(tables, &bases, bounds),
+                512 => bound_heading::<512, 2048>(tables, &bases, bounds),
+                1024 => bound_heading::<1024, 4096>(tables, &bases, bounds),
+                2048 => bound_heading::<2048, 8192>(tables, &bases, bounds),
+                _ => bound_heading::<4096, 16384>(tables, &bases, bounds),
             }
         }
     }
 }
 
 /// Blocks in a row of bounds.
-pub(super) fn bounds_width(tables: &Tables) -> usize {
+pub(super) fn bounds_width(tables: &ScoreTables) -> usize {
     tables.columns.next_multiple_of(LANES)
 }
 
 /// Bounds at one heading; `SPAN` bytes are `ROWS` rows of `STRIDE`.
-fn bound_layer<const STRIDE: usize, const SPAN: usize>(
-    tables: &Tables,
+fn bound_heading<const STRIDE: usize, const SPAN: usize>(
+    tables: &ScoreTables,
     bases: &[usize],
     bounds: &mut [u16],
 ) {
@@ -50,7 +50,7 @@ fn bound_layer<const STRIDE: usize, const SPAN: usize>(
     for (group, bounds) in bounds.chunks_exact_mut(ROWS * width).enumerate() {
         for first in (0..width).step_by(LANES) {
             let planes = &tables.planes[group * ROWS * STRIDE + first..];
-            let sums = add_rows::<STRIDE, SPAN>(planes, bases);
+            let sums = sum_rows::<STRIDE, SPAN>(planes, bases);
             for (sums, row) in sums.iter().zip(bounds.chunks_exact_mut(width)) {
                 row[first..first + LANES].copy_from_slice(sums);
             }
@@ -62,7 +62,7 @@ fn bound_layer<const STRIDE: usize, const SPAN: usize>(
 }
 
 /// Adds `ROWS` rows of blocks of every point: bytes first, widened before they overflow.
-fn add_rows<const STRIDE: usize, const SPAN: usize>(
+fn sum_rows<const STRIDE: usize, const SPAN: usize>(
     planes: &[u8],
     bases: &[usize],
 ) -> [[u16; LANES]; ROWS] {

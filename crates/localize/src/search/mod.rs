@@ -20,22 +20,22 @@ use crate::frame::{Pose, wrap_angle};
 use crate::matching::{Match, Matcher};
 use crate::sample::LinePoint;
 
-use tables::Tables;
+use tables::ScoreTables;
 
 /// How the whole field is searched.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct SearchConfig {
+pub struct BranchAndBoundConfig {
     /// Side of a position cell, metres.
     pub cell: f32,
     /// Step of headings, degrees: half of it moves a point 5 m away by about a cell.
     pub heading_step_deg: f32,
     /// How far outside the boundary lines a robot may stand, metres.
-    pub outside: f32,
+    pub margin: f32,
     /// Line points beyond this distance from the robot are not used, metres: they swing too far per heading step.
     pub range_max: f32,
     /// c of the score c²/(c² + d²), metres: as wide as cell and heading step leave a true pose's points off.
-    pub reach: f32,
+    pub kernel_scale: f32,
     /// Most points used; more are thinned out evenly.
     pub points_max: usize,
     /// Most distinct hypotheses returned (each with its half turn, where the field has one).
@@ -45,28 +45,28 @@ pub struct SearchConfig {
     /// Most blocks opened for runners-up, after the best cell is certain.
     pub runner_up_blocks: usize,
     /// Hypotheses closer than this are one, metres.
-    pub distinct: f32,
+    pub separation_min: f32,
     /// Hypotheses closer than this are one, degrees.
-    pub distinct_deg: f32,
+    pub separation_min_deg: f32,
     /// By how much the points' joint likelihood is tempered: neighbouring points are not independent.
-    pub evidence_share: f32,
+    pub likelihood_exponent: f32,
 }
 
-impl Default for SearchConfig {
+impl Default for BranchAndBoundConfig {
     fn default() -> Self {
-        SearchConfig {
+        BranchAndBoundConfig {
             cell: 0.1,
             heading_step_deg: 2.0,
-            outside: 1.0,
+            margin: 1.0,
             range_max: 10.0,
-            reach: 0.2,
+            kernel_scale: 0.2,
             points_max: 120,
             hypotheses_max: 6,
             runner_up_share: 0.85,
             runner_up_blocks: 600,
-            distinct: 0.4,
-            distinct_deg: 10.0,
-            evidence_share: 0.3,
+            separation_min: 0.4,
+            separation_min_deg: 10.0,
+            likelihood_exponent: 0.3,
         }
     }
 }
@@ -94,21 +94,21 @@ pub struct Hypothesis {
     /// Root mean square distance of the inliers, metres.
     pub residual: f32,
     /// Lean (a, b), radians.
-    pub lean: [f32; 2],
+    pub tilt: [f32; 2],
     /// Probability among the hypotheses returned.
     pub probability: f32,
 }
 
 impl Hypothesis {
     /// A match that nothing was compared with yet.
-    pub(crate) fn of(matched: &Match) -> Self {
+    pub(crate) fn from_match(matched: &Match) -> Self {
         Hypothesis {
             pose: matched.pose,
             covariance: matched.covariance,
             score: matched.score,
             inlier_share: matched.inlier_share,
             residual: matched.residual,
-            lean: matched.lean,
+            tilt: matched.tilt,
             probability: 0.0,
         }
     }
@@ -116,90 +116,90 @@ impl Hypothesis {
 
 /// Score tables of one field, and what a search over them needs.
 #[derive(Debug, Clone)]
-pub struct Search {
-    config: SearchConfig,
-    tables: Tables,
+pub struct BranchAndBound {
+    config: BranchAndBoundConfig,
+    tables: ScoreTables,
     /// A half turn maps the markings onto themselves.
-    symmetric: bool,
+    half_turn_symmetric: bool,
     /// Headings of this search go up to half a turn: a pose stands for its half turn too.
-    folded: bool,
+    fold_half_turn: bool,
     bounds: Vec<u16>,
     offsets: Vec<(u32, u32)>,
-    used: Vec<LinePoint>,
+    selected_points: Vec<LinePoint>,
 }
 
-impl Search {
+impl BranchAndBound {
     /// Fills the tables for a field.
-    pub fn new(field: &Field, distances: &DistanceField, config: SearchConfig) -> Self {
-        Search {
-            tables: Tables::new(field, distances, &config),
-            symmetric: half_turn_symmetric(field, distances),
-            folded: false,
+    pub fn new(field: &Field, distances: &DistanceField, config: BranchAndBoundConfig) -> Self {
+        BranchAndBound {
+            tables: ScoreTables::new(field, distances, &config),
+            half_turn_symmetric: half_turn_symmetric(field, distances),
+            fold_half_turn: false,
             bounds: Vec::new(),
             offsets: Vec::new(),
-            used: Vec::new(),
+            selected_points: Vec::new(),
             config,
         }
     }
 
     /// Does a half turn map the field's markings onto themselves?
-    pub fn symmetric(&self) -> bool {
-        self.symmetric
+    pub fn is_half_turn_symmetric(&self) -> bool {
+        self.half_turn_symmetric
     }
 
     /// Memory held by the tables, bytes.
-    pub fn bytes(&self) -> usize {
-        self.tables.bytes()
+    pub fn memory_bytes(&self) -> usize {
+        self.tables.memory_bytes()
     }
 
     /// The poses that explain `points` (finite; robot frame) best, most probable first; empty without points.
     ///
     /// Without a prior all headings are searched. On a symmetric field every pose then comes with its half turn.
-    pub fn find(
+    pub fn find_hypotheses(
         &mut self,
         distances: &DistanceField,
         matcher: &mut Matcher,
         points: &[LinePoint],
         prior: Option<HeadingPrior>,
     ) -> Vec<Hypothesis> {
-        self.choose(points);
-        if self.used.is_empty() {
+        self.select_points(points);
+        if self.selected_points.is_empty() {
             return Vec::new();
         }
-        self.folded = prior.is_none() && self.symmetric;
-        let (first, count) = self.headings(prior);
+        self.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
+        let (first, count) = self.heading_range(prior);
         let step = self.config.heading_step_deg.to_radians();
-        self.bound(first, step, count);
-        let cells = self.open(first, step, count);
+        self.compute_bounds(first, step, count);
+        let cells = self.find_best_cells(first, step, count);
         let starts: Vec<Pose> = cells.iter().map(|cell| cell.pose).collect();
-        let reach = self.config.reach;
+        let reach = self.config.kernel_scale;
         self.rank(distances, matcher, points, &starts, prior, reach)
     }
 
     /// Thins the points out to those used.
-    fn choose(&mut self, points: &[LinePoint]) {
+    fn select_points(&mut self, points: &[LinePoint]) {
         let range = self.config.range_max;
-        self.used.clear();
-        self.used.extend(
+        self.selected_points.clear();
+        self.selected_points.extend(
             points
                 .iter()
                 .filter(|point| point.at.distance() < range)
                 .copied(),
         );
-        let (count, most) = (self.used.len(), self.config.points_max);
+        let (count, most) = (self.selected_points.len(), self.config.points_max);
         if count > most {
             for k in 0..most {
-                self.used[k] = self.used[k * count / most];
+                self.selected_points[k] = self.selected_points[k * count / most];
             }
-            self.used.truncate(most);
+            self.selected_points.truncate(most);
         }
     }
 
     /// First heading and number of headings to search.
-    fn headings(&self, prior: Option<HeadingPrior>) -> (f32, usize) {
+    fn heading_range(&self, prior: Option<HeadingPrior>) -> (f32, usize) {
         use std::f32::consts::{PI, TAU};
         let step = self.config.heading_step_deg.to_radians();
-        let all = if self.folded { PI } else { TAU };
+        let all = if self.fold_half_turn { PI } else { TAU };
         let Some(prior) = prior else {
             return (0.0, (all / step).ceil() as usize);
         };
@@ -209,14 +209,15 @@ impl Search {
     }
 
     /// Are two poses too close to be two hypotheses?
-    pub fn same(&self, a: Pose, b: Pose) -> bool {
-        a.origin().distance_to(b.origin()) < self.config.distinct
-            && wrap_angle(a.theta - b.theta).abs() < self.config.distinct_deg.to_radians()
+    pub fn is_same_hypothesis(&self, a: Pose, b: Pose) -> bool {
+        a.origin().distance_to(b.origin()) < self.config.separation_min
+            && wrap_angle(a.theta - b.theta).abs() < self.config.separation_min_deg.to_radians()
     }
 
     /// The same, up to the half turn where headings are searched up to it.
-    fn same_folded(&self, a: Pose, b: Pose) -> bool {
-        self.same(a, b) || self.folded && self.same(a, half_turn(b))
+    fn is_same_up_to_fold(&self, a: Pose, b: Pose) -> bool {
+        self.is_same_hypothesis(a, b)
+            || self.fold_half_turn && self.is_same_hypothesis(a, half_turn(b))
     }
 }
 
@@ -233,8 +234,8 @@ fn half_turn_symmetric(field: &Field, distances: &DistanceField) -> bool {
     (0..=columns).all(|column| {
         (0..=rows).all(|row| {
             let (x, y) = (column as f32 * step, row as f32 * step - half_y);
-            let here = distances.nearest(x, y).distance.abs();
-            let there = distances.nearest(-x, -y).distance.abs();
+            let here = distances.nearest(x, y).signed_distance.abs();
+            let there = distances.nearest(-x, -y).signed_distance.abs();
             (here - there).abs() < 0.02
         })
     })

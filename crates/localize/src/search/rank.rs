@@ -1,12 +1,12 @@
 //! Which of several poses is it most probably? Each matched to the end, told apart, and weighed by likelihood.
 
-use super::{HeadingPrior, Hypothesis, Search, half_turn};
+use super::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
 use crate::distance::DistanceField;
 use crate::frame::{Pose, wrap_angle};
 use crate::matching::Matcher;
 use crate::sample::LinePoint;
 
-impl Search {
+impl BranchAndBound {
     /// Matches the points from each start (off by about `spread` metres), leaves each pose once, and ranks by
     /// likelihood; without a prior on a symmetric field with each pose's half turn behind it.
     pub fn rank(
@@ -18,25 +18,26 @@ impl Search {
         prior: Option<HeadingPrior>,
         spread: f32,
     ) -> Vec<Hypothesis> {
-        self.choose(points);
-        self.folded = prior.is_none() && self.symmetric;
-        let used = std::mem::take(&mut self.used);
+        self.select_points(points);
+        self.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
+        let selected_points = std::mem::take(&mut self.selected_points);
         let mut found: Vec<(f32, Hypothesis)> = Vec::new();
-        for start in screen(distances, &used, starts, spread) {
-            let matched = matcher.refine(distances, &used, start, spread);
-            let known = |(_, other): &(f32, Hypothesis)| self.same_folded(other.pose, matched.pose);
+        for start in screen(distances, &selected_points, starts, spread) {
+            let matched = matcher.refine(distances, &selected_points, start, spread);
+            let known =
+                |(_, other): &(f32, Hypothesis)| self.is_same_up_to_fold(other.pose, matched.pose);
             if found.iter().any(known) {
                 continue;
             }
             let turned = prior.map_or(0.0, |prior| {
                 0.5 * (wrap_angle(matched.pose.theta - prior.heading) / prior.std).powi(2)
             });
-            let cost = self.config.evidence_share * matched.cost + turned;
-            found.push((cost, Hypothesis::of(&matched)));
+            let cost = self.config.likelihood_exponent * matched.cost + turned;
+            found.push((cost, Hypothesis::from_match(&matched)));
         }
-        self.used = used;
+        self.selected_points = selected_points;
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        if self.folded {
+        if self.fold_half_turn {
             found = found
                 .into_iter()
                 .flat_map(|(cost, one)| {
@@ -45,7 +46,7 @@ impl Search {
                 })
                 .collect();
         }
-        weigh(found)
+        normalise_probabilities(found)
     }
 }
 
@@ -64,10 +65,10 @@ fn half_turned(one: &Hypothesis) -> Hypothesis {
 }
 
 /// Starts that are matched to the end.
-const MATCHED: usize = 24;
+const REFINED_MAX: usize = 24;
 
 /// Points that many starts are screened with.
-const SCREENED: usize = 40;
+const SCREENING_POINTS: usize = 40;
 
 /// The starts themselves if they are few, or those under which some of the points lie nearest to markings.
 fn screen(
@@ -76,12 +77,12 @@ fn screen(
     starts: &[Pose],
     reach: f32,
 ) -> Vec<Pose> {
-    if starts.len() <= MATCHED {
+    if starts.len() <= REFINED_MAX {
         return starts.to_vec();
     }
     let some: Vec<&LinePoint> = points
         .iter()
-        .step_by(points.len().div_ceil(SCREENED).max(1))
+        .step_by(points.len().div_ceil(SCREENING_POINTS).max(1))
         .collect();
     let squared = reach * reach;
     let mut scored: Vec<(f32, Pose)> = starts
@@ -91,7 +92,7 @@ fn screen(
                 .iter()
                 .map(|point| {
                     let at = pose * point.at;
-                    let distance = distances.nearest(at.x, at.y).distance;
+                    let distance = distances.nearest(at.x, at.y).signed_distance;
                     squared / (squared + distance * distance)
                 })
                 .sum();
@@ -102,12 +103,12 @@ fn screen(
     scored
         .into_iter()
         .map(|(_, pose)| pose)
-        .take(MATCHED)
+        .take(REFINED_MAX)
         .collect()
 }
 
 /// Probabilities from costs (negative log likelihoods, ascending).
-fn weigh(found: Vec<(f32, Hypothesis)>) -> Vec<Hypothesis> {
+fn normalise_probabilities(found: Vec<(f32, Hypothesis)>) -> Vec<Hypothesis> {
     let least = found.first().map_or(0.0, |(cost, _)| *cost);
     let total: f32 = found.iter().map(|(cost, _)| (least - cost).exp()).sum();
     found

@@ -10,36 +10,36 @@ pub struct TeamConfig {
     /// Our own number.
     pub number: u32,
     /// Most team-mates that are listened to: those beyond are strangers.
-    pub mates_max: usize,
+    pub teammates_max: usize,
     /// A ball that was not seen for so many seconds is not counted.
-    pub age_max: f32,
+    pub ball_age_max: f32,
     /// A team-mate that was not heard for so many seconds is forgotten.
-    pub forget_after: f32,
+    pub report_timeout: f32,
     /// How the ball's velocity wanders when somebody touches it, m/s in a second.
-    pub ball_wander: f32,
+    pub ball_acceleration_noise: f32,
     /// Error of a reported velocity, m/s.
     pub velocity_std: f32,
     /// Nobody knows the ball better than this, metres: what calibration leaves, whatever a robot claims.
-    pub std_min: f32,
+    pub position_std_min: f32,
     /// Squared deviation of two balls in standard deviations up to which they agree: 99 % of 2 degrees of freedom.
-    pub agree: f32,
+    pub gate: f32,
     /// Most that one frame's ball says about the half of the field, log odds.
-    pub half_evidence_max: f32,
+    pub half_log_odds_max: f32,
 }
 
 impl Default for TeamConfig {
     fn default() -> Self {
         TeamConfig {
             number: 1,
-            mates_max: 10,
-            age_max: 1.0,
-            forget_after: 5.0,
-            ball_wander: 1.0,
+            teammates_max: 10,
+            ball_age_max: 1.0,
+            report_timeout: 5.0,
+            ball_acceleration_noise: 1.0,
             velocity_std: 0.5,
-            std_min: 0.05,
-            agree: 9.2,
+            position_std_min: 0.05,
+            gate: 9.2,
             // At 30 Hz the half is decided within half a second, and by no single frame.
-            half_evidence_max: 0.5,
+            half_log_odds_max: 0.5,
         }
     }
 }
@@ -48,14 +48,14 @@ impl TeamConfig {
     /// Refuses what no team can be followed with; the word names the key, its value and the bounds.
     pub fn check(&self) -> Result<(), String> {
         let bounds = [
-            ("team.mates_max", self.mates_max as f32, 0.0, 12.0),
-            ("team.age_max", self.age_max, 0.01, 60.0),
-            ("team.forget_after", self.forget_after, 0.01, 3600.0),
-            ("team.ball_wander", self.ball_wander, 0.0, 100.0),
+            ("team.mates_max", self.teammates_max as f32, 0.0, 12.0),
+            ("team.age_max", self.ball_age_max, 0.01, 60.0),
+            ("team.forget_after", self.report_timeout, 0.01, 3600.0),
+            ("team.ball_wander", self.ball_acceleration_noise, 0.0, 100.0),
             ("team.velocity_std", self.velocity_std, 0.0, 100.0),
-            ("team.std_min", self.std_min, 1e-3, 10.0),
-            ("team.agree", self.agree, 0.1, 1e4),
-            ("team.half_evidence_max", self.half_evidence_max, 0.0, 10.0),
+            ("team.std_min", self.position_std_min, 1e-3, 10.0),
+            ("team.agree", self.gate, 0.1, 1e4),
+            ("team.half_evidence_max", self.half_log_odds_max, 0.0, 10.0),
         ];
         for (key, value, low, high) in bounds {
             if !(value >= low && value <= high) {

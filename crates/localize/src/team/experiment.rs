@@ -7,13 +7,13 @@ use rand::rngs::Xoshiro256PlusPlus;
 use rand::{Rng, RngExt, SeedableRng};
 use serde::Serialize;
 
-use super::{Ball, Report, TeamConfig, TeamModel};
-use crate::drive::normal;
+use super::{ReportedBall, TeamConfig, TeamModel, TeamReport};
+use crate::drive::standard_normal;
 use crate::estimate::{Estimate, Mode};
 use crate::frame::{At, FieldFrame, Pose};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
-use crate::world::{Sight, Sighting, World, WorldConfig, WorldModel};
+use crate::world::{ObjectObservation, WorldConfig, WorldModel, WorldObservation, WorldView};
 
 /// Robots of a team.
 pub const ROBOTS: usize = 5;
@@ -22,13 +22,13 @@ const HEIGHT: f32 = 0.75;
 /// Frames per second.
 const RATE: f32 = 30.0;
 /// Error of a sighting from frame to frame, share of its distance: a pixel in radius at 4 m is 3 cm, half of it across.
-const SIGHT_STD: [f32; 2] = [0.01, 0.005];
+const OBSERVATION_STD: [f32; 2] = [0.01, 0.005];
 /// Lean of a robot that its frames' estimates leave, degrees, and how long it lasts, seconds.
-const LEAN_STD_DEG: f32 = 0.15;
-const LEAN_LASTS: f32 = 0.5;
+const TILT_STD_DEG: f32 = 0.15;
+const TILT_CORRELATION_TIME: f32 = 0.5;
 /// Error of its pose, metres and radians, and how long it lasts, seconds.
 const POSE_STD: [f32; 2] = [0.04, 0.01];
-const POSE_LASTS: f32 = 2.0;
+const POSE_CORRELATION_TIME: f32 = 2.0;
 
 /// How well the ball was known where every robot was beyond the distance asked for.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -36,11 +36,11 @@ pub struct BallScore {
     /// Frames scored.
     pub frames: usize,
     /// Mean error of each robot by itself, metres.
-    pub single: [f32; ROBOTS],
+    pub single_robot: [f32; ROBOTS],
     /// Mean error of the best of them.
-    pub best_single: f32,
+    pub best_robot: f32,
     /// Mean error of the merged ball as the robots have it, metres.
-    pub merged: f32,
+    pub fused: f32,
     /// `merged` over `best_single`.
     pub ratio: f32,
     /// Mean squared error of the merged ball in its own standard deviations; 2 is honest.
@@ -49,142 +49,142 @@ pub struct BallScore {
 
 /// What the network and the team do.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Trial {
+pub struct TeamExperiment {
     /// Frames between two words of a robot, at 30 frames a second.
-    pub frames_per_word: usize,
+    pub frames_per_message: usize,
     /// Share of the words that are lost.
     pub loss: f32,
     /// Longest time that a word is under way, seconds.
     pub delay_max: f32,
     /// Robots that lie: they claim, and very surely, a ball elsewhere.
-    pub liars: usize,
+    pub faulty_robots: usize,
     /// Frames are scored where the ball is farther than this from every honest robot, metres.
-    pub beyond: f32,
+    pub ball_distance_min: f32,
     /// Seconds of each drive.
     pub seconds: f32,
 }
 
-impl Default for Trial {
+impl Default for TeamExperiment {
     fn default() -> Self {
-        Trial {
+        TeamExperiment {
             // 15 words a second, the default of the link.
-            frames_per_word: 2,
+            frames_per_message: 2,
             loss: 0.2,
             delay_max: 0.05,
-            liars: 0,
-            beyond: 4.0,
+            faulty_robots: 0,
+            ball_distance_min: 4.0,
             seconds: 20.0,
         }
     }
 }
 
 /// An error that lasts: stationary, of standard deviation 1, forgotten after `lasts` seconds.
-struct Lasting {
+struct GaussMarkov {
     value: f32,
-    lasts: f32,
+    time_constant: f32,
 }
 
-impl Lasting {
+impl GaussMarkov {
     fn new(lasts: f32, rng: &mut impl Rng) -> Self {
-        Lasting {
-            value: normal(rng),
-            lasts,
+        GaussMarkov {
+            value: standard_normal(rng),
+            time_constant: lasts,
         }
     }
 
-    fn next(&mut self, rng: &mut impl Rng) -> f32 {
-        let kept = (-1.0 / (RATE * self.lasts)).exp();
-        self.value = kept * self.value + (1.0 - kept * kept).sqrt() * normal(rng);
+    fn step(&mut self, rng: &mut impl Rng) -> f32 {
+        let kept = (-1.0 / (RATE * self.time_constant)).exp();
+        self.value = kept * self.value + (1.0 - kept * kept).sqrt() * standard_normal(rng);
         self.value
     }
 }
 
-struct Player {
+struct ExperimentRobot {
     number: u32,
     truth: Pose,
-    errors: [Lasting; 5],
+    errors: [GaussMarkov; 5],
     world: WorldModel,
     team: TeamModel,
 }
 
 /// A word that is under way to a player.
-struct Word {
-    arrives: f32,
-    to: usize,
-    report: Report,
+struct PendingMessage {
+    arrival: f32,
+    recipient: usize,
+    report: TeamReport,
 }
 
 /// Plays with each seed and scores every robot against the truth.
-pub fn shared_ball(seeds: std::ops::Range<u64>, trial: &Trial) -> BallScore {
-    let mut sums = Sums::default();
+pub fn evaluate_team_ball(seeds: std::ops::Range<u64>, trial: &TeamExperiment) -> BallScore {
+    let mut sums = ScoreSums::default();
     for seed in seeds {
-        play(seed, trial, &mut sums);
+        run_seed(seed, trial, &mut sums);
     }
     sums.score()
 }
 
 #[derive(Default)]
-struct Sums {
+struct ScoreSums {
     frames: usize,
-    single: [f64; ROBOTS],
-    merged: f64,
-    merges: usize,
+    single_robot: [f64; ROBOTS],
+    fused: f64,
+    fused_frames: usize,
     nees: f64,
 }
 
-impl Sums {
+impl ScoreSums {
     fn score(&self) -> BallScore {
         let frames = self.frames.max(1) as f64;
-        let single = self.single.map(|sum| (sum / frames) as f32);
+        let single = self.single_robot.map(|sum| (sum / frames) as f32);
         let heard = single.iter().copied().filter(|error| *error > 0.0);
         let best_single = heard.fold(f32::INFINITY, f32::min);
-        let merges = self.merges.max(1) as f64;
-        let merged = (self.merged / merges) as f32;
+        let merges = self.fused_frames.max(1) as f64;
+        let merged = (self.fused / merges) as f32;
         BallScore {
             frames: self.frames,
-            single,
-            best_single,
-            merged,
+            single_robot: single,
+            best_robot: best_single,
+            fused: merged,
             ratio: merged / best_single,
             nees: (self.nees / merges) as f32,
         }
     }
 }
 
-fn play(seed: u64, trial: &Trial, sums: &mut Sums) {
+fn run_seed(seed: u64, trial: &TeamExperiment, sums: &mut ScoreSums) {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut players: Vec<Player> = (0..ROBOTS).map(|i| player(i, &mut rng)).collect();
-    let mut words: Vec<Word> = Vec::new();
-    let mut ball = Rolling::new(&mut rng);
+    let mut players: Vec<ExperimentRobot> = (0..ROBOTS).map(|i| player(i, &mut rng)).collect();
+    let mut words: Vec<PendingMessage> = Vec::new();
+    let mut ball = RollingBall::new(&mut rng);
     for frame in 0..(trial.seconds * RATE) as usize {
         let time = frame as f32 / RATE;
         let stamp = Stamp::from_seconds(f64::from(time));
-        ball.roll(&mut rng);
+        ball.step(&mut rng);
         words.retain(|word| {
-            let due = word.arrives <= time;
+            let due = word.arrival <= time;
             if due {
-                players[word.to].team.hear(&word.report);
+                players[word.recipient].team.receive(&word.report);
             }
             !due
         });
         let scored = frame > RATE as usize
-            && players[trial.liars..]
+            && players[trial.faulty_robots..]
                 .iter()
-                .all(|player| player.truth.origin().distance_to(ball.at) > trial.beyond);
+                .all(|player| player.truth.origin().distance_to(ball.at) > trial.ball_distance_min);
         sums.frames += usize::from(scored);
         for (i, player) in players.iter_mut().enumerate() {
-            let (world, estimate) = player.look(stamp, ball.at, &mut rng);
-            let view = player.team.view(stamp, &world, &estimate);
-            let liar = i < trial.liars;
-            if (frame + i).is_multiple_of(trial.frames_per_word) {
+            let (world, estimate) = player.observe(stamp, ball.at, &mut rng);
+            let view = player.team.update(stamp, &world, &estimate);
+            let liar = i < trial.faulty_robots;
+            if (frame + i).is_multiple_of(trial.frames_per_message) {
                 let report = report(player.number, stamp, &world, &estimate, liar);
                 for to in (0..ROBOTS).filter(|&to| to != i) {
                     if rng.random::<f32>() >= trial.loss {
                         let arrives = time + trial.delay_max * rng.random::<f32>();
                         let report = report.clone();
-                        words.push(Word {
-                            arrives,
-                            to,
+                        words.push(PendingMessage {
+                            arrival: arrives,
+                            recipient: to,
                             report,
                         });
                     }
@@ -192,12 +192,12 @@ fn play(seed: u64, trial: &Trial, sums: &mut Sums) {
             }
             if scored && !liar {
                 let own = world.ball.and_then(|ball| ball.on_field);
-                sums.single[i] += own.map_or(f64::from(trial.beyond), |own| {
+                sums.single_robot[i] += own.map_or(f64::from(trial.ball_distance_min), |own| {
                     f64::from(own.at.distance_to(ball.at))
                 });
                 if let Some(shared) = view.ball {
-                    sums.merges += 1;
-                    sums.merged += f64::from(shared.at.distance_to(ball.at));
+                    sums.fused_frames += 1;
+                    sums.fused += f64::from(shared.at.distance_to(ball.at));
                     let [xx, xy, yy] = shared.covariance;
                     let (dx, dy) = (shared.at.x - ball.at.x, shared.at.y - ball.at.y);
                     let squared = yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy;
@@ -209,24 +209,24 @@ fn play(seed: u64, trial: &Trial, sums: &mut Sums) {
 }
 
 /// A ball that rolls about the middle of the field.
-struct Rolling {
+struct RollingBall {
     at: At<FieldFrame>,
     velocity: [f32; 2],
 }
 
-impl Rolling {
+impl RollingBall {
     fn new(rng: &mut impl Rng) -> Self {
-        Rolling {
-            at: At::new(normal(rng), normal(rng)),
-            velocity: [0.5 * normal(rng), 0.5 * normal(rng)],
+        RollingBall {
+            at: At::new(standard_normal(rng), standard_normal(rng)),
+            velocity: [0.5 * standard_normal(rng), 0.5 * standard_normal(rng)],
         }
     }
 
     /// Velocity wanders by half a metre per second in a second; it turns back to the middle at 2 m.
-    fn roll(&mut self, rng: &mut impl Rng) {
+    fn step(&mut self, rng: &mut impl Rng) {
         let step = 1.0 / RATE;
         for (speed, place) in self.velocity.iter_mut().zip([self.at.x, self.at.y]) {
-            *speed += 0.5 * step.sqrt() * normal(rng);
+            *speed += 0.5 * step.sqrt() * standard_normal(rng);
             if place.abs() > 2.0 {
                 *speed = -place.signum() * speed.abs();
             }
@@ -240,15 +240,21 @@ impl Rolling {
 }
 
 /// Players stand around the middle, 5.5 m from it; they turn on the spot.
-fn player(i: usize, rng: &mut impl Rng) -> Player {
+fn player(i: usize, rng: &mut impl Rng) -> ExperimentRobot {
     let angle = std::f32::consts::TAU * (i as f32 + 0.3 * rng.random::<f32>()) / ROBOTS as f32;
     let (sin, cos) = angle.sin_cos();
     let number = i as u32 + 1;
-    let lasts = [LEAN_LASTS, LEAN_LASTS, POSE_LASTS, POSE_LASTS, POSE_LASTS];
-    Player {
+    let lasts = [
+        TILT_CORRELATION_TIME,
+        TILT_CORRELATION_TIME,
+        POSE_CORRELATION_TIME,
+        POSE_CORRELATION_TIME,
+        POSE_CORRELATION_TIME,
+    ];
+    ExperimentRobot {
         number,
         truth: Pose::new(5.5 * cos, 5.5 * sin, angle * 2.0),
-        errors: lasts.map(|lasts| Lasting::new(lasts, rng)),
+        errors: lasts.map(|lasts| GaussMarkov::new(lasts, rng)),
         world: WorldModel::new(WorldConfig::default(), HEIGHT),
         team: TeamModel::new(TeamConfig {
             number,
@@ -257,21 +263,21 @@ fn player(i: usize, rng: &mut impl Rng) -> Player {
     }
 }
 
-impl Player {
-    fn look(
+impl ExperimentRobot {
+    fn observe(
         &mut self,
         stamp: Stamp,
         ball: At<FieldFrame>,
         rng: &mut impl Rng,
-    ) -> (World, Estimate) {
+    ) -> (WorldView, Estimate) {
         let turn = 0.5 / RATE;
         self.truth = Pose::new(self.truth.x, self.truth.y, self.truth.theta + turn);
-        self.world.odometry(&Odometry {
+        self.world.add_odometry(&Odometry {
             stamp,
             dtheta: turn,
-            ..STILL
+            ..STATIONARY
         });
-        let [a, b, x, y, heading] = self.errors.each_mut().map(|error| error.next(rng));
+        let [a, b, x, y, heading] = self.errors.each_mut().map(|error| error.step(rng));
         let [position_std, heading_std] = POSE_STD;
         let believed = Pose::new(
             self.truth.x + position_std * x,
@@ -280,17 +286,20 @@ impl Player {
         );
         let truth = self.truth.inverse() * ball;
         let range = truth.distance();
-        let std = LEAN_STD_DEG.to_radians();
+        let std = TILT_STD_DEG.to_radians();
         let stretch = std * (a * truth.x + b * truth.y) / HEIGHT;
-        let [radial, tangential] = SIGHT_STD.map(|share| share * range);
-        let (along, across) = (radial * normal(rng), tangential * normal(rng));
+        let [radial, tangential] = OBSERVATION_STD.map(|share| share * range);
+        let (along, across) = (
+            radial * standard_normal(rng),
+            tangential * standard_normal(rng),
+        );
         let (cos, sin) = (truth.x / range, truth.y / range);
         let at = At::new(
             truth.x - std * a * HEIGHT - stretch * truth.x + cos * along - sin * across,
             truth.y - std * b * HEIGHT - stretch * truth.y + sin * along + cos * across,
         );
         let (r, t) = (radial * radial, tangential * tangential);
-        let sighting = Sighting {
+        let sighting = ObjectObservation {
             at,
             covariance: [
                 r * cos * cos + t * sin * sin,
@@ -298,21 +307,21 @@ impl Player {
                 r * sin * sin + t * cos * cos,
             ],
             score: 0.8,
-            flying: false,
+            airborne: false,
             team: None,
         };
-        let sight = Sight {
+        let sight = WorldObservation {
             ball: Some(sighting),
             robots: Vec::new(),
         };
         let estimate = estimate(stamp, believed);
-        let world = self.world.see(stamp, Some(&sight), &estimate);
+        let world = self.world.update(stamp, Some(&sight), &estimate);
         (world, estimate)
     }
 }
 
 /// An odometry report of a robot that stands.
-const STILL: Odometry = Odometry {
+const STATIONARY: Odometry = Odometry {
     stamp: Stamp(0),
     dx: 0.0,
     dy: 0.0,
@@ -331,7 +340,7 @@ fn estimate(stamp: Stamp, pose: Pose) -> Estimate {
         residual: 0.0,
         inlier_share: 1.0,
         line_points: 50,
-        lean: [0.0; 2],
+        tilt: [0.0; 2],
         half_known: true,
         odometry_scales: [1.0; 2],
         twist: None,
@@ -342,7 +351,13 @@ fn estimate(stamp: Stamp, pose: Pose) -> Estimate {
     }
 }
 
-fn report(number: u32, stamp: Stamp, world: &World, estimate: &Estimate, liar: bool) -> Report {
+fn report(
+    number: u32,
+    stamp: Stamp,
+    world: &WorldView,
+    estimate: &Estimate,
+    liar: bool,
+) -> TeamReport {
     let ball = world.ball.and_then(|ball| {
         let on_field = ball.on_field?;
         let p = on_field.covariance;
@@ -351,14 +366,14 @@ fn report(number: u32, stamp: Stamp, world: &World, estimate: &Estimate, liar: b
         } else {
             (on_field.at, [p[(0, 0)], p[(0, 1)], p[(1, 1)]])
         };
-        Some(Ball {
+        Some(ReportedBall {
             at,
             velocity: on_field.velocity,
             covariance,
-            seen: ball.seen,
+            last_seen: ball.last_seen,
         })
     });
-    Report {
+    TeamReport {
         robot: number,
         stamp,
         pose: estimate.pose,

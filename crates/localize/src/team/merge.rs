@@ -7,7 +7,7 @@ use crate::frame::{At, FieldFrame};
 
 /// Where one robot says the ball is now.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Witness {
+pub struct BallMeasurement {
     /// Who says so.
     pub robot: u32,
     /// Metres.
@@ -20,7 +20,7 @@ pub struct Witness {
 
 /// What the witnesses say together.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Merged {
+pub struct FusedBall {
     /// Metres.
     pub at: At<FieldFrame>,
     /// m/s.
@@ -28,24 +28,29 @@ pub struct Merged {
     /// Covariance: xx, xy, yy, m².
     pub covariance: [f32; 3],
     /// Who agrees, by number.
-    pub witnesses: Vec<u32>,
+    pub inliers: Vec<u32>,
     /// Who does not, by number.
-    pub dissenters: Vec<u32>,
+    pub outliers: Vec<u32>,
 }
 
 /// More witnesses than this are not compared: 2^13 groups at most.
-const MOST: usize = 13;
+const MEASUREMENTS_MAX: usize = 13;
 
 /// Merges the largest group of witnesses of whom each two agree; none where there are no witnesses.
 ///
 /// Of groups of one size the one with `own` in it is taken, then the one that knows best.
-pub fn merge(witnesses: &[Witness], own: u32, config: &TeamConfig) -> Option<Merged> {
-    let witnesses = &witnesses[..witnesses.len().min(MOST)];
+pub fn fuse_balls(
+    witnesses: &[BallMeasurement],
+    own: u32,
+    config: &TeamConfig,
+) -> Option<FusedBall> {
+    let witnesses = &witnesses[..witnesses.len().min(MEASUREMENTS_MAX)];
     let covariances: Vec<Matrix2<f32>> = witnesses
         .iter()
         .map(|witness| {
             let [xx, xy, yy] = witness.covariance;
-            Matrix2::new(xx, xy, xy, yy) + Matrix2::identity() * config.std_min * config.std_min
+            Matrix2::new(xx, xy, xy, yy)
+                + Matrix2::identity() * config.position_std_min * config.position_std_min
         })
         .collect();
     let count = witnesses.len();
@@ -53,9 +58,9 @@ pub fn merge(witnesses: &[Witness], own: u32, config: &TeamConfig) -> Option<Mer
     let agreeing: Vec<u32> = (0..count)
         .map(|i| {
             let with = |j: usize| {
-                let off = place(&witnesses[i]) - place(&witnesses[j]);
+                let off = position_vector(&witnesses[i]) - position_vector(&witnesses[j]);
                 let inverse = (covariances[i] + covariances[j]).try_inverse();
-                i == j || inverse.is_some_and(|k| (off.transpose() * k * off).x <= config.agree)
+                i == j || inverse.is_some_and(|k| (off.transpose() * k * off).x <= config.gate)
             };
             (0..count).filter(|&j| with(j)).map(|j| 1 << j).sum()
         })
@@ -88,7 +93,7 @@ pub fn merge(witnesses: &[Witness], own: u32, config: &TeamConfig) -> Option<Mer
     let (mut at, mut velocity) = (Vector2::zeros(), Vector2::zeros());
     for i in (0..count).filter(|i| group >> i & 1 == 1) {
         let weight = covariance * covariances[i].try_inverse()?;
-        at += weight * place(&witnesses[i]);
+        at += weight * position_vector(&witnesses[i]);
         velocity += weight * Vector2::from(witnesses[i].velocity);
     }
     let named = |within: bool| {
@@ -99,15 +104,15 @@ pub fn merge(witnesses: &[Witness], own: u32, config: &TeamConfig) -> Option<Mer
         robots.sort_unstable();
         robots
     };
-    Some(Merged {
+    Some(FusedBall {
         at: At::new(at.x, at.y),
         velocity: [velocity.x, velocity.y],
         covariance: [covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]],
-        witnesses: named(true),
-        dissenters: named(false),
+        inliers: named(true),
+        outliers: named(false),
     })
 }
 
-fn place(witness: &Witness) -> Vector2<f32> {
+fn position_vector(witness: &BallMeasurement) -> Vector2<f32> {
     Vector2::new(witness.at.x, witness.at.y)
 }

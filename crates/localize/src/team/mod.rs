@@ -13,16 +13,16 @@ mod tests;
 use nalgebra::Matrix2;
 
 pub use config::TeamConfig;
-pub use merge::{Merged, Witness, merge};
+pub use merge::{BallMeasurement, FusedBall, fuse_balls};
 
 use crate::estimate::Estimate;
 use crate::frame::{At, FieldFrame, Pose};
 use crate::stamp::Stamp;
-use crate::world::World;
+use crate::world::WorldView;
 
 /// What a team-mate says of itself and of what it sees, at one moment of our own clock.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Report {
+pub struct TeamReport {
     /// Its number in the team.
     pub robot: u32,
     /// When what it says was so, by our clock.
@@ -34,14 +34,14 @@ pub struct Report {
     /// Does it know its half of the field?
     pub half_known: bool,
     /// The ball that it sees.
-    pub ball: Option<Ball>,
+    pub ball: Option<ReportedBall>,
     /// Robots that it sees, metres.
     pub obstacles: Vec<At<FieldFrame>>,
 }
 
 /// A ball on the field.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ball {
+pub struct ReportedBall {
     /// Metres.
     pub at: At<FieldFrame>,
     /// m/s.
@@ -49,23 +49,23 @@ pub struct Ball {
     /// Covariance of the position: xx, xy, yy, m².
     pub covariance: [f32; 3],
     /// When it was last seen, by the clock of the report.
-    pub seen: Stamp,
+    pub last_seen: Stamp,
 }
 
 /// What the team knows at a frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TeamView {
     /// The ball that most agree on; our own in it.
-    pub ball: Option<SharedBall>,
+    pub ball: Option<TeamBall>,
     /// Team-mates that were heard of lately, by number.
-    pub mates: Vec<Mate>,
+    pub teammates: Vec<Teammate>,
     /// Log odds by which the team's ball spoke for our half of the field in this frame; 0 where it was not asked.
-    pub half_evidence: f32,
+    pub half_log_odds: f32,
 }
 
 /// The ball by common knowledge.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SharedBall {
+pub struct TeamBall {
     /// Metres.
     pub at: At<FieldFrame>,
     /// m/s.
@@ -73,14 +73,14 @@ pub struct SharedBall {
     /// Covariance of the position: xx, xy, yy, m².
     pub covariance: [f32; 3],
     /// Who sees it there; ourselves as our own number.
-    pub witnesses: Vec<u32>,
+    pub inliers: Vec<u32>,
     /// Who sees it elsewhere.
-    pub dissenters: Vec<u32>,
+    pub outliers: Vec<u32>,
 }
 
 /// A team-mate.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Mate {
+pub struct Teammate {
     /// Its number.
     pub robot: u32,
     /// How old its last word is, seconds.
@@ -96,7 +96,7 @@ pub struct Mate {
 pub struct TeamModel {
     config: TeamConfig,
     /// The latest of each, by number.
-    reports: Vec<Report>,
+    reports: Vec<TeamReport>,
 }
 
 impl TeamModel {
@@ -109,8 +109,8 @@ impl TeamModel {
     }
 
     /// Takes a report; older ones than the last of that robot, our own echo and what is no number are left out.
-    pub fn hear(&mut self, report: &Report) {
-        if report.robot == self.config.number || !is_sane(report) {
+    pub fn receive(&mut self, report: &TeamReport) {
+        if report.robot == self.config.number || !is_plausible(report) {
             return;
         }
         match self
@@ -121,11 +121,11 @@ impl TeamModel {
                 let known = &mut self.reports[found];
                 // A clock that was set back a long way speaks of now all the same.
                 let back = report.stamp.seconds_until(known.stamp) as f32;
-                if back < 0.0 || back > self.config.age_max {
+                if back < 0.0 || back > self.config.ball_age_max {
                     known.clone_from(report);
                 }
             }
-            Err(place) if self.reports.len() < self.config.mates_max => {
+            Err(place) if self.reports.len() < self.config.teammates_max => {
                 self.reports.insert(place, report.clone());
             }
             Err(_) => {}
@@ -133,75 +133,76 @@ impl TeamModel {
     }
 
     /// What the team knows at a frame, our own world in it.
-    pub fn view(&mut self, stamp: Stamp, world: &World, estimate: &Estimate) -> TeamView {
-        let age = |report: &Report| report.stamp.seconds_until(stamp) as f32;
+    pub fn update(&mut self, stamp: Stamp, world: &WorldView, estimate: &Estimate) -> TeamView {
+        let age = |report: &TeamReport| report.stamp.seconds_until(stamp) as f32;
         // What comes from further ahead than clocks err is of another run.
-        let (config, ahead) = (&self.config, -self.config.age_max);
+        let (config, ahead) = (&self.config, -self.config.ball_age_max);
         self.reports
-            .retain(|report| (ahead..=config.forget_after).contains(&age(report)));
-        let others: Vec<Witness> = self
+            .retain(|report| (ahead..=config.report_timeout).contains(&age(report)));
+        let others: Vec<BallMeasurement> = self
             .reports
             .iter()
             .filter(|report| report.pose.is_some())
-            .filter_map(|report| self.witness(report, stamp))
+            .filter_map(|report| self.ball_measurement(report, stamp))
             .collect();
-        let half_evidence = self.half_evidence(&others, world, estimate);
+        let half_evidence = self.half_log_odds(&others, world, estimate);
         let own = world.ball.and_then(|ball| {
             let on_field = ball.on_field?;
             let p = on_field.covariance;
-            Some(Witness {
+            Some(BallMeasurement {
                 robot: config.number,
                 at: on_field.at,
                 velocity: on_field.velocity,
                 covariance: [p[(0, 0)], p[(0, 1)], p[(1, 1)]],
             })
         });
-        let mut all: Vec<Witness> = own
+        let mut all: Vec<BallMeasurement> = own
             .filter(|_| estimate.half_known || others.is_empty())
             .into_iter()
             .collect();
         all.extend(&others);
-        let merged = merge(&all, config.number, config);
+        let merged = fuse_balls(&all, config.number, config);
         let agrees = |robot: u32| {
             let merged = merged.as_ref().filter(|_| all.len() > 1)?;
             let knows = all.iter().any(|witness| witness.robot == robot);
-            knows.then(|| merged.witnesses.contains(&robot))
+            knows.then(|| merged.inliers.contains(&robot))
         };
-        let mates = self.reports.iter().map(|report| Mate {
+        let mates = self.reports.iter().map(|report| Teammate {
             robot: report.robot,
             age: age(report).max(0.0),
             pose: report.pose,
             agrees: agrees(report.robot),
         });
         TeamView {
-            mates: mates.collect(),
-            half_evidence,
-            ball: merged.map(|merged| SharedBall {
+            teammates: mates.collect(),
+            half_log_odds: half_evidence,
+            ball: merged.map(|merged| TeamBall {
                 at: merged.at,
                 velocity: merged.velocity,
                 covariance: merged.covariance,
-                witnesses: merged.witnesses,
-                dissenters: merged.dissenters,
+                inliers: merged.inliers,
+                outliers: merged.outliers,
             }),
         }
     }
 
     /// A report's ball as it is now, vaguer for its age; none if it is too old.
-    fn witness(&self, report: &Report, stamp: Stamp) -> Option<Witness> {
+    fn ball_measurement(&self, report: &TeamReport, stamp: Stamp) -> Option<BallMeasurement> {
         let config = &self.config;
         let ball = report.ball?;
-        let unseen = ball.seen.seconds_until(stamp) as f32;
+        let unseen = ball.last_seen.seconds_until(stamp) as f32;
         let age = (report.stamp.seconds_until(stamp) as f32).max(0.0);
-        if unseen > config.age_max || !report.half_known {
+        if unseen > config.ball_age_max || !report.half_known {
             return None;
         }
-        let wander = config.ball_wander * config.ball_wander * age * age * age / 3.0;
+        let wander =
+            config.ball_acceleration_noise * config.ball_acceleration_noise * age * age * age / 3.0;
         // Its velocity is not known exactly either.
         let drift = config.velocity_std * age;
         let blur = wander + drift * drift;
         let [vx, vy] = ball.velocity;
         let [xx, xy, yy] = ball.covariance;
-        Some(Witness {
+        Some(BallMeasurement {
             robot: report.robot,
             at: At::new(ball.at.x + vx * age, ball.at.y + vy * age),
             velocity: ball.velocity,
@@ -210,13 +211,18 @@ impl TeamModel {
     }
 
     /// Log odds that our half is right rather than the other, by where the others see the ball that we see.
-    fn half_evidence(&self, others: &[Witness], world: &World, estimate: &Estimate) -> f32 {
+    fn half_log_odds(
+        &self,
+        others: &[BallMeasurement],
+        world: &WorldView,
+        estimate: &Estimate,
+    ) -> f32 {
         let config = &self.config;
         if estimate.half_known {
             return 0.0;
         }
         let own = world.ball.and_then(|ball| ball.on_field);
-        let (Some(own), Some(theirs)) = (own, merge(others, config.number, config)) else {
+        let (Some(own), Some(theirs)) = (own, fuse_balls(others, config.number, config)) else {
             return 0.0;
         };
         let [xx, xy, yy] = theirs.covariance;
@@ -235,15 +241,15 @@ impl TeamModel {
         };
         let (here, there) = (unlikeliness(1.0), unlikeliness(-1.0));
         // A ball that is in neither place says nothing.
-        if here.min(there) > 0.5 * config.agree {
+        if here.min(there) > 0.5 * config.gate {
             return 0.0;
         }
-        (there - here).clamp(-config.half_evidence_max, config.half_evidence_max)
+        (there - here).clamp(-config.half_log_odds_max, config.half_log_odds_max)
     }
 }
 
 /// Numbers that can be of a field.
-fn is_sane(report: &Report) -> bool {
+fn is_plausible(report: &TeamReport) -> bool {
     let place = |x: f32, y: f32| x.abs() < 100.0 && y.abs() < 100.0;
     let pose = report
         .pose

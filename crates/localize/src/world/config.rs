@@ -14,15 +14,15 @@ pub struct WorldConfig {
     /// A gap between frames, seconds, after which everything is forgotten.
     pub gap_max: f32,
     /// Fastest own motion, m/s: how far it may have driven where neither wheels nor poses tell.
-    pub speed_max: f32,
+    pub own_speed_max: f32,
     /// Error of the wheels' motion, share of it: it moves what stands still by as much.
     pub odometry_std: f32,
     /// Own lean that the frame's estimate leaves, degrees.
-    pub lean_std_deg: f32,
+    pub tilt_std_deg: f32,
     /// Error of any sighting beside the stated one (calibration, a ball's shading), metres.
     pub position_std: f32,
     /// How much nearer than it seems may a thing above the ground be, share of its distance?
-    pub flight_share: f32,
+    pub airborne_range_share: f32,
     /// Radius of a robot, metres: it hides what is behind it.
     pub robot_radius: f32,
 }
@@ -32,31 +32,31 @@ pub struct WorldConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
     /// How its velocity wanders when nobody is known to touch it, m/s in a second.
-    pub wander: f32,
+    pub acceleration_noise: f32,
     /// Deceleration, m/s²: a ball rolls out, a robot drives on.
     pub deceleration: f32,
     /// Standard deviation of the velocity of a new one, m/s.
-    pub speed_std: f32,
+    pub initial_speed_std: f32,
     /// Squared deviation in standard deviations up to which a sighting may be of a track: 99.9 % of 2 degrees of freedom.
     pub gate: f32,
     /// Probability that one within reach is seen in a frame.
-    pub detection: f32,
+    pub detection_probability: f32,
     /// Probability that something else is taken for one at a given place.
-    pub false_alarm: f32,
+    pub false_alarm_probability: f32,
     /// Distance up to which not seeing it is a sign that it is not there, metres.
-    pub reach: f32,
+    pub range_max: f32,
     /// Probability of a new one whose score is 1.
-    pub newborn: f32,
+    pub birth_probability: f32,
     /// Probability from which on it is told.
-    pub confirmed: f32,
+    pub confirm_probability: f32,
     /// Probability below which it is given up.
-    pub lost: f32,
+    pub delete_probability: f32,
     /// It is given up when it was not seen for so many seconds.
     pub unseen_max: f32,
     /// It is given up when its position is known no better than this, metres.
-    pub std_max: f32,
+    pub position_std_max: f32,
     /// Two tracks nearer than this are one object, metres.
-    pub apart_min: f32,
+    pub separation_min: f32,
 }
 
 impl Default for WorldConfig {
@@ -65,14 +65,14 @@ impl Default for WorldConfig {
             ball: ObjectConfig::default(),
             robots: ObjectConfig::robots(),
             gap_max: 1.0,
-            speed_max: 4.0,
+            own_speed_max: 4.0,
             // Measured scale errors of wheels lie below 3 % (nubot2013 4).
             odometry_std: 0.03,
             // A third of what robots were measured to lean: lines all around leave about as much.
-            lean_std_deg: 0.15,
+            tilt_std_deg: 0.15,
             position_std: 0.02,
             // A ball at 0.4 m seen from a mirror at 0.8 m seems twice as far.
-            flight_share: 0.5,
+            airborne_range_share: 0.5,
             robot_radius: 0.25,
         }
     }
@@ -82,10 +82,10 @@ impl ObjectConfig {
     fn robots() -> Self {
         ObjectConfig {
             // They brake and turn within a second.
-            wander: 1.5,
+            acceleration_noise: 1.5,
             deceleration: 0.0,
-            speed_std: 1.5,
-            apart_min: 0.35,
+            initial_speed_std: 1.5,
+            separation_min: 0.35,
             ..ObjectConfig::default()
         }
     }
@@ -94,22 +94,22 @@ impl ObjectConfig {
 impl Default for ObjectConfig {
     fn default() -> Self {
         ObjectConfig {
-            wander: 1.0,
+            acceleration_noise: 1.0,
             // Rolling on carpet.
             deceleration: 0.35,
             // Shots of the league reach 10 m/s; most of the time it is slow.
-            speed_std: 3.0,
+            initial_speed_std: 3.0,
             gate: 13.8,
-            detection: 0.6,
-            false_alarm: 0.08,
-            reach: 5.0,
-            newborn: 0.4,
-            confirmed: 0.7,
-            lost: 0.05,
+            detection_probability: 0.6,
+            false_alarm_probability: 0.08,
+            range_max: 5.0,
+            birth_probability: 0.4,
+            confirm_probability: 0.7,
+            delete_probability: 0.05,
             unseen_max: 2.0,
-            std_max: 1.0,
+            position_std_max: 1.0,
             // Two balls do not lie in one; a false one beside the true one shall not outlive it.
-            apart_min: 0.2,
+            separation_min: 0.2,
         }
     }
 }
@@ -119,28 +119,38 @@ impl WorldConfig {
     pub fn check(&self) -> Result<(), String> {
         let mut bounds = vec![
             ("world.gap_max", self.gap_max, 0.01, 60.0),
-            ("world.speed_max", self.speed_max, 0.0, 100.0),
+            ("world.speed_max", self.own_speed_max, 0.0, 100.0),
             ("world.odometry_std", self.odometry_std, 0.0, 1.0),
-            ("world.lean_std_deg", self.lean_std_deg, 0.0, 10.0),
+            ("world.lean_std_deg", self.tilt_std_deg, 0.0, 10.0),
             ("world.position_std", self.position_std, 1e-4, 10.0),
-            ("world.flight_share", self.flight_share, 0.0, 10.0),
+            ("world.flight_share", self.airborne_range_share, 0.0, 10.0),
             ("world.robot_radius", self.robot_radius, 0.0, 1.0),
         ];
         for object in [&self.ball, &self.robots] {
             bounds.extend([
-                ("world.*.wander", object.wander, 1e-3, 100.0),
+                ("world.*.wander", object.acceleration_noise, 1e-3, 100.0),
                 ("world.*.deceleration", object.deceleration, 0.0, 100.0),
-                ("world.*.speed_std", object.speed_std, 1e-3, 100.0),
+                ("world.*.speed_std", object.initial_speed_std, 1e-3, 100.0),
                 ("world.*.gate", object.gate, 0.1, 1e4),
-                ("world.*.detection", object.detection, 0.01, 0.99),
-                ("world.*.false_alarm", object.false_alarm, 1e-4, 0.99),
-                ("world.*.reach", object.reach, 0.0, 1e3),
-                ("world.*.newborn", object.newborn, 1e-3, 0.99),
-                ("world.*.confirmed", object.confirmed, 0.0, 0.99),
-                ("world.*.lost", object.lost, 0.0, 0.99),
+                (
+                    "world.*.detection",
+                    object.detection_probability,
+                    0.01,
+                    0.99,
+                ),
+                (
+                    "world.*.false_alarm",
+                    object.false_alarm_probability,
+                    1e-4,
+                    0.99,
+                ),
+                ("world.*.reach", object.range_max, 0.0, 1e3),
+                ("world.*.newborn", object.birth_probability, 1e-3, 0.99),
+                ("world.*.confirmed", object.confirm_probability, 0.0, 0.99),
+                ("world.*.lost", object.delete_probability, 0.0, 0.99),
                 ("world.*.unseen_max", object.unseen_max, 0.0, 1e3),
-                ("world.*.std_max", object.std_max, 1e-3, 1e3),
-                ("world.*.apart_min", object.apart_min, 0.0, 10.0),
+                ("world.*.std_max", object.position_std_max, 1e-3, 1e3),
+                ("world.*.apart_min", object.separation_min, 0.0, 10.0),
             ]);
         }
         for (key, value, low, high) in bounds {

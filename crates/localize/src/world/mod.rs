@@ -13,7 +13,7 @@ mod track;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 pub use config::{ObjectConfig, WorldConfig};
-use motion::Motion;
+use motion::OdometryBuffer;
 use track::Track;
 
 use crate::estimate::Estimate;
@@ -27,7 +27,7 @@ pub enum OdometryFrame {}
 
 /// The colour that a robot wears.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Team {
+pub enum TeamColour {
     /// Cyan.
     Cyan,
     /// Magenta.
@@ -36,7 +36,7 @@ pub enum Team {
 
 /// One object as a frame shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
+pub struct ObjectObservation {
     /// Where it stands, metres.
     pub at: At<RobotFrame>,
     /// Covariance: xx, xy, yy, m².
@@ -44,23 +44,23 @@ pub struct Sighting {
     /// How sure it is one, 0 to 1.
     pub score: f32,
     /// True if it is above the ground: then it only seems to be that far away.
-    pub flying: bool,
+    pub airborne: bool,
     /// Its team's colour, where one is seen.
-    pub team: Option<Team>,
+    pub team: Option<TeamColour>,
 }
 
 /// The objects of a frame.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Sight {
+pub struct WorldObservation {
     /// The ball, if one is seen.
-    pub ball: Option<Sighting>,
+    pub ball: Option<ObjectObservation>,
     /// Robots.
-    pub robots: Vec<Sighting>,
+    pub robots: Vec<ObjectObservation>,
 }
 
 /// An object that is being followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Object {
+pub struct TrackedObject {
     /// Stays with it for as long as it is followed.
     pub id: u32,
     /// Where it is seen from the robot, metres.
@@ -70,18 +70,18 @@ pub struct Object {
     /// Covariance of position and velocity, robot frame: m², m²/s, m²/s².
     pub covariance: Matrix4<f32>,
     /// The same on the field; none while the robot is lost.
-    pub on_field: Option<OnField>,
+    pub on_field: Option<FieldState>,
     /// How probable it is that there is such a thing, 0 to 1.
     pub probability: f32,
     /// When it was last seen.
-    pub seen: Stamp,
+    pub last_seen: Stamp,
     /// Its team's colour, where one was seen.
-    pub team: Option<Team>,
+    pub team: Option<TeamColour>,
 }
 
 /// An object in field coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OnField {
+pub struct FieldState {
     /// Where it is, metres.
     pub at: At<FieldFrame>,
     /// Its velocity, m/s.
@@ -92,11 +92,11 @@ pub struct OnField {
 
 /// What is around the robot at a moment.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct World {
+pub struct WorldView {
     /// The ball.
-    pub ball: Option<Object>,
+    pub ball: Option<TrackedObject>,
     /// Robots, the longest followed first.
-    pub robots: Vec<Object>,
+    pub robots: Vec<TrackedObject>,
 }
 
 /// Follows what is seen from frame to frame.
@@ -105,7 +105,7 @@ pub struct WorldModel {
     config: WorldConfig,
     /// Of the viewpoint above the ground, metres: a lean moves far objects by their distance squared over it.
     viewpoint_height: f32,
-    motion: Motion,
+    motion: OdometryBuffer,
     balls: Vec<Track>,
     robots: Vec<Track>,
     next_id: u32,
@@ -118,7 +118,7 @@ impl WorldModel {
         WorldModel {
             config,
             viewpoint_height,
-            motion: Motion::default(),
+            motion: OdometryBuffer::default(),
             balls: Vec::new(),
             robots: Vec::new(),
             next_id: 0,
@@ -127,19 +127,24 @@ impl WorldModel {
     }
 
     /// Takes a motion of the robot; in the order of stamps.
-    pub fn odometry(&mut self, odometry: &Odometry) {
+    pub fn add_odometry(&mut self, odometry: &Odometry) {
         self.motion.add(odometry);
     }
 
     /// What is around at a frame: `sight` is none if the frame showed nothing at all, which is no sign of absence.
-    pub fn see(&mut self, stamp: Stamp, sight: Option<&Sight>, estimate: &Estimate) -> World {
+    pub fn update(
+        &mut self,
+        stamp: Stamp,
+        sight: Option<&WorldObservation>,
+        estimate: &Estimate,
+    ) -> WorldView {
         let pose = estimate.pose;
-        let Some(odometry_from_robot) = self.advance(stamp, pose, estimate.odometry_scales) else {
+        let Some(odometry_from_robot) = self.predict(stamp, pose, estimate.odometry_scales) else {
             // From the past: nothing is known of then that is not known better now.
-            return World::default();
+            return WorldView::default();
         };
         if let Some(sight) = sight {
-            self.look(stamp, sight, estimate.lean, odometry_from_robot);
+            self.update_tracks(stamp, sight, estimate.tilt, odometry_from_robot);
         }
         let config = &self.config;
         for (tracks, object) in [
@@ -148,23 +153,23 @@ impl WorldModel {
         ] {
             tracks.retain(|track| track.is_kept(stamp, object));
         }
-        let view = View {
+        let view = OutputTransform {
             robot_from_odometry: odometry_from_robot.inverse(),
             pose: pose.map(|pose| (pose, estimate.covariance)),
         };
-        World {
-            ball: best(&self.balls, &config.ball).map(|track| view.object(track)),
+        WorldView {
+            ball: most_probable(&self.balls, &config.ball).map(|track| view.tracked_object(track)),
             robots: self
                 .robots
                 .iter()
                 .filter(|track| track.is_confirmed(&config.robots))
-                .map(|track| view.object(track))
+                .map(|track| view.tracked_object(track))
                 .collect(),
         }
     }
 
     /// Carries everything on to a frame; none if the frame is older than what is known.
-    fn advance(
+    fn predict(
         &mut self,
         stamp: Stamp,
         pose: Option<Pose>,
@@ -182,18 +187,22 @@ impl WorldModel {
         } else if gap < 0.0 {
             return None;
         }
-        let before = self.motion.at_frame();
+        let before = self.motion.pose_at_image();
         let poses = match (self.last, pose) {
             (Some((_, Some(last))), Some(pose)) => Some(last.inverse() * pose),
             _ => None,
         };
-        let moved = self.motion.advance(stamp, poses, scales);
+        let moved = self.motion.advance_to(stamp, poses, scales);
         self.last = Some((stamp, pose));
         let config = &self.config;
         // Without wheels or poses the robot may have driven anywhere.
-        let unknown = if moved { 0.0 } else { config.speed_max * gap };
-        let step: Tf<RobotFrame, RobotFrame> = before.inverse() * self.motion.at_frame();
-        let at = self.motion.at_frame().origin();
+        let unknown = if moved {
+            0.0
+        } else {
+            config.own_speed_max * gap
+        };
+        let step: Tf<RobotFrame, RobotFrame> = before.inverse() * self.motion.pose_at_image();
+        let at = self.motion.pose_at_image().origin();
         for (tracks, object) in [
             (&mut self.balls, &config.ball),
             (&mut self.robots, &config.robots),
@@ -202,25 +211,27 @@ impl WorldModel {
                 track.predict(gap, object);
                 let slip = config.odometry_std * (step.origin().distance());
                 let turn = config.odometry_std * step.theta * track.at().distance_to(at);
-                track.blur(unknown * unknown + slip * slip + turn * turn);
+                track.add_position_noise(unknown * unknown + slip * slip + turn * turn);
             }
         }
-        Some(self.motion.at_frame())
+        Some(self.motion.pose_at_image())
     }
 
-    fn look(
+    fn update_tracks(
         &mut self,
         stamp: Stamp,
-        sight: &Sight,
+        sight: &WorldObservation,
         lean: [f32; 2],
         odometry_from_robot: Tf<OdometryFrame, RobotFrame>,
     ) {
-        let place = |sighting: &Sighting| self.measure(sighting, lean, odometry_from_robot);
+        let place = |sighting: &ObjectObservation| {
+            self.measurement_from(sighting, lean, odometry_from_robot)
+        };
         let balls: Vec<Measurement> = sight.ball.iter().filter_map(place).collect();
         let robots: Vec<Measurement> = sight.robots.iter().filter_map(place).collect();
-        let view = Visible {
+        let view = VisibleArea {
             robot_from_odometry: odometry_from_robot.inverse(),
-            robots: robots.iter().map(|robot| robot.from_robot).collect(),
+            robots: robots.iter().map(|robot| robot.in_robot_frame).collect(),
             radius: self.config.robot_radius,
         };
         let mut next_id = self.next_id;
@@ -229,15 +240,15 @@ impl WorldModel {
             (&mut self.robots, &robots, &self.config.robots),
         ] {
             associate(tracks, measurements, &view, (stamp, config), &mut next_id);
-            part(tracks, config.apart_min);
+            remove_duplicates(tracks, config.separation_min);
         }
         self.next_id = next_id;
     }
 
     /// A sighting in the odometry's frame; none if it is no number.
-    fn measure(
+    fn measurement_from(
         &self,
-        sighting: &Sighting,
+        sighting: &ObjectObservation,
         [a, b]: [f32; 2],
         odometry_from_robot: Tf<OdometryFrame, RobotFrame>,
     ) -> Option<Measurement> {
@@ -257,9 +268,9 @@ impl WorldModel {
         };
         // The lean that remains moves it along the line of sight by (r² + H²)/H for each radian.
         let lean =
-            self.config.lean_std_deg.to_radians() * (range * range + height * height) / height;
-        let lift = if sighting.flying {
-            self.config.flight_share * range
+            self.config.tilt_std_deg.to_radians() * (range * range + height * height) / height;
+        let lift = if sighting.airborne {
+            self.config.airborne_range_share * range
         } else {
             0.0
         };
@@ -271,7 +282,7 @@ impl WorldModel {
         let whole = covariance.iter().all(|value| value.is_finite()) && range.is_finite();
         whole.then(|| Measurement {
             at: odometry_from_robot * at,
-            from_robot: at,
+            in_robot_frame: at,
             covariance,
             score: sighting.score.clamp(0.0, 1.0),
             team: sighting.team,
@@ -283,22 +294,22 @@ impl WorldModel {
 #[derive(Debug, Clone, Copy)]
 struct Measurement {
     at: At<OdometryFrame>,
-    from_robot: At<RobotFrame>,
+    in_robot_frame: At<RobotFrame>,
     covariance: Matrix2<f32>,
     score: f32,
-    team: Option<Team>,
+    team: Option<TeamColour>,
 }
 
 /// Which places does a frame show?
-struct Visible {
+struct VisibleArea {
     robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
     robots: Vec<At<RobotFrame>>,
     radius: f32,
 }
 
-impl Visible {
+impl VisibleArea {
     /// False if a robot stands before the place, or it is too far to be seen reliably.
-    fn shows(&self, at: At<OdometryFrame>, reach: f32) -> bool {
+    fn is_visible(&self, at: At<OdometryFrame>, reach: f32) -> bool {
         let at = self.robot_from_odometry * at;
         let range = at.distance();
         let hidden = self.robots.iter().any(|robot| {
@@ -314,14 +325,14 @@ impl Visible {
 fn associate(
     tracks: &mut Vec<Track>,
     measurements: &[Measurement],
-    view: &Visible,
+    view: &VisibleArea,
     (stamp, config): (Stamp, &ObjectConfig),
     next_id: &mut u32,
 ) {
     let mut pairs = Vec::new();
     for (t, track) in tracks.iter().enumerate() {
         for (m, measurement) in measurements.iter().enumerate() {
-            let (distance, spread) = track.distance(measurement);
+            let (distance, spread) = track.mahalanobis_squared(measurement);
             if distance < config.gate {
                 // The likelier track, not merely the vaguer one.
                 pairs.push((distance + spread, t, m));
@@ -333,12 +344,12 @@ fn associate(
     for (_, t, m) in pairs {
         if !served[t] && !taken[m] {
             (served[t], taken[m]) = (true, true);
-            tracks[t].correct(stamp, &measurements[m], config);
+            tracks[t].update(stamp, &measurements[m], config);
         }
     }
     for (track, served) in tracks.iter_mut().zip(served) {
-        if !served && view.shows(track.at(), config.reach) {
-            track.miss(config);
+        if !served && view.is_visible(track.at(), config.range_max) {
+            track.mark_missed(config);
         }
     }
     for (measurement, taken) in measurements.iter().zip(taken) {
@@ -350,7 +361,7 @@ fn associate(
 }
 
 /// Two things cannot stand in one place: the more doubtful track of such a pair is given up.
-fn part(tracks: &mut Vec<Track>, apart_min: f32) {
+fn remove_duplicates(tracks: &mut Vec<Track>, apart_min: f32) {
     let mut kept: Vec<Track> = Vec::with_capacity(tracks.len());
     tracks.sort_by(|a, b| {
         b.probability()
@@ -370,34 +381,34 @@ fn part(tracks: &mut Vec<Track>, apart_min: f32) {
 }
 
 /// There is one ball: the most probable of what looks like one; of equals the one that is known better.
-fn best<'a>(tracks: &'a [Track], config: &ObjectConfig) -> Option<&'a Track> {
+fn most_probable<'a>(tracks: &'a [Track], config: &ObjectConfig) -> Option<&'a Track> {
     tracks
         .iter()
         .filter(|track| track.is_confirmed(config))
         .max_by(|a, b| {
             a.probability()
                 .total_cmp(&b.probability())
-                .then(b.variance().total_cmp(&a.variance()))
+                .then(b.position_variance().total_cmp(&a.position_variance()))
                 .then(b.id().cmp(&a.id()))
         })
 }
 
 /// From where are the objects told?
-struct View {
+struct OutputTransform {
     robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
     pose: Option<(Pose, nalgebra::Matrix3<f32>)>,
 }
 
-impl View {
-    fn object(&self, track: &Track) -> Object {
+impl OutputTransform {
+    fn tracked_object(&self, track: &Track) -> TrackedObject {
         let turn = rotation(self.robot_from_odometry.theta);
-        let both = twice(turn);
+        let both = block_diagonal(turn);
         let at = self.robot_from_odometry * track.at();
         let velocity = turn * track.velocity();
         let covariance = both * track.covariance() * both.transpose();
         let on_field = self.pose.map(|(pose, pose_covariance)| {
             let turn = rotation(pose.theta);
-            let both = twice(turn);
+            let both = block_diagonal(turn);
             let on_field = pose * at;
             let speed = turn * velocity;
             // How position and velocity on the field change with the pose (x, y, θ).
@@ -405,33 +416,33 @@ impl View {
             (by_pose[(0, 0)], by_pose[(1, 1)]) = (1.0, 1.0);
             (by_pose[(0, 2)], by_pose[(1, 2)]) = (pose.y - on_field.y, on_field.x - pose.x);
             (by_pose[(2, 2)], by_pose[(3, 2)]) = (-speed.y, speed.x);
-            OnField {
+            FieldState {
                 at: on_field,
                 velocity: [speed.x, speed.y],
                 covariance: both * covariance * both.transpose()
                     + by_pose * pose_covariance * by_pose.transpose(),
             }
         });
-        Object {
+        TrackedObject {
             id: track.id(),
             at,
             velocity: [velocity.x, velocity.y],
             covariance,
             on_field,
             probability: track.probability(),
-            seen: track.seen(),
+            last_seen: track.last_seen(),
             team: track.team(),
         }
     }
 }
 
-impl OnField {
+impl FieldState {
     /// Where it will be after `seconds` if nobody touches it, and how sure that is: position and covariance xx, xy, yy.
     ///
     /// `deceleration`: of a rolling ball, m/s²; 0 for what drives.
-    pub fn after(&self, seconds: f32, deceleration: f32) -> (At<FieldFrame>, [f32; 3]) {
+    pub fn predict(&self, seconds: f32, deceleration: f32) -> (At<FieldFrame>, [f32; 3]) {
         let velocity = Vector2::new(self.velocity[0], self.velocity[1]);
-        let way = track::way(velocity, seconds, deceleration);
+        let way = track::rolling_displacement(velocity, seconds, deceleration);
         let p = &self.covariance;
         let spread = |i: usize, j: usize| {
             p[(i, j)]
@@ -451,7 +462,7 @@ fn rotation(theta: f32) -> Matrix2<f32> {
 }
 
 /// The same turn of position and velocity.
-fn twice(turn: Matrix2<f32>) -> Matrix4<f32> {
+fn block_diagonal(turn: Matrix2<f32>) -> Matrix4<f32> {
     let mut both = Matrix4::zeros();
     both.fixed_view_mut::<2, 2>(0, 0).copy_from(&turn);
     both.fixed_view_mut::<2, 2>(2, 2).copy_from(&turn);
@@ -459,4 +470,4 @@ fn twice(turn: Matrix2<f32>) -> Matrix4<f32> {
 }
 
 /// Position and velocity in one.
-type State = Vector4<f32>;
+type TrackState = Vector4<f32>;

@@ -8,40 +8,40 @@ use crate::sample::Odometry;
 use crate::stamp::Stamp;
 
 /// Odometry from the newest frame on is kept, and no more than a second of a fast sensor.
-const LONGEST: usize = 1000;
+const INCREMENTS_MAX: usize = 1000;
 /// Beyond the last report the motion is taken to go on for no longer than this, seconds: ten reports of a slow base.
-const CARRY_ON: f64 = 0.2;
+const EXTRAPOLATION_MAX: f64 = 0.2;
 
-type Place = Tf<OdometryFrame, RobotFrame>;
-type Step = Tf<RobotFrame, RobotFrame>;
+type OdometryPose = Tf<OdometryFrame, RobotFrame>;
+type PoseIncrement = Tf<RobotFrame, RobotFrame>;
 
 /// The robot's way in the odometry's frame.
 #[derive(Debug, Clone)]
-pub(super) struct Motion {
+pub(super) struct OdometryBuffer {
     /// Where it was at the newest frame.
-    frame: Place,
-    stamp: Option<Stamp>,
+    pose_at_image: OdometryPose,
+    image_stamp: Option<Stamp>,
     /// Reports not yet passed by a frame, and the one before them: stamp and motion since the report before.
-    reports: VecDeque<(Stamp, Step)>,
+    increments: VecDeque<(Stamp, PoseIncrement)>,
     /// The stamp of the report before the first of `reports`.
-    before: Option<Stamp>,
+    previous_stamp: Option<Stamp>,
     /// The last report that a frame passed, with its length in seconds: what goes on behind it.
-    latest: Option<(Stamp, Step, f64)>,
+    last_increment: Option<(Stamp, PoseIncrement, f64)>,
 }
 
-impl Default for Motion {
+impl Default for OdometryBuffer {
     fn default() -> Self {
-        Motion {
-            frame: Place::new(0.0, 0.0, 0.0),
-            stamp: None,
-            reports: VecDeque::new(),
-            before: None,
-            latest: None,
+        OdometryBuffer {
+            pose_at_image: OdometryPose::new(0.0, 0.0, 0.0),
+            image_stamp: None,
+            increments: VecDeque::new(),
+            previous_stamp: None,
+            last_increment: None,
         }
     }
 }
 
-impl Motion {
+impl OdometryBuffer {
     /// Takes a report.
     pub(super) fn add(&mut self, odometry: &Odometry) {
         let &Odometry {
@@ -54,67 +54,77 @@ impl Motion {
         if ![dx, dy, dtheta].iter().all(|value| value.is_finite()) {
             return;
         }
-        let last = self.reports.back().map(|(stamp, _)| *stamp).or(self.before);
+        let last = self
+            .increments
+            .back()
+            .map(|(stamp, _)| *stamp)
+            .or(self.previous_stamp);
         if last.is_some_and(|last| stamp <= last) {
             // A clock that was set: what was reported before it has no place in time any more.
-            self.reports.clear();
-            self.before = None;
-            self.latest = None;
+            self.increments.clear();
+            self.previous_stamp = None;
+            self.last_increment = None;
         }
-        self.reports.push_back((stamp, Step::new(dx, dy, dtheta)));
-        if self.reports.len() > LONGEST
-            && let Some((stamp, _)) = self.reports.pop_front()
+        self.increments
+            .push_back((stamp, PoseIncrement::new(dx, dy, dtheta)));
+        if self.increments.len() > INCREMENTS_MAX
+            && let Some((stamp, _)) = self.increments.pop_front()
         {
-            self.before = Some(stamp);
+            self.previous_stamp = Some(stamp);
         }
     }
 
     /// Where the robot was at the newest frame.
-    pub(super) fn at_frame(&self) -> Place {
-        self.frame
+    pub(super) fn pose_at_image(&self) -> OdometryPose {
+        self.pose_at_image
     }
 
     /// Goes on to a frame at `stamp`; false if nothing tells how the robot moved.
     ///
     /// `poses`: the motion between the frames' poses, for a robot without odometry. `scales`: metres per
     /// reported metre and radians per reported radian, as localisation estimated them.
-    pub(super) fn advance(&mut self, stamp: Stamp, poses: Option<Step>, scales: [f32; 2]) -> bool {
-        let since = self.stamp.replace(stamp);
-        let mut place = self.frame;
+    pub(super) fn advance_to(
+        &mut self,
+        stamp: Stamp,
+        poses: Option<PoseIncrement>,
+        scales: [f32; 2],
+    ) -> bool {
+        let since = self.image_stamp.replace(stamp);
+        let mut place = self.pose_at_image;
         let mut told = false;
         let mut done = since;
-        while let Some(&(end, step)) = self.reports.front() {
-            let start = self.before.unwrap_or(end);
+        while let Some(&(end, step)) = self.increments.front() {
+            let start = self.previous_stamp.unwrap_or(end);
             if start >= stamp {
                 break;
             }
             let length = start.seconds_until(end);
             let from = done.map_or(start, |done| done.max(start));
             let until = end.min(stamp);
-            let part = share(from.seconds_until(until), length);
-            place = place * scaled(step, part, scales);
+            let part = fraction(from.seconds_until(until), length);
+            place = place * scale_increment(step, part, scales);
             told |= since.is_some();
             done = Some(until);
             if end > stamp {
                 break;
             }
-            self.latest = Some((end, step, length));
-            self.before = Some(end);
-            self.reports.pop_front();
+            self.last_increment = Some((end, step, length));
+            self.previous_stamp = Some(end);
+            self.increments.pop_front();
         }
         // The frame is newer than the last report: the motion goes on as it was.
-        if self.reports.is_empty()
-            && let (Some(from), Some((end, step, length))) = (done, self.latest)
+        if self.increments.is_empty()
+            && let (Some(from), Some((end, step, length))) = (done, self.last_increment)
             && stamp > from
-            && end.seconds_until(stamp) <= CARRY_ON
+            && end.seconds_until(stamp) <= EXTRAPOLATION_MAX
         {
-            let part = share(from.seconds_until(stamp), length);
-            place = place * scaled(step, part.min(10.0), scales);
+            let part = fraction(from.seconds_until(stamp), length);
+            place = place * scale_increment(step, part.min(10.0), scales);
             told = true;
         }
         match (told, poses) {
-            (true, _) => self.frame = place,
-            (false, Some(moved)) => self.frame = self.frame * moved,
+            (true, _) => self.pose_at_image = place,
+            (false, Some(moved)) => self.pose_at_image = self.pose_at_image * moved,
             (false, None) => {}
         }
         told || poses.is_some() || since.is_none()
@@ -122,7 +132,7 @@ impl Motion {
 }
 
 /// Which part of a report lies in so many seconds; of a report without a length (the first) all.
-fn share(seconds: f64, length: f64) -> f32 {
+fn fraction(seconds: f64, length: f64) -> f32 {
     if length > 0.0 {
         (seconds / length).max(0.0) as f32
     } else {
@@ -130,13 +140,13 @@ fn share(seconds: f64, length: f64) -> f32 {
     }
 }
 
-fn scaled(step: Step, part: f32, [way, turn]: [f32; 2]) -> Step {
-    let (way, turn) = (part * usable(way), part * usable(turn));
-    Step::new(step.x * way, step.y * way, step.theta * turn)
+fn scale_increment(step: PoseIncrement, part: f32, [way, turn]: [f32; 2]) -> PoseIncrement {
+    let (way, turn) = (part * plausible_scale(way), part * plausible_scale(turn));
+    PoseIncrement::new(step.x * way, step.y * way, step.theta * turn)
 }
 
 /// A scale far from one was not learned from driving.
-fn usable(scale: f32) -> f32 {
+fn plausible_scale(scale: f32) -> f32 {
     if scale > 0.5 && scale < 2.0 {
         scale
     } else {

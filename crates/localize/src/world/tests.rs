@@ -4,7 +4,7 @@ use nalgebra::Matrix3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{Sight, Sighting, Team, World, WorldConfig, WorldModel};
+use super::{ObjectObservation, TeamColour, WorldConfig, WorldModel, WorldObservation, WorldView};
 use crate::estimate::{Estimate, Mode};
 use crate::frame::{At, FieldFrame, Pose, RobotFrame};
 use crate::sample::Odometry;
@@ -23,7 +23,7 @@ fn estimate(stamp: Stamp, pose: Option<Pose>) -> Estimate {
         residual: 0.0,
         inlier_share: 1.0,
         line_points: 50,
-        lean: [0.0; 2],
+        tilt: [0.0; 2],
         half_known: true,
         odometry_scales: [1.0; 2],
         twist: None,
@@ -35,19 +35,19 @@ fn estimate(stamp: Stamp, pose: Option<Pose>) -> Estimate {
 }
 
 /// A robot that drives a circle at 1.5 m/s and sees what is put around it.
-struct Scene {
+struct TrackingScene {
     model: WorldModel,
     rng: ChaCha8Rng,
     frame: i32,
 }
 
-impl Scene {
+impl TrackingScene {
     fn new(seed: u64) -> Self {
         let config = WorldConfig {
-            lean_std_deg: 0.0,
+            tilt_std_deg: 0.0,
             ..WorldConfig::default()
         };
-        Scene {
+        TrackingScene {
             model: WorldModel::new(config, 0.8),
             rng: ChaCha8Rng::seed_from_u64(seed),
             frame: 0,
@@ -64,13 +64,13 @@ impl Scene {
         STD * ((0..12).map(|_| self.rng.random::<f32>()).sum::<f32>() - 6.0)
     }
 
-    fn sighting(&mut self, at: At<FieldFrame>) -> Sighting {
+    fn observe(&mut self, at: At<FieldFrame>) -> ObjectObservation {
         let at: At<RobotFrame> = self.pose().inverse() * at;
-        Sighting {
+        ObjectObservation {
             at: At::new(at.x + self.noise(), at.y + self.noise()),
             covariance: [STD * STD, 0.0, STD * STD],
             score: 0.9,
-            flying: false,
+            airborne: false,
             team: None,
         }
     }
@@ -85,39 +85,40 @@ impl Scene {
         ball: Option<At<FieldFrame>>,
         robots: &[At<FieldFrame>],
         located: bool,
-    ) -> World {
+    ) -> WorldView {
         let before = self.pose();
         self.frame += 1;
         let moved = before.inverse() * self.pose();
         let stamp = self.stamp();
-        self.model.odometry(&Odometry {
+        self.model.add_odometry(&Odometry {
             stamp,
             dx: moved.x,
             dy: moved.y,
             dtheta: moved.theta,
             slip: 0.0,
         });
-        let sight = Sight {
-            ball: ball.map(|at| self.sighting(at)),
-            robots: robots.iter().map(|at| self.sighting(*at)).collect(),
+        let sight = WorldObservation {
+            ball: ball.map(|at| self.observe(at)),
+            robots: robots.iter().map(|at| self.observe(*at)).collect(),
         };
         let pose = located.then(|| self.pose());
-        self.model.see(stamp, Some(&sight), &estimate(stamp, pose))
+        self.model
+            .update(stamp, Some(&sight), &estimate(stamp, pose))
     }
 }
 
-fn rolled(from: [f32; 2], speed: [f32; 2], seconds: f32) -> At<FieldFrame> {
+fn ball_position(from: [f32; 2], speed: [f32; 2], seconds: f32) -> At<FieldFrame> {
     At::new(from[0] + speed[0] * seconds, from[1] + speed[1] * seconds)
 }
 
 #[test]
-fn a_ball_gets_place_and_speed_on_the_field_with_honest_covariance() {
+fn ball_state_on_field_has_consistent_covariance() {
     let (mut squared, mut count) = (0.0, 0.0);
     for seed in 0..20 {
-        let mut scene = Scene::new(seed);
+        let mut scene = TrackingScene::new(seed);
         let speed = [1.0, -0.5];
         for step in 1..=60 {
-            let ball = rolled([-2.0, 1.0], speed, step as f32 * FRAME as f32);
+            let ball = ball_position([-2.0, 1.0], speed, step as f32 * FRAME as f32);
             let world = scene.step(Some(ball), &[], true);
             if step > 30 {
                 let found = world.ball.expect("a ball").on_field.expect("on the field");
@@ -139,18 +140,18 @@ fn a_ball_gets_place_and_speed_on_the_field_with_honest_covariance() {
 }
 
 #[test]
-fn a_ball_behind_a_robot_is_kept_and_one_that_is_taken_away_is_not() {
+fn occluded_ball_is_kept_and_removed_ball_is_dropped() {
     let ball = At::new(3.0, 0.0);
     for (hidden, kept) in [(true, true), (false, false)] {
-        let mut scene = Scene::new(1);
-        let before = |scene: &Scene| {
+        let mut scene = TrackingScene::new(1);
+        let before = |scene: &TrackingScene| {
             let origin = scene.pose().origin();
             At::new((origin.x + ball.x) / 2.0, (origin.y + ball.y) / 2.0)
         };
         for _ in 0..15 {
             scene.step(Some(ball), &[], true);
         }
-        let mut world = World::default();
+        let mut world = WorldView::default();
         for _ in 0..25 {
             let blocker = before(&scene);
             let robots: &[_] = if hidden { &[blocker] } else { &[] };
@@ -168,14 +169,14 @@ fn a_ball_behind_a_robot_is_kept_and_one_that_is_taken_away_is_not() {
 }
 
 #[test]
-fn a_kicked_ball_is_followed_within_two_frames_and_there_is_never_another() {
-    let mut scene = Scene::new(2);
+fn kicked_ball_is_tracked_within_two_frames() {
+    let mut scene = TrackingScene::new(2);
     for _ in 0..20 {
         scene.step(Some(At::new(2.0, 0.5)), &[], true);
     }
     let mut late = 0;
     for step in 1..=15 {
-        let ball = rolled([2.0, 0.5], [-8.0, 0.0], step as f32 * FRAME as f32);
+        let ball = ball_position([2.0, 0.5], [-8.0, 0.0], step as f32 * FRAME as f32);
         let world = scene.step(Some(ball), &[], true);
         let found = world.ball.expect("a ball").on_field.expect("placed");
         late += i32::from(found.at.distance_to(ball) > 0.3);
@@ -191,8 +192,8 @@ fn a_kicked_ball_is_followed_within_two_frames_and_there_is_never_another() {
 }
 
 #[test]
-fn objects_stay_where_they_are_when_the_pose_is_lost_or_jumps() {
-    let mut scene = Scene::new(3);
+fn tracks_survive_a_lost_or_jumping_pose() {
+    let mut scene = TrackingScene::new(3);
     let (ball, robot) = (At::new(1.0, 2.5), At::new(-1.0, -2.0));
     for _ in 0..20 {
         scene.step(Some(ball), &[robot], true);
@@ -221,13 +222,13 @@ fn objects_stay_where_they_are_when_the_pose_is_lost_or_jumps() {
 }
 
 #[test]
-fn robots_that_pass_each_other_keep_their_numbers_and_colours() {
-    let mut scene = Scene::new(4);
+fn passing_robots_keep_their_ids() {
+    let mut scene = TrackingScene::new(4);
     let mut ids = Vec::new();
     for step in 0..90 {
         let time = step as f32 * FRAME as f32;
-        let a = rolled([-1.5, 3.0], [1.0, 0.0], time);
-        let b = rolled([1.5, 3.7], [-1.0, 0.0], time);
+        let a = ball_position([-1.5, 3.0], [1.0, 0.0], time);
+        let b = ball_position([1.5, 3.7], [-1.0, 0.0], time);
         let world = scene.step(None, &[a, b], true);
         if step > 5 {
             assert_eq!(world.robots.len(), 2, "at {time} s");
@@ -245,44 +246,44 @@ fn robots_that_pass_each_other_keep_their_numbers_and_colours() {
 }
 
 #[test]
-fn one_false_alarm_is_no_ball_and_nonsense_is_no_track() {
-    let mut scene = Scene::new(5);
+fn single_false_alarm_and_non_finite_observations_give_no_object() {
+    let mut scene = TrackingScene::new(5);
     assert_eq!(scene.step(Some(At::new(1.0, 1.0)), &[], true).ball, None);
     let mut model = WorldModel::new(WorldConfig::default(), 0.8);
-    let nonsense = Sighting {
+    let nonsense = ObjectObservation {
         at: At::new(f32::NAN, 1.0),
         covariance: [f32::INFINITY, 0.0, 1.0],
         score: 1.0,
-        flying: true,
-        team: Some(Team::Cyan),
+        airborne: true,
+        team: Some(TeamColour::Cyan),
     };
-    let sight = Sight {
+    let sight = WorldObservation {
         ball: Some(nonsense),
         robots: vec![nonsense; 3],
     };
     for frame in 0..10 {
         let stamp = Stamp::from_seconds(f64::from(frame) * FRAME);
-        let world = model.see(stamp, Some(&sight), &estimate(stamp, None));
-        assert_eq!(world, World::default());
+        let world = model.update(stamp, Some(&sight), &estimate(stamp, None));
+        assert_eq!(world, WorldView::default());
     }
 }
 
 #[test]
-fn without_odometry_the_poses_tell_how_the_robot_moved() {
-    let mut scene = Scene::new(6);
+fn pose_differences_replace_missing_odometry() {
+    let mut scene = TrackingScene::new(6);
     let robot = At::new(2.0, 2.0);
-    let mut world = World::default();
+    let mut world = WorldView::default();
     for _ in 0..20 {
         scene.frame += 1;
         let stamp = scene.stamp();
-        let sight = Sight {
+        let sight = WorldObservation {
             ball: None,
-            robots: vec![scene.sighting(robot)],
+            robots: vec![scene.observe(robot)],
         };
         let pose = scene.pose();
         world = scene
             .model
-            .see(stamp, Some(&sight), &estimate(stamp, Some(pose)));
+            .update(stamp, Some(&sight), &estimate(stamp, Some(pose)));
     }
     let found = world.robots[0].on_field.expect("placed");
     assert!(found.at.distance_to(robot) < 0.15);

@@ -1,7 +1,7 @@
 //! What is said to other programs? The messages of `docs/network.proto`, in protobuf and JSON alike.
 
 use localize::estimate::Estimate;
-use localize::world::{Object, Team};
+use localize::world::{TeamColour, TrackedObject};
 use serde::{Deserialize, Serialize};
 
 use crate::cycle::Cycle;
@@ -254,7 +254,7 @@ impl State {
     /// What a cycle says; `sequence`: the cycle's number.
     pub fn of(robot: u32, sequence: u64, cycle: &Cycle) -> Self {
         let estimate = &cycle.estimate;
-        let thing = |object: &Object| Thing::of(object, cycle);
+        let thing = |object: &TrackedObject| Thing::of(object, cycle);
         State {
             version: VERSION,
             robot,
@@ -298,7 +298,7 @@ impl Pose {
 }
 
 impl Thing {
-    fn of(object: &Object, cycle: &Cycle) -> Self {
+    fn of(object: &TrackedObject, cycle: &Cycle) -> Self {
         let place = |x, y, [velocity_x, velocity_y]: [f32; 2], p: &nalgebra::Matrix4<f32>| Spot {
             x,
             y,
@@ -307,8 +307,8 @@ impl Thing {
             covariance: vec![p[(0, 0)], p[(0, 1)], p[(1, 1)]],
         };
         let team = object.team.map(|team| match team {
-            Team::Cyan => "cyan",
-            Team::Magenta => "magenta",
+            TeamColour::Cyan => "cyan",
+            TeamColour::Magenta => "magenta",
         });
         let (at, velocity) = (object.at, object.velocity);
         Thing {
@@ -318,7 +318,7 @@ impl Thing {
                 .on_field
                 .map(|on| place(on.at.x, on.at.y, on.velocity, &on.covariance)),
             probability: object.probability,
-            unseen: object.seen.seconds_until(cycle.stamp) as f32,
+            unseen: object.last_seen.seconds_until(cycle.stamp) as f32,
             team: team.unwrap_or_default().to_owned(),
         }
     }

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use anyhow::Result;
 use localize::frame::At;
-use localize::team::{Ball, Report};
-use localize::world::Object;
+use localize::team::{ReportedBall, TeamReport};
+use localize::world::TrackedObject;
 use localize::{Pose, Stamp};
 use prost::Message;
 
@@ -74,7 +74,7 @@ impl Talk {
             held_ns: now.0.saturating_sub(heard.heard_ns),
         };
         let ball = cycle.world.ball.as_ref();
-        let mut obstacles: Vec<&Object> = cycle.world.robots.iter().collect();
+        let mut obstacles: Vec<&TrackedObject> = cycle.world.robots.iter().collect();
         obstacles.sort_by(|a, b| b.probability.total_cmp(&a.probability));
         let word = TeamWord {
             version: VERSION,
@@ -87,7 +87,7 @@ impl Talk {
             echoes: self.mates.iter().map(echo).collect(),
             pose: message::Pose::of(&cycle.estimate),
             ball: ball.and_then(spot),
-            ball_seen_ns: ball.map_or(0, |ball| ball.seen.0),
+            ball_seen_ns: ball.map_or(0, |ball| ball.last_seen.0),
             obstacles: obstacles
                 .into_iter()
                 .filter_map(spot)
@@ -98,7 +98,7 @@ impl Talk {
     }
 
     /// What a datagram says that was heard at `now` of our clock.
-    pub fn hear(&mut self, datagram: &[u8], now: Stamp) -> Result<Report, Refused> {
+    pub fn hear(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, Refused> {
         let report = self.understand(datagram, now);
         match &report {
             Ok(_) => self.counts.heard += 1,
@@ -117,7 +117,7 @@ impl Talk {
         self.mates.get(&robot).map(|heard| &heard.clock)
     }
 
-    fn understand(&mut self, datagram: &[u8], now: Stamp) -> Result<Report, Refused> {
+    fn understand(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, Refused> {
         let content = open(datagram, self.key.as_ref())?;
         let word = TeamWord::decode(content).map_err(|_foreign| Refused::Foreign)?;
         // What decodes by chance has no version of ours.
@@ -155,25 +155,25 @@ impl Talk {
     }
 }
 
-fn report(word: &TeamWord, ours: impl Fn(i64) -> Stamp) -> Report {
+fn report(word: &TeamWord, ours: impl Fn(i64) -> Stamp) -> TeamReport {
     let pose = word.pose.as_ref();
     let std = |i: usize| {
         pose.and_then(|pose| pose.std.get(i))
             .copied()
             .unwrap_or(0.0)
     };
-    Report {
+    TeamReport {
         robot: word.robot,
         stamp: ours(word.stamp_ns),
         pose: pose.map(|pose| Pose::new(pose.x, pose.y, pose.theta)),
         pose_std: [std(0), std(1), std(2)],
         half_known: pose.is_some_and(|pose| pose.half_known),
         ball: word.ball.as_ref().and_then(|ball| {
-            Some(Ball {
+            Some(ReportedBall {
                 at: At::new(ball.x, ball.y),
                 velocity: [ball.velocity_x, ball.velocity_y],
                 covariance: ball.covariance[..].try_into().ok()?,
-                seen: ours(word.ball_seen_ns),
+                last_seen: ours(word.ball_seen_ns),
             })
         }),
         obstacles: word
@@ -184,7 +184,7 @@ fn report(word: &TeamWord, ours: impl Fn(i64) -> Stamp) -> Report {
     }
 }
 
-fn spot(object: &Object) -> Option<Spot> {
+fn spot(object: &TrackedObject) -> Option<Spot> {
     let on_field = object.on_field?;
     let p = &on_field.covariance;
     Some(Spot {

@@ -123,7 +123,7 @@ impl Tables {
         for sample in &cycle.inputs.compass {
             self.compass
                 .row(&format!("{},{}", seconds(sample.stamp), sample.heading))?;
-            if let Some([x, y]) = sample.field {
+            if let Some([x, y]) = sample.magnetic_field {
                 self.magnetometer
                     .row(&format!("{},{x},{y}", seconds(sample.stamp)))?;
             }

@@ -146,7 +146,7 @@ impl Messages {
                 .particles
                 .log_at(&scene::poses_in_frame(poses, stamp), stamp);
         }
-        if !cycle.team.mates.is_empty() {
+        if !cycle.team.teammates.is_empty() {
             topics
                 .team
                 .log_at(&convert::team_to_wire(&cycle.team), stamp);

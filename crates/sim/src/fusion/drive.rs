@@ -1,9 +1,9 @@
 //! What happens on each course? A simulated drive without images, its samples and truth kept, points drawn at poses.
 
-use localize::drive::{DriveConfig, see};
+use localize::drive::{SyntheticDriveConfig, simulate_line_points};
 use localize::frame::{At, Pose, wrap_angle};
 use localize::robot::RobotConfig;
-use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
+use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::{Field, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -34,7 +34,7 @@ pub(super) enum Heard {
     Odometry(Odometry),
     Imu(Imu),
     Compass(Compass),
-    Command(Command),
+    Command(VelocityCommand),
     Frame(Frame),
 }
 
@@ -258,7 +258,7 @@ fn frames(
 ) -> Vec<Frame> {
     let late = matches!(course, Course::Late | Course::UnknownLatency);
     let blinded = matches!(course, Course::Blind | Course::All);
-    let sensing = DriveConfig::default();
+    let sensing = SyntheticDriveConfig::default();
     let height = localize::matching::MatchConfig::default().viewpoint_height;
     let blind_at =
         |seconds: f64| blinded && seconds.rem_euclid(BLIND_PERIOD) >= BLIND_PERIOD - BLIND;
@@ -277,7 +277,7 @@ fn frames(
         let mut points = if blind {
             Vec::new()
         } else {
-            see(field, &sensing, exposed.pose, rng)
+            simulate_line_points(field, &sensing, exposed.pose, rng)
         };
         let at = lean.partition_point(|(stamp, _)| *stamp <= exposed.stamp);
         if let Some((_, [a, b])) = at.checked_sub(1).and_then(|at| lean.get(at)) {

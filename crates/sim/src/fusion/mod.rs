@@ -8,7 +8,7 @@ mod score;
 
 use localize::Field;
 use localize::config::LocalizeConfig;
-use localize::filter::Fusion;
+use localize::filter::FilterKind;
 use localize::robot::RobotConfig;
 use serde::Serialize;
 
@@ -136,8 +136,8 @@ impl Default for FusionExperiment {
     fn default() -> Self {
         let mut localize = LocalizeConfig::default();
         // Drawn points err independently; what frames repeat is the grid of the distance look-up alone.
-        localize.filter.sight_std = 0.0007;
-        localize.filter.sight_std_deg = 0.02;
+        localize.filter.systematic_position_std = 0.0007;
+        localize.filter.systematic_heading_std_deg = 0.02;
         FusionExperiment {
             seeds: 0..3,
             duration: 90.0,
@@ -184,7 +184,7 @@ impl FusionExperiment {
         let mut config = match estimator {
             Estimator::Decentralised => LocalizeConfig {
                 filter: localize::filter::FilterConfig {
-                    fusion: Fusion::Decentralised,
+                    kind: FilterKind::Decentralised,
                     ..self.localize.filter.clone()
                 },
                 ..self.localize.clone()

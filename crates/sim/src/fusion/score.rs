@@ -113,12 +113,12 @@ pub(super) fn follow(
     let mut hits = Hits::new(&drive.hits);
     for one in &drive.heard {
         match one {
-            Heard::Odometry(one) if wheels => localizer.odometry(one),
-            Heard::Imu(one) if inertial => localizer.imu(one),
-            Heard::Command(one) if inertial || wheels => localizer.command(one),
-            Heard::Compass(one) => localizer.compass(one),
+            Heard::Odometry(one) if wheels => localizer.add_odometry(one),
+            Heard::Imu(one) if inertial => localizer.add_imu(one),
+            Heard::Command(one) if inertial || wheels => localizer.add_command(one),
+            Heard::Compass(one) => localizer.add_compass(one),
             Heard::Frame(frame) => {
-                let estimate = localizer.see(frame.stamp, &frame.points);
+                let estimate = localizer.process_points(frame.stamp, &frame.points);
                 let begun = frame.stamp.seconds() >= BEGUN;
                 // Alone, every frame is found by a search.
                 let searched = estimate.mode != Mode::Tracking && estimator != Estimator::Vision;

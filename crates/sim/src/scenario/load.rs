@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use localize::robot::RobotConfig;
-use localize::toml_place::place;
+use localize::toml_place::key_location;
 
 use super::{RadioConfig, Scenario};
 use crate::world::STEP;
@@ -86,7 +86,7 @@ impl Scenario {
         scenario
             .check()
             .map_err(|(key, reason)| ScenarioError::Value {
-                place: place(path, text, &key),
+                place: key_location(path, text, &key),
                 key,
                 reason,
             })?;

@@ -1,6 +1,6 @@
 //! What do the sensors say at this step? Each on its own clock, as its faults let it.
 
-use localize::sample::Command;
+use localize::sample::VelocityCommand;
 use localize::stamp::Stamp;
 
 use super::{Image, Sample, Sim, Truth};
@@ -36,7 +36,7 @@ impl Sim {
     fn sense_wheels(&mut self, stamp: Stamp) {
         let stuck = self.failing(FaultKind::WheelStuck).map(|fault| fault.wheel);
         let odometry = self.world.count_wheels(stamp, stuck);
-        self.ready.push_back(Sample::Command(Command {
+        self.ready.push_back(Sample::Command(VelocityCommand {
             stamp,
             twist: self.wanted,
         }));

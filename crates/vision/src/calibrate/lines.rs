@@ -4,11 +4,11 @@
 //! points of all images fall onto the field's markings, each image at its own unknown pose and lean. The start is a
 //! search of the whole field under several scales, since a guess may be a fifth too long or too short.
 
-use localize::distance::{DistanceConfig, DistanceField};
+use localize::distance::{DistanceField, DistanceFieldConfig};
 use localize::frame::At;
 use localize::matching::{MatchConfig, Matcher};
 use localize::sample::LinePoint;
-use localize::search::{Search, SearchConfig};
+use localize::search::{BranchAndBound, BranchAndBoundConfig};
 use localize::{Field, Pose};
 
 use crate::calibrate::correction::{Basis, Correction};
@@ -71,7 +71,7 @@ pub fn calibrate_lines(
     vision: &VisionConfig,
 ) -> Result<LinesCalibration, CalibrationError> {
     let height = f64::from(vision.objects.viewpoint_height);
-    let distances = DistanceField::new(field, &DistanceConfig::default());
+    let distances = DistanceField::new(field, &DistanceFieldConfig::default());
     let mut map = start.clone();
     let mut result = None;
     // The second round sees with the corrected map: widths are right then, and no point is refused for them.
@@ -143,11 +143,11 @@ fn starts(
     height: f64,
     guess: bool,
 ) -> (Correction, Vec<FitImage>) {
-    let mut search = Search::new(field, distances, SearchConfig::default());
+    let mut search = BranchAndBound::new(field, distances, BranchAndBoundConfig::default());
     // A guess is off by more than a frame's lean could repair: take frames for upright.
     let mut matcher = Matcher::new(MatchConfig {
-        lean_std_deg: 0.0,
-        point_std_min: if guess { 0.08 } else { 0.02 },
+        tilt_std_deg: 0.0,
+        map_std: if guess { 0.08 } else { 0.02 },
         ..MatchConfig::default()
     });
     let mut best: Option<(f64, Correction, Vec<Option<Pose>>)> = None;
@@ -171,7 +171,7 @@ fn starts(
                 })
                 .filter(|point| point.at.x.is_finite() && point.at.y.is_finite())
                 .collect();
-            let found = search.find(distances, &mut matcher, &points, None);
+            let found = search.find_hypotheses(distances, &mut matcher, &points, None);
             let top = found.iter().max_by(|a, b| a.score.total_cmp(&b.score));
             sum += top.map_or(0.0, |top| f64::from(top.score) * points.len() as f64);
             poses.push(top.map(|top| top.pose));

@@ -135,7 +135,7 @@ impl<'a> Fit<'a> {
                 let nearest = self
                     .distances
                     .nearest(on_field[0] as f32, on_field[1] as f32);
-                let distance = f64::from(nearest.distance);
+                let distance = f64::from(nearest.signed_distance);
                 let [nx, ny] = nearest.normal.map(f64::from);
                 // The normal in the robot's frame.
                 let (rx, ry) = (cos * nx + sin * ny, cos * ny - sin * nx);
@@ -214,7 +214,7 @@ impl<'a> Fit<'a> {
             if !(fx.is_finite() && fy.is_finite()) {
                 continue;
             }
-            let distance = f64::from(self.distances.nearest(fx as f32, fy as f32).distance);
+            let distance = f64::from(self.distances.nearest(fx as f32, fy as f32).signed_distance);
             if distance * distance <= 9.0 * (point.variance + PAINT * PAINT) {
                 squares += distance * distance;
                 relative += distance * distance / point.variance;

@@ -1,8 +1,10 @@
 //! How well is the place found? Seeded drives, kidnaps and single frames of line points, scored against truth.
 
 use anyhow::Result;
-use localize::drive::DriveConfig;
-use localize::experiment::{TrackScore, find, kidnap, track};
+use localize::drive::SyntheticDriveConfig;
+use localize::experiment::{
+    TrackingScore, evaluate_global_search, evaluate_kidnaps, evaluate_tracking,
+};
 use localize::{Field, LocalizeConfig};
 
 use super::{Figure, figure};
@@ -43,21 +45,21 @@ fn worse_cm([x, y, _]: [f32; 3]) -> f64 {
 pub(super) fn drives(figures: &mut Vec<Figure>) -> Result<()> {
     let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
     let config = LocalizeConfig::default();
-    let usual = DriveConfig::default();
+    let usual = SyntheticDriveConfig::default();
     // Ten minutes, by one robot after another.
-    let score = track(&field, &config, &usual, 0..20, 900);
+    let score = evaluate_tracking(&field, &config, &usual, 0..20, 900);
     figures.extend([
-        figure("track_mean", worse_cm(score.mean), "cm", "<= 0.7"),
+        figure("track_mean", worse_cm(score.mean_error), "cm", "<= 0.7"),
         figure(
             "track_mean_heading",
-            f64::from(score.mean[2]),
+            f64::from(score.mean_error[2]),
             "degrees",
             "<= 0.12",
         ),
-        figure("track_max", worse_cm(score.max), "cm", "<= 4"),
+        figure("track_max", worse_cm(score.max_error), "cm", "<= 4"),
         figure(
             "track_max_heading",
-            f64::from(score.max[2]),
+            f64::from(score.max_error[2]),
             "degrees",
             "<= 1",
         ),
@@ -69,89 +71,114 @@ pub(super) fn drives(figures: &mut Vec<Figure>) -> Result<()> {
             "0",
         ),
     ]);
-    let with = |drive: DriveConfig| track(&field, &config, &drive, 0..5, 900);
-    let outliers = with(DriveConfig {
-        outliers: 0.5,
+    let with = |drive: SyntheticDriveConfig| evaluate_tracking(&field, &config, &drive, 0..5, 900);
+    let outliers = with(SyntheticDriveConfig {
+        outlier_share: 0.5,
         ..usual.clone()
     });
-    let near = with(DriveConfig {
-        range: 3.0,
+    let near = with(SyntheticDriveConfig {
+        range_max: 3.0,
         ..usual.clone()
     });
-    let few = with(DriveConfig {
+    let few = with(SyntheticDriveConfig {
         rays: 40,
         ..usual.clone()
     });
     figures.extend([
         figure(
             "track_half_outliers",
-            worse_cm(outliers.mean),
+            worse_cm(outliers.mean_error),
             "cm",
             "<= 1.2",
         ),
-        figure("track_3_m", worse_cm(near.mean), "cm", "<= 2.5"),
-        figure("track_3_m_lost", near.lost as f64, "frames of 4350", "0"),
-        figure("track_40_rays", worse_cm(few.mean), "cm", "<= 1.2"),
+        figure("track_3_m", worse_cm(near.mean_error), "cm", "<= 2.5"),
+        figure(
+            "track_3_m_lost",
+            near.lost_frames as f64,
+            "frames of 4350",
+            "0",
+        ),
+        figure("track_40_rays", worse_cm(few.mean_error), "cm", "<= 1.2"),
     ]);
-    let covered = |covered: f32| -> TrackScore {
-        with(DriveConfig {
-            covered,
+    let covered = |covered: f32| -> TrackingScore {
+        with(SyntheticDriveConfig {
+            occluded_share: covered,
             ..usual.clone()
         })
     };
     let [eighth, quarter, half] = [0.125, 0.25, 0.5].map(covered);
     figures.extend([
-        figure("occluded_12_mean", worse_cm(eighth.mean), "cm", "<= 2"),
-        figure("occluded_12_max", worse_cm(eighth.max), "cm", "<= 10"),
-        figure("occluded_25_mean", worse_cm(quarter.mean), "cm", "<= 2"),
-        figure("occluded_25_max", worse_cm(quarter.max), "cm", "<= 10"),
-        figure("occluded_50_mean", worse_cm(half.mean), "cm", "<= 2"),
+        figure(
+            "occluded_12_mean",
+            worse_cm(eighth.mean_error),
+            "cm",
+            "<= 2",
+        ),
+        figure("occluded_12_max", worse_cm(eighth.max_error), "cm", "<= 10"),
+        figure(
+            "occluded_25_mean",
+            worse_cm(quarter.mean_error),
+            "cm",
+            "<= 2",
+        ),
+        figure(
+            "occluded_25_max",
+            worse_cm(quarter.max_error),
+            "cm",
+            "<= 10",
+        ),
+        figure("occluded_50_mean", worse_cm(half.mean_error), "cm", "<= 2"),
         figure(
             "occluded_50_mean_heading",
-            f64::from(half.mean[2].to_radians()),
+            f64::from(half.mean_error[2].to_radians()),
             "rad",
             "<= 0.01",
         ),
-        figure("occluded_50_max", worse_cm(half.max), "cm", "<= 10"),
+        figure("occluded_50_max", worse_cm(half.max_error), "cm", "<= 10"),
     ]);
     searches(&field, &config, usual, figures);
     Ok(())
 }
 
 /// How often a place is found from one frame, and again after the robot was carried off.
-fn searches(field: &Field, config: &LocalizeConfig, usual: DriveConfig, figures: &mut Vec<Figure>) {
+fn searches(
+    field: &Field,
+    config: &LocalizeConfig,
+    usual: SyntheticDriveConfig,
+    figures: &mut Vec<Figure>,
+) {
     let frames = 1000;
     let percent = |part: usize, of: usize| 100.0 * part as f64 / of as f64;
-    let blind = find(field, config, &usual, false, 1, frames);
-    let led = find(field, config, &usual, true, 1, frames);
-    let covered = DriveConfig {
-        covered: 0.25,
+    let blind = evaluate_global_search(field, config, &usual, false, 1, frames);
+    let led = evaluate_global_search(field, config, &usual, true, 1, frames);
+    let covered = SyntheticDriveConfig {
+        occluded_share: 0.25,
         ..usual
     };
-    let carried = kidnap(field, config, &covered, 1, 200);
+    let carried = evaluate_kidnaps(field, config, &covered, 1, 200);
     figures.extend([
         figure(
             "find_no_prior",
-            percent(blind.first, frames),
+            percent(blind.top_1, frames),
             "%",
             ">= 97.5",
         ),
         figure(
             "find_no_prior_first_five",
-            percent(blind.first_five, frames),
+            percent(blind.top_5, frames),
             "%",
             ">= 99.5",
         ),
-        figure("find_compass", percent(led.first, frames), "%", ">= 99.7"),
+        figure("find_compass", percent(led.top_1, frames), "%", ">= 99.7"),
         figure(
             "kidnap_said",
-            percent(carried.said, carried.kidnaps),
+            percent(carried.detected, carried.kidnaps),
             "%",
             ">= 99",
         ),
         figure(
             "kidnap_back",
-            percent(carried.back, carried.kidnaps),
+            percent(carried.recovered, carried.kidnaps),
             "%",
             ">= 99",
         ),

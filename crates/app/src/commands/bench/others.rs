@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use localize::Field;
 use localize::robot::RobotConfig;
-use localize::team::experiment::{Trial, shared_ball};
+use localize::team::experiment::{TeamExperiment, evaluate_team_ball};
 use sim::fusion::{Course, Estimator, FusionExperiment};
 
 use super::{Figure, figure};
@@ -54,7 +54,7 @@ pub(super) fn fused(figures: &mut Vec<Figure>) -> Result<()> {
         ),
         figure("fusion_late_along", cm(late.along.abs()), "cm", "<= 2"),
     ]);
-    let ball = shared_ball(0..20, &Trial::default());
+    let ball = evaluate_team_ball(0..20, &TeamExperiment::default());
     figures.push(figure(
         "team_ball_ratio",
         f64::from(ball.ratio),

@@ -4,12 +4,12 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::Result;
-use localize::drive::{Drive, DriveConfig, DriveFrame};
+use localize::drive::{SyntheticDrive, SyntheticDriveConfig, SyntheticSample};
 use localize::matching::Matcher;
 use localize::relocalise::hough::Hough;
 use localize::relocalise::monte_carlo::MonteCarlo;
 use localize::relocalise::scan_map::ScanMap;
-use localize::search::{HeadingPrior, Search};
+use localize::search::{BranchAndBound, HeadingPrior};
 use localize::{DistanceField, Field, Localizer, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -20,10 +20,14 @@ use pipeline::paths;
 use pipeline::score::spread;
 
 /// The league's drive that existing systems were measured on: 30 Hz, about 113 points within 5 m.
-fn frames(field: &Field) -> Vec<DriveFrame> {
-    Drive::new(field, DriveConfig::default(), ChaCha8Rng::seed_from_u64(2))
-        .take(900)
-        .collect()
+fn frames(field: &Field) -> Vec<SyntheticSample> {
+    SyntheticDrive::new(
+        field,
+        SyntheticDriveConfig::default(),
+        ChaCha8Rng::seed_from_u64(2),
+    )
+    .take(900)
+    .collect()
 }
 
 /// Figures of `placing`.
@@ -39,9 +43,9 @@ pub(super) fn placing(figures: &mut Vec<Figure>) -> Result<()> {
     let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
     let frames = frames(&field);
     let config = SpineConfig::default().localize;
-    let distances = DistanceField::new(&field, &config.distance);
+    let distances = DistanceField::new(&field, &config.distance_field);
     let mut matcher = Matcher::new(config.matching.clone());
-    let mut search = Search::new(&field, &distances, config.search.clone());
+    let mut search = BranchAndBound::new(&field, &distances, config.branch_and_bound.clone());
     let mut number = 0;
     let mut next = || {
         number = (number + 7) % frames.len();
@@ -50,22 +54,22 @@ pub(super) fn placing(figures: &mut Vec<Figure>) -> Result<()> {
     let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
     let value = median_ms(3000, || {
         let frame = next();
-        black_box(matcher.refine(&distances, &frame.points, near(frame.truth), 0.05));
+        black_box(matcher.refine(&distances, &frame.points, near(frame.true_pose), 0.05));
     });
     figures.push(figure("match_points", value, "ms", "<= 0.08"));
     let mut localizer = Localizer::new(&field, config);
     let mut times = Vec::new();
     for frame in &frames {
         let started = Instant::now();
-        localizer.odometry(&frame.odometry);
-        localizer.compass(&frame.compass);
-        black_box(localizer.see(frame.stamp, &frame.points));
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        black_box(localizer.process_points(frame.stamp, &frame.points));
         times.push(started.elapsed().as_secs_f64() * 1e3);
     }
     let value = spread(times).map_or(f64::NAN, |spread| spread.median);
     figures.push(figure("track_frame", value, "ms", "<= 0.03"));
     let value = median_ms(REPEATS, || {
-        black_box(search.find(&distances, &mut matcher, &next().points, None));
+        black_box(search.find_hypotheses(&distances, &mut matcher, &next().points, None));
     });
     figures.push(figure("exact_no_prior", value, "ms", "<= 3"));
     let value = median_ms(REPEATS, || {
@@ -74,7 +78,7 @@ pub(super) fn placing(figures: &mut Vec<Figure>) -> Result<()> {
             heading: frame.compass.heading,
             std: 10f32.to_radians(),
         };
-        black_box(search.find(&distances, &mut matcher, &frame.points, Some(prior)));
+        black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, Some(prior)));
     });
     figures.push(figure("exact_compass", value, "ms", "<= 0.5"));
     Ok(())
@@ -93,7 +97,7 @@ pub(super) fn papers(figures: &mut Vec<Figure>) -> Result<()> {
     let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
     let frames = frames(&field);
     let config = SpineConfig::default().localize;
-    let distances = DistanceField::new(&field, &config.distance);
+    let distances = DistanceField::new(&field, &config.distance_field);
     let mut number = 0;
     let mut next = || {
         number = (number + 7) % frames.len();
@@ -106,28 +110,28 @@ pub(super) fn papers(figures: &mut Vec<Figure>) -> Result<()> {
             },
         )
     };
-    let mut hough = Hough::new(&field, config.relocalise.hough.clone());
+    let mut hough = Hough::new(&field, config.global_search.hough.clone());
     let value = median_ms(REPEATS, || {
         let (frame, prior) = next();
-        black_box(hough.find(&frame.points, Some(prior)));
+        black_box(hough.find_poses(&frame.points, Some(prior)));
     });
     figures.push(figure("hough", value, "ms", "<= 1"));
-    let map = ScanMap::new(&field, &distances, config.relocalise.scan_map.clone());
+    let map = ScanMap::new(&field, &distances, config.global_search.scan_map.clone());
     let value = median_ms(REPEATS, || {
         let (frame, prior) = next();
-        black_box(map.find(&frame.points, prior.heading, 6, 0.4));
+        black_box(map.find_poses(&frame.points, prior.heading, 6, 0.4));
     });
     figures.push(figure("scan_map_global", value, "ms", "<= 2"));
     let value = median_ms(REPEATS, || {
         let (frame, _) = next();
-        black_box(map.find_near(&frame.points, frame.truth));
+        black_box(map.find_pose_near(&frame.points, frame.true_pose));
     });
     figures.push(figure("scan_map_local", value, "ms", "<= 0.05"));
-    let mut filter = MonteCarlo::new(&field, &distances, config.relocalise.monte_carlo.clone());
+    let mut filter = MonteCarlo::new(&field, &distances, config.global_search.monte_carlo.clone());
     let value = median_ms(REPEATS, || {
         let (frame, prior) = next();
-        filter.restart();
-        black_box(filter.cycle(&frame.points, Some(prior)));
+        filter.reset();
+        black_box(filter.update(&frame.points, Some(prior)));
     });
     figures.push(figure("monte_carlo_cycle", value, "ms", "<= 0.3"));
     Ok(())

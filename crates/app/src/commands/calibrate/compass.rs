@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use localize::compass::{CompassFit, fit};
+use localize::compass::{CompassFit, fit_calibration};
 use serde::Serialize;
 
 use pipeline::csv_table::{Table, Written, seconds};
@@ -50,7 +50,7 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
         stamps.push(localize::Stamp::from_seconds(row.number("stamp_s")?));
         readings.push([row.number("x")? as f32, row.number("y")? as f32]);
     }
-    let mut fit = fit(&readings).with_context(|| path.display().to_string())?;
+    let mut fit = fit_calibration(&readings).with_context(|| path.display().to_string())?;
     fit.calibration.north_deg = args.north;
     let text = toml::to_string(&fit.calibration)?;
     std::fs::write(&args.out, text)

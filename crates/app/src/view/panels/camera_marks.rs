@@ -43,7 +43,7 @@ impl Drawing<'_> {
     /// A ground point on the screen, in the camera's image.
     fn ground(&self, at: At<RobotFrame>) -> Option<Pos2> {
         let eye = self.stage.eye.as_ref()?;
-        let pixel = eye.pixel(at, self.cycle.estimate.lean)?;
+        let pixel = eye.pixel(at, self.cycle.estimate.tilt)?;
         Some(self.pixel(pixel))
     }
 
@@ -82,7 +82,7 @@ pub(crate) fn draw(drawing: &Drawing<'_>) {
         && let Some(pose) = drawing.cycle.estimate.pose
     {
         let stroke = Stroke::new(1.4, ink::PROJECTED);
-        for [from, to] in drawing.stage.projected(pose, drawing.cycle.estimate.lean) {
+        for [from, to] in drawing.stage.projected(pose, drawing.cycle.estimate.tilt) {
             let ends = [drawing.pixel(from), drawing.pixel(to)];
             drawing.painter.line_segment(ends, stroke);
         }

@@ -343,7 +343,7 @@ impl FieldView {
             let radius = (2.0 * marks::BALL_RADIUS * screen.scale()).max(7.0);
             painter.circle_stroke(screen.at(ball.at), radius, (1.0, ink::BALL));
         }
-        for mate in &cycle.team.mates {
+        for mate in &cycle.team.teammates {
             if let Some(pose) = mate.pose {
                 marks::draw_robot(painter, screen, pose, ink::GREEN, 1.6);
                 let text = format!("{} ({:.1} s ago)", mate.robot, mate.age);

@@ -16,27 +16,27 @@ use nalgebra::Matrix3;
 
 use super::FilterConfig;
 use super::sight;
-use crate::collision::Collision;
+use crate::collision::CollisionDetector;
 use crate::frame::{Pose, wrap_angle};
 use crate::omni::Twist;
 
 /// Pose on the field.
 const POSE: usize = 0;
 /// Way since the wheels' last sample, in the robot's frame at that time.
-const WAY: usize = 3;
+const WHEEL_INCREMENT: usize = 3;
 /// Velocity, robot frame.
 const TWIST: usize = 6;
-const SPIN: usize = 8;
+const YAW_RATE: usize = 8;
 /// Up in the inertial unit's frame, its x and y.
-const LEAN: usize = 9;
+const TILT: usize = 9;
 /// About x, y and z.
 const GYRO_BIAS: usize = 11;
 /// Of way and turn.
-const SCALES: usize = 14;
+const ODOMETRY_SCALES: usize = 14;
 /// Of both horizontal axes.
 const ACCELEROMETER_BIAS: usize = 16;
 /// What of the unit's lean is not the camera's.
-const MOUNT: usize = 18;
+const IMU_MOUNT: usize = 18;
 /// Velocity of the rims over the ground, m/s, rad/s.
 const SLIP: usize = 20;
 /// True rate over the gyro's, about z.
@@ -44,58 +44,62 @@ const GYRO_SCALE: usize = 23;
 const LATENCY: usize = 24;
 const STATES: usize = 25;
 /// Rows are padded to whole vector registers.
-const WIDTH: usize = 28;
+const ROW_STRIDE: usize = 28;
 
 type State = [f32; STATES];
-type Covariance = [[f32; WIDTH]; STATES];
+type Covariance = [[f32; ROW_STRIDE]; STATES];
 /// A row of a matrix: the entries that are not zero.
-type Terms<'a> = &'a [(usize, f32)];
+type SparseRow<'a> = &'a [(usize, f32)];
 
 /// Scales outside these are broken encoders, not wear.
 const SCALE_RANGE: (f32, f32) = (0.7, 1.4);
 /// Noise is learnt within these factors (variance) of what the configuration says.
-const NOISE_RANGE: (f32, f32) = (0.05, 20.0);
+const NOISE_FACTOR_RANGE: (f32, f32) = (0.05, 20.0);
 /// Most intervals for which the wheels' last word is taken, when some were lost.
-const PART_MAX: f32 = 20.0;
+const LOST_INTERVALS_MAX: f32 = 20.0;
 /// How fast a robot may drive and turn when it is first seen: m/s, rad/s (one sigma).
-const TWIST_STD: [f32; 3] = [3.0, 3.0, 6.0];
+const INITIAL_TWIST_STD: [f32; 3] = [3.0, 3.0, 6.0];
 /// How much a standing robot trembles, metres and radians per square root of a second.
-const TREMBLE: [f32; 2] = [0.002, 0.0005];
+const STATIONARY_NOISE: [f32; 2] = [0.002, 0.0005];
 /// Part of a shock that the accelerometer misses: its scale and axes are no better. Were it more, nobody could say
 /// afterwards that the wheels err.
-const SHOCK_PART: f32 = 0.03;
+const SHOCK_ERROR_SHARE: f32 = 0.03;
 /// No variance falls below this: what single precision resolves beside a metre, squared.
 const VARIANCE_MIN: f32 = 1e-13;
 
 /// Mean and covariance of everything.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Joint {
+pub struct JointFilter {
     state: State,
     covariance: Covariance,
     /// How long the way has been driven, seconds.
-    since: f32,
+    wheel_interval: f32,
     /// Does an inertial unit tell how it leans?
-    felt: bool,
+    imu_active: bool,
     /// Acceleration, smoothed, robot frame, m/s².
-    pushed: [f32; 2],
+    smoothed_acceleration: [f32; 2],
     /// Variance of the wheels' noise over what the configuration says, learnt.
-    noise: f32,
-    collision: Collision,
+    wheel_noise_factor: f32,
+    collision: CollisionDetector,
 }
 
-impl Joint {
+impl JointFilter {
     pub(super) fn new(
         pose: Pose,
         covariance: &Matrix3<f32>,
-        known: Option<&Joint>,
+        known: Option<&JointFilter>,
         config: &FilterConfig,
     ) -> Self {
         let mut state = [0.0; STATES];
         let mut variances = [0.0; STATES];
         (state[POSE], state[POSE + 1], state[POSE + 2]) = (pose.x, pose.y, pose.theta);
-        (state[SCALES], state[SCALES + 1], state[GYRO_SCALE]) = (1.0, 1.0, 1.0);
+        (
+            state[ODOMETRY_SCALES],
+            state[ODOMETRY_SCALES + 1],
+            state[GYRO_SCALE],
+        ) = (1.0, 1.0, 1.0);
         state[LATENCY] = config.camera_latency;
-        for (k, std) in TWIST_STD.into_iter().enumerate() {
+        for (k, std) in INITIAL_TWIST_STD.into_iter().enumerate() {
             variances[TWIST + k] = std * std;
         }
         variances[GYRO_SCALE] = config.gyro_scale_std * config.gyro_scale_std;
@@ -103,19 +107,19 @@ impl Joint {
             variances[GYRO_BIAS + k] = config.gyro_bias_std_deg.to_radians().powi(2);
         }
         for k in 0..2 {
-            variances[MOUNT + k] = config.mount_std_deg.to_radians().powi(2);
-            variances[SCALES + k] = config.scale_std * config.scale_std;
+            variances[IMU_MOUNT + k] = config.imu_mount_std_deg.to_radians().powi(2);
+            variances[ODOMETRY_SCALES + k] = config.odometry_scale_std * config.odometry_scale_std;
             variances[ACCELEROMETER_BIAS + k] =
                 config.accelerometer_bias_std * config.accelerometer_bias_std;
         }
         variances[LATENCY] = config.camera_latency_std * config.camera_latency_std;
-        let mut full = [[0.0; WIDTH]; STATES];
+        let mut full = [[0.0; ROW_STRIDE]; STATES];
         for (k, variance) in variances.into_iter().enumerate() {
             full[k][k] = variance;
         }
         let mut noise = 1.0;
         if let Some(known) = known {
-            noise = known.noise;
+            noise = known.wheel_noise_factor;
             // Wheels and units stay the same wherever the robot is put.
             for i in GYRO_BIAS..STATES {
                 state[i] = known.state[i];
@@ -124,29 +128,29 @@ impl Joint {
         }
         for k in 0..2 {
             // Upright as robots stand, as far as it is known how the unit is mounted.
-            state[LEAN + k] = state[MOUNT + k];
-            let mounted = full[MOUNT + k];
+            state[TILT + k] = state[IMU_MOUNT + k];
+            let mounted = full[IMU_MOUNT + k];
             for (j, value) in mounted.into_iter().enumerate().take(STATES) {
-                full[LEAN + k][j] = value;
-                full[j][LEAN + k] = value;
+                full[TILT + k][j] = value;
+                full[j][TILT + k] = value;
             }
-            full[LEAN + k][LEAN + k] =
-                mounted[MOUNT + k] + config.lean_std_deg.to_radians().powi(2);
+            full[TILT + k][TILT + k] =
+                mounted[IMU_MOUNT + k] + config.tilt_std_deg.to_radians().powi(2);
         }
-        let seen = covariance + sight::repeated(config);
+        let seen = covariance + sight::systematic_covariance(config);
         for i in 0..3 {
             for j in 0..3 {
                 full[POSE + i][POSE + j] = seen[(i, j)];
             }
         }
-        Joint {
+        JointFilter {
             state,
             covariance: full,
-            since: 0.0,
-            felt: false,
-            pushed: [0.0; 2],
-            noise,
-            collision: Collision::default(),
+            wheel_interval: 0.0,
+            imu_active: false,
+            smoothed_acceleration: [0.0; 2],
+            wheel_noise_factor: noise,
+            collision: CollisionDetector::default(),
         }
     }
 
@@ -162,12 +166,12 @@ impl Joint {
         Twist {
             x: self.state[TWIST],
             y: self.state[TWIST + 1],
-            theta: self.state[SPIN],
+            theta: self.state[YAW_RATE],
         }
     }
 
     pub(super) fn scales(&self) -> [f32; 2] {
-        [self.state[SCALES], self.state[SCALES + 1]]
+        [self.state[ODOMETRY_SCALES], self.state[ODOMETRY_SCALES + 1]]
     }
 
     pub(super) fn gyro_bias(&self) -> f32 {
@@ -175,28 +179,28 @@ impl Joint {
     }
 
     /// Lean of the camera (MATH.md 2, "Tilt") with its standard deviation, radians; none where no inertial unit tells.
-    pub(super) fn lean(&self) -> Option<([f32; 2], f32)> {
-        let mean = [0, 1].map(|k| self.state[LEAN + k] - self.state[MOUNT + k]);
+    pub(super) fn tilt(&self) -> Option<([f32; 2], f32)> {
+        let mean = [0, 1].map(|k| self.state[TILT + k] - self.state[IMU_MOUNT + k]);
         let p = &self.covariance;
         let variances = [0, 1].map(|k| {
-            let (lean, mount) = (LEAN + k, MOUNT + k);
+            let (lean, mount) = (TILT + k, IMU_MOUNT + k);
             p[lean][lean] - 2.0 * p[lean][mount] + p[mount][mount]
         });
         let variance = variances[0].max(variances[1]).max(0.0);
-        self.felt.then(|| (mean, variance.sqrt()))
+        self.imu_active.then(|| (mean, variance.sqrt()))
     }
 
     pub(super) fn latency(&self) -> f32 {
         self.state[LATENCY]
     }
 
-    pub(super) fn colliding(&self) -> bool {
-        self.collision.lasts()
+    pub(super) fn in_collision(&self) -> bool {
+        self.collision.is_active()
     }
 
     /// A measurement: Σ terms·state deviates from what was measured by `residual`, whose own variance is given.
-    fn update(&mut self, terms: Terms, residual: f32, variance: f32) {
-        let mut gain = [0.0; WIDTH];
+    fn update_scalar(&mut self, terms: SparseRow, residual: f32, variance: f32) {
+        let mut gain = [0.0; ROW_STRIDE];
         for &(column, factor) in terms {
             for (value, other) in gain.iter_mut().zip(&self.covariance[column]) {
                 *value += factor * other;
@@ -224,7 +228,7 @@ impl Joint {
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
     }
 
-    pub(super) fn widen(&mut self, factor: f32) {
+    pub(super) fn inflate_covariance(&mut self, factor: f32) {
         for i in 0..STATES {
             for j in 0..STATES {
                 self.covariance[i][j] *= match (i < 3, j < 3) {
@@ -235,7 +239,7 @@ impl Joint {
             }
         }
         // What moved it may move it still.
-        for (k, std) in TWIST_STD.into_iter().enumerate() {
+        for (k, std) in INITIAL_TWIST_STD.into_iter().enumerate() {
             self.covariance[TWIST + k][TWIST + k] += (0.3 * std).powi(2);
         }
     }

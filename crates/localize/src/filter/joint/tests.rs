@@ -2,54 +2,54 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::*;
 use crate::attitude::GRAVITY;
-use crate::filter::{Felt, LeanPrior, Span, Way};
+use crate::filter::{ImuInterval, PredictionInput, TiltPrior, WheelIncrement};
 
 const DT: f32 = 0.01;
 
-fn standing() -> (Joint, FilterConfig) {
+fn stationary_filter() -> (JointFilter, FilterConfig) {
     let config = FilterConfig::default();
     let seen = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5));
     let origin = Pose::new(0.0, 0.0, 0.0);
-    (Joint::new(origin, &seen, None, &config), config)
+    (JointFilter::new(origin, &seen, None, &config), config)
 }
 
 /// A hundredth of a second with what is felt and what the wheels counted in it.
-fn pass(
-    joint: &mut Joint,
+fn predict_and_update(
+    joint: &mut JointFilter,
     force: [f32; 2],
     rate: [f32; 3],
     rolled: [f32; 3],
     config: &FilterConfig,
 ) {
-    let felt = Felt {
-        force,
+    let felt = ImuInterval {
+        specific_force: force,
         rate,
-        spin: rate[2],
-        rattle: 0.0,
-        interval: DT,
+        yaw_rate: rate[2],
+        vibration_std: 0.0,
+        sample_period: DT,
     };
-    let span = Span {
-        seconds: DT,
-        felt: Some(felt),
-        ..Span::default()
+    let span = PredictionInput {
+        dt: DT,
+        imu: Some(felt),
+        ..PredictionInput::default()
     };
-    joint.advance(&span, config);
-    let way = Way {
+    joint.predict(&span, config);
+    let way = WheelIncrement {
         motion: rolled.map(|speed| speed * DT),
-        seconds: DT,
+        dt: DT,
         slip: 0.0,
-        watched: true,
+        imu_active: true,
     };
-    joint.wheels(&way, config);
+    joint.update_wheels(&way, config);
 }
 
 #[test]
-fn sliding_wheels_neither_draw_nor_turn_a_blind_robot() {
-    let (mut joint, config) = standing();
+fn wheel_slip_does_not_bias_dead_reckoning_with_an_imu() {
+    let (mut joint, config) = stationary_filter();
     let bias = [0.1, -0.08];
     for _ in 0..200 {
-        pass(&mut joint, bias, [0.0; 3], [0.0; 3], &config);
-        joint.rest(DT);
+        predict_and_update(&mut joint, bias, [0.0; 3], [0.0; 3], &config);
+        joint.zero_velocity_update(DT);
     }
     // The carpet gives 3.5 m/s², the motors pull 6 and turn the wheels by 1 rad/s besides, until both drive 2 m/s.
     let (mut x, mut speed, mut rims) = (0.0, 0.0_f32, 0.0_f32);
@@ -60,7 +60,7 @@ fn sliding_wheels_neither_draw_nor_turn_a_blind_robot() {
         x += (speed + 0.5 * push * DT) * DT;
         speed += push * DT;
         let spin = if slides { 1.0 } else { 0.0 };
-        pass(
+        predict_and_update(
             &mut joint,
             [bias[0] + push, bias[1]],
             [0.0; 3],
@@ -83,8 +83,8 @@ fn sliding_wheels_neither_draw_nor_turn_a_blind_robot() {
 }
 
 #[test]
-fn what_gravity_says_at_every_heading_alike_is_bias_and_what_turns_is_lean() {
-    let (mut joint, config) = standing();
+fn turning_in_place_separates_accelerometer_bias_from_tilt() {
+    let (mut joint, config) = stationary_filter();
     let (lean, bias) = (0.4_f32.to_radians(), 0.12);
     // Turning in place on a slope along the field's x: up turns against the robot.
     let spin = 1.5;
@@ -92,14 +92,14 @@ fn what_gravity_says_at_every_heading_alike_is_bias_and_what_turns_is_lean() {
         let (sin, cos) = (spin * (k as f32 + 0.5) * DT).sin_cos();
         let force = [GRAVITY * lean * cos + bias, -GRAVITY * lean * sin];
         let rate = [0.0, 0.0, spin];
-        pass(&mut joint, force, rate, [0.0, 0.0, spin], &config);
+        predict_and_update(&mut joint, force, rate, [0.0, 0.0, spin], &config);
     }
     let found = joint.state[ACCELEROMETER_BIAS];
     assert!((found - bias).abs() < 0.02, "{found}");
     let (sin, cos) = (spin * 20.0).sin_cos();
     for (found, wanted) in [
-        (joint.state[LEAN], lean * cos),
-        (joint.state[LEAN + 1], -lean * sin),
+        (joint.state[TILT], lean * cos),
+        (joint.state[TILT + 1], -lean * sin),
     ] {
         assert!(
             (found - wanted).abs() < 0.1_f32.to_radians(),
@@ -109,21 +109,21 @@ fn what_gravity_says_at_every_heading_alike_is_bias_and_what_turns_is_lean() {
 }
 
 #[test]
-fn a_frame_s_lean_is_the_belief_s_own_only_while_a_unit_tells() {
-    let (mut joint, config) = standing();
-    pass(&mut joint, [0.0; 2], [0.0; 3], [0.0; 3], &config);
-    let fresh = joint.sight_covariance(LeanPrior::Fresh(0.01));
+fn tilt_prior_comes_from_the_state_only_while_the_imu_is_active() {
+    let (mut joint, config) = stationary_filter();
+    predict_and_update(&mut joint, [0.0; 2], [0.0; 3], [0.0; 3], &config);
+    let fresh = joint.predicted_covariance(TiltPrior::Independent(0.01));
     assert!((fresh[(3, 3)] - 1e-4).abs() < 1e-9 && fresh[(0, 3)] == 0.0);
-    let own = joint.sight_covariance(LeanPrior::Own)[(3, 3)].sqrt();
-    let usual = config.lean_std_deg.to_radians();
+    let own = joint.predicted_covariance(TiltPrior::FromState)[(3, 3)].sqrt();
+    let usual = config.tilt_std_deg.to_radians();
     assert!((own - usual).abs() < 0.01 * usual, "{own}");
-    assert!(joint.lean().is_some());
-    joint.advance(
-        &Span {
-            seconds: DT,
-            ..Span::default()
+    assert!(joint.tilt().is_some());
+    joint.predict(
+        &PredictionInput {
+            dt: DT,
+            ..PredictionInput::default()
         },
         &config,
     );
-    assert!(joint.lean().is_none());
+    assert!(joint.tilt().is_none());
 }

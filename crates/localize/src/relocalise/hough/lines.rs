@@ -1,28 +1,29 @@
 //! Which straight lines do the points lie on? Steps 2, 3 and 7 of lima2001 4.1.
 
-use super::{Hough, HoughConfig, Line};
+use super::{Hough, HoughConfig, HoughLine};
 
 impl Hough {
     /// Step 2: ρ = x cos φ + y sin φ (eq. 4) for every point and angle.
     pub(super) fn vote(&mut self, points: &[[f32; 2]]) {
         self.accumulator.fill(0);
-        let width = 2 * self.half + 1;
-        let step = self.config.step_deg.to_radians();
+        let width = 2 * self.rho_half_cells + 1;
+        let step = self.config.angle_step_deg.to_radians();
         for (angle, row) in self.accumulator.chunks_exact_mut(width).enumerate() {
             let direction = angle as f32 * step;
-            vote_row(row, points, direction, self.half, &self.config);
+            vote_row(row, points, direction, self.rho_half_cells, &self.config);
         }
     }
 
     /// Step 3: the top q cells, each with its surroundings taken out before the next.
-    pub(super) fn strongest(&mut self) -> Vec<Line> {
-        let width = 2 * self.half + 1;
-        let step = self.config.step_deg.to_radians();
-        let mut tops: Vec<(i16, usize)> = self.accumulator.chunks_exact(width).map(top).collect();
-        let beside = (self.config.line_width_deg / self.config.step_deg).round() as i32;
-        let around = (self.config.line_width / self.config.pixel).round() as usize;
+    pub(super) fn extract_lines(&mut self) -> Vec<HoughLine> {
+        let width = 2 * self.rho_half_cells + 1;
+        let step = self.config.angle_step_deg.to_radians();
+        let mut tops: Vec<(i16, usize)> = self.accumulator.chunks_exact(width).map(peak).collect();
+        let beside =
+            (self.config.suppression_angle_deg / self.config.angle_step_deg).round() as i32;
+        let around = (self.config.suppression_distance / self.config.pixel_size).round() as usize;
         let mut lines = Vec::new();
-        for _ in 0..self.config.lines {
+        for _ in 0..self.config.lines_max {
             let Some(angle) = (0..tops.len()).max_by_key(|&k| (tops[k].0, std::cmp::Reverse(k)))
             else {
                 break;
@@ -31,9 +32,9 @@ impl Hough {
             if votes < 3 {
                 break;
             }
-            lines.push(Line {
+            lines.push(HoughLine {
                 phi: angle as f32 * step,
-                rho: (cell as f32 - self.half as f32) * self.config.pixel,
+                rho: (cell as f32 - self.rho_half_cells as f32) * self.config.pixel_size,
                 votes,
             });
             for turn in -beside..=beside {
@@ -45,38 +46,44 @@ impl Hough {
                 let cells = &mut self.accumulator[row * width..(row + 1) * width];
                 let end = (middle + around + 1).min(width);
                 cells[middle.saturating_sub(around)..end].fill(0);
-                tops[row] = top(cells);
+                tops[row] = peak(cells);
             }
         }
         lines
     }
 
     /// Step 7: up to n lines with normal `phi`, from its column and some beside it (ρ̂_φ).
-    pub(super) fn array(&self, points: &[[f32; 2]], phi: f32) -> Vec<(f32, i16)> {
-        let width = 2 * self.half + 1;
-        let step = self.config.step_deg.to_radians();
-        let beside = self.config.columns_beside as i32;
+    pub(super) fn lines_with_normal(&self, points: &[[f32; 2]], phi: f32) -> Vec<(f32, i16)> {
+        let width = 2 * self.rho_half_cells + 1;
+        let step = self.config.angle_step_deg.to_radians();
+        let beside = self.config.angle_half_window_steps as i32;
         let mut most = vec![0_i16; width];
         let mut row = vec![0_i16; width];
         for column in -beside..=beside {
             row.fill(0);
             let direction = phi + column as f32 * step;
-            vote_row(&mut row, points, direction, self.half, &self.config);
+            vote_row(
+                &mut row,
+                points,
+                direction,
+                self.rho_half_cells,
+                &self.config,
+            );
             for (most, votes) in most.iter_mut().zip(&row) {
                 *most = (*most).max(*votes);
             }
         }
-        let around = (self.config.line_width / self.config.pixel).round() as usize;
+        let around = (self.config.suppression_distance / self.config.pixel_size).round() as usize;
         let mut found = Vec::new();
-        for _ in 0..self.config.array {
-            let (votes, cell) = top(&most);
+        for _ in 0..self.config.lines_per_direction_max {
+            let (votes, cell) = peak(&most);
             if votes < 3 {
                 break;
             }
             // The middle of equal cells.
             let last = cell + most[cell..].iter().take_while(|&&v| v == votes).count() - 1;
-            let middle = 0.5 * (cell + last) as f32 - self.half as f32;
-            found.push((middle * self.config.pixel, votes));
+            let middle = 0.5 * (cell + last) as f32 - self.rho_half_cells as f32;
+            found.push((middle * self.config.pixel_size, votes));
             let end = (cell + around + 1).min(width);
             most[cell.saturating_sub(around)..end].fill(0);
         }
@@ -93,7 +100,7 @@ fn vote_row(
     config: &HoughConfig,
 ) {
     let (sin, cos) = direction.sin_cos();
-    let per_pixel = 1.0 / config.pixel;
+    let per_pixel = 1.0 / config.pixel_size;
     let beside = config.vote_half_width_px;
     for [x, y] in points {
         let rho = (x * cos + y * sin) * per_pixel + half as f32;
@@ -105,7 +112,7 @@ fn vote_row(
 }
 
 /// Highest value and its first place.
-fn top(cells: &[i16]) -> (i16, usize) {
+fn peak(cells: &[i16]) -> (i16, usize) {
     let most = cells.iter().copied().max().unwrap_or(0);
     let at = cells.iter().position(|&votes| votes == most);
     (most, at.unwrap_or(0))

@@ -1,11 +1,11 @@
 //! Which way do the field's axes run? Steps 4 to 6 of lima2001 4.1.
 
-use super::{Hough, Line};
+use super::{Hough, HoughLine};
 
 impl Hough {
     /// Steps 4 to 6: grades every pair and takes φ, up to right angles, from the most relevant one; then, as the next
     /// maxima, from less relevant ones that say something else.
-    pub(super) fn orientations(&self, lines: &[Line]) -> Vec<f32> {
+    pub(super) fn find_orientations(&self, lines: &[HoughLine]) -> Vec<f32> {
         let mut pairs: Vec<(f32, i32, f32)> = Vec::new();
         for (k, a) in lines.iter().enumerate() {
             for b in &lines[..k] {
@@ -20,9 +20,9 @@ impl Hough {
             let quarter = std::f32::consts::FRAC_PI_2;
             let new = |other: &f32| {
                 let off = (phi - other).rem_euclid(quarter);
-                off.min(quarter - off) > 0.5 * self.config.line_width_deg.to_radians()
+                off.min(quarter - off) > 0.5 * self.config.suppression_angle_deg.to_radians()
             };
-            if found.len() < self.config.orientations && found.iter().all(new) {
+            if found.len() < self.config.orientations_max && found.iter().all(new) {
                 found.push(phi);
             }
         }
@@ -30,13 +30,13 @@ impl Hough {
     }
 
     /// Rel(Δφ) + Rel(Δρ), each in [0, 100] (eqs 5 and 6, fig. 9).
-    fn relevance(&self, a: &Line, b: &Line) -> f32 {
+    fn relevance(&self, a: &HoughLine, b: &HoughLine) -> f32 {
         let turned = (a.phi - b.phi).abs().to_degrees();
         let parallel = turned.min(180.0 - turned);
         let across = (turned - 90.0).abs();
         let grade = |off: f32, width: f32| 100.0 * (1.0 - off / width).max(0.0);
-        let by_angle = grade(parallel.min(across), self.config.relevant_deg);
-        if parallel > self.config.relevant_deg {
+        let by_angle = grade(parallel.min(across), self.config.relevance_width_deg);
+        if parallel > self.config.relevance_width_deg {
             return by_angle;
         }
         // Past half a turn the normals are opposite.
@@ -46,16 +46,16 @@ impl Hough {
             (a.rho - b.rho).abs()
         };
         let off = self
-            .distances
+            .line_spacings
             .iter()
             .map(|distance| (distance - apart).abs())
             .fold(f32::MAX, f32::min);
-        by_angle + grade(off, self.config.relevant)
+        by_angle + grade(off, self.config.relevance_width)
     }
 }
 
 /// The direction of a pair's lines, up to right angles: its first line's, corrected by its second's.
-fn mean_direction(a: &Line, b: &Line) -> f32 {
+fn mean_direction(a: &HoughLine, b: &HoughLine) -> f32 {
     let quarter = std::f32::consts::FRAC_PI_2;
     let off = (b.phi - a.phi).rem_euclid(quarter);
     let off = if off > 0.5 * quarter {

@@ -4,7 +4,7 @@ use super::Hough;
 use crate::field::Field;
 use crate::frame::{At, Pose, wrap_angle};
 use crate::goals::colour_at;
-use crate::sample::GoalSight;
+use crate::sample::GoalObservation;
 use crate::search::{HeadingPrior, half_turn};
 
 /// A shift of an array over its model: where the robot is along that axis, matches counted, votes of the matched.
@@ -19,7 +19,7 @@ impl Hough {
     /// Step 8 and lima2001 4.5: correlates both arrays with both model arrays. The pair (ρ_φ, ρ̂_φ) with its companion
     /// (ρ_φ+90, ρ̂_φ+90), or (ρ_φ, ρ̂_φ+90) with (ρ_φ+90, ρ̂_φ), fixes the orientation; a line of each, the reference
     /// point and with it the position; positions off the field are rejected.
-    pub(super) fn positions(
+    pub(super) fn find_positions(
         &self,
         phi: f32,
         seen: &[Vec<(f32, i16)>; 2],
@@ -34,10 +34,10 @@ impl Hough {
                 continue;
             }
             let (along, across) = match quarter {
-                0 => (signed(&seen[0], 1.0), signed(&seen[1], 1.0)),
-                1 => (signed(&seen[1], 1.0), signed(&seen[0], -1.0)),
-                2 => (signed(&seen[0], -1.0), signed(&seen[1], -1.0)),
-                _ => (signed(&seen[1], -1.0), signed(&seen[0], 1.0)),
+                0 => (apply_sign(&seen[0], 1.0), apply_sign(&seen[1], 1.0)),
+                1 => (apply_sign(&seen[1], 1.0), apply_sign(&seen[0], -1.0)),
+                2 => (apply_sign(&seen[0], -1.0), apply_sign(&seen[1], -1.0)),
+                _ => (apply_sign(&seen[1], -1.0), apply_sign(&seen[0], 1.0)),
             };
             for x in self.correlate(&self.model[0], &along) {
                 for y in self.correlate(&self.model[1], &across) {
@@ -90,8 +90,9 @@ impl Hough {
         shifts.sort_by_key(|shift| std::cmp::Reverse((shift.matches, shift.votes)));
         let mut best: Vec<Shift> = Vec::new();
         for shift in shifts {
-            let new = |other: &Shift| (other.at - shift.at).abs() > self.config.line_width;
-            if best.len() < self.config.maxima && best.iter().all(new) {
+            let new =
+                |other: &Shift| (other.at - shift.at).abs() > self.config.suppression_distance;
+            if best.len() < self.config.correlation_peaks_max && best.iter().all(new) {
                 best.push(shift);
             }
         }
@@ -103,7 +104,11 @@ impl Hough {
 /// neither colour is there, inside the other goal: near the halfway line both are as far. A goal's own colour confirms;
 /// the other goal's gives the half turn; carpet green, or anything else, rejects: the next maximum. Those confirmed, in
 /// their order; none if the goals look alike or are not in sight.
-pub fn settle(field: &Field, candidates: &[Pose], goals: &[GoalSight]) -> Vec<Pose> {
+pub fn confirm_by_goal_colours(
+    field: &Field,
+    candidates: &[Pose],
+    goals: &[GoalObservation],
+) -> Vec<Pose> {
     let [ahead, behind] = field.config.goal.colours;
     if ahead == behind {
         return Vec::new();
@@ -112,13 +117,13 @@ pub fn settle(field: &Field, candidates: &[Pose], goals: &[GoalSight]) -> Vec<Po
         let nearer = if pose.x >= 0.0 { 1.0 } else { -1.0 };
         [nearer, -nearer]
             .into_iter()
-            .find_map(|side| confirm(field, pose, side, goals))
+            .find_map(|side| confirm_pose(field, pose, side, goals))
     });
     confirmed.collect()
 }
 
 /// The pose, or its half turn, if most points inside the goal at +x (`side` 1) or -x (-1) show a goal's colour.
-fn confirm(field: &Field, pose: Pose, side: f32, goals: &[GoalSight]) -> Option<Pose> {
+fn confirm_pose(field: &Field, pose: Pose, side: f32, goals: &[GoalObservation]) -> Option<Pose> {
     let goal = &field.config.goal;
     let [ahead, behind] = goal.colours;
     let (own, other) = if side > 0.0 {
@@ -144,7 +149,7 @@ fn confirm(field: &Field, pose: Pose, side: f32, goals: &[GoalSight]) -> Option<
     }
 }
 
-fn signed(array: &[(f32, i16)], sign: f32) -> Vec<(f32, i16)> {
+fn apply_sign(array: &[(f32, i16)], sign: f32) -> Vec<(f32, i16)> {
     array
         .iter()
         .map(|&(rho, votes)| (sign * rho, votes))

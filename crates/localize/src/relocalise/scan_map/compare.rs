@@ -1,28 +1,28 @@
 //! Which cells err least? Blocks are compared in the order of their bounds, until no other can hold one of the best.
 
-use super::grid::Window;
-use super::pattern::{LAYERS, Seen, layers};
-use super::{BLOCK_CELLS, NONE, ScanMap};
+use super::grid::CellWindow;
+use super::pattern::{LAYERS, ScanHit, layers};
+use super::{BLOCK_CELLS, NO_HIT, ScanMap};
 
 /// Distances between two looks at whether a block can still hold one of the best.
-const STRIDE: usize = 16;
+const CHECK_INTERVAL: usize = 16;
 
 /// Cells with their errors: the least of them, and all that are not much worse.
-pub(super) struct Least {
-    least: u32,
+pub(super) struct BestCells {
+    error_min: u32,
     cells: Vec<(u32, [usize; 2])>,
     /// Cells are kept up to this part above the least.
-    kept: f32,
+    kept_ratio: f32,
 }
 
-impl Least {
+impl BestCells {
     fn limit(&self) -> u32 {
         // From u32::MAX on the cast saturates.
-        (self.least as f32 * self.kept) as u32
+        (self.error_min as f32 * self.kept_ratio) as u32
     }
 
     /// The best first, and of equal ones the first row's first.
-    pub(super) fn sorted(mut self) -> Vec<(u32, [usize; 2])> {
+    pub(super) fn into_sorted(mut self) -> Vec<(u32, [usize; 2])> {
         let limit = self.limit();
         self.cells.retain(|&(sum, _)| sum <= limit);
         self.cells
@@ -34,21 +34,21 @@ impl Least {
 impl ScanMap {
     /// Compares the cells of blocks with their bounds, those first that promise most, until no other can hold a cell
     /// of those kept.
-    pub(super) fn open(
+    pub(super) fn search_blocks(
         &self,
-        seen: &[Seen],
+        seen: &[ScanHit],
         mut bounds: Vec<(u32, usize)>,
-        window: &Window,
+        window: &CellWindow,
         kept: f32,
-    ) -> Least {
-        let mut found = Least {
-            least: u32::MAX,
+    ) -> BestCells {
+        let mut found = BestCells {
+            error_min: u32::MAX,
             cells: Vec::new(),
-            kept,
+            kept_ratio: kept,
         };
         // The most promising block tells how few of the others are worth sorting.
         if let Some(&best) = bounds.iter().min() {
-            self.note(&mut found, seen, best, window);
+            self.search_block(&mut found, seen, best, window);
             let (_, block) = best;
             let limit = found.limit();
             bounds.retain(|&(bound, other)| bound <= limit && other != block);
@@ -58,27 +58,27 @@ impl ScanMap {
             if bound > found.limit() {
                 break;
             }
-            self.note(&mut found, seen, (bound, block), window);
+            self.search_block(&mut found, seen, (bound, block), window);
         }
         found
     }
 
     /// Compares a block's cells and keeps those that are not much worse than the best so far.
-    fn note(
+    fn search_block(
         &self,
-        found: &mut Least,
-        seen: &[Seen],
+        found: &mut BestCells,
+        seen: &[ScanHit],
         (bound, block): (u32, usize),
-        window: &Window,
+        window: &CellWindow,
     ) {
         let limit = found.limit();
-        let Some(sums) = self.compare(seen, (bound, block), limit) else {
+        let Some(sums) = self.block_errors(seen, (bound, block), limit) else {
             return;
         };
         for (cell, sum) in sums.into_iter().enumerate() {
             let at = self.grid.cell(block, cell);
-            if sum <= limit && window.has(at) {
-                found.least = found.least.min(sum);
+            if sum <= limit && window.contains(at) {
+                found.error_min = found.error_min.min(sum);
                 found.cells.push((sum, at));
             }
         }
@@ -87,9 +87,9 @@ impl ScanMap {
     /// Errors of a block's cells over all distances seen, none once all of them must exceed the limit: what is left to
     /// compare adds to no cell less than its part of the block's bound. Of a radial line's up to four distances the
     /// nearest counts.
-    fn compare(
+    fn block_errors(
         &self,
-        seen: &[Seen],
+        seen: &[ScanHit],
         (bound, block): (u32, usize),
         limit: u32,
     ) -> Option<[u32; BLOCK_CELLS]> {
@@ -97,10 +97,10 @@ impl ScanMap {
         let mut left = bound;
         let stored = &self.cells[block * LAYERS * BLOCK_CELLS..][..LAYERS * BLOCK_CELLS];
         let (layers_of_all, _) = stored.as_chunks::<BLOCK_CELLS>();
-        for some in seen.chunks(STRIDE) {
+        for some in seen.chunks(CHECK_INTERVAL) {
             for one in some {
                 let (first, slots) = layers(one.line);
-                let mut least = [NONE; BLOCK_CELLS];
+                let mut least = [NO_HIT; BLOCK_CELLS];
                 for layer in &layers_of_all[first..first + slots] {
                     for (least, &steps) in least.iter_mut().zip(layer) {
                         *least = (*least).min(steps.abs_diff(one.steps));
@@ -108,10 +108,10 @@ impl ScanMap {
                 }
                 let weight = self.errors.weight(one.steps);
                 for (sum, least) in sums.iter_mut().zip(least) {
-                    *sum += self.errors.of(weight, least);
+                    *sum += self.errors.error(weight, least);
                 }
             }
-            left = left.saturating_sub(self.bounds.of_one(some, block));
+            left = left.saturating_sub(self.bounds.of_block(some, block));
             if sums.iter().all(|&sum| sum.saturating_add(left) > limit) {
                 return None;
             }
@@ -123,35 +123,42 @@ impl ScanMap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::distance::{DistanceConfig, DistanceField};
-    use crate::drive::{DriveConfig, anywhere, see};
+    use crate::distance::{DistanceField, DistanceFieldConfig};
+    use crate::drive::{SyntheticDriveConfig, random_pose, simulate_line_points};
     use crate::field::tests::league_18x12;
     use crate::frame::Pose;
     use crate::relocalise::scan_map::ScanMapConfig;
-    use crate::relocalise::scan_map::errors::Errors;
-    use crate::relocalise::scan_map::pattern::sort;
+    use crate::relocalise::scan_map::errors::ErrorModel;
+    use crate::relocalise::scan_map::pattern::scan_points;
     use crate::sample::LinePoint;
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
 
     /// All cells of a window compared, as the paper does.
-    fn by_exhaustion(map: &ScanMap, points: &[LinePoint], heading: f32, window: &Window) -> f32 {
-        let seen = sort(points, heading, &map.config);
+    fn exhaustive_minimum(
+        map: &ScanMap,
+        points: &[LinePoint],
+        heading: f32,
+        window: &CellWindow,
+    ) -> f32 {
+        let seen = scan_points(points, heading, &map.config);
         let least = (0..map.grid.blocks())
             .flat_map(|block| {
-                let sums = map.compare(&seen, (0, block), u32::MAX).expect("no limit");
+                let sums = map
+                    .block_errors(&seen, (0, block), u32::MAX)
+                    .expect("no limit");
                 (0..BLOCK_CELLS).map(move |cell| (sums[cell], map.grid.cell(block, cell)))
             })
-            .filter(|(_, at)| window.has(*at))
+            .filter(|(_, at)| window.contains(*at))
             .map(|(sum, _)| sum)
             .min();
-        Errors::mean(least.expect("cells"), seen.len())
+        ErrorModel::relative(least.expect("cells"), seen.len())
     }
 
     #[test]
-    fn opening_few_blocks_finds_what_comparing_all_cells_finds() {
+    fn bounded_search_equals_exhaustive_search() {
         let field = league_18x12("centres");
-        let distances = DistanceField::new(&field, &DistanceConfig::default());
+        let distances = DistanceField::new(&field, &DistanceFieldConfig::default());
         let config = ScanMapConfig {
             cell: 0.2,
             ..ScanMapConfig::default()
@@ -159,25 +166,25 @@ mod tests {
         let map = ScanMap::new(&field, &distances, config);
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for k in 0..8 {
-            let truth = anywhere(&field, &mut rng);
-            let drive = DriveConfig {
-                outliers: 0.1 * k as f32,
-                ..DriveConfig::default()
+            let truth = random_pose(&field, &mut rng);
+            let drive = SyntheticDriveConfig {
+                outlier_share: 0.1 * k as f32,
+                ..SyntheticDriveConfig::default()
             };
-            let points = see(&field, &drive, truth, &mut rng);
-            let best = map.find(&points, truth.theta, 6, 0.4)[0];
-            let all = by_exhaustion(&map, &points, truth.theta, &map.grid.whole());
+            let points = simulate_line_points(&field, &drive, truth, &mut rng);
+            let best = map.find_poses(&points, truth.theta, 6, 0.4)[0];
+            let all = exhaustive_minimum(&map, &points, truth.theta, &map.grid.full_window());
             assert_eq!(best.0, all);
             let centre = Pose::new(truth.x + 0.4, truth.y - 0.3, truth.theta);
-            let (error, near) = map.find_near(&points, centre).expect("points");
+            let (error, near) = map.find_pose_near(&points, centre).expect("points");
             assert!((near.x - centre.x).abs() < 1.11 && (near.y - centre.y).abs() < 1.11);
             let cell = |at: f32, from: f32| ((at - from) / map.config.cell).round() as usize;
             let (column, row) = (cell(centre.x, map.grid.x0), cell(centre.y, map.grid.y0));
-            let square = Window {
+            let square = CellWindow {
                 columns: [column.saturating_sub(5), column + 5],
                 rows: [row.saturating_sub(5), row + 5],
             };
-            let local = by_exhaustion(&map, &points, truth.theta, &square);
+            let local = exhaustive_minimum(&map, &points, truth.theta, &square);
             assert_eq!(error, local);
         }
     }

@@ -1,35 +1,35 @@
 //! What does a difference between a seen and a stored distance cost? minho2016 eq. 5, near points weighing more.
 
-use super::{STEPS, ScanMapConfig};
+use super::{DISTANCE_STEPS, ScanMapConfig};
 
 /// Steps of distance that share a weight.
 const CLASS: usize = 12;
-const CLASSES: usize = STEPS as usize / CLASS + 1;
+const CLASSES: usize = DISTANCE_STEPS as usize / CLASS + 1;
 
 /// Bounds count in these parts of an error: the largest error is 180 of them, so that 16 bits hold the sum over the
 /// 360 distances that a frame has at most.
 pub(super) const QUANTUM: u32 = 16;
-const LARGEST: f32 = 180.0 * QUANTUM as f32;
+const ERROR_MAX: f32 = 180.0 * QUANTUM as f32;
 
 /// Errors by weight and difference in steps, in parts of the largest.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Errors {
+pub(super) struct ErrorModel {
     /// Largest errors, by class of distance.
     weights: Vec<f32>,
     /// c² in steps.
-    reach2: f32,
+    kernel_scale_squared: f32,
 }
 
-impl Errors {
+impl ErrorModel {
     pub(super) fn new(config: &ScanMapConfig) -> Self {
-        let step = config.range / STEPS;
+        let step = config.range_max / DISTANCE_STEPS;
         let of_class = |class: usize| {
             let range = (class * CLASS) as f32 * step;
-            LARGEST / (1.0 + (range / config.half_weight).powi(2))
+            ERROR_MAX / (1.0 + (range / config.half_weight_range).powi(2))
         };
-        Errors {
+        ErrorModel {
             weights: (0..CLASSES).map(of_class).collect(),
-            reach2: (config.reach / step).powi(2),
+            kernel_scale_squared: (config.kernel_scale / step).powi(2),
         }
     }
 
@@ -40,19 +40,19 @@ impl Errors {
 
     /// The error that a difference makes: 1 − c²/(c² + t²), which vector registers compute faster than tables are read.
     #[inline(always)]
-    pub(super) fn of(&self, weight: f32, difference: u8) -> u32 {
+    pub(super) fn error(&self, weight: f32, difference: u8) -> u32 {
         let squared = f32::from(difference) * f32::from(difference);
-        whole(weight * squared / (self.reach2 + squared))
+        round_to_u32(weight * squared / (self.kernel_scale_squared + squared))
     }
 
     /// A sum of errors as a share of the largest that its distances could make.
-    pub(super) fn mean(sum: u32, count: usize) -> f32 {
-        sum as f32 / (LARGEST * count.max(1) as f32)
+    pub(super) fn relative(sum: u32, count: usize) -> f32 {
+        sum as f32 / (ERROR_MAX * count.max(1) as f32)
     }
 }
 
 /// The nearest whole number to one of up to seven digits, without a cast's checks: in 2²³ + x the last bit counts ones.
 #[inline(always)]
-fn whole(number: f32) -> u32 {
+fn round_to_u32(number: f32) -> u32 {
     (number + 8_388_608.0).to_bits() & 0x7f_ffff
 }

@@ -18,14 +18,14 @@ pub(super) struct Grid {
 
 /// A rectangle of cells.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Window {
+pub(super) struct CellWindow {
     pub(super) columns: [usize; 2],
     pub(super) rows: [usize; 2],
 }
 
 impl Grid {
     pub(super) fn new(field: &Field, config: &ScanMapConfig) -> Self {
-        let cells = |half: f32| ((half + config.outside) / config.cell).round();
+        let cells = |half: f32| ((half + config.margin) / config.cell).round();
         let (half_x, half_y) = (cells(field.length / 2.0), cells(field.width / 2.0));
         let (columns, rows) = (2 * half_x as usize + 1, 2 * half_y as usize + 1);
         Grid {
@@ -50,16 +50,16 @@ impl Grid {
     }
 
     /// All cells.
-    pub(super) fn whole(&self) -> Window {
-        Window {
+    pub(super) fn full_window(&self) -> CellWindow {
+        CellWindow {
             columns: [0, self.columns - 1],
             rows: [0, self.rows - 1],
         }
     }
 }
 
-impl Window {
-    pub(super) fn has(&self, [column, row]: [usize; 2]) -> bool {
+impl CellWindow {
+    pub(super) fn contains(&self, [column, row]: [usize; 2]) -> bool {
         let within = |at: usize, [first, last]: [usize; 2]| first <= at && at <= last;
         within(column, self.columns) && within(row, self.rows)
     }

@@ -12,15 +12,15 @@ const MAGIC: &[u8; 8] = b"MBSCAN\0\0";
 
 /// Where a map came from.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Origin {
+pub enum CacheStatus {
     /// Read from the file.
-    Read,
+    Loaded,
     /// Built and written to the file: there was none.
     Built,
     /// Built and written: what the file held is of another version, field or pattern, or damaged.
     Rebuilt,
     /// Built but not kept: the system's word why the file could not be read or written.
-    NotKept(String),
+    NotStored(String),
 }
 
 /// The file of a field's map among others'.
@@ -31,30 +31,32 @@ fn file_name(field: &Field, config: &ScanMapConfig) -> PathBuf {
 impl ScanMap {
     /// Reads the map of this field and pattern from `folder`, or builds it and writes it there; the map is there in
     /// any case, and it is said how.
-    pub fn cached(
+    pub fn load_or_build(
         folder: &Path,
         field: &Field,
         distances: &DistanceField,
         config: ScanMapConfig,
-    ) -> (Self, Origin) {
+    ) -> (Self, CacheStatus) {
         let path = folder.join(file_name(field, &config));
         let origin = match std::fs::read(&path) {
             Ok(bytes) => match ScanMap::from_bytes(&bytes, field, &config) {
-                Some(map) => return (map, Origin::Read),
-                None => Origin::Rebuilt,
+                Some(map) => return (map, CacheStatus::Loaded),
+                None => CacheStatus::Rebuilt,
             },
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Origin::Built,
-            Err(error) => Origin::NotKept(format!("cannot read {}: {error}", path.display())),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => CacheStatus::Built,
+            Err(error) => {
+                CacheStatus::NotStored(format!("cannot read {}: {error}", path.display()))
+            }
         };
         let map = ScanMap::new(field, distances, config);
-        if matches!(origin, Origin::NotKept(_)) {
+        if matches!(origin, CacheStatus::NotStored(_)) {
             return (map, origin);
         }
         match write(&path, &map.to_bytes(field)) {
             Ok(()) => (map, origin),
             Err(error) => {
                 let reason = format!("cannot write {}: {error}", path.display());
-                (map, Origin::NotKept(reason))
+                (map, CacheStatus::NotStored(reason))
             }
         }
     }
@@ -83,7 +85,7 @@ impl ScanMap {
         if !fits {
             return None;
         }
-        ScanMap::with_cells(field, config.clone(), cells.to_vec())
+        ScanMap::from_cells(field, config.clone(), cells.to_vec())
     }
 }
 

@@ -9,7 +9,7 @@ use foxglove::messages::{
 use localize::field::Marking;
 use localize::frame::{At, FieldFrame};
 use localize::sample::LinePoint;
-use localize::world::{Object, Team};
+use localize::world::{TeamColour, TrackedObject};
 use localize::{Field, Pose, Stamp};
 
 use super::timestamp;
@@ -99,7 +99,7 @@ pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
             ..entity(cycle.stamp, "estimate", Some(SHOWN_S))
         });
     }
-    let placed = |object: &Object| object.on_field.map(|on| on.at);
+    let placed = |object: &TrackedObject| object.on_field.map(|on| on.at);
     entities.push(SceneEntity {
         spheres: cycle
             .world
@@ -158,10 +158,10 @@ fn sphere(at: At<FieldFrame>, shade: [f64; 4]) -> SpherePrimitive {
     }
 }
 
-fn marker(team: Option<Team>) -> [f64; 4] {
+fn marker(team: Option<TeamColour>) -> [f64; 4] {
     match team {
-        Some(Team::Cyan) => [0.0, 0.8, 0.9, 0.6],
-        Some(Team::Magenta) => [0.9, 0.1, 0.8, 0.6],
+        Some(TeamColour::Cyan) => [0.0, 0.8, 0.9, 0.6],
+        Some(TeamColour::Magenta) => [0.9, 0.1, 0.8, 0.6],
         None => [0.9, 0.8, 0.2, 0.6],
     }
 }

@@ -64,9 +64,9 @@ fn one_flipped_bit_is_a_difference() {
     let difference = compare(&cycle(5), &other).expect("a difference");
     assert_eq!(difference.what, "covariance");
     let mut negated = cycle(5);
-    negated.estimate.lean[0] = 0.0;
+    negated.estimate.tilt[0] = 0.0;
     let mut zero = cycle(5);
-    zero.estimate.lean[0] = -0.0;
+    zero.estimate.tilt[0] = -0.0;
     assert!(compare(&negated, &zero).is_some());
 }
 

@@ -13,12 +13,12 @@ names!(mode_name, mode_named: Mode { Tracking = "tracking", Global = "global", L
 names!(reason_name, reason_named: Reason {
     FewPoints = "few points",
     PoorMatch = "poor match",
-    Rival = "rival",
-    CompassContradicts = "compass contradicts",
-    Blind = "blind",
-    NothingFits = "nothing fits",
+    BetterAlternative = "rival",
+    CompassConflict = "compass contradicts",
+    DeadReckoningTimeout = "blind",
+    NoMatch = "nothing fits",
     Ambiguous = "ambiguous",
-    FromThePast = "from the past",
+    OutOfOrder = "from the past",
     Searching = "searching",
 });
 pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
@@ -31,7 +31,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         residual,
         inlier_share,
         line_points,
-        lean,
+        tilt: lean,
         half_known,
         odometry_scales,
         twist,
@@ -73,7 +73,7 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
         residual: estimate.residual,
         inlier_share: estimate.inlier_share,
         line_points: estimate.line_points as usize,
-        lean: pair(&estimate.lean)?,
+        tilt: pair(&estimate.lean)?,
         half_known: estimate.half_known,
         odometry_scales: pair(&estimate.odometry_scales)?,
         runners_up: estimate
@@ -99,7 +99,7 @@ fn hypothesis_to_wire(hypothesis: &Hypothesis) -> wire::Hypothesis {
         score,
         inlier_share,
         residual,
-        lean,
+        tilt: lean,
     } = hypothesis;
     wire::Hypothesis {
         pose: pose_to_wire(*pose),
@@ -120,7 +120,7 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
         score: hypothesis.score,
         inlier_share: hypothesis.inlier_share,
         residual: hypothesis.residual,
-        lean: pair(&hypothesis.lean)?,
+        tilt: pair(&hypothesis.lean)?,
     })
 }
 

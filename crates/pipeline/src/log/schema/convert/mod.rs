@@ -9,7 +9,7 @@ mod world;
 use anyhow::{Context, Result, bail};
 use localize::frame::At;
 use localize::omni::Twist;
-use localize::sample::{Command, Compass, Imu, LinePoint, Odometry};
+use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 
@@ -94,7 +94,7 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
         dtheta: one.dtheta,
         slip: one.slip,
     };
-    let command = |one: wire::Command| Command {
+    let command = |one: wire::Command| VelocityCommand {
         stamp: Stamp(one.stamp_ns),
         twist: Twist {
             x: one.x,
@@ -105,7 +105,7 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
     let compass = |one: wire::Compass| Compass {
         stamp: Stamp(one.stamp_ns),
         heading: one.heading,
-        field: one.field.first_chunk().copied(),
+        magnetic_field: one.field.first_chunk().copied(),
     };
     let imu = |one: wire::Imu| Imu {
         stamp: Stamp(one.stamp_ns),
@@ -159,7 +159,9 @@ pub(crate) fn odometry_to_wire(
     }
 }
 
-pub(crate) fn command_to_wire(&Command { stamp, twist }: &Command) -> wire::Command {
+pub(crate) fn command_to_wire(
+    &VelocityCommand { stamp, twist }: &VelocityCommand,
+) -> wire::Command {
     let Twist { x, y, theta } = twist;
     wire::Command {
         stamp_ns: stamp.0,
@@ -173,7 +175,7 @@ pub(crate) fn compass_to_wire(
     &Compass {
         stamp,
         heading,
-        field,
+        magnetic_field: field,
     }: &Compass,
 ) -> wire::Compass {
     wire::Compass {

@@ -3,13 +3,13 @@
 use anyhow::{Context, Result, bail};
 use localize::Stamp;
 use localize::frame::At;
-use localize::team::{Ball, Mate, Report, SharedBall, TeamView};
+use localize::team::{ReportedBall, TeamBall, TeamReport, TeamView, Teammate};
 
 use super::super::wire;
 use super::{pose_from_wire, pose_to_wire, same_length};
 
-pub(super) fn report_to_wire(report: &Report) -> wire::Report {
-    let Report {
+pub(super) fn report_to_wire(report: &TeamReport) -> wire::Report {
+    let TeamReport {
         robot,
         stamp,
         pose,
@@ -18,7 +18,7 @@ pub(super) fn report_to_wire(report: &Report) -> wire::Report {
         ball,
         obstacles,
     } = report;
-    let numbers = |ball: &Ball| {
+    let numbers = |ball: &ReportedBall| {
         let ([vx, vy], [xx, xy, yy]) = (ball.velocity, ball.covariance);
         vec![ball.at.x, ball.at.y, vx, vy, xx, xy, yy]
     };
@@ -29,16 +29,16 @@ pub(super) fn report_to_wire(report: &Report) -> wire::Report {
         pose_std: pose_std.to_vec(),
         half_known: *half_known,
         ball: ball.as_ref().map(numbers).unwrap_or_default(),
-        ball_seen_ns: ball.map_or(0, |ball| ball.seen.0),
+        ball_seen_ns: ball.map_or(0, |ball| ball.last_seen.0),
         obstacles_x: obstacles.iter().map(|at| at.x).collect(),
         obstacles_y: obstacles.iter().map(|at| at.y).collect(),
     }
 }
 
-pub(super) fn report_from_wire(report: &wire::Report) -> Result<Report> {
+pub(super) fn report_from_wire(report: &wire::Report) -> Result<TeamReport> {
     let (x, y) = (&report.obstacles_x, &report.obstacles_y);
     same_length("obstacles", &[x.len(), y.len()])?;
-    Ok(Report {
+    Ok(TeamReport {
         robot: report.robot,
         stamp: Stamp(report.stamp_ns),
         pose: report.pose.as_ref().map(pose_from_wire),
@@ -48,11 +48,11 @@ pub(super) fn report_from_wire(report: &wire::Report) -> Result<Report> {
         half_known: report.half_known,
         ball: match report.ball[..] {
             [] => None,
-            [x, y, vx, vy, xx, xy, yy] => Some(Ball {
+            [x, y, vx, vy, xx, xy, yy] => Some(ReportedBall {
                 at: At::new(x, y),
                 velocity: [vx, vy],
                 covariance: [xx, xy, yy],
-                seen: Stamp(report.ball_seen_ns),
+                last_seen: Stamp(report.ball_seen_ns),
             }),
             _ => bail!("a reported ball of {} numbers", report.ball.len()),
         },
@@ -63,8 +63,8 @@ pub(super) fn report_from_wire(report: &wire::Report) -> Result<Report> {
 pub(crate) fn team_to_wire(team: &TeamView) -> wire::TeamView {
     let TeamView {
         ball,
-        mates,
-        half_evidence,
+        teammates: mates,
+        half_log_odds: half_evidence,
     } = team;
     wire::TeamView {
         ball: ball.as_ref().map(ball_to_wire),
@@ -76,22 +76,22 @@ pub(crate) fn team_to_wire(team: &TeamView) -> wire::TeamView {
 pub(super) fn team_from_wire(team: &wire::TeamView) -> Result<TeamView> {
     Ok(TeamView {
         ball: team.ball.as_ref().map(ball_from_wire).transpose()?,
-        mates: team
+        teammates: team
             .mates
             .iter()
             .map(mate_from_wire)
             .collect::<Result<_>>()?,
-        half_evidence: team.half_evidence,
+        half_log_odds: team.half_evidence,
     })
 }
 
-fn ball_to_wire(ball: &SharedBall) -> wire::SharedBall {
-    let SharedBall {
+fn ball_to_wire(ball: &TeamBall) -> wire::SharedBall {
+    let TeamBall {
         at,
         velocity: [velocity_x, velocity_y],
         covariance,
-        witnesses,
-        dissenters,
+        inliers: witnesses,
+        outliers: dissenters,
     } = ball;
     wire::SharedBall {
         x: at.x,
@@ -104,20 +104,20 @@ fn ball_to_wire(ball: &SharedBall) -> wire::SharedBall {
     }
 }
 
-fn ball_from_wire(ball: &wire::SharedBall) -> Result<SharedBall> {
-    Ok(SharedBall {
+fn ball_from_wire(ball: &wire::SharedBall) -> Result<TeamBall> {
+    Ok(TeamBall {
         at: At::new(ball.x, ball.y),
         velocity: [ball.velocity_x, ball.velocity_y],
         covariance: ball.covariance[..]
             .try_into()
             .context("a shared ball's covariance has not 3 entries")?,
-        witnesses: ball.witnesses.clone(),
-        dissenters: ball.dissenters.clone(),
+        inliers: ball.witnesses.clone(),
+        outliers: ball.dissenters.clone(),
     })
 }
 
-fn mate_to_wire(mate: &Mate) -> wire::Mate {
-    let Mate {
+fn mate_to_wire(mate: &Teammate) -> wire::Mate {
+    let Teammate {
         robot,
         age,
         pose,
@@ -133,8 +133,8 @@ fn mate_to_wire(mate: &Mate) -> wire::Mate {
     }
 }
 
-fn mate_from_wire(mate: &wire::Mate) -> Result<Mate> {
-    Ok(Mate {
+fn mate_from_wire(mate: &wire::Mate) -> Result<Teammate> {
+    Ok(Teammate {
         robot: mate.robot,
         age: mate.age,
         pose: mate.pose.as_ref().map(pose_from_wire),

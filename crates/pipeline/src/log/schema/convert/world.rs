@@ -3,23 +3,23 @@
 use anyhow::{Context, Result};
 use localize::Stamp;
 use localize::frame::At;
-use localize::world::{Object, OnField, Team, World};
+use localize::world::{FieldState, TeamColour, TrackedObject, WorldView};
 use nalgebra::Matrix4;
 
 use super::super::wire;
 use super::names;
 
-names!(team_name, team_named: Team { Cyan = "cyan", Magenta = "magenta" });
+names!(team_name, team_named: TeamColour { Cyan = "cyan", Magenta = "magenta" });
 
-pub(crate) fn world_to_wire(World { ball, robots }: &World) -> wire::World {
+pub(crate) fn world_to_wire(WorldView { ball, robots }: &WorldView) -> wire::World {
     wire::World {
         ball: ball.as_ref().map(object_to_wire),
         robots: robots.iter().map(object_to_wire).collect(),
     }
 }
 
-pub(crate) fn world_from_wire(world: &wire::World) -> Result<World> {
-    Ok(World {
+pub(crate) fn world_from_wire(world: &wire::World) -> Result<WorldView> {
+    Ok(WorldView {
         ball: world.ball.as_ref().map(object_from_wire).transpose()?,
         robots: world
             .robots
@@ -29,15 +29,15 @@ pub(crate) fn world_from_wire(world: &wire::World) -> Result<World> {
     })
 }
 
-fn object_to_wire(object: &Object) -> wire::Object {
-    let &Object {
+fn object_to_wire(object: &TrackedObject) -> wire::Object {
+    let &TrackedObject {
         id,
         at,
         velocity: [velocity_x, velocity_y],
         covariance,
         on_field,
         probability,
-        seen,
+        last_seen: seen,
         team,
     } = object;
     wire::Object {
@@ -54,8 +54,8 @@ fn object_to_wire(object: &Object) -> wire::Object {
     }
 }
 
-fn object_from_wire(object: &wire::Object) -> Result<Object> {
-    Ok(Object {
+fn object_from_wire(object: &wire::Object) -> Result<TrackedObject> {
+    Ok(TrackedObject {
         id: object.id,
         at: At::new(object.x, object.y),
         velocity: [object.velocity_x, object.velocity_y],
@@ -66,7 +66,7 @@ fn object_from_wire(object: &wire::Object) -> Result<Object> {
             .map(on_field_from_wire)
             .transpose()?,
         probability: object.probability,
-        seen: Stamp(object.seen_ns),
+        last_seen: Stamp(object.seen_ns),
         team: match object.team.as_str() {
             "" => None,
             team => Some(team_named(team)?),
@@ -74,8 +74,8 @@ fn object_from_wire(object: &wire::Object) -> Result<Object> {
     })
 }
 
-fn on_field_to_wire(place: &OnField) -> wire::OnField {
-    let &OnField {
+fn on_field_to_wire(place: &FieldState) -> wire::OnField {
+    let &FieldState {
         at,
         velocity: [velocity_x, velocity_y],
         covariance,
@@ -89,8 +89,8 @@ fn on_field_to_wire(place: &OnField) -> wire::OnField {
     }
 }
 
-fn on_field_from_wire(place: &wire::OnField) -> Result<OnField> {
-    Ok(OnField {
+fn on_field_from_wire(place: &wire::OnField) -> Result<FieldState> {
+    Ok(FieldState {
         at: At::new(place.x, place.y),
         velocity: [place.velocity_x, place.velocity_y],
         covariance: matrix(&place.covariance)?,
