@@ -7,7 +7,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use vision::calibrate::strip::BarColour;
 use vision::calibrate::{
-    DriveImage, ImageResidual, Strip, StripImage, calibrate_lines as lines, calibrate_mask as mask,
+    ImageResidual, NamedImage, Strip, StripImage, calibrate_lines as lines, calibrate_mask as mask,
     calibrate_sizes as sizes, calibrate_strip as strip, learn_colours as colours,
 };
 use vision::labels::{ColourTable as Table, Label, TableKind};
@@ -29,9 +29,9 @@ fn residuals(images: Vec<ImageResidual>) -> Vec<Residual> {
         .collect()
 }
 
-fn drive(images: &[PyReadonlyArrayDyn<'_, u8>]) -> PyResult<Vec<DriveImage>> {
+fn drive(images: &[PyReadonlyArrayDyn<'_, u8>]) -> PyResult<Vec<NamedImage>> {
     let image = |(number, array): (usize, &PyReadonlyArrayDyn<'_, u8>)| {
-        Ok(DriveImage {
+        Ok(NamedImage {
             name: format!("image {number}"),
             image: Pixels::of(array)?.image(),
         })
@@ -158,7 +158,7 @@ pub(crate) fn calibrate_sizes<'py>(
         .detach(|| sizes(&camera, &map, line_width_m, &images, &config))
         .map_err(|error| errors::calibration(&error))?;
     let rows = &found.rows;
-    let column = |value: &dyn Fn(&vision::calibrate::SizeRow) -> Option<f32>| {
+    let column = |value: &dyn Fn(&vision::calibrate::SizeBin) -> Option<f32>| {
         let values: Vec<f32> = rows
             .iter()
             .map(|row| value(row).unwrap_or(f32::NAN))
@@ -193,7 +193,7 @@ pub(crate) fn learn_colours(
     let config = settings(settings_toml)?;
     let (table, images) = py
         .detach(|| {
-            let mut eyes = vision::Eyes::new(&map, &camera, line_width_m, config.clone())
+            let mut eyes = vision::Vision::new(&map, &camera, line_width_m, config.clone())
                 .map_err(|error| errors::vision(&error))?;
             let learned =
                 colours(&mut eyes, &images).map_err(|error| errors::calibration(&error))?;

@@ -4,7 +4,7 @@ use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use vision::VisionError;
 use vision::calibrate::CalibrationError;
-use vision::ground_map::MapError;
+use vision::ground_map::GroundMapError;
 use vision::mirror::ProfileError;
 use vision::optics::OpticsError;
 
@@ -28,10 +28,10 @@ pub(crate) fn profile(error: &ProfileError) -> PyErr {
     PyValueError::new_err(message)
 }
 
-pub(crate) fn map(error: &MapError) -> PyErr {
+pub(crate) fn map(error: &GroundMapError) -> PyErr {
     match error {
-        MapError::File { source, .. } => from_io(source, error.to_string()),
-        MapError::Content { .. } => PyValueError::new_err(error.to_string()),
+        GroundMapError::File { source, .. } => from_io(source, error.to_string()),
+        GroundMapError::Content { .. } => PyValueError::new_err(error.to_string()),
     }
 }
 
@@ -46,7 +46,7 @@ pub(crate) fn calibration(error: &CalibrationError) -> PyErr {
 pub(crate) fn vision(error: &VisionError) -> PyErr {
     let message = error.to_string();
     match error {
-        VisionError::Image { path, .. } | VisionError::File { path, .. } if !path.exists() => {
+        VisionError::ReadImage { path, .. } | VisionError::File { path, .. } if !path.exists() => {
             PyFileNotFoundError::new_err(message)
         }
         _ => PyValueError::new_err(message),

@@ -9,9 +9,9 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use vision::image::{Frame, Image, PixelFormat, yuv_of_rgb};
-use vision::line_points::Refusal;
-use vision::{Seen, VisionConfig};
+use vision::image::{Image, ImageView, PixelFormat, rgb_to_yuv};
+use vision::line_points::RejectionReason;
+use vision::{Detections, VisionConfig};
 
 use crate::camera::Camera;
 use crate::errors;
@@ -45,8 +45,8 @@ impl Pixels {
         })
     }
 
-    fn frame(&self) -> Frame<'_> {
-        Frame::packed(self.width_px, self.height_px, self.format, &self.bytes)
+    fn frame(&self) -> ImageView<'_> {
+        ImageView::packed(self.width_px, self.height_px, self.format, &self.bytes)
     }
 
     /// Red, green, blue.
@@ -89,7 +89,7 @@ pub(crate) fn camera_or_of_map(
 /// The eyes of one camera: tables built once, and the colours of the light it is in.
 #[pyclass(module = "mirrorball._core")]
 pub(crate) struct Eyes {
-    eyes: vision::Eyes,
+    eyes: vision::Vision,
     /// Different pixels that the scan lines read.
     #[pyo3(get)]
     scan_pixels: usize,
@@ -116,24 +116,24 @@ impl Eyes {
         let mask: Option<Vec<bool>> = mask.map(|mask| mask.as_array().iter().copied().collect());
         let eyes = py
             .detach(|| {
-                vision::Eyes::with_mask(&map, &camera, mask.as_deref(), line_width_m, config)
+                vision::Vision::with_mask(&map, &camera, mask.as_deref(), line_width_m, config)
             })
             .map_err(|error| errors::vision(&error))?;
         Ok(Eyes {
-            scan_pixels: eyes.pattern().pixels,
-            scan_coverage: eyes.pattern().coverage,
+            scan_pixels: eyes.scan_pattern().pixel_count,
+            scan_coverage: eyes.scan_pattern().coverage,
             eyes,
         })
     }
 
     /// Takes classes from a learned table.
     fn set_colours(&mut self, table: &Bound<'_, ColourTable>) {
-        self.eyes.set_colours(table.get().0.clone());
+        self.eyes.set_colour_table(table.get().0.clone());
     }
 
     /// Forgets the light, so that the next image is learned from.
     fn forget_light(&mut self) {
-        self.eyes.forget_light();
+        self.eyes.reset_colour_model();
     }
 
     /// Everything that an image shows: a column of numbers or words by name.
@@ -144,20 +144,20 @@ impl Eyes {
     ) -> PyResult<Bound<'py, PyDict>> {
         let pixels = Pixels::of(&image)?;
         let seen = py
-            .detach(|| self.eyes.see(&pixels.frame()))
+            .detach(|| self.eyes.process(&pixels.frame()))
             .map_err(|error| errors::vision(&error))?;
         columns(py, &seen)
     }
 }
 
-fn refusal(reason: Refusal) -> &'static str {
+fn refusal(reason: RejectionReason) -> &'static str {
     match reason {
-        Refusal::NoCarpetBeside => "no carpet beside",
-        Refusal::TooNarrow => "too narrow",
-        Refusal::TooWide => "too wide",
-        Refusal::TooFaint => "too faint",
-        Refusal::NotWhite => "not white",
-        Refusal::BeyondCarpet => "beyond carpet",
+        RejectionReason::NoAdjacentCarpet => "no carpet beside",
+        RejectionReason::TooNarrow => "too narrow",
+        RejectionReason::TooWide => "too wide",
+        RejectionReason::TooFaint => "too faint",
+        RejectionReason::NotWhite => "not white",
+        RejectionReason::BeyondCarpet => "beyond carpet",
     }
 }
 
@@ -172,7 +172,7 @@ fn column<'py, T>(
         .into_pyarray(py)
 }
 
-fn columns<'py>(py: Python<'py>, seen: &Seen) -> PyResult<Bound<'py, PyDict>> {
+fn columns<'py>(py: Python<'py>, seen: &Detections) -> PyResult<Bound<'py, PyDict>> {
     let all = PyDict::new(py);
     let points = PyDict::new(py);
     let rows = &seen.line_points;
@@ -183,22 +183,27 @@ fn columns<'py>(py: Python<'py>, seen: &Seen) -> PyResult<Bound<'py, PyDict>> {
         "std_tangential_m",
         column(py, rows, |row| row.point.std_tangential),
     )?;
-    points.set_item("u_px", column(py, rows, |row| row.at_px[0]))?;
-    points.set_item("v_px", column(py, rows, |row| row.at_px[1]))?;
+    points.set_item("u_px", column(py, rows, |row| row.position_px[0]))?;
+    points.set_item("v_px", column(py, rows, |row| row.position_px[1]))?;
     points.set_item("width_m", column(py, rows, |row| row.width))?;
     points.set_item("contrast", column(py, rows, |row| row.contrast))?;
     all.set_item("points", points)?;
     let refused = PyDict::new(py);
-    let rows = &seen.refused;
-    refused.set_item("u_px", column(py, rows, |row| row.at_px[0]))?;
-    refused.set_item("v_px", column(py, rows, |row| row.at_px[1]))?;
+    let rows = &seen.rejected_candidates;
+    refused.set_item("u_px", column(py, rows, |row| row.position_px[0]))?;
+    refused.set_item("v_px", column(py, rows, |row| row.position_px[1]))?;
     let reasons: Vec<&str> = rows.iter().map(|row| refusal(row.reason)).collect();
     refused.set_item("reason", reasons)?;
     all.set_item("refused", refused)?;
     let ball = PyDict::new(py);
     let rows = seen.ball.as_slice();
     place(&ball, py, rows, |row| {
-        ([row.at.x, row.at.y], row.covariance, row.at_px, row.score)
+        (
+            [row.at.x, row.at.y],
+            row.covariance,
+            row.position_px,
+            row.score,
+        )
     })?;
     let on_ground: Vec<bool> = rows.iter().map(|row| row.on_ground).collect();
     ball.set_item("on_ground", on_ground.into_pyarray(py))?;
@@ -207,7 +212,12 @@ fn columns<'py>(py: Python<'py>, seen: &Seen) -> PyResult<Bound<'py, PyDict>> {
     let robots = PyDict::new(py);
     let rows = &seen.robots;
     place(&robots, py, rows, |row| {
-        ([row.at.x, row.at.y], row.covariance, row.at_px, row.score)
+        (
+            [row.at.x, row.at.y],
+            row.covariance,
+            row.position_px,
+            row.score,
+        )
     })?;
     robots.set_item("edge_x_m", column(py, rows, |row| row.edge.x))?;
     robots.set_item("edge_y_m", column(py, rows, |row| row.edge.y))?;
@@ -224,7 +234,12 @@ fn columns<'py>(py: Python<'py>, seen: &Seen) -> PyResult<Bound<'py, PyDict>> {
     let goals = PyDict::new(py);
     let rows = &seen.goals;
     place(&goals, py, rows, |row| {
-        ([row.at.x, row.at.y], row.covariance, row.at_px, row.score)
+        (
+            [row.at.x, row.at.y],
+            row.covariance,
+            row.position_px,
+            row.score,
+        )
     })?;
     goals.set_item("width_m", column(py, rows, |row| row.width))?;
     let kinds: Vec<String> = rows
@@ -236,14 +251,14 @@ fn columns<'py>(py: Python<'py>, seen: &Seen) -> PyResult<Bound<'py, PyDict>> {
     all.set_item("carpet_end_m", seen.carpet_end.clone().into_pyarray(py))?;
     all.set_item("carpet_share", seen.carpet_share)?;
     let bumpers: Vec<bool> = seen
-        .windows
+        .virtual_sensors
         .bumpers
         .iter()
         .map(|bumper| bumper.hit)
         .collect();
     all.set_item("bumpers", bumpers.into_pyarray(py))?;
-    all.set_item("kick", seen.windows.kick)?;
-    all.set_item("lens_centred", seen.windows.lens_centred)?;
+    all.set_item("kick", seen.virtual_sensors.kick)?;
+    all.set_item("lens_centred", seen.virtual_sensors.lens_centred)?;
     Ok(all)
 }
 
@@ -289,7 +304,7 @@ impl ColourTable {
     #[getter]
     fn names(&self) -> Vec<String> {
         (0..=u8::MAX)
-            .map_while(|class| self.0.name(vision::colours::Class(class)))
+            .map_while(|class| self.0.name(vision::colours::ColourClass(class)))
             .map(str::to_owned)
             .collect()
     }
@@ -304,7 +319,7 @@ impl ColourTable {
         let classes: Vec<u8> = py.detach(|| {
             let pixels = image.rgb.chunks_exact(3);
             pixels
-                .map(|rgb| self.0.class(yuv_of_rgb([rgb[0], rgb[1], rgb[2]])).0)
+                .map(|rgb| self.0.class(rgb_to_yuv([rgb[0], rgb[1], rgb[2]])).0)
                 .collect()
         });
         classes

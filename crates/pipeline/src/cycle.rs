@@ -19,8 +19,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use vision::VisionError;
 use vision::config::VisionConfig;
-use vision::exposure::{CameraCommand, ExposureControl, ExposureReading};
-use vision::eyes::{Eyes, Seen};
+use vision::exposure::{AutoExposure, ExposureCommand, ExposureStatus};
+use vision::eyes::{Detections, Vision};
 use vision::goals::GoalKind;
 
 use crate::paths;
@@ -35,7 +35,7 @@ pub struct Cycle {
     /// What arrived since the previous cycle.
     pub inputs: Inputs,
     /// What vision found in the image; none if line points came in place of one, or nothing readable.
-    pub seen: Option<Seen>,
+    pub seen: Option<Detections>,
     /// The line points that localisation worked with.
     pub points: Vec<LinePoint>,
     /// Where the robot is, as far as it knows.
@@ -45,7 +45,7 @@ pub struct Cycle {
     /// What team-mates say, and the ball they agree on.
     pub team: TeamView,
     /// How well the frame is exposed, and what to set the camera to; none where it was not looked at.
-    pub exposure: Option<ExposureReading>,
+    pub exposure: Option<ExposureStatus>,
     /// Why the frame could not be used.
     pub fault: Option<String>,
     /// How long the stages took.
@@ -73,7 +73,7 @@ pub struct Inputs {
 
 impl Cycle {
     /// What to set the camera to, if it should be changed.
-    pub fn camera_command(&self) -> Option<CameraCommand> {
+    pub fn camera_command(&self) -> Option<ExposureCommand> {
         self.exposure?.command
     }
 }
@@ -156,7 +156,7 @@ impl SpineConfig {
                 (scan.radial_lines, scan.spirals_each_way, scan.circles) = (0, 0, 36);
                 // The isometric part, feet of walls included.
                 scan.range_max = 6.0;
-                vision.lines.walls = true;
+                vision.lines.detect_wall_bases = true;
                 // Its ball was orange, and one of the goals yellow.
                 vision.objects.ball_hue_deg = [8.0, 45.0];
             }
@@ -225,8 +225,8 @@ pub fn merge(base: &mut toml::Table, over: toml::Table) {
 
 /// The stages in their order, with what they remember from frame to frame.
 pub struct Spine {
-    eyes: Option<Eyes>,
-    exposure: Option<ExposureControl>,
+    eyes: Option<Vision>,
+    exposure: Option<AutoExposure>,
     localizer: Localizer,
     world: WorldModel,
     team: TeamModel,
@@ -271,13 +271,13 @@ impl Spine {
                 let line_width = setup.field.config.line_width;
                 let mask = setup.mask.as_deref();
                 let (control, config) = (setup.robot.exposure, &vision.exposure);
-                exposure = Some(ExposureControl::new(map, camera, mask, control, config)?);
-                Some(Eyes::with_mask(map, camera, mask, line_width, vision)?)
+                exposure = Some(AutoExposure::new(map, camera, mask, control, config)?);
+                Some(Vision::with_mask(map, camera, mask, line_width, vision)?)
             }
             None => None,
         };
         if let (Some(eyes), Some(colours)) = (&mut eyes, &setup.colours) {
-            eyes.set_colours(colours.clone());
+            eyes.set_colour_table(colours.clone());
         }
         Ok(Spine {
             eyes,
@@ -293,8 +293,8 @@ impl Spine {
 
     /// Different pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
     pub fn scan_coverage(&self) -> Option<(usize, f32)> {
-        let pattern = self.eyes.as_ref()?.pattern();
-        Some((pattern.pixels, pattern.coverage))
+        let pattern = self.eyes.as_ref()?.scan_pattern();
+        Some((pattern.pixel_count, pattern.coverage))
     }
 
     /// Takes over where another spine stood, so that settings can change while it drives: its pose, and what it had
@@ -336,7 +336,7 @@ impl Spine {
         let (seen, points, fault) = match frame.content {
             Content::Image(image) => {
                 let control = self.exposure.as_mut();
-                exposure = control.and_then(|control| control.look(&image.pixels()));
+                exposure = control.and_then(|control| control.process(&image.pixels()));
                 let jumped = exposure.is_some_and(|reading| reading.light_jumped);
                 let looked = self.look(stamp, &image, jumped);
                 inputs.image = Some(image);
@@ -409,15 +409,21 @@ impl Spine {
     }
 
     /// `light_jumped`: this frame was taken with quite another exposure than the one before.
-    fn look(&mut self, stamp: Stamp, image: &Picture, light_jumped: bool) -> Result<Seen, String> {
+    fn look(
+        &mut self,
+        stamp: Stamp,
+        image: &Picture,
+        light_jumped: bool,
+    ) -> Result<Detections, String> {
         let Some(eyes) = &mut self.eyes else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
         let last = self.last_sight.replace(stamp);
         if light_jumped || last.is_some_and(|last| stamp - last > LIGHT_MEMORY) {
-            eyes.forget_light();
+            eyes.reset_colour_model();
         }
-        eyes.see(&image.pixels()).map_err(|error| error.to_string())
+        eyes.process(&image.pixels())
+            .map_err(|error| error.to_string())
     }
 }
 
@@ -449,7 +455,7 @@ fn localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
 }
 
 /// The goals that tell the halves of the field apart, as localisation wants them.
-pub fn goal_sights(seen: &Seen) -> Vec<GoalObservation> {
+pub fn goal_sights(seen: &Detections) -> Vec<GoalObservation> {
     seen.goals
         .iter()
         .filter_map(|goal| {

@@ -1,11 +1,11 @@
 //! What does vision's sight say to the world model? The same objects in localize's words.
 
 use localize::world::{ObjectObservation, TeamColour, WorldObservation};
-use vision::eyes::Seen;
+use vision::eyes::Detections;
 use vision::robots::Marker;
 
 /// The objects of a sight.
-pub fn sight(seen: &Seen) -> WorldObservation {
+pub fn sight(seen: &Detections) -> WorldObservation {
     let ball = seen.ball.map(|ball| ObjectObservation {
         at: ball.at,
         covariance: ball.covariance,

@@ -9,8 +9,8 @@ use localize::Stamp;
 use localize::frame::{At, FieldFrame};
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::TeamReport;
-use vision::eyes::Seen;
-use vision::image::{Frame as Pixels, Image, PixelFormat};
+use vision::eyes::Detections;
+use vision::image::{Image, ImageView as Pixels, PixelFormat};
 
 /// Where things truly were.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,7 +68,7 @@ pub enum Content {
         goals: Vec<GoalObservation>,
     },
     /// What our own vision found in an earlier run.
-    Seen(Box<Seen>),
+    Seen(Box<Detections>),
     /// A frame that could not be read; the cycle runs on without sight.
     Unreadable(String),
 }
@@ -106,7 +106,7 @@ impl Picture {
     /// Its pixels, for vision.
     pub fn pixels(&self) -> Pixels<'_> {
         match self {
-            Picture::Rgb(image) => image.frame(),
+            Picture::Rgb(image) => image.view(),
             Picture::Raw(frame) => Pixels {
                 width_px: frame.width_px,
                 height_px: frame.height_px,

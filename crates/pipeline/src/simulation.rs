@@ -10,7 +10,7 @@ use localize::Field;
 use localize::robot::CameraControl;
 use localize::robot::RobotConfig;
 use sim::{Sample as Simulated, Scenario, Sim};
-use vision::exposure::CameraCommand;
+use vision::exposure::ExposureCommand;
 use vision::image::Image;
 
 use crate::cycle::{Cycle, Spine, merge};
@@ -67,7 +67,7 @@ impl Simulation {
     }
 
     /// Has the camera's exposure and gain changed as a real one would: from the frame that the command names on.
-    pub fn command_camera(&mut self, command: CameraCommand) {
+    pub fn command_camera(&mut self, command: ExposureCommand) {
         let setting = command.setting;
         self.sim
             .expose_from(command.from_frame, setting.exposure, setting.gain);
@@ -118,7 +118,7 @@ impl Simulation {
     /// `commanded`: waits for what each frame's cycle says to the camera, as far as the camera's delay asks for it.
     fn run_ahead(mut self, commanded: bool) -> Result<Ahead> {
         let (sender, samples) = sync_channel(LEAD);
-        let (answers, commands) = sync_channel::<Option<CameraCommand>>(ANSWERS);
+        let (answers, commands) = sync_channel::<Option<ExposureCommand>>(ANSWERS);
         // A camera without control is never commanded: nobody needs to be waited for.
         let camera = self.sim.robot().exposure.filter(|_| commanded);
         let delay = camera.map(|camera| camera.delay_frames.max(1));
@@ -242,14 +242,14 @@ pub(crate) fn translated(sample: Simulated) -> Sample {
 pub struct Ahead {
     samples: Receiver<Vec<Sample>>,
     /// One answer a frame: what to set the camera to, if anything.
-    answers: SyncSender<Option<CameraCommand>>,
+    answers: SyncSender<Option<ExposureCommand>>,
     parcel: std::vec::IntoIter<Sample>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Ahead {
     /// Says what a frame's cycle commands; once a frame, in their order.
-    fn answer(&self, command: Option<CameraCommand>) {
+    fn answer(&self, command: Option<ExposureCommand>) {
         // A simulator that has ended needs no answer.
         let _ = self.answers.try_send(command);
     }

@@ -16,14 +16,14 @@ use localize::{Field, Pose, Stamp};
 use nalgebra::{Matrix3, Matrix4};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use vision::ball::Ball;
-use vision::exposure::{CameraCommand, ExposureReading};
-use vision::eyes::Seen;
-use vision::goals::{Goal, GoalKind};
+use vision::ball::BallDetection;
+use vision::exposure::{ExposureCommand, ExposureStatus};
+use vision::eyes::Detections;
+use vision::goals::{GoalDetection, GoalKind};
 use vision::image::Image;
-use vision::line_points::{Refusal, RefusedRun, SeenLinePoint};
-use vision::robots::{Marker, Robot};
-use vision::windows::{Bumper, WindowReadings};
+use vision::line_points::{LinePointDetection, RejectedCandidate, RejectionReason};
+use vision::robots::{Marker, RobotDetection};
+use vision::windows::{Bumper, VirtualSensorReadings};
 
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::log::read::Logged;
@@ -127,50 +127,50 @@ impl Any {
         }
     }
 
-    fn seen(&mut self, number: u64) -> Seen {
-        let mut line_point = || SeenLinePoint {
+    fn seen(&mut self, number: u64) -> Detections {
+        let mut line_point = || LinePointDetection {
             point: LinePoint {
                 at: self.at(),
                 std_radial: 0.01,
                 std_tangential: -0.0,
             },
-            at_px: [1.5, 2.5],
+            position_px: [1.5, 2.5],
             contrast: self.value(),
             width: self.value(),
         };
         let line_points = (0..50).map(|_| line_point()).collect();
-        Seen {
+        Detections {
             line_points,
-            refused: vec![RefusedRun {
-                at_px: self.values(),
-                reason: Refusal::BeyondCarpet,
+            rejected_candidates: vec![RejectedCandidate {
+                position_px: self.values(),
+                reason: RejectionReason::BeyondCarpet,
             }],
-            ball: Some(Ball {
+            ball: Some(BallDetection {
                 at: self.at(),
                 covariance: self.values(),
                 on_ground: true,
                 score: self.value(),
-                at_px: self.values(),
+                position_px: self.values(),
                 pixels: 99,
             }),
-            robots: vec![Robot {
+            robots: vec![RobotDetection {
                 at: self.at(),
                 edge: self.at(),
                 covariance: self.values(),
                 width: self.value(),
                 marker: number.is_multiple_of(2).then_some(Marker::Magenta),
                 score: self.value(),
-                at_px: self.values(),
+                position_px: self.values(),
             }],
-            goals: vec![Goal {
+            goals: vec![GoalDetection {
                 kind: GoalKind::Post,
                 at: self.at(),
                 covariance: self.values(),
                 width: self.value(),
                 score: self.value(),
-                at_px: self.values(),
+                position_px: self.values(),
             }],
-            windows: WindowReadings {
+            virtual_sensors: VirtualSensorReadings {
                 bumpers: vec![Bumper {
                     share: self.value(),
                     hit: true,
@@ -180,11 +180,11 @@ impl Any {
                 kick: true,
                 lens_px: Some(self.values()),
                 lens_centred: Some(number.is_multiple_of(3)),
-                ..WindowReadings::default()
+                ..VirtualSensorReadings::default()
             },
             carpet_end: vec![self.value(), f32::INFINITY],
             carpet_share: self.value(),
-            learned: number == 0,
+            colours_learned: number == 0,
         }
     }
 
@@ -230,14 +230,14 @@ impl Any {
         }
     }
 
-    fn exposure(&mut self, number: u64) -> ExposureReading {
+    fn exposure(&mut self, number: u64) -> ExposureStatus {
         let mut setting = || CameraSetting {
             exposure: self.value(),
             gain: self.value(),
         };
-        ExposureReading {
-            in_force: Some(setting()),
-            command: number.is_multiple_of(4).then(|| CameraCommand {
+        ExposureStatus {
+            applied_setting: Some(setting()),
+            command: number.is_multiple_of(4).then(|| ExposureCommand {
                 setting: setting(),
                 from_frame: number,
             }),

@@ -1,7 +1,7 @@
 //! What do IMU and compass read? Truth with bias, noise and shocks.
 
 use localize::frame::wrap_angle;
-use localize::robot::{CompassConfig, ImuConfig, IronConfig};
+use localize::robot::{CompassModelConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
 use rand::RngExt;
@@ -69,7 +69,7 @@ pub(crate) struct CompassModel {
 }
 
 impl CompassModel {
-    pub(crate) fn new(config: &CompassConfig, rng: &mut ChaCha8Rng) -> Self {
+    pub(crate) fn new(config: &CompassModelConfig, rng: &mut ChaCha8Rng) -> Self {
         let spread = config.bias_deg.to_radians();
         CompassModel {
             noise: config.noise_deg.to_radians(),
@@ -107,14 +107,14 @@ mod tests {
     #[test]
     fn iron_bends_a_magnetometer_s_headings_until_it_is_calibrated() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let config = CompassConfig {
+        let config = CompassModelConfig {
             noise_deg: 0.5,
             bias_deg: 0.0,
             iron: Some(IronConfig {
                 hard: [0.5, -0.3],
                 soft: [[1.1, 0.1], [0.1, 0.9]],
             }),
-            ..CompassConfig::default()
+            ..CompassModelConfig::default()
         };
         let mut compass = CompassModel::new(&config, &mut rng);
         let readings: Vec<(f32, Compass)> = (0..300)
@@ -148,9 +148,9 @@ mod tests {
     #[test]
     fn a_compass_errs_by_noise_and_bias_together() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let config = CompassConfig {
+        let config = CompassModelConfig {
             bias_time: 0.5,
-            ..CompassConfig::default()
+            ..CompassModelConfig::default()
         };
         let mut compass = CompassModel::new(&config, &mut rng);
         let count = 20_000;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use localize::Field;
 use sim::{Sample, Scenario, Sim};
-use vision::calibrate::{DriveImage, calibrate_lines};
+use vision::calibrate::{NamedImage, calibrate_lines};
 use vision::{GroundMap, Image, Mount, Profile, VisionConfig, optics};
 
 /// Seconds between two images of the drive.
@@ -62,10 +62,10 @@ fn calibrated(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) 
         ..upright.clone()
     };
     let sim = Sim::new(scenario, robot, field.clone()).expect("a simulation");
-    let images: Vec<DriveImage> = sim
+    let images: Vec<NamedImage> = sim
         .take_while(|sample| sample.stamp().seconds() < 60.0)
         .filter_map(|sample| match sample {
-            Sample::Image(image) => Some(DriveImage {
+            Sample::Image(image) => Some(NamedImage {
                 name: format!("{:.0} s", image.stamp.seconds()),
                 image: Image {
                     width_px: image.width_px,

@@ -5,14 +5,14 @@ use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use localize::robot::CameraConfig;
-use vision::{Eyes, Image, Mount, Profile, VisionConfig, optics};
+use vision::{Image, Mount, Profile, Vision, VisionConfig, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {
     camera: CameraConfig,
 }
 
-fn see(criterion: &mut Criterion) {
+fn process(criterion: &mut Criterion) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
     let text = std::fs::read_to_string(folder.join("robot.toml")).expect("robot.toml");
     let robot: Robot = toml::from_str(&text).expect("a robot");
@@ -20,18 +20,18 @@ fn see(criterion: &mut Criterion) {
     let map = optics::trace_rays(&robot.camera, &profile, &Mount::default())
         .expect("rays")
         .ground_map();
-    let mut eyes = Eyes::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes");
+    let mut eyes = Vision::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes");
     let image = Image::load(&folder.join("frames/000.jpg")).expect("an image");
     criterion.bench_function("see_480", |bencher| {
-        bencher.iter(|| eyes.see(black_box(&image.frame())).expect("seen"))
+        bencher.iter(|| eyes.process(black_box(&image.view())).expect("seen"))
     });
     criterion.bench_function("see_480_in_new_light", |bencher| {
         bencher.iter(|| {
-            eyes.forget_light();
-            eyes.see(black_box(&image.frame())).expect("seen")
+            eyes.reset_colour_model();
+            eyes.process(black_box(&image.view())).expect("seen")
         })
     });
 }
 
-criterion_group!(benches, see);
+criterion_group!(benches, process);
 criterion_main!(benches);

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use localize::Field;
 use localize::robot::CameraConfig;
-use vision::calibrate::{DriveImage, calibrate_lines};
+use vision::calibrate::{NamedImage, calibrate_lines};
 use vision::{GroundMap, Image, VisionConfig};
 
 #[derive(serde::Deserialize)]
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut images = Vec::new();
     for record in csv::Reader::from_path(folder.join("frames.csv"))?.records() {
         let record = record?;
-        images.push(DriveImage {
+        images.push(NamedImage {
             name: record[1].to_owned(),
             image: Image::load(&folder.join(&record[1]))?,
         });

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use localize::robot::CameraConfig;
 use localize::{Field, Pose};
 use vision::overlay;
-use vision::{Eyes, GroundMap, Image, Mount, Profile, VisionConfig, optics};
+use vision::{GroundMap, Image, Mount, Profile, Vision, VisionConfig, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         (None, None) => return Err("robot.toml has neither [map] nor [mirror]".into()),
     };
-    let mut eyes = Eyes::new(
+    let mut eyes = Vision::new(
         &map,
         &robot.camera,
         field.config.line_width,
@@ -50,30 +50,32 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
     println!(
         "{} samples, {} pixels, {:.1} %",
-        eyes.pattern().samples.len(),
-        eyes.pattern().pixels,
-        100.0 * eyes.pattern().coverage
+        eyes.scan_pattern().samples.len(),
+        eyes.scan_pattern().pixel_count,
+        100.0 * eyes.scan_pattern().coverage
     );
     let single = !folder.join("odometry.csv").exists();
-    let truth = poses(&folder.join("truth.csv"))?;
+    let truth = load_poses(&folder.join("truth.csv"))?;
     let mut total = Score::default();
     let mut reader = csv::Reader::from_path(folder.join("frames.csv"))?;
     for (index, record) in reader.records().enumerate() {
         let record = record?;
         let image = Image::load(&folder.join(&record[1]))?;
         if single {
-            eyes.forget_light();
+            eyes.reset_colour_model();
         }
-        let seen = eyes.see(&image.frame())?;
-        let score = truth.get(index).map(|&pose| Score::of(&seen, pose, &field));
+        let seen = eyes.process(&image.view())?;
+        let score = truth
+            .get(index)
+            .map(|&pose| Score::evaluate(&seen, pose, &field));
         println!(
             "{} points {} refused {} carpet {:.2}{} {}",
             &record[1],
             seen.line_points.len(),
-            seen.refused.len(),
+            seen.rejected_candidates.len(),
             seen.carpet_share,
-            if seen.learned { " learned" } else { "" },
-            score.as_ref().map_or(String::new(), Score::text),
+            if seen.colours_learned { " learned" } else { "" },
+            score.as_ref().map_or(String::new(), Score::summary),
         );
         if let Some(ball) = &seen.ball {
             println!(
@@ -98,14 +100,14 @@ fn main() -> Result<(), Box<dyn Error>> {
                 goal.kind, goal.at.x, goal.at.y, goal.width, goal.score
             );
         }
-        if seen.learned {
+        if seen.colours_learned {
             println!("   {:?}", eyes.carpet_model());
         }
         if let Some(score) = score {
             total.add(&score);
         }
         if let Some(out) = &out {
-            save(
+            save_overlays(
                 out,
                 &record[1],
                 &image,
@@ -117,29 +119,29 @@ fn main() -> Result<(), Box<dyn Error>> {
             )?;
         }
     }
-    println!("all: {}", total.text());
+    println!("all: {}", total.summary());
     Ok(())
 }
 
 #[expect(clippy::too_many_arguments, reason = "one caller, nothing to group")]
-fn save(
+fn save_overlays(
     out: &Path,
     file: &str,
     image: &Image,
     map: &GroundMap,
-    eyes: &mut Eyes,
-    seen: &vision::Seen,
+    eyes: &mut Vision,
+    seen: &vision::Detections,
     pose: Option<&Pose>,
     field: &Field,
 ) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(out)?;
     let name = Path::new(file).file_stem().ok_or("no file name")?;
-    let mut drawn = overlay::enlarged(image, 2);
+    let mut drawn = overlay::upscale(image, 2);
     if let Some(&pose) = pose {
         overlay::draw_field(&mut drawn, 2, map, pose, &field.markings);
     }
-    overlay::draw_carpet_end(&mut drawn, 2, eyes.pattern(), seen);
-    overlay::draw_seen(&mut drawn, 2, seen);
+    overlay::draw_carpet_end(&mut drawn, 2, eyes.scan_pattern(), seen);
+    overlay::draw_detections(&mut drawn, 2, seen);
     drawn.save(&out.join(name).with_extension("png"))?;
     let mut points = csv::Writer::from_path(out.join(name).with_extension("csv"))?;
     points.write_record([
@@ -152,26 +154,26 @@ fn save(
         "contrast",
     ])?;
     for seen in &seen.line_points {
-        let [u, v] = seen.at_px;
+        let [u, v] = seen.position_px;
         let (at, std) = (seen.point.at, seen.point.std_radial);
         points.serialize([u, v, at.x, at.y, std, seen.width, seen.contrast])?;
     }
     points.flush()?;
-    let mut classes = overlay::enlarged(image, 2);
-    let of_samples = eyes.classify(&image.frame())?.to_vec();
-    for (sample, class) in eyes.pattern().samples.iter().zip(of_samples) {
+    let mut classes = overlay::upscale(image, 2);
+    let of_samples = eyes.classify_samples(&image.view())?.to_vec();
+    for (sample, class) in eyes.scan_pattern().samples.iter().zip(of_samples) {
         let colour = overlay::class_colour(class);
         let (u, v) = (2 * i64::from(sample.u), 2 * i64::from(sample.v));
-        overlay::dot(&mut classes, u, v, colour);
-        overlay::dot(&mut classes, u + 1, v, colour);
-        overlay::dot(&mut classes, u, v + 1, colour);
+        overlay::draw_pixel(&mut classes, u, v, colour);
+        overlay::draw_pixel(&mut classes, u + 1, v, colour);
+        overlay::draw_pixel(&mut classes, u, v + 1, colour);
     }
     let name = format!("{}_classes.png", name.display());
     classes.save(&out.join(name))?;
     Ok(())
 }
 
-fn poses(path: &Path) -> Result<Vec<Pose>, Box<dyn Error>> {
+fn load_poses(path: &Path) -> Result<Vec<Pose>, Box<dyn Error>> {
     if !path.exists() {
         return Ok(Vec::new());
     }
@@ -191,20 +193,20 @@ fn poses(path: &Path) -> Result<Vec<Pose>, Box<dyn Error>> {
 struct Score {
     /// Points inside 5 m, and those within max(5 cm, 2 pixels) and 10 cm (inside 4 m) of a true line.
     points: usize,
-    right: usize,
+    correct: usize,
     near_points: usize,
-    near_right: usize,
+    near_correct: usize,
     /// Marking pieces within 4 m on the map, and those with a line point near.
-    pieces: usize,
-    sampled: usize,
+    marking_points: usize,
+    covered_points: usize,
 }
 
 /// Markings are cut into pieces of this length, metres; a piece is sampled if a right point lies within `REACH`.
-const PIECE: f32 = 0.05;
-const REACH: f32 = 0.25;
+const MARKING_STEP: f32 = 0.05;
+const COVERAGE_RADIUS: f32 = 0.25;
 
 impl Score {
-    fn of(seen: &vision::Seen, pose: Pose, field: &Field) -> Self {
+    fn evaluate(seen: &vision::Detections, pose: Pose, field: &Field) -> Self {
         let mut score = Score::default();
         let mut good = Vec::new();
         for point in &seen.line_points {
@@ -221,43 +223,46 @@ impl Score {
             }
             if at.distance() <= 5.0 {
                 score.points += 1;
-                score.right += usize::from(right);
+                score.correct += usize::from(right);
             }
             if at.distance() <= 4.0 {
                 score.near_points += 1;
-                score.near_right += usize::from(off <= 0.1);
+                score.near_correct += usize::from(off <= 0.1);
             }
         }
-        for at in overlay::marking_points(&field.markings, PIECE) {
+        for at in overlay::marking_points(&field.markings, MARKING_STEP) {
             let seen_from = pose.inverse() * at;
             let range = seen_from.distance();
             if !(0.4..=4.0).contains(&range) {
                 continue;
             }
-            score.pieces += 1;
-            score.sampled += usize::from(good.iter().any(|point| point.distance_to(at) <= REACH));
+            score.marking_points += 1;
+            score.covered_points += usize::from(
+                good.iter()
+                    .any(|point| point.distance_to(at) <= COVERAGE_RADIUS),
+            );
         }
         score
     }
 
     fn add(&mut self, other: &Score) {
         self.points += other.points;
-        self.right += other.right;
+        self.correct += other.correct;
         self.near_points += other.near_points;
-        self.near_right += other.near_right;
-        self.pieces += other.pieces;
-        self.sampled += other.sampled;
+        self.near_correct += other.near_correct;
+        self.marking_points += other.marking_points;
+        self.covered_points += other.covered_points;
     }
 
-    fn text(&self) -> String {
+    fn summary(&self) -> String {
         let percent = |part: usize, all: usize| 100.0 * part as f32 / all.max(1) as f32;
         format!(
             "right {:.1} % of {}; within 10 cm inside 4 m {:.1} % of {}; sampled {:.0} %",
-            percent(self.right, self.points),
+            percent(self.correct, self.points),
             self.points,
-            percent(self.near_right, self.near_points),
+            percent(self.near_correct, self.near_points),
             self.near_points,
-            percent(self.sampled, self.pieces),
+            percent(self.covered_points, self.marking_points),
         )
     }
 }

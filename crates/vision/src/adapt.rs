@@ -7,14 +7,14 @@
 //! is learned anew instead.
 
 use crate::carpet::{CarpetModel, median_colour};
-use crate::config::AdaptConfig;
-use crate::eyes::Seen;
-use crate::image::Frame;
+use crate::config::ColourAdaptationConfig;
+use crate::eyes::Detections;
+use crate::image::ImageView;
 use crate::scan::ScanPattern;
 
 /// Colours that are followed from frame to frame.
 #[derive(Debug, Clone)]
-pub(crate) struct Adaptation {
+pub(crate) struct ColourAdaptation {
     /// As they were learned.
     prior: CarpetModel,
     carpet: [f32; 3],
@@ -24,13 +24,13 @@ pub(crate) struct Adaptation {
 /// Every so many samples of the pattern is asked whether it is confirmed: a few hundred make a median.
 const SAMPLE_STEP: usize = 16;
 /// Fewer confirmed pixels tell no median.
-const FEWEST: usize = 20;
+const MEDIAN_PIXELS_MIN: usize = 20;
 /// A channel at its upper end says only that it was at least so bright.
-const CLIPPED: f32 = 250.0;
+const SATURATED_LEVEL: f32 = 250.0;
 
-impl Adaptation {
+impl ColourAdaptation {
     pub(crate) fn new(prior: CarpetModel) -> Self {
-        Adaptation {
+        ColourAdaptation {
             prior,
             carpet: prior.carpet,
             white: prior.white,
@@ -43,32 +43,36 @@ impl Adaptation {
     }
 
     /// Takes in what a frame confirms; gives the colours anew if those in use no longer fit.
-    pub(crate) fn follow(
+    pub(crate) fn update(
         &mut self,
-        frame: &Frame<'_>,
+        frame: &ImageView<'_>,
         pattern: &ScanPattern,
         is_carpet: impl Fn(usize) -> bool,
-        seen: &Seen,
+        seen: &Detections,
         (in_use, centre_px): (&CarpetModel, [f32; 2]),
-        config: &AdaptConfig,
+        config: &ColourAdaptationConfig,
     ) -> Option<CarpetModel> {
-        let reach = reach(seen, centre_px);
+        let reach = confirmed_carpet_range(seen, centre_px);
         let carpet: Vec<[u8; 3]> = pattern
             .samples
             .iter()
             .enumerate()
             .step_by(SAMPLE_STEP)
             .filter(|&(index, sample)| {
-                let sector = (sample.turns * SECTORS as f32) as usize % SECTORS;
+                let sector = (sample.azimuth_turns * SECTORS as f32) as usize % SECTORS;
                 sample.range < reach[sector] && is_carpet(index)
             })
             .map(|(_, sample)| frame.rgb(usize::from(sample.u), usize::from(sample.v)))
             .collect();
-        if carpet.len() < FEWEST {
+        if carpet.len() < MEDIAN_PIXELS_MIN {
             return None;
         }
-        pull(&mut self.carpet, median_colour(&carpet)?, config.rate);
-        self.carpet = held(self.carpet, self.prior.carpet, &self.prior, config);
+        smooth_towards(
+            &mut self.carpet,
+            median_colour(&carpet)?,
+            config.smoothing_factor,
+        );
+        self.carpet = clamp_to_prior(self.carpet, self.prior.carpet, &self.prior, config);
         // The better half: far lines are mixed with carpet.
         let mut points: Vec<_> = seen.line_points.iter().collect();
         points.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
@@ -76,22 +80,26 @@ impl Adaptation {
         let white: Vec<[u8; 3]> = points
             .iter()
             .map(|point| {
-                let [u, v] = point.at_px.map(|at| at.round().max(0.0) as usize);
+                let [u, v] = point.position_px.map(|at| at.round().max(0.0) as usize);
                 frame.rgb(u.min(frame.width_px - 1), v.min(frame.height_px - 1))
             })
             .collect();
-        if self.prior.white_seen && white.len() >= FEWEST {
-            pull(&mut self.white, median_colour(&white)?, config.rate);
-            self.white = held(self.white, self.prior.white, &self.prior, config);
+        if self.prior.white_measured && white.len() >= MEDIAN_PIXELS_MIN {
+            smooth_towards(
+                &mut self.white,
+                median_colour(&white)?,
+                config.smoothing_factor,
+            );
+            self.white = clamp_to_prior(self.white, self.prior.white, &self.prior, config);
         }
         let off = |a: [f32; 3], b: [f32; 3]| {
             (0..3)
-                .filter(|&i| a[i].max(b[i]) < CLIPPED)
+                .filter(|&i| a[i].max(b[i]) < SATURATED_LEVEL)
                 .map(|i| (a[i].max(1.0) / b[i].max(1.0)).ln().abs())
                 .fold(0.0, f32::max)
         };
-        let stale = off(self.carpet, in_use.carpet) > config.rebuild_off
-            || off(self.white, in_use.white) > config.rebuild_off;
+        let stale = off(self.carpet, in_use.carpet) > config.rebuild_threshold
+            || off(self.white, in_use.white) > config.rebuild_threshold;
         stale.then(|| self.prior.with_colours(self.carpet, self.white))
     }
 }
@@ -100,11 +108,11 @@ impl Adaptation {
 const SECTORS: usize = 36;
 
 /// How far carpet is confirmed in each direction: up to the farthest line point there, metres.
-fn reach(seen: &Seen, [cu, cv]: [f32; 2]) -> [f32; SECTORS] {
+fn confirmed_carpet_range(seen: &Detections, [cu, cv]: [f32; 2]) -> [f32; SECTORS] {
     let mut reach = [0.0f32; SECTORS];
     let count = seen.carpet_end.len();
     for point in &seen.line_points {
-        let [u, v] = point.at_px;
+        let [u, v] = point.position_px;
         let turns = (cv - v).atan2(u - cu) / std::f32::consts::TAU;
         let sector = (turns.rem_euclid(1.0) * SECTORS as f32) as usize % SECTORS;
         reach[sector] = reach[sector].max(point.point.at.distance());
@@ -117,18 +125,23 @@ fn reach(seen: &Seen, [cu, cv]: [f32; 2]) -> [f32; SECTORS] {
     reach
 }
 
-fn pull(colour: &mut [f32; 3], towards: [f32; 3], rate: f32) {
+fn smooth_towards(colour: &mut [f32; 3], towards: [f32; 3], rate: f32) {
     for (channel, wanted) in colour.iter_mut().zip(towards) {
         *channel += rate * (wanted - *channel);
     }
 }
 
 /// A colour no farther from its prior than is allowed: in brightness, and in each channel's share of it.
-fn held(colour: [f32; 3], prior: [f32; 3], model: &CarpetModel, config: &AdaptConfig) -> [f32; 3] {
+fn clamp_to_prior(
+    colour: [f32; 3],
+    prior: [f32; 3],
+    model: &CarpetModel,
+    config: &ColourAdaptationConfig,
+) -> [f32; 3] {
     let sum = |colour: [f32; 3]| colour.iter().sum::<f32>().max(1.0);
-    let most = config.brightness_max;
+    let most = config.brightness_factor_max;
     let brightness = (sum(colour) / sum(prior)).clamp(1.0 / most, most);
-    let slack = config.chroma_max * model.carpet_chroma();
+    let slack = config.chroma_deviation_max * model.carpet_chroma();
     std::array::from_fn(|i| {
         let share = 3.0 * colour[i] / sum(colour);
         let usual = 3.0 * prior[i] / sum(prior);
@@ -148,12 +161,12 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_that_pulls_for_ever_does_not_get_beyond_its_bounds() {
-        let (model, config) = (model(), AdaptConfig::default());
+    fn adaptation_stays_bounded_under_constant_pull() {
+        let (model, config) = (model(), ColourAdaptationConfig::default());
         let mut colour = model.carpet;
         for _ in 0..10_000 {
-            pull(&mut colour, [250.0, 60.0, 20.0], config.rate);
-            colour = held(colour, model.carpet, &model, &config);
+            smooth_towards(&mut colour, [250.0, 60.0, 20.0], config.smoothing_factor);
+            colour = clamp_to_prior(colour, model.carpet, &model, &config);
         }
         let share = |colour: [f32; 3], i: usize| colour[i] / colour.iter().sum::<f32>();
         for i in 0..3 {
@@ -167,13 +180,17 @@ mod tests {
     }
 
     #[test]
-    fn a_slow_dusk_is_followed() {
-        let (model, config) = (model(), AdaptConfig::default());
+    fn adaptation_tracks_slow_dimming() {
+        let (model, config) = (model(), ColourAdaptationConfig::default());
         let mut colour = model.carpet;
         for step in 0..600 {
             let light = 1.0 - 0.3 * step as f32 / 600.0;
-            pull(&mut colour, model.carpet.map(|c| c * light), config.rate);
-            colour = held(colour, model.carpet, &model, &config);
+            smooth_towards(
+                &mut colour,
+                model.carpet.map(|c| c * light),
+                config.smoothing_factor,
+            );
+            colour = clamp_to_prior(colour, model.carpet, &model, &config);
         }
         let wanted = model.carpet.map(|c| c * 0.7);
         assert!(

@@ -5,14 +5,14 @@
 
 use localize::frame::{At, RobotFrame};
 
-use crate::colours::{Class, NativeTable};
+use crate::colours::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
 use crate::ground_map::GroundMap;
-use crate::image::Frame;
+use crate::image::ImageView;
 
 /// The ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ball {
+pub struct BallDetection {
     /// Where it touches the ground, metres; where it seems to, if it flies.
     pub at: At<RobotFrame>,
     /// Covariance: xx, xy, yy, m².
@@ -22,16 +22,16 @@ pub struct Ball {
     /// How much of a whole ball is seen, 0 to 1.
     pub score: f32,
     /// Middle of its region in the image: column, row, pixels.
-    pub at_px: [f32; 2],
+    pub position_px: [f32; 2],
     /// Its pixels.
     pub pixels: usize,
 }
 
 /// What the search for the ball works on.
-pub(crate) struct BallSearch<'a> {
-    pub(crate) frame: &'a Frame<'a>,
+pub(crate) struct BallDetector<'a> {
+    pub(crate) image: &'a ImageView<'a>,
     pub(crate) map: &'a GroundMap,
-    pub(crate) table: &'a NativeTable,
+    pub(crate) lookup_table: &'a ColourLookupTable,
     pub(crate) config: &'a ObjectConfig,
     /// Where the carpet ends along each ray, metres.
     pub(crate) carpet_end: &'a [f32],
@@ -41,33 +41,33 @@ pub(crate) struct BallSearch<'a> {
 
 /// Pixels that were visited, kept between frames so that no frame allocates a whole image.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Visited {
+pub(crate) struct VisitedMask {
     /// One byte a pixel: a frame's whole plane stays in a core's cache.
-    stamps: Vec<u8>,
-    stamp: u8,
+    marks: Vec<u8>,
+    generation: u8,
 }
 
-impl Visited {
+impl VisitedMask {
     /// Forgets all pixels of an image.
-    fn begin(&mut self, pixels: usize) {
-        if self.stamps.len() != pixels || self.stamp == u8::MAX {
-            self.stamps.clear();
-            self.stamps.resize(pixels, 0);
-            self.stamp = 0;
+    fn reset(&mut self, pixels: usize) {
+        if self.marks.len() != pixels || self.generation == u8::MAX {
+            self.marks.clear();
+            self.marks.resize(pixels, 0);
+            self.generation = 0;
         }
-        self.stamp += 1;
+        self.generation += 1;
     }
 
     /// True the first time.
-    fn visit(&mut self, pixel: usize) -> bool {
-        let first = self.stamps[pixel] != self.stamp;
-        self.stamps[pixel] = self.stamp;
+    fn mark(&mut self, pixel: usize) -> bool {
+        let first = self.marks[pixel] != self.generation;
+        self.marks[pixel] = self.generation;
         first
     }
 }
 
 /// A region larger than this is no ball, pixels: flooding stops.
-const LARGEST_REGION: usize = 20_000;
+const REGION_PIXELS_MAX: usize = 20_000;
 
 /// Pixels beside one of a region: two far, so that noise and a thin cable do not cut a ball.
 const NEIGHBOURS: [(i32, i32); 12] = [
@@ -86,23 +86,23 @@ const NEIGHBOURS: [(i32, i32); 12] = [
 ];
 
 /// Directions in which a region's surroundings are looked at.
-const WAYS: usize = 24;
+const SURROUND_DIRECTIONS: usize = 24;
 /// So far outside the region its blurred edge has ended, pixels.
-const BESIDE_PX: f32 = 3.0;
+const SURROUND_OFFSET_PX: f32 = 3.0;
 
-impl BallSearch<'_> {
+impl BallDetector<'_> {
     /// The best ball among the regions around the seeds (column, row of pixels of the ball's colour).
-    pub(crate) fn best(
+    pub(crate) fn detect(
         &self,
         seeds: impl Iterator<Item = [u16; 2]>,
-        visited: &mut Visited,
-    ) -> Option<Ball> {
-        visited.begin(self.map.width_px * self.map.height_px);
-        let mut best: Option<Ball> = None;
+        visited: &mut VisitedMask,
+    ) -> Option<BallDetection> {
+        visited.reset(self.map.width_px * self.map.height_px);
+        let mut best: Option<BallDetection> = None;
         let mut region = Vec::new();
         for seed in seeds {
-            self.flood(seed, visited, &mut region);
-            if let Some(ball) = self.judge(&region)
+            self.flood_fill(seed, visited, &mut region);
+            if let Some(ball) = self.evaluate_region(&region)
                 && best.is_none_or(|best| ball.score > best.score)
             {
                 best = Some(ball);
@@ -111,15 +111,15 @@ impl BallSearch<'_> {
         best
     }
 
-    fn flood(&self, [u, v]: [u16; 2], visited: &mut Visited, region: &mut Vec<[u16; 2]>) {
+    fn flood_fill(&self, [u, v]: [u16; 2], visited: &mut VisitedMask, region: &mut Vec<[u16; 2]>) {
         region.clear();
         let (width, height) = (self.map.width_px, self.map.height_px);
-        if !visited.visit(usize::from(v) * width + usize::from(u)) {
+        if !visited.mark(usize::from(v) * width + usize::from(u)) {
             return;
         }
         region.push([u, v]);
         let mut next = 0;
-        while next < region.len() && region.len() < LARGEST_REGION {
+        while next < region.len() && region.len() < REGION_PIXELS_MAX {
             let [u, v] = region[next].map(i32::from);
             next += 1;
             let inside = |column: i32, row: i32| {
@@ -134,8 +134,11 @@ impl BallSearch<'_> {
                 }
                 let (column, row) = (column as usize, row as usize);
                 // Once visited a pixel's class is known: in the region, or not of it.
-                if visited.visit(row * width + column)
-                    && self.table.class(self.frame.native(column, row)) == Class::BALL
+                if visited.mark(row * width + column)
+                    && self
+                        .lookup_table
+                        .class(self.image.native_channels(column, row))
+                        == ColourClass::BALL
                 {
                     region.push([column as u16, row as u16]);
                 }
@@ -143,9 +146,9 @@ impl BallSearch<'_> {
         }
     }
 
-    fn judge(&self, region: &[[u16; 2]]) -> Option<Ball> {
+    fn evaluate_region(&self, region: &[[u16; 2]]) -> Option<BallDetection> {
         let config = self.config;
-        if region.len() < config.ball_pixels_min || region.len() >= LARGEST_REGION {
+        if region.len() < config.ball_pixels_min || region.len() >= REGION_PIXELS_MAX {
             return None;
         }
         let height = config.viewpoint_height;
@@ -193,25 +196,25 @@ impl BallSearch<'_> {
         let half_expected = half(range);
         let [u, v] = [u_sum, v_sum].map(|sum| sum / region.len() as f32);
         let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
-        if self.beyond_carpet(angle / std::f32::consts::TAU, range) {
+        if self.is_beyond_carpet(angle / std::f32::consts::TAU, range) {
             return None;
         }
         let part = (far - near) / (2.0 * half_expected);
-        let pixels = pixels_expected(self.map, config, range, [u, v])?;
+        let pixels = expected_ball_pixels(self.map, config, range, [u, v])?;
         let share = region.len() as f32 / pixels;
         // Larger than a ball on the ground could be here: it is nearer, and so higher.
         let on_ground = part < 1.6 && share < 2.5;
-        if share.min(part) < config.ball_part_min || share > 8.0 {
+        if share.min(part) < config.ball_visible_share_min || share > 8.0 {
             return None;
         }
-        if !self.lies_on_carpet([u, v], region.len()) {
+        if !self.is_surrounded_by_carpet([u, v], region.len()) {
             return None;
         }
         let far_step = height / middle.cos().powi(2) * half_expected;
         let along = 0.02 + 0.25 * far_step * (1.0 - part.min(1.0)) + 0.05 * far_step;
         let across = 0.01 + 0.01 * range;
         let (a2, c2) = (along * along, across * across);
-        Some(Ball {
+        Some(BallDetection {
             at: At::new(range * ex, range * ey),
             covariance: [
                 a2 * ex * ex + c2 * ey * ey,
@@ -220,7 +223,7 @@ impl BallSearch<'_> {
             ],
             on_ground,
             score: share.min(1.0 / share).min(1.0) * part.min(1.0 / part).min(1.0).sqrt(),
-            at_px: [u, v],
+            position_px: [u, v],
             pixels: region.len(),
         })
     }
@@ -228,8 +231,8 @@ impl BallSearch<'_> {
     /// Is there carpet around a region? A poster or a shirt behind the field has floor, wall or net around it instead.
     ///
     /// Lines, and robots that hide a part, say neither yes nor no.
-    fn lies_on_carpet(&self, [u, v]: [f32; 2], pixels: usize) -> bool {
-        let reach = 3.0 * (pixels as f32 / std::f32::consts::PI).sqrt() + BESIDE_PX;
+    fn is_surrounded_by_carpet(&self, [u, v]: [f32; 2], pixels: usize) -> bool {
+        let reach = 3.0 * (pixels as f32 / std::f32::consts::PI).sqrt() + SURROUND_OFFSET_PX;
         let class = |length: f32, cos: f32, sin: f32| {
             let (column, row) = ((u + length * cos).round(), (v + length * sin).round());
             let inside = column >= 0.0
@@ -237,24 +240,33 @@ impl BallSearch<'_> {
                 && (column as usize) < self.map.width_px
                 && (row as usize) < self.map.height_px;
             inside.then(|| {
-                let native = self.frame.native(column as usize, row as usize);
-                self.table.class(native)
+                let native = self.image.native_channels(column as usize, row as usize);
+                self.lookup_table.class(native)
             })
         };
         let [mut carpet, mut other, mut near_carpet, mut near_other] = [0u32; 4];
         let [towards_u, towards_v] = [self.centre_px[0] - u, self.centre_px[1] - v];
         let away = towards_u.hypot(towards_v).max(1.0);
-        for way in 0..WAYS {
-            let (sin, cos) = (std::f32::consts::TAU * way as f32 / WAYS as f32).sin_cos();
+        for way in 0..SURROUND_DIRECTIONS {
+            let (sin, cos) =
+                (std::f32::consts::TAU * way as f32 / SURROUND_DIRECTIONS as f32).sin_cos();
             let mut length = 0.0;
-            while length <= reach && class(length, cos, sin) == Some(Class::BALL) {
+            while length <= reach && class(length, cos, sin) == Some(ColourClass::BALL) {
                 length += 1.0;
             }
             // Its near half touches the carpet; its height may hide what is far behind it.
             let near = u32::from(cos * towards_u + sin * towards_v > 0.5 * away);
-            match class(length + BESIDE_PX, cos, sin) {
-                Some(Class::CARPET) => (carpet, near_carpet) = (carpet + 1, near_carpet + near),
-                Some(Class::WHITE | Class::BLACK | Class::BALL | Class::CYAN | Class::MAGENTA) => {}
+            match class(length + SURROUND_OFFSET_PX, cos, sin) {
+                Some(ColourClass::CARPET) => {
+                    (carpet, near_carpet) = (carpet + 1, near_carpet + near)
+                }
+                Some(
+                    ColourClass::WHITE
+                    | ColourClass::BLACK
+                    | ColourClass::BALL
+                    | ColourClass::CYAN
+                    | ColourClass::MAGENTA,
+                ) => {}
                 _ => (other, near_other) = (other + 1, near_other + near),
             }
         }
@@ -267,7 +279,7 @@ impl BallSearch<'_> {
     /// Does the carpet end before the ball's middle on both its sides? Then it is something behind the carpet.
     ///
     /// `turns`: its direction about the mirror's axis; `range`: its distance, metres.
-    pub(crate) fn beyond_carpet(&self, turns: f32, range: f32) -> bool {
+    pub(crate) fn is_beyond_carpet(&self, turns: f32, range: f32) -> bool {
         let half = self.config.ball_radius / (std::f32::consts::TAU * range);
         let count = self.carpet_end.len();
         let end = |turns: f32, outward: usize| {
@@ -282,7 +294,7 @@ impl BallSearch<'_> {
 
 /// Pixels of a whole ball on the ground at a distance, whose middle is seen at a place of the image: its solid angle over
 /// a pixel's.
-pub(crate) fn pixels_expected(
+pub(crate) fn expected_ball_pixels(
     map: &GroundMap,
     config: &ObjectConfig,
     range: f32,
@@ -291,7 +303,7 @@ pub(crate) fn pixels_expected(
     let height = config.viewpoint_height;
     let half = (config.ball_radius / range.hypot(height - config.ball_radius)).asin();
     let (column, row) = (u.round() as usize, v.round() as usize);
-    let (radial, tangential) = crate::scan::ground_per_px(map, column, row)?;
+    let (radial, tangential) = crate::scan::pixel_footprint(map, column, row)?;
     let ground = map.at(column, row)?.distance();
     let angle = (ground / height).atan();
     let radial_angle = radial * angle.cos().powi(2) / height;
@@ -300,7 +312,11 @@ pub(crate) fn pixels_expected(
 }
 
 /// Pixels of a whole ball that lies at a place of the ground; none where the map does not show it.
-pub fn whole_pixels(map: &GroundMap, config: &ObjectConfig, at: At<RobotFrame>) -> Option<f32> {
+pub fn expected_ball_pixels_at(
+    map: &GroundMap,
+    config: &ObjectConfig,
+    at: At<RobotFrame>,
+) -> Option<f32> {
     // Its middle hides ground a little farther out than it touches.
     let beyond = config.viewpoint_height / (config.viewpoint_height - config.ball_radius);
     let mut nearest = (0.1 * at.distance(), None);
@@ -315,5 +331,5 @@ pub fn whole_pixels(map: &GroundMap, config: &ObjectConfig, at: At<RobotFrame>) 
             }
         }
     }
-    pixels_expected(map, config, at.distance(), nearest.1?)
+    expected_ball_pixels(map, config, at.distance(), nearest.1?)
 }

@@ -4,7 +4,7 @@
 //! light of the lamp's colour, so all that is carpet or line lies on the plane that carpet and white span
 //! (dichromatic reflection); objects of other colours leave it.
 
-use crate::colours::Class;
+use crate::colours::ColourClass;
 use crate::config::ColourConfig;
 
 /// Colours of carpet and white under the light of one image.
@@ -17,23 +17,23 @@ pub struct CarpetModel {
     /// Standard deviation of a channel on plain carpet, levels.
     pub noise: f32,
     /// True once lines were seen; until then white is assumed neutral.
-    pub white_seen: bool,
+    pub white_measured: bool,
     /// Direction of the carpet's chroma: orthonormal to grey, in coordinates divided by white.
-    axis: [f32; 3],
+    hue_axis: [f32; 3],
     /// The third direction: other hues.
-    across: [f32; 3],
+    cross_hue_axis: [f32; 3],
     /// The carpet's chroma per brightness; below `COLOURLESS` the image is treated as grey.
     chroma: f32,
 }
 
 /// Less chroma than this, as a share of brightness, cannot be told from a camera's noise: the image is grey.
-const COLOURLESS: f32 = 0.03;
+const CHROMA_MIN: f32 = 0.03;
 
 /// Darker pixels (sum of the channels, of 765) have no chromaticity worth voting with.
-const TOO_DARK_TO_VOTE: u16 = 60;
+const VOTE_BRIGHTNESS_MIN: u16 = 60;
 
 /// Noise before it is measured, levels: that of a camera in fair light.
-const ASSUMED_NOISE: f32 = 2.0;
+const DEFAULT_NOISE: f32 = 2.0;
 
 /// Bins of red's and green's share of the sum: 1/48 ≈ 2 % holds a carpet's noise in few bins.
 const BINS: usize = 48;
@@ -45,11 +45,11 @@ impl CarpetModel {
         let brightest = carpet.iter().fold(1.0f32, |a, &b| a.max(b));
         // Before any line is seen, white is taken as neutral and brighter than the carpet.
         let white = [(2.0 * brightest).min(255.0); 3];
-        Some(CarpetModel::new(carpet, white, ASSUMED_NOISE, false))
+        Some(CarpetModel::new(carpet, white, DEFAULT_NOISE, false))
     }
 
     fn new(carpet: [f32; 3], white: [f32; 3], noise: f32, white_seen: bool) -> Self {
-        let balanced = balance(carpet, white);
+        let balanced = white_balance(carpet, white);
         let brightness = mean(balanced);
         let off_grey = balanced.map(|channel| channel - brightness);
         let length = dot(off_grey, off_grey).sqrt();
@@ -69,9 +69,9 @@ impl CarpetModel {
             carpet,
             white,
             noise,
-            white_seen,
-            axis,
-            across,
+            white_measured: white_seen,
+            hue_axis: axis,
+            cross_hue_axis: across,
             chroma: length / brightness.max(1e-6),
         }
     }
@@ -89,31 +89,31 @@ impl CarpetModel {
     /// The same light with carpet and white a little otherwise; white stays assumed where it was.
     pub(crate) fn with_colours(&self, carpet: [f32; 3], white: [f32; 3]) -> Self {
         let white = white.map(|channel| channel.max(1.0));
-        CarpetModel::new(carpet, white, self.noise, self.white_seen)
+        CarpetModel::new(carpet, white, self.noise, self.white_measured)
     }
 
     /// True if colour tells nothing here.
     pub fn is_grey(&self) -> bool {
-        self.chroma < COLOURLESS
+        self.chroma < CHROMA_MIN
     }
 
     /// The carpet's chroma as a share of its brightness, never quite zero.
     pub(crate) fn carpet_chroma(&self) -> f32 {
-        self.chroma.max(COLOURLESS)
+        self.chroma.max(CHROMA_MIN)
     }
 
     /// A colour's brightness (1 for white), its chroma along the carpet's hue, and its chroma across it.
-    pub fn coordinates(&self, rgb: [f32; 3]) -> [f32; 3] {
-        let balanced = balance(rgb, self.white);
+    pub fn chroma_coordinates(&self, rgb: [f32; 3]) -> [f32; 3] {
+        let balanced = white_balance(rgb, self.white);
         [
             mean(balanced),
-            dot(balanced, self.axis) / self.chroma.max(COLOURLESS),
-            dot(balanced, self.across) / self.chroma.max(COLOURLESS),
+            dot(balanced, self.hue_axis) / self.chroma.max(CHROMA_MIN),
+            dot(balanced, self.cross_hue_axis) / self.chroma.max(CHROMA_MIN),
         ]
     }
 
     /// By how much each channel counts for telling white from carpet; sums to 1.
-    pub fn weights(&self) -> [f32; 3] {
+    pub fn channel_weights(&self) -> [f32; 3] {
         let rise: [f32; 3] =
             std::array::from_fn(|i| (self.white[i].min(250.0) - self.carpet[i]).max(0.0));
         let sum: f32 = rise.iter().sum();
@@ -124,51 +124,60 @@ impl CarpetModel {
     }
 
     /// What a colour belongs to; `ball_hue_deg`: the ball's hue from..to, see [`crate::config::ObjectConfig`].
-    pub fn class(&self, rgb: [u8; 3], config: &ColourConfig, ball_hue_deg: [f32; 2]) -> Class {
+    pub fn classify(
+        &self,
+        rgb: [u8; 3],
+        config: &ColourConfig,
+        ball_hue_deg: [f32; 2],
+    ) -> ColourClass {
         let rgb = rgb.map(f32::from);
-        let [brightness, along, across] = self.coordinates(rgb);
-        let [carpet_brightness, ..] = self.coordinates(self.carpet);
+        let [brightness, along, across] = self.chroma_coordinates(rgb);
+        let [carpet_brightness, ..] = self.chroma_coordinates(self.carpet);
         let relative = brightness / carpet_brightness.max(1e-6);
         // Half way between carpet and white.
         let bright = brightness > 0.5 * (carpet_brightness + 1.0);
         if self.is_grey() {
             return match relative {
-                r if bright && r > 1.2 => Class::WHITE,
-                r if r > config.carpet_bright_min.max(0.4) => Class::CARPET,
-                _ => Class::BLACK,
+                r if bright && r > 1.2 => ColourClass::WHITE,
+                r if r > config.carpet_brightness_min.max(0.4) => ColourClass::CARPET,
+                _ => ColourClass::BLACK,
             };
         }
         // Chroma as a share of the carpet's, at this pixel's own brightness.
         let (share, off) = (along / brightness.max(1e-6), across / brightness.max(1e-6));
-        if relative < config.carpet_bright_min {
-            return Class::BLACK;
+        if relative < config.carpet_brightness_min {
+            return ColourClass::BLACK;
         }
-        let slack = config.carpet_hue_slack * share.clamp(0.75, 1.25);
+        let slack = config.carpet_hue_tolerance * share.clamp(0.75, 1.25);
         // A dark grey pixel's noise must not look like the carpet's chroma: the darker the pixel, the nearer
         // the limit comes to half way between grey and carpet, where both are mistaken least.
         let white = mean(self.white);
         let noise = self.noise / (white * brightness * self.chroma).max(1e-3);
         let least = (config.carpet_chroma_min + 1.5 * noise).min(0.55);
         if share >= least && off.abs() <= slack {
-            return Class::CARPET;
+            return ColourClass::CARPET;
         }
         let saturation = share.hypot(off) * self.chroma;
         // A dark grey pixel's noise must not look like a colour either.
         if saturation < 0.35 || share.hypot(off) < 0.6 || share.hypot(off) < 4.0 * noise {
             return match relative {
-                _ if bright => Class::WHITE,
-                r if r < 0.5 => Class::BLACK,
-                _ => Class::OTHER,
+                _ if bright => ColourClass::WHITE,
+                r if r < 0.5 => ColourClass::BLACK,
+                _ => ColourClass::OTHER,
             };
         }
-        let hue = hue_deg(balance(rgb, self.white));
+        let hue = hue_deg(white_balance(rgb, self.white));
         let [from, to] = ball_hue_deg;
         let ball = if from <= to {
             (from..to).contains(&hue)
         } else {
             hue >= from || hue < to
         };
-        if ball { Class::BALL } else { hue_class(hue) }
+        if ball {
+            ColourClass::BALL
+        } else {
+            hue_class(hue)
+        }
     }
 }
 
@@ -179,15 +188,15 @@ fn hue_deg([r, g, b]: [f32; 3]) -> f32 {
 }
 
 /// The class of a colourful pixel by its hue; the six corners of the colour cube, each with a sixth of the circle.
-fn hue_class(hue_deg: f32) -> Class {
+fn hue_class(hue_deg: f32) -> ColourClass {
     match hue_deg {
-        h if h < 30.0 => Class::RED,
-        h if h < 90.0 => Class::YELLOW,
-        h if h < 160.0 => Class::OTHER,
-        h if h < 215.0 => Class::CYAN,
-        h if h < 270.0 => Class::BLUE,
-        h if h < 335.0 => Class::MAGENTA,
-        _ => Class::RED,
+        h if h < 30.0 => ColourClass::RED,
+        h if h < 90.0 => ColourClass::YELLOW,
+        h if h < 160.0 => ColourClass::OTHER,
+        h if h < 215.0 => ColourClass::CYAN,
+        h if h < 270.0 => ColourClass::BLUE,
+        h if h < 335.0 => ColourClass::MAGENTA,
+        _ => ColourClass::RED,
     }
 }
 
@@ -196,7 +205,7 @@ fn largest_cluster(ground: &[[u8; 3]]) -> Option<[f32; 3]> {
     let bin = |part: u8, sum: u16| (usize::from(part) * BINS / usize::from(sum)).min(BINS - 1);
     let place = |rgb: &[u8; 3]| {
         let sum: u16 = rgb.iter().map(|&channel| u16::from(channel)).sum();
-        (sum >= TOO_DARK_TO_VOTE).then(|| (bin(rgb[0], sum), bin(rgb[1], sum)))
+        (sum >= VOTE_BRIGHTNESS_MIN).then(|| (bin(rgb[0], sum), bin(rgb[1], sum)))
     };
     let mut votes = vec![0u32; BINS * BINS];
     let mut voters = 0;
@@ -263,7 +272,7 @@ pub(crate) fn median_colour(colours: &[[u8; 3]]) -> Option<[f32; 3]> {
     }))
 }
 
-fn balance(rgb: [f32; 3], white: [f32; 3]) -> [f32; 3] {
+fn white_balance(rgb: [f32; 3], white: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|i| rgb[i] / white[i])
 }
 

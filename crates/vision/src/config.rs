@@ -18,9 +18,9 @@ pub struct VisionConfig {
     /// Ball, robots and goals.
     pub objects: ObjectConfig,
     /// When and how far exposure and gain follow the light.
-    pub exposure: ExposureConfig,
+    pub exposure: AutoExposureConfig,
     /// The virtual sensors' windows.
-    pub windows: WindowConfig,
+    pub virtual_sensors: VirtualSensorConfig,
 }
 
 /// The scan pattern (minho2016 section III: 72 radial lines every 5°, 36 spirals each way every 10°).
@@ -41,7 +41,7 @@ pub struct ScanConfig {
     /// Farther ground is not scanned, metres.
     pub range_max: f32,
     /// Ground that a pixel covers along the viewing direction may be this many line widths and still tell a line.
-    pub pixel_per_line_max: f32,
+    pub pixel_footprint_max: f32,
 }
 
 impl Default for ScanConfig {
@@ -53,7 +53,7 @@ impl Default for ScanConfig {
             circles: 0,
             range_min: 0.25,
             range_max: 9.0,
-            pixel_per_line_max: 2.0,
+            pixel_footprint_max: 2.0,
         }
     }
 }
@@ -63,49 +63,49 @@ impl Default for ScanConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct ColourConfig {
     /// The carpet is sought among ground pixels nearer than this, metres: beyond lies more of the surroundings.
-    pub carpet_range: f32,
+    pub learning_range_max: f32,
     /// A pixel keeps this share of the carpet's chroma, at least, to be carpet; glare and lines bleach it.
     pub carpet_chroma_min: f32,
     /// A pixel's chroma may leave the carpet's hue by this share of the carpet's chroma, at most.
-    pub carpet_hue_slack: f32,
+    pub carpet_hue_tolerance: f32,
     /// A pixel is at least this bright, as a share of the carpet's median, to be carpet; shadows are darker.
-    pub carpet_bright_min: f32,
+    pub carpet_brightness_min: f32,
     /// The carpet is learned anew when fewer of the carpet pixels than this share of when it was learned are carpet.
-    pub relearn_below: f32,
+    pub relearn_carpet_share: f32,
     /// A frame is black if 95 % of its scanned pixels stay below this level, of 255.
-    pub black_frame_level: u8,
+    pub dark_image_level: u8,
     /// How colours are followed while playing.
-    pub adapt: AdaptConfig,
+    pub adaptation: ColourAdaptationConfig,
 }
 
 /// How carpet and white are followed from frame to frame, between what was learned and what is quite another light.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct AdaptConfig {
+pub struct ColourAdaptationConfig {
     /// False: colours stay as they were learned.
     pub enabled: bool,
     /// Every so many frames are looked at: light that changes faster is learned anew.
-    pub every: u32,
+    pub interval_images: u32,
     /// Share of the way that the tracked colours go towards each such frame's: 0.03 of every tenth takes some ten seconds
     /// at 30 frames a second.
-    pub rate: f32,
+    pub smoothing_factor: f32,
     /// Brightness follows by this factor up or down, at most; another light is learned anew.
-    pub brightness_max: f32,
+    pub brightness_factor_max: f32,
     /// A channel's share of the brightness follows by this share of the carpet's chroma, at most: still the same carpet.
-    pub chroma_max: f32,
+    pub chroma_deviation_max: f32,
     /// Tables are rebuilt when a channel is off by this share: half of what a classification would notice.
-    pub rebuild_off: f32,
+    pub rebuild_threshold: f32,
 }
 
-impl Default for AdaptConfig {
+impl Default for ColourAdaptationConfig {
     fn default() -> Self {
-        AdaptConfig {
+        ColourAdaptationConfig {
             enabled: true,
-            every: 10,
-            rate: 0.03,
-            brightness_max: 1.6,
-            chroma_max: 0.25,
-            rebuild_off: 0.08,
+            interval_images: 10,
+            smoothing_factor: 0.03,
+            brightness_factor_max: 1.6,
+            chroma_deviation_max: 0.25,
+            rebuild_threshold: 0.08,
         }
     }
 }
@@ -113,13 +113,13 @@ impl Default for AdaptConfig {
 impl Default for ColourConfig {
     fn default() -> Self {
         ColourConfig {
-            carpet_range: 4.0,
+            learning_range_max: 4.0,
             carpet_chroma_min: 0.35,
-            carpet_hue_slack: 0.45,
-            carpet_bright_min: 0.25,
-            relearn_below: 0.5,
-            black_frame_level: 12,
-            adapt: AdaptConfig::default(),
+            carpet_hue_tolerance: 0.45,
+            carpet_brightness_min: 0.25,
+            relearn_carpet_share: 0.5,
+            dark_image_level: 12,
+            adaptation: ColourAdaptationConfig::default(),
         }
     }
 }
@@ -129,37 +129,37 @@ impl Default for ColourConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct LineConfig {
     /// Narrowest run, in line widths; blur widens a run and never narrows it, a third of a pixel is allowed for noise.
-    pub width_min: f32,
+    pub width_ratio_min: f32,
     /// Widest run, in line widths: a scan line that crosses a line at 20° sees three; pixel size on top.
-    pub width_max: f32,
+    pub width_ratio_max: f32,
     /// A run stands out from the carpet beside it by this many standard deviations of the image's noise, at least.
-    pub contrast_noises: f32,
+    pub contrast_sigma_min: f32,
     /// A run stands out by this many levels, of 255, at least: coarser than the camera's own steps and JPEG's ripple.
-    pub contrast_levels: f32,
+    pub contrast_levels_min: f32,
     /// A line wider in the image than the blur has at least this share of the white–carpet contrast; glare takes the rest.
     pub white_share_min: f32,
     /// Width of the image's blur, pixels: thinner lines lose contrast in proportion.
     pub blur_px: f32,
     /// How far a run's added light may leave white's direction, as a share of the added brightness.
-    pub hue_slack: f32,
+    pub hue_tolerance: f32,
     /// How well an edge is placed in the image, standard deviation, pixels.
     pub position_std_px: f32,
     /// Are the feet of white walls points too (lima2001 4)? For fields whose boundary lines are walls.
-    pub walls: bool,
+    pub detect_wall_bases: bool,
 }
 
 impl Default for LineConfig {
     fn default() -> Self {
         LineConfig {
-            width_min: 0.7,
-            width_max: 3.0,
-            contrast_noises: 5.0,
-            contrast_levels: 8.0,
+            width_ratio_min: 0.7,
+            width_ratio_max: 3.0,
+            contrast_sigma_min: 5.0,
+            contrast_levels_min: 8.0,
             white_share_min: 0.25,
             blur_px: 3.0,
-            hue_slack: 0.45,
+            hue_tolerance: 0.45,
             position_std_px: 0.5,
-            walls: false,
+            detect_wall_bases: false,
         }
     }
 }
@@ -169,14 +169,14 @@ impl Default for LineConfig {
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
     /// Directions in which the first obstacle is sought, evenly around the mirror's axis; 2° is 14 cm at 4 m.
-    pub rays: usize,
+    pub ray_count: usize,
     /// Pixels from one sample of a ray to the next; an obstacle's edge is then sought pixel by pixel.
     pub ray_step_px: usize,
     /// Something that is neither carpet nor line ends the carpet when it covers more of the ground than this
     /// along the viewing direction, metres.
-    pub gap_max: f32,
+    pub carpet_gap_max: f32,
     /// As much on top of `gap_max`, as a share of the distance: a ball's height hides 0.4 of it.
-    pub gap_share: f32,
+    pub carpet_gap_per_range: f32,
     /// Height of the point that the mirror sees from, metres; robots of the league are at most 0.8 m high.
     pub viewpoint_height: f32,
     /// The ball's radius, metres (size 5).
@@ -186,7 +186,7 @@ pub struct ObjectConfig {
     #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub ball_hue_deg: [f32; 2],
     /// A ball covers at least this share of the pixels that a whole one would cover at its place.
-    pub ball_part_min: f32,
+    pub ball_visible_share_min: f32,
     /// Fewer pixels are no ball.
     pub ball_pixels_min: usize,
     /// Balls are sought up to this distance, metres.
@@ -198,9 +198,9 @@ pub struct ObjectConfig {
     /// Wider obstacles are the carpet's edge or a wall, metres.
     pub robot_width_max: f32,
     /// What has a marker but no dark foot is a robot if it stands this much before what ends the carpet beside it, metres.
-    pub robot_before_min: f32,
+    pub robot_depth_step_min: f32,
     /// A post stands this much before what ends the carpet on both its sides, metres: half a goal's depth is carpet too.
-    pub post_before_min: f32,
+    pub post_depth_step_min: f32,
     /// Robots are sought up to this distance, metres.
     pub robot_range_max: f32,
 }
@@ -208,21 +208,21 @@ pub struct ObjectConfig {
 impl Default for ObjectConfig {
     fn default() -> Self {
         ObjectConfig {
-            rays: 180,
+            ray_count: 180,
             ray_step_px: 2,
-            gap_max: 0.3,
-            gap_share: 0.45,
+            carpet_gap_max: 0.3,
+            carpet_gap_per_range: 0.45,
             viewpoint_height: 0.78,
             ball_radius: 0.11,
             ball_hue_deg: [8.0, 62.0],
-            ball_part_min: 0.2,
+            ball_visible_share_min: 0.2,
             ball_pixels_min: 6,
             ball_range_max: 9.0,
             robot_radius: 0.25,
             robot_width_min: 0.15,
             robot_width_max: 1.1,
-            robot_before_min: 0.4,
-            post_before_min: 0.25,
+            robot_depth_step_min: 0.4,
+            post_depth_step_min: 0.25,
             robot_range_max: 7.0,
         }
     }
@@ -231,33 +231,33 @@ impl Default for ObjectConfig {
 /// When and how far exposure and gain follow the light; what the camera can do is `[exposure]` of robot.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct ExposureConfig {
+pub struct AutoExposureConfig {
     /// False: exposure is neither watched nor changed.
     pub enabled: bool,
     /// The centre's brightness is looked at in every so many frames: light does not change faster than a tenth of a second.
     pub check_every: u64,
     /// Carpet nearer than this belongs to the centre, metres: it is in view wherever the robot is.
-    pub ring_range: f32,
+    pub centre_range_max: f32,
     /// The best setting is sought when the centre's brightness changed by this share; a line or ball nearby changes less.
-    pub change_min: f32,
+    pub brightness_change_min: f32,
     /// Another setting must promise so many bits of entropy more: below lies what the scene changes by itself.
     pub entropy_gain_min: f32,
     /// One command changes the light by this factor, at most: predictions from a clipped picture go wrong beyond.
-    pub step_max: f32,
+    pub step_factor_max: f32,
     /// The search ends when a step would change the light by less than this share.
-    pub settled: f32,
+    pub convergence_tolerance: f32,
 }
 
-impl Default for ExposureConfig {
+impl Default for AutoExposureConfig {
     fn default() -> Self {
-        ExposureConfig {
+        AutoExposureConfig {
             enabled: true,
             check_every: 3,
-            ring_range: 1.0,
-            change_min: 0.12,
+            centre_range_max: 1.0,
+            brightness_change_min: 0.12,
             entropy_gain_min: 0.05,
-            step_max: 8.0,
-            settled: 0.1,
+            step_factor_max: 8.0,
+            convergence_tolerance: 0.1,
         }
     }
 }
@@ -265,7 +265,7 @@ impl Default for ExposureConfig {
 /// A rectangle of the image, pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Window {
+pub struct ImageRect {
     /// Its left edge.
     pub left_px: f32,
     /// Its upper edge.
@@ -279,36 +279,36 @@ pub struct Window {
 /// The virtual sensors of lima2001 section 3.3. Windows that are not given are laid out by the ground map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct WindowConfig {
+pub struct VirtualSensorConfig {
     /// The bumpers, from the left over the front to the right; none given: nine squares evenly around the robot.
-    pub bumpers: Vec<Window>,
+    pub bumpers: Vec<ImageRect>,
     /// Goals are sought in these; none given: three in front, from half way out to the rim.
-    pub goals: Vec<Window>,
+    pub goals: Vec<ImageRect>,
     /// The ball counts inside this one; left out: everywhere.
-    pub ball: Option<Window>,
+    pub ball: Option<ImageRect>,
     /// The ball inside this one touches the kicker; left out: just before the robot.
-    pub kick: Option<Window>,
+    pub kick: Option<ImageRect>,
     /// The camera's lens must be seen inside this one; left out: around where the mirror's axis should be.
-    pub lens: Option<Window>,
+    pub lens: Option<ImageRect>,
     /// Middle of the bumpers that are laid out, metres from the robot's centre.
     pub bumper_range: f32,
     /// Ground that such a bumper covers along the ray, metres.
     pub bumper_size: f32,
     /// A bumper is hit when this share of it is not floor: a line that passes covers less than half.
-    pub bumper_share: f32,
+    pub bumper_occupied_share_min: f32,
     /// A goal is seen when this share of one of its windows has its colour.
-    pub goal_share: f32,
+    pub goal_colour_share_min: f32,
     /// Middle of the kick window that is laid out, metres before the robot's centre: half a robot and a ball's radius.
     pub kick_range: f32,
     /// Ground that it covers along the ray, metres: a ball's diameter.
     pub kick_size: f32,
     /// The ball touches the kicker when this share of the kick window has its colour.
-    pub kick_share: f32,
+    pub kick_colour_share_min: f32,
 }
 
-impl Default for WindowConfig {
+impl Default for VirtualSensorConfig {
     fn default() -> Self {
-        WindowConfig {
+        VirtualSensorConfig {
             bumpers: Vec::new(),
             goals: Vec::new(),
             ball: None,
@@ -316,17 +316,17 @@ impl Default for WindowConfig {
             lens: None,
             bumper_range: 0.6,
             bumper_size: 0.3,
-            bumper_share: 0.5,
-            goal_share: 0.1,
+            bumper_occupied_share_min: 0.5,
+            goal_colour_share_min: 0.1,
             kick_range: 0.36,
             kick_size: 0.22,
-            kick_share: 0.3,
+            kick_colour_share_min: 0.3,
         }
     }
 }
 
-impl WindowConfig {
-    fn windows(&self) -> impl Iterator<Item = &Window> {
+impl VirtualSensorConfig {
+    fn rects(&self) -> impl Iterator<Item = &ImageRect> {
         let single = [&self.ball, &self.kick, &self.lens];
         let lists = self.bumpers.iter().chain(&self.goals);
         lists.chain(single.into_iter().flatten())
@@ -338,9 +338,9 @@ impl VisionConfig {
     pub fn check(&self) -> Result<(), VisionError> {
         let refuse = |key, value: f64, reason| Err(VisionError::Config { key, value, reason });
         let scan = &self.scan;
-        if self.objects.rays < 16 {
+        if self.objects.ray_count < 16 {
             let reason = "at least 16 rays find the carpet's end";
-            return refuse("objects.rays", self.objects.rays as f64, reason);
+            return refuse("objects.rays", self.objects.ray_count as f64, reason);
         }
         if self.objects.ray_step_px == 0 {
             return refuse("objects.ray_step_px", 0.0, "must be at least 1 pixel");
@@ -350,12 +350,12 @@ impl VisionConfig {
             let height = self.objects.viewpoint_height;
             return refuse("objects.viewpoint_height", f64::from(height), reason);
         }
-        let adapt = &self.colours.adapt;
-        if !(adapt.rate <= 1.0 && adapt.brightness_max >= 1.0) {
+        let adapt = &self.colours.adaptation;
+        if !(adapt.smoothing_factor <= 1.0 && adapt.brightness_factor_max >= 1.0) {
             let reason = "rate is at most 1, brightness_max at least 1";
-            return refuse("colours.adapt", f64::from(adapt.rate), reason);
+            return refuse("colours.adapt", f64::from(adapt.smoothing_factor), reason);
         }
-        for window in self.windows.windows() {
+        for window in self.virtual_sensors.rects() {
             let lengths = [window.width_px, window.height_px];
             let places = [window.left_px, window.top_px];
             if !(lengths.iter().all(|&l| l.is_finite() && l >= 1.0)
@@ -369,7 +369,7 @@ impl VisionConfig {
             ("scan.radial_lines", scan.radial_lines),
             ("scan.spirals_each_way", scan.spirals_each_way),
             ("scan.circles", scan.circles),
-            ("objects.rays", self.objects.rays),
+            ("objects.rays", self.objects.ray_count),
         ] {
             if count > 2000 {
                 return refuse(key, count as f64, "more than 2000 lines of one kind");
@@ -377,33 +377,51 @@ impl VisionConfig {
         }
         for (key, value) in [
             ("scan.range_max", scan.range_max),
-            ("scan.pixel_per_line_max", scan.pixel_per_line_max),
-            ("colours.carpet_range", self.colours.carpet_range),
-            ("lines.width_max", self.lines.width_max),
-            ("lines.contrast_levels", self.lines.contrast_levels),
+            ("scan.pixel_per_line_max", scan.pixel_footprint_max),
+            ("colours.carpet_range", self.colours.learning_range_max),
+            ("lines.width_max", self.lines.width_ratio_max),
+            ("lines.contrast_levels", self.lines.contrast_levels_min),
             ("lines.position_std_px", self.lines.position_std_px),
-            ("lines.hue_slack", self.lines.hue_slack),
+            ("lines.hue_slack", self.lines.hue_tolerance),
             ("lines.blur_px", self.lines.blur_px),
             ("objects.viewpoint_height", self.objects.viewpoint_height),
             ("objects.ball_radius", self.objects.ball_radius),
             ("objects.ball_range_max", self.objects.ball_range_max),
             ("objects.robot_range_max", self.objects.robot_range_max),
             ("objects.robot_width_max", self.objects.robot_width_max),
-            ("objects.robot_before_min", self.objects.robot_before_min),
-            ("objects.post_before_min", self.objects.post_before_min),
-            ("colours.adapt.rate", self.colours.adapt.rate),
-            ("colours.adapt.rebuild_off", self.colours.adapt.rebuild_off),
-            ("exposure.ring_range", self.exposure.ring_range),
-            ("exposure.change_min", self.exposure.change_min),
-            ("exposure.step_max", self.exposure.step_max),
-            ("exposure.settled", self.exposure.settled),
-            ("windows.bumper_range", self.windows.bumper_range),
-            ("windows.bumper_size", self.windows.bumper_size),
-            ("windows.bumper_share", self.windows.bumper_share),
-            ("windows.goal_share", self.windows.goal_share),
-            ("windows.kick_range", self.windows.kick_range),
-            ("windows.kick_size", self.windows.kick_size),
-            ("windows.kick_share", self.windows.kick_share),
+            (
+                "objects.robot_before_min",
+                self.objects.robot_depth_step_min,
+            ),
+            ("objects.post_before_min", self.objects.post_depth_step_min),
+            (
+                "colours.adapt.rate",
+                self.colours.adaptation.smoothing_factor,
+            ),
+            (
+                "colours.adapt.rebuild_off",
+                self.colours.adaptation.rebuild_threshold,
+            ),
+            ("exposure.ring_range", self.exposure.centre_range_max),
+            ("exposure.change_min", self.exposure.brightness_change_min),
+            ("exposure.step_max", self.exposure.step_factor_max),
+            ("exposure.settled", self.exposure.convergence_tolerance),
+            ("windows.bumper_range", self.virtual_sensors.bumper_range),
+            ("windows.bumper_size", self.virtual_sensors.bumper_size),
+            (
+                "windows.bumper_share",
+                self.virtual_sensors.bumper_occupied_share_min,
+            ),
+            (
+                "windows.goal_share",
+                self.virtual_sensors.goal_colour_share_min,
+            ),
+            ("windows.kick_range", self.virtual_sensors.kick_range),
+            ("windows.kick_size", self.virtual_sensors.kick_size),
+            (
+                "windows.kick_share",
+                self.virtual_sensors.kick_colour_share_min,
+            ),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(key, f64::from(value), "must be positive");
@@ -413,15 +431,24 @@ impl VisionConfig {
             ("scan.range_min", scan.range_min),
             ("scan.spiral_turns", scan.spiral_turns),
             ("colours.carpet_chroma_min", self.colours.carpet_chroma_min),
-            ("colours.carpet_hue_slack", self.colours.carpet_hue_slack),
-            ("colours.carpet_bright_min", self.colours.carpet_bright_min),
-            ("colours.relearn_below", self.colours.relearn_below),
-            ("lines.width_min", self.lines.width_min),
-            ("lines.contrast_noises", self.lines.contrast_noises),
+            (
+                "colours.carpet_hue_slack",
+                self.colours.carpet_hue_tolerance,
+            ),
+            (
+                "colours.carpet_bright_min",
+                self.colours.carpet_brightness_min,
+            ),
+            ("colours.relearn_below", self.colours.relearn_carpet_share),
+            ("lines.width_min", self.lines.width_ratio_min),
+            ("lines.contrast_noises", self.lines.contrast_sigma_min),
             ("lines.white_share_min", self.lines.white_share_min),
-            ("objects.gap_max", self.objects.gap_max),
-            ("objects.gap_share", self.objects.gap_share),
-            ("colours.adapt.chroma_max", self.colours.adapt.chroma_max),
+            ("objects.gap_max", self.objects.carpet_gap_max),
+            ("objects.gap_share", self.objects.carpet_gap_per_range),
+            (
+                "colours.adapt.chroma_max",
+                self.colours.adaptation.chroma_deviation_max,
+            ),
             ("exposure.entropy_gain_min", self.exposure.entropy_gain_min),
         ] {
             if !(value.is_finite() && value >= 0.0) {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 pub enum VisionError {
     /// An image file cannot be read or is no image.
     #[error("cannot read image {}: {reason}", path.display())]
-    Image {
+    ReadImage {
         /// The file.
         path: PathBuf,
         /// The decoder's word.
@@ -15,29 +15,29 @@ pub enum VisionError {
     },
     /// A frame has another size than the map was made for.
     #[error(
-        "image is {found_width_px} × {found_height_px} pixels, the map and the camera are {wanted_width_px} × {wanted_height_px}"
+        "image is {actual_width_px} × {actual_height_px} pixels, the map and the camera are {expected_width_px} × {expected_height_px}"
     )]
-    Size {
+    ImageSize {
         /// Columns of the frame.
-        found_width_px: usize,
+        actual_width_px: usize,
         /// Rows of the frame.
-        found_height_px: usize,
+        actual_height_px: usize,
         /// Columns of the map.
-        wanted_width_px: usize,
+        expected_width_px: usize,
         /// Rows of the map.
-        wanted_height_px: usize,
+        expected_height_px: usize,
     },
     /// A frame holds fewer bytes than its size and format need.
-    #[error("torn frame: {found} bytes, a whole one has {wanted}")]
-    Torn {
+    #[error("truncated image: {actual_bytes} bytes (expected {expected_bytes})")]
+    Truncated {
         /// Bytes found.
-        found: usize,
+        actual_bytes: usize,
         /// Bytes of a whole frame.
-        wanted: usize,
+        expected_bytes: usize,
     },
     /// A frame without light: nothing can be told from it.
     #[error("black frame: the brightest of its carpet is {brightest} of 255")]
-    Black {
+    TooDark {
         /// The level that 95 % of the scanned pixels stay below, of 255.
         brightest: u8,
     },

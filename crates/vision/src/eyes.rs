@@ -4,88 +4,90 @@ mod light;
 
 use std::sync::Arc;
 
-use crate::ball::{Ball, BallSearch, Visited};
+use crate::ball::{BallDetection, BallDetector, VisitedMask};
 use crate::carpet::CarpetModel;
-use crate::classify::ClassReader;
-use crate::colours::{Class, NativeTable};
-use crate::config::{VisionConfig, Window};
+use crate::classify::PixelClassifier;
+use crate::colours::{ColourClass, ColourLookupTable};
+use crate::config::{ImageRect, VisionConfig};
 use crate::error::VisionError;
-use crate::foot::Floor;
-use crate::goals::{Goal, goals};
+use crate::foot::GroundContactSearch;
+use crate::goals::{GoalDetection, detect_goals};
 use crate::ground_map::GroundMap;
-use crate::image::Frame;
-use crate::judge::Judge;
+use crate::image::ImageView;
+use crate::judge::LineValidator;
 use crate::labels::ColourTable;
-use crate::line_points::{Reading, RefusedRun, Scratch, SeenLinePoint, line_points};
-use crate::rays::{RaySight, Rays};
-use crate::reach::Reach;
+use crate::line_points::{
+    LinePointDetection, LineScratch, RejectedCandidate, ScanReadout, detect_line_points,
+};
+use crate::rays::{CarpetEnd, RadialScan};
+use crate::reach::ScanLimits;
 use crate::read::BrightnessReader;
-use crate::robots::{Robot, robots};
+use crate::robots::{RobotDetection, detect_robots};
 use crate::scan::ScanPattern;
-use crate::transitions::wall_feet;
-use crate::windows::{WindowReadings, Windows};
+use crate::transitions::detect_wall_bases;
+use crate::windows::{VirtualSensorReadings, VirtualSensors};
 use localize::robot::CameraConfig;
 
-use light::Light;
+use light::ColourModel;
 
 /// Everything that one frame shows.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Seen {
+pub struct Detections {
     /// Points of the field's markings.
-    pub line_points: Vec<SeenLinePoint>,
+    pub line_points: Vec<LinePointDetection>,
     /// Runs that look like a line and are none.
-    pub refused: Vec<RefusedRun>,
+    pub rejected_candidates: Vec<RejectedCandidate>,
     /// The ball.
-    pub ball: Option<Ball>,
+    pub ball: Option<BallDetection>,
     /// Robots, and legs of people.
-    pub robots: Vec<Robot>,
+    pub robots: Vec<RobotDetection>,
     /// Goals and posts.
-    pub goals: Vec<Goal>,
+    pub goals: Vec<GoalDetection>,
     /// What the virtual sensors say.
-    pub windows: WindowReadings,
+    pub virtual_sensors: VirtualSensorReadings,
     /// Where the carpet ends in each direction around the mirror's axis, metres (infinite: not seen); the first is
     /// image right, then towards image up.
     pub carpet_end: Vec<f32>,
     /// Share of the scanned pixels that are carpet.
     pub carpet_share: f32,
     /// True if the colours were learned anew from this frame.
-    pub learned: bool,
+    pub colours_learned: bool,
 }
 
 /// The carpet's share is counted over each so manieth sample: thousands are left, which tell it to a percent.
-const SHARE_STEP: usize = 16;
+const CARPET_SAMPLE_STRIDE: usize = 16;
 
 /// So many rows are read by one reader and then by the next: what the first fetched is in the core's cache for the others.
 const BAND_ROWS: usize = 4;
 
 /// The eyes of one robot: tables of its camera and map, and the colours of the light it is in.
 #[derive(Debug, Clone)]
-pub struct Eyes {
+pub struct Vision {
     map: GroundMap,
     config: VisionConfig,
     line_width: f32,
     pattern: ScanPattern,
     /// Column and row of each of the pattern's samples, together in memory.
-    places: Vec<[u16; 2]>,
+    sample_pixels: Vec<[u16; 2]>,
     brightness: BrightnessReader,
-    reach: Reach,
+    scan_limits: ScanLimits,
     /// Reads all of the pattern's samples.
-    every: ClassReader,
+    sample_classifier: PixelClassifier,
     /// Reads each [`SHARE_STEP`]th of them.
-    some: ClassReader,
-    some_classes: Vec<Class>,
-    rays: Rays,
-    visited: Visited,
-    windows: Windows,
+    subsample_classifier: PixelClassifier,
+    subsample_classes: Vec<ColourClass>,
+    radial_scan: RadialScan,
+    visited_mask: VisitedMask,
+    virtual_sensors: VirtualSensors,
     centre_px: [f32; 2],
-    labelled: Option<Arc<ColourTable>>,
-    light: Option<Light>,
-    classes: Vec<Class>,
-    thresholds: Vec<u8>,
-    scratch: Scratch,
+    colour_table: Option<Arc<ColourTable>>,
+    colour_model: Option<ColourModel>,
+    classes: Vec<ColourClass>,
+    peak_thresholds: Vec<u8>,
+    scratch: LineScratch,
 }
 
-impl Eyes {
+impl Vision {
     /// Builds the tables; `line_width` of the field's markings in metres.
     pub fn new(
         map: &GroundMap,
@@ -93,7 +95,7 @@ impl Eyes {
         line_width: f32,
         config: VisionConfig,
     ) -> Result<Self, VisionError> {
-        Eyes::with_mask(map, camera, None, line_width, config)
+        Vision::with_mask(map, camera, None, line_width, config)
     }
 
     /// As [`Eyes::new`], with a mask: one entry a pixel, row by row, false where the robot's own body and rods are.
@@ -105,11 +107,11 @@ impl Eyes {
         config: VisionConfig,
     ) -> Result<Self, VisionError> {
         config.check()?;
-        let size = |found_width_px, found_height_px| VisionError::Size {
-            found_width_px,
-            found_height_px,
-            wanted_width_px: map.width_px,
-            wanted_height_px: map.height_px,
+        let size = |found_width_px, found_height_px| VisionError::ImageSize {
+            actual_width_px: found_width_px,
+            actual_height_px: found_height_px,
+            expected_width_px: map.width_px,
+            expected_height_px: map.height_px,
         };
         if (camera.width_px, camera.height_px) != (map.width_px, map.height_px) {
             return Err(size(camera.width_px, camera.height_px));
@@ -132,102 +134,112 @@ impl Eyes {
                 reason: "no pixel of the map shows ground within range",
             });
         }
-        let rays = Rays::new(map, camera, mask, config.scan.range_min, &config.objects);
+        let rays = RadialScan::new(map, camera, mask, config.scan.range_min, &config.objects);
         let places: Vec<[u16; 2]> = pattern.samples.iter().map(|s| [s.u, s.v]).collect();
-        let some: Vec<[u16; 2]> = places.iter().copied().step_by(SHARE_STEP).collect();
-        Ok(Eyes {
+        let some: Vec<[u16; 2]> = places
+            .iter()
+            .copied()
+            .step_by(CARPET_SAMPLE_STRIDE)
+            .collect();
+        Ok(Vision {
             map: map.clone(),
             brightness: BrightnessReader::new(&places, map.width_px, map.height_px),
-            reach: Reach::new(&pattern, rays.count()),
-            every: ClassReader::new(&places, map.height_px),
-            some_classes: vec![Class::OTHER; some.len()],
-            some: ClassReader::new(&some, map.height_px),
-            places,
-            rays,
-            visited: Visited::default(),
-            windows: Windows::new(map, camera, &config.windows)?,
+            scan_limits: ScanLimits::new(&pattern, rays.count()),
+            sample_classifier: PixelClassifier::new(&places, map.height_px),
+            subsample_classes: vec![ColourClass::OTHER; some.len()],
+            subsample_classifier: PixelClassifier::new(&some, map.height_px),
+            sample_pixels: places,
+            radial_scan: rays,
+            visited_mask: VisitedMask::default(),
+            virtual_sensors: VirtualSensors::new(map, camera, &config.virtual_sensors)?,
             centre_px: camera.centre_px,
-            classes: vec![Class::OTHER; pattern.samples.len()],
-            thresholds: Vec::new(),
-            scratch: Scratch::default(),
+            classes: vec![ColourClass::OTHER; pattern.samples.len()],
+            peak_thresholds: Vec::new(),
+            scratch: LineScratch::default(),
             config,
             line_width,
             pattern,
-            labelled: None,
-            light: None,
+            colour_table: None,
+            colour_model: None,
         })
     }
 
     /// Takes classes from a table learned from labels; brightness and noise are still learned from the images.
-    pub fn set_colours(&mut self, table: ColourTable) {
-        self.labelled = Some(Arc::new(table));
-        self.light = None;
+    pub fn set_colour_table(&mut self, table: ColourTable) {
+        self.colour_table = Some(Arc::new(table));
+        self.colour_model = None;
     }
 
     /// The pixels that are read.
-    pub fn pattern(&self) -> &ScanPattern {
+    pub fn scan_pattern(&self) -> &ScanPattern {
         &self.pattern
     }
 
     /// The virtual sensors' windows with their names: bumper, goal, ball, kick, lens.
-    pub fn windows(&self) -> &[(&'static str, Window)] {
-        self.windows.laid()
+    pub fn virtual_sensor_regions(&self) -> &[(&'static str, ImageRect)] {
+        self.virtual_sensors.regions()
     }
 
     /// The classes of the pattern's samples in a frame, one a sample, under the light of the frame that was seen last.
-    pub fn classify(&mut self, frame: &Frame<'_>) -> Result<&[Class], VisionError> {
+    pub fn classify_samples(
+        &mut self,
+        frame: &ImageView<'_>,
+    ) -> Result<&[ColourClass], VisionError> {
         frame.check(self.map.width_px, self.map.height_px)?;
-        if let Some(light) = self.light.take() {
-            self.read_every(frame, &light.table);
-            self.light = Some(light);
+        if let Some(light) = self.colour_model.take() {
+            self.classify_all_samples(frame, &light.lookup_table);
+            self.colour_model = Some(light);
         }
         Ok(&self.classes)
     }
 
     /// Carpet and white under the present light, once a frame was seen.
     pub fn carpet_model(&self) -> Option<&CarpetModel> {
-        self.light.as_ref().map(|light| &light.model)
+        self.colour_model.as_ref().map(|light| &light.carpet_model)
     }
 
     /// Forgets the light, so that the next frame is learned from: for single images that do not follow each other.
-    pub fn forget_light(&mut self) {
-        self.light = None;
+    pub fn reset_colour_model(&mut self) {
+        self.colour_model = None;
     }
 
     /// Everything that a frame shows; the first frame, and one in quite another light, is learned from first.
-    pub fn see(&mut self, frame: &Frame<'_>) -> Result<Seen, VisionError> {
-        let (mut light, sights, mut seen) = self.adapt(frame)?;
-        self.find_lines(frame, &light, &mut seen);
-        self.find_objects(frame, &light, &sights, &mut seen);
-        self.follow(frame, &mut light, &seen);
-        self.find_walls(frame, &light, &mut seen);
-        self.light = Some(light);
+    pub fn process(&mut self, frame: &ImageView<'_>) -> Result<Detections, VisionError> {
+        let (mut light, sights, mut seen) = self.scan_image(frame)?;
+        self.detect_lines(frame, &light, &mut seen);
+        self.detect_objects(frame, &light, &sights, &mut seen);
+        self.adapt_colours(frame, &mut light, &seen);
+        self.detect_wall_bases(frame, &light, &mut seen);
+        self.colour_model = Some(light);
         Ok(seen)
     }
 
     /// As [`Eyes::see`], but for line points alone: what localisation needs.
-    pub fn see_lines(&mut self, frame: &Frame<'_>) -> Result<Seen, VisionError> {
-        let (mut light, _, mut seen) = self.adapt(frame)?;
-        self.find_lines(frame, &light, &mut seen);
-        self.follow(frame, &mut light, &seen);
-        self.find_walls(frame, &light, &mut seen);
-        self.light = Some(light);
+    pub fn process_lines(&mut self, frame: &ImageView<'_>) -> Result<Detections, VisionError> {
+        let (mut light, _, mut seen) = self.scan_image(frame)?;
+        self.detect_lines(frame, &light, &mut seen);
+        self.adapt_colours(frame, &mut light, &seen);
+        self.detect_wall_bases(frame, &light, &mut seen);
+        self.colour_model = Some(light);
         Ok(seen)
     }
 
     /// Segments the frame under the light known so far, or learned from it.
-    fn adapt(&mut self, frame: &Frame<'_>) -> Result<(Light, Vec<RaySight>, Seen), VisionError> {
+    fn scan_image(
+        &mut self,
+        frame: &ImageView<'_>,
+    ) -> Result<(ColourModel, Vec<CarpetEnd>, Detections), VisionError> {
         frame.check(self.map.width_px, self.map.height_px)?;
-        let mut seen = Seen::default();
+        let mut seen = Detections::default();
         // What was learned where no line was seen may be anything: a hand before the camera, a dark corner.
         let light = self
-            .light
+            .colour_model
             .take()
-            .filter(|light| light.format == frame.format && light.model.white_seen);
+            .filter(|light| light.format == frame.format && light.carpet_model.white_measured);
         let known = match light {
             Some(light) => {
-                let share = self.read(frame, &light);
-                (share >= self.config.colours.relearn_below * light.carpet_share)
+                let share = self.read_scan(frame, &light);
+                (share >= self.config.colours.relearn_carpet_share * light.learned_carpet_share)
                     .then_some((light, share))
             }
             None => None,
@@ -235,110 +247,116 @@ impl Eyes {
         let (light, share) = match known {
             Some(known) => known,
             None => {
-                seen.learned = true;
-                self.learn(frame)?
+                seen.colours_learned = true;
+                self.learn_colour_model(frame)?
             }
         };
         seen.carpet_share = share;
-        let sights = self.sights(&mut seen);
+        let sights = self.find_carpet_ends(&mut seen);
         Ok((light, sights, seen))
     }
 
     /// Reads brightness and rays; returns the share of samples that are carpet.
-    fn read(&mut self, frame: &Frame<'_>, light: &Light) -> f32 {
-        let classes = &mut self.some_classes;
+    fn read_scan(&mut self, frame: &ImageView<'_>, light: &ColourModel) -> f32 {
+        let classes = &mut self.subsample_classes;
         for start in (0..frame.height_px).step_by(BAND_ROWS) {
             let rows = start..(start + BAND_ROWS).min(frame.height_px);
-            self.brightness.read(frame, light.weights, &rows);
-            self.some.read(frame, &light.table, &rows, classes);
-            self.rays.read(frame, &light.table, &rows);
+            self.brightness.read(frame, light.channel_weights, &rows);
+            self.subsample_classifier
+                .classify_rows(frame, &light.lookup_table, &rows, classes);
+            self.radial_scan.read(frame, &light.lookup_table, &rows);
         }
-        let carpet = classes.iter().filter(|&&class| class == Class::CARPET);
+        let carpet = classes
+            .iter()
+            .filter(|&&class| class == ColourClass::CARPET);
         carpet.count() as f32 / classes.len() as f32
     }
 
     /// Classifies all of the pattern's samples.
-    fn read_every(&mut self, frame: &Frame<'_>, table: &NativeTable) {
+    fn classify_all_samples(&mut self, frame: &ImageView<'_>, table: &ColourLookupTable) {
         let all = 0..frame.height_px;
-        self.every.read(frame, table, &all, &mut self.classes);
+        self.sample_classifier
+            .classify_rows(frame, table, &all, &mut self.classes);
     }
 
     /// Follows the rays to the carpet's end.
-    fn sights(&self, seen: &mut Seen) -> Vec<RaySight> {
-        let sights = self.rays.sights(&self.config.objects);
-        seen.carpet_end = sights.iter().map(|sight| sight.end).collect();
+    fn find_carpet_ends(&self, seen: &mut Detections) -> Vec<CarpetEnd> {
+        let sights = self.radial_scan.find_carpet_ends(&self.config.objects);
+        seen.carpet_end = sights.iter().map(|sight| sight.range).collect();
         sights
     }
 
-    fn find_objects(
+    fn detect_objects(
         &mut self,
-        frame: &Frame<'_>,
-        light: &Light,
-        sights: &[RaySight],
-        seen: &mut Seen,
+        frame: &ImageView<'_>,
+        light: &ColourModel,
+        sights: &[CarpetEnd],
+        seen: &mut Detections,
     ) {
-        let floor = Floor {
-            frame,
+        let floor = GroundContactSearch {
+            image: frame,
             map: &self.map,
-            table: &light.table,
+            lookup_table: &light.lookup_table,
             centre_px: self.centre_px,
         };
-        seen.robots = robots(&self.rays, sights, &floor, &self.config.objects);
-        seen.goals = goals(&self.rays, sights, &self.config.objects);
-        let search = BallSearch {
-            frame,
+        seen.robots = detect_robots(&self.radial_scan, sights, &floor, &self.config.objects);
+        seen.goals = detect_goals(&self.radial_scan, sights, &self.config.objects);
+        let search = BallDetector {
+            image: frame,
             map: &self.map,
-            table: &light.table,
+            lookup_table: &light.lookup_table,
             config: &self.config.objects,
             carpet_end: &seen.carpet_end,
             centre_px: self.centre_px,
         };
-        let seeds = self.rays.of_class(Class::BALL);
+        let seeds = self.radial_scan.samples_of_class(ColourClass::BALL);
         let seeds = seeds
             // The near part of a ball seems to lie no farther than it is.
-            .filter(|(turns, sample)| !search.beyond_carpet(*turns, sample.range / 1.5))
+            .filter(|(turns, sample)| !search.is_beyond_carpet(*turns, sample.range / 1.5))
             .map(|(_, sample)| [sample.u, sample.v]);
-        seen.ball = search.best(seeds, &mut self.visited);
-        let ball_px = seen.ball.map(|ball| ball.at_px);
-        seen.windows = self.windows.read(frame, &light.table, ball_px);
+        seen.ball = search.detect(seeds, &mut self.visited_mask);
+        let ball_px = seen.ball.map(|ball| ball.position_px);
+        seen.virtual_sensors = self
+            .virtual_sensors
+            .read(frame, &light.lookup_table, ball_px);
     }
 
-    fn find_lines(&mut self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
+    fn detect_lines(&mut self, frame: &ImageView<'_>, light: &ColourModel, seen: &mut Detections) {
         let mut scratch = std::mem::take(&mut self.scratch);
-        let (points, refused) = (&mut seen.line_points, &mut seen.refused);
-        let judge = self.judge(frame, light, &seen.carpet_end);
-        line_points(&self.reading(), &judge, &mut scratch, points, refused);
+        let (points, refused) = (&mut seen.line_points, &mut seen.rejected_candidates);
+        let judge = self.line_validator(frame, light, &seen.carpet_end);
+        detect_line_points(&self.scan_readout(), &judge, &mut scratch, points, refused);
         self.scratch = scratch;
     }
 
     /// The feet of walls, where they are wanted.
-    fn find_walls(&self, frame: &Frame<'_>, light: &Light, seen: &mut Seen) {
-        if self.config.lines.walls {
-            let judge = self.judge(frame, light, &seen.carpet_end);
-            wall_feet(&self.reading(), &judge, &mut seen.line_points);
+    fn detect_wall_bases(&self, frame: &ImageView<'_>, light: &ColourModel, seen: &mut Detections) {
+        if self.config.lines.detect_wall_bases {
+            let judge = self.line_validator(frame, light, &seen.carpet_end);
+            detect_wall_bases(&self.scan_readout(), &judge, &mut seen.line_points);
         }
     }
 
-    fn reading(&self) -> Reading<'_> {
-        Reading {
+    fn scan_readout(&self) -> ScanReadout<'_> {
+        ScanReadout {
             pattern: &self.pattern,
-            reach: &self.reach,
-            places: &self.places,
+            limits: &self.scan_limits,
+            pixels: &self.sample_pixels,
             brightness: &self.brightness,
-            thresholds: &self.thresholds,
+            peak_thresholds: &self.peak_thresholds,
         }
     }
 
-    fn judge<'a>(
+    fn line_validator<'a>(
         &'a self,
-        frame: &'a Frame<'a>,
-        light: &'a Light,
+        frame: &'a ImageView<'a>,
+        light: &'a ColourModel,
         carpet_end: &'a [f32],
-    ) -> Judge<'a> {
-        Judge {
-            frame,
-            table: &light.table,
-            model: &light.model,
+    ) -> LineValidator<'a> {
+        LineValidator {
+            image: frame,
+            lookup_table: &light.lookup_table,
+            carpet_model: &light.carpet_model,
             config: &self.config.lines,
             line_width: self.line_width,
             noise: light.noise,

@@ -2,9 +2,9 @@
 
 use localize::frame::{At, RobotFrame};
 
-use crate::colours::Class;
+use crate::colours::ColourClass;
 use crate::config::ObjectConfig;
-use crate::rays::{RaySight, Rays, stands_on_carpet};
+use crate::rays::{CarpetEnd, RadialScan, occludes_carpet_end};
 
 /// What was seen of a goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub enum GoalKind {
 
 /// A goal or a post of one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Goal {
+pub struct GoalDetection {
     /// What was seen.
     pub kind: GoalKind,
     /// Its middle on the ground, metres.
@@ -31,7 +31,7 @@ pub struct Goal {
     /// How sure it is, 0 to 1: the share of what its rays show beyond the carpet that has its colour.
     pub score: f32,
     /// Where its middle meets the carpet, in the image: column, row, pixels.
-    pub at_px: [f32; 2],
+    pub position_px: [f32; 2],
 }
 
 /// Widest white thing still taken for a post, metres: its side of 0.125 aslant, blurred.
@@ -44,18 +44,22 @@ const POST_SIDE: f32 = 0.125;
 const GOAL_WIDTH_MIN: f32 = 0.5;
 
 /// Groups rays that end in a goal's colour.
-pub(crate) fn goals(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> Vec<Goal> {
+pub(crate) fn detect_goals(
+    rays: &RadialScan,
+    sights: &[CarpetEnd],
+    config: &ObjectConfig,
+) -> Vec<GoalDetection> {
     let mut found = Vec::new();
     for (kind, class) in [
-        (GoalKind::Blue, Class::BLUE),
-        (GoalKind::Yellow, Class::YELLOW),
-        (GoalKind::Post, Class::WHITE),
+        (GoalKind::Blue, ColourClass::BLUE),
+        (GoalKind::Yellow, ColourClass::YELLOW),
+        (GoalKind::Post, ColourClass::WHITE),
     ] {
         let share: Vec<f32> = (0..rays.count())
-            .map(|ray| share(rays, &sights[ray], rays.starts[ray + 1], class))
+            .map(|ray| goal_colour_share(rays, &sights[ray], rays.starts[ray + 1], class))
             .collect();
         let joined = |a: usize, b: usize| {
-            let (a_end, b_end) = (sights[a].end, sights[b].end);
+            let (a_end, b_end) = (sights[a].range, sights[b].range);
             share[a] > 0.0
                 && share[b] > 0.0
                 && (a_end - b_end).abs() < 0.2 + 0.15 * a_end.min(b_end)
@@ -69,7 +73,7 @@ pub(crate) fn goals(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> 
             let ray = (first + step) % count;
             let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
             if !follows {
-                found.extend(goal(rays, sights, &share, &group, kind, config));
+                found.extend(build_goal(rays, sights, &share, &group, kind, config));
                 group.clear();
             }
             if share[ray] > 0.0 {
@@ -84,33 +88,34 @@ pub(crate) fn goals(rays: &Rays, sights: &[RaySight], config: &ObjectConfig) -> 
 ///
 /// A goal's wall is looked at just beyond the carpet. A post is higher than the mirror, so it covers its direction up to
 /// the horizon: a sticker on a robot, glare or a line does not.
-fn share(rays: &Rays, sight: &RaySight, end: usize, class: Class) -> f32 {
-    if !(sight.carpet && sight.end.is_finite()) {
+fn goal_colour_share(rays: &RadialScan, sight: &CarpetEnd, end: usize, class: ColourClass) -> f32 {
+    if !(sight.carpet_seen && sight.range.is_finite()) {
         return 0.0;
     }
-    let far = if class == Class::WHITE {
-        let above = (sight.beyond..end).find(|&sample| rays.samples[sample].range.is_infinite());
+    let far = if class == ColourClass::WHITE {
+        let above =
+            (sight.first_beyond..end).find(|&sample| rays.samples[sample].range.is_infinite());
         above.unwrap_or(end)
     } else {
-        end.min(sight.beyond + 16)
+        end.min(sight.first_beyond + 16)
     };
-    let beyond = &rays.classes[sight.beyond..far];
+    let beyond = &rays.classes[sight.first_beyond..far];
     let share =
         beyond.iter().filter(|&&found| found == class).count() as f32 / beyond.len().max(1) as f32;
     if share >= 0.6 { share } else { 0.0 }
 }
 
-fn goal(
-    rays: &Rays,
-    sights: &[RaySight],
+fn build_goal(
+    rays: &RadialScan,
+    sights: &[CarpetEnd],
     share: &[f32],
     group: &[usize],
     kind: GoalKind,
     config: &ObjectConfig,
-) -> Option<Goal> {
+) -> Option<GoalDetection> {
     let ends: Vec<[f32; 2]> = group
         .iter()
-        .map(|&ray| rays.samples[sights[ray].beyond.saturating_sub(1)].ground)
+        .map(|&ray| rays.samples[sights[ray].first_beyond.saturating_sub(1)].ground)
         .collect();
     let count = ends.len() as f32;
     let [x, y] = ends.iter().fold([0.0, 0.0], |[x, y], end| {
@@ -127,7 +132,9 @@ fn goal(
         // Half of its side may be hidden, and half a ray is as near as rays tell.
         GoalKind::Post if width + 0.5 * ray_angle * range < 0.5 * POST_SIDE => return None,
         // A wall or a window behind the carpet's edge has the same edge beside it.
-        GoalKind::Post if !stands_on_carpet(sights, group, range, config.post_before_min) => {
+        GoalKind::Post
+            if !occludes_carpet_end(sights, group, range, config.post_depth_step_min) =>
+        {
             return None;
         }
         GoalKind::Blue | GoalKind::Yellow if width < GOAL_WIDTH_MIN => return None,
@@ -136,8 +143,10 @@ fn goal(
     let [ex, ey] = [x / range, y / range];
     let (along, across) = (0.05 + 0.05 * range, ray_angle * range);
     let (a2, c2) = (along * along, across * across);
-    let sample = rays.samples[sights[group[group.len() / 2]].beyond.saturating_sub(1)];
-    Some(Goal {
+    let sample = rays.samples[sights[group[group.len() / 2]]
+        .first_beyond
+        .saturating_sub(1)];
+    Some(GoalDetection {
         kind,
         at: At::new(x, y),
         covariance: [
@@ -147,6 +156,6 @@ fn goal(
         ],
         width,
         score: group.iter().map(|&ray| share[ray]).sum::<f32>() / count,
-        at_px: [f32::from(sample.u), f32::from(sample.v)],
+        position_px: [f32::from(sample.u), f32::from(sample.v)],
     })
 }

@@ -23,7 +23,7 @@ pub struct GroundMap {
 
 /// Why there is no map.
 #[derive(Debug, thiserror::Error)]
-pub enum MapError {
+pub enum GroundMapError {
     /// The file cannot be opened, read or written.
     #[error("{}: {source}", path.display())]
     File {
@@ -54,7 +54,7 @@ impl GroundMap {
     }
 
     /// The ground point between pixel centres, bilinear; none if any of the four neighbours shows no ground.
-    pub fn between(&self, u: f32, v: f32) -> Option<At<RobotFrame>> {
+    pub fn interpolate(&self, u: f32, v: f32) -> Option<At<RobotFrame>> {
         let (u0, v0) = (u.floor(), v.floor());
         if !(u0 >= 0.0 && v0 >= 0.0) {
             return None;
@@ -77,21 +77,21 @@ impl GroundMap {
     }
 
     /// Reads `x_m` and `y_m` (float32, rows × columns) from an npz archive.
-    pub fn load(path: &Path) -> Result<Self, MapError> {
-        let file = |source| MapError::File {
+    pub fn load(path: &Path) -> Result<Self, GroundMapError> {
+        let file = |source| GroundMapError::File {
             path: path.to_owned(),
             source,
         };
         let mut archive =
             NpzArchive::new(BufReader::new(File::open(path).map_err(file)?)).map_err(file)?;
-        let (x, [height_px, width_px]) = array(&mut archive, path, "x_m")?;
-        let (y, shape) = array(&mut archive, path, "y_m")?;
+        let (x, [height_px, width_px]) = read_array(&mut archive, path, "x_m")?;
+        let (y, shape) = read_array(&mut archive, path, "y_m")?;
         if shape != [height_px, width_px] {
             let reason = format!(
                 "x_m is {height_px} × {width_px} but y_m is {} × {}",
                 shape[0], shape[1]
             );
-            return Err(MapError::Content {
+            return Err(GroundMapError::Content {
                 path: path.to_owned(),
                 reason,
             });
@@ -105,8 +105,8 @@ impl GroundMap {
     }
 
     /// Writes the npz archive; the file appears whole or not at all.
-    pub fn save(&self, path: &Path) -> Result<(), MapError> {
-        let file = |source| MapError::File {
+    pub fn save(&self, path: &Path) -> Result<(), GroundMapError> {
+        let file = |source| GroundMapError::File {
             path: path.to_owned(),
             source,
         };
@@ -138,12 +138,12 @@ impl GroundMap {
     }
 }
 
-fn array(
+fn read_array(
     archive: &mut NpzArchive<BufReader<File>>,
     path: &Path,
     name: &str,
-) -> Result<(Vec<f32>, [usize; 2]), MapError> {
-    let content = |reason: String| MapError::Content {
+) -> Result<(Vec<f32>, [usize; 2]), GroundMapError> {
+    let content = |reason: String| GroundMapError::Content {
         path: path.to_owned(),
         reason,
     };
@@ -173,7 +173,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_saved_map_reads_back_bit_for_bit() {
+    fn saved_map_round_trips_bit_exactly() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("map.npz");
         let map = GroundMap {
@@ -191,6 +191,6 @@ mod tests {
             assert_eq!(a.to_bits(), b.to_bits());
         }
         assert_eq!(back.at(2, 0), None);
-        assert_eq!(back.between(0.5, 0.0).map(|p| p.x), Some(-0.75));
+        assert_eq!(back.interpolate(0.5, 0.0).map(|p| p.x), Some(-0.75));
     }
 }

@@ -59,7 +59,7 @@ impl PixelFormat {
 }
 
 /// Red, green, blue of Y, U, V (ITU-R BT.601, full range, as JPEG and USB cameras send it).
-pub fn rgb_of_yuv([y, u, v]: [u8; 3]) -> [u8; 3] {
+pub fn yuv_to_rgb([y, u, v]: [u8; 3]) -> [u8; 3] {
     let (y, u, v) = (f32::from(y), f32::from(u) - 128.0, f32::from(v) - 128.0);
     [
         y + 1.402 * v,
@@ -70,7 +70,7 @@ pub fn rgb_of_yuv([y, u, v]: [u8; 3]) -> [u8; 3] {
 }
 
 /// Y, U, V of red, green, blue; the inverse of [`rgb_of_yuv`].
-pub fn yuv_of_rgb([r, g, b]: [u8; 3]) -> [u8; 3] {
+pub fn rgb_to_yuv([r, g, b]: [u8; 3]) -> [u8; 3] {
     let [r, g, b] = [r, g, b].map(f32::from);
     [
         0.299 * r + 0.587 * g + 0.114 * b,
@@ -82,7 +82,7 @@ pub fn yuv_of_rgb([r, g, b]: [u8; 3]) -> [u8; 3] {
 
 /// One frame, borrowed from whoever holds its bytes.
 #[derive(Debug, Clone, Copy)]
-pub struct Frame<'a> {
+pub struct ImageView<'a> {
     /// Columns.
     pub width_px: usize,
     /// Rows.
@@ -95,10 +95,10 @@ pub struct Frame<'a> {
     pub data: &'a [u8],
 }
 
-impl<'a> Frame<'a> {
+impl<'a> ImageView<'a> {
     /// A frame whose rows follow each other without gaps.
     pub fn packed(width_px: usize, height_px: usize, format: PixelFormat, data: &'a [u8]) -> Self {
-        Frame {
+        ImageView {
             width_px,
             height_px,
             format,
@@ -110,11 +110,11 @@ impl<'a> Frame<'a> {
     /// Refuses a frame of another size than wanted or with bytes missing.
     pub fn check(&self, width_px: usize, height_px: usize) -> Result<(), VisionError> {
         if (self.width_px, self.height_px) != (width_px, height_px) {
-            return Err(VisionError::Size {
-                found_width_px: self.width_px,
-                found_height_px: self.height_px,
-                wanted_width_px: width_px,
-                wanted_height_px: height_px,
+            return Err(VisionError::ImageSize {
+                actual_width_px: self.width_px,
+                actual_height_px: self.height_px,
+                expected_width_px: width_px,
+                expected_height_px: height_px,
             });
         }
         let row = self.format.row_bytes(width_px);
@@ -124,9 +124,9 @@ impl<'a> Frame<'a> {
         };
         let wanted = self.stride.max(row) * rows.saturating_sub(1) + row;
         if self.data.len() < wanted || self.stride < row {
-            return Err(VisionError::Torn {
-                found: self.data.len(),
-                wanted,
+            return Err(VisionError::Truncated {
+                actual_bytes: self.data.len(),
+                expected_bytes: wanted,
             });
         }
         Ok(())
@@ -135,9 +135,9 @@ impl<'a> Frame<'a> {
     /// Red, green and blue of a pixel inside the frame.
     #[inline]
     pub fn rgb(&self, column: usize, row: usize) -> [u8; 3] {
-        let native = self.native(column, row);
+        let native = self.native_channels(column, row);
         if self.format.is_yuv() {
-            rgb_of_yuv(native)
+            yuv_to_rgb(native)
         } else {
             native
         }
@@ -145,17 +145,17 @@ impl<'a> Frame<'a> {
 
     /// A pixel's channels as the camera has them: Y, U, V of YUV formats, red, green, blue of all others.
     #[inline(always)]
-    pub fn native(&self, column: usize, row: usize) -> [u8; 3] {
+    pub fn native_channels(&self, column: usize, row: usize) -> [u8; 3] {
         if self.format == PixelFormat::Rgb8 {
             let start = row * self.stride + 3 * column;
             let bytes = &self.data[start..start + 3];
             return [bytes[0], bytes[1], bytes[2]];
         }
-        self.shared_native(column, row)
+        self.native_channels_of_format(column, row)
     }
 
     /// As [`Frame::native`]; kept apart, since its many cases are too much to stand in every loop.
-    fn shared_native(&self, column: usize, row: usize) -> [u8; 3] {
+    fn native_channels_of_format(&self, column: usize, row: usize) -> [u8; 3] {
         let start = row * self.stride;
         let at = |offset: usize| self.data[start + offset];
         match self.format {
@@ -212,7 +212,7 @@ pub struct Image {
 }
 
 /// A decoder fills up what a cut file lacks with grey, which would pass for a picture.
-fn is_cut_jpeg(bytes: &[u8]) -> bool {
+fn is_truncated_jpeg(bytes: &[u8]) -> bool {
     // Some writers pad behind the end mark.
     let tail = &bytes[bytes.len().saturating_sub(4096)..];
     bytes.starts_with(&[0xff, 0xd8]) && !tail.windows(2).any(|pair| pair == [0xff, 0xd9])
@@ -221,7 +221,7 @@ fn is_cut_jpeg(bytes: &[u8]) -> bool {
 impl Image {
     /// Decodes a PNG or JPEG file.
     pub fn load(path: &Path) -> Result<Self, VisionError> {
-        let refuse = |reason: String| VisionError::Image {
+        let refuse = |reason: String| VisionError::ReadImage {
             path: path.to_owned(),
             reason,
         };
@@ -230,7 +230,7 @@ impl Image {
             return Err(refuse("is no file".to_owned()));
         }
         let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-        if is_cut_jpeg(&bytes) {
+        if is_truncated_jpeg(&bytes) {
             return Err(refuse("is cut off: a JPEG without its end".to_owned()));
         }
         let reader = image::ImageReader::new(std::io::Cursor::new(bytes))
@@ -263,8 +263,8 @@ impl Image {
     }
 
     /// The image as a frame.
-    pub fn frame(&self) -> Frame<'_> {
-        Frame::packed(self.width_px, self.height_px, PixelFormat::Rgb8, &self.rgb)
+    pub fn view(&self) -> ImageView<'_> {
+        ImageView::packed(self.width_px, self.height_px, PixelFormat::Rgb8, &self.rgb)
     }
 }
 
@@ -273,9 +273,9 @@ mod tests {
     use super::*;
 
     /// A 4 × 2 image of one colour in every format.
-    fn frames(rgb: [u8; 3]) -> Vec<(PixelFormat, usize, Vec<u8>)> {
+    fn encode_in_all_formats(rgb: [u8; 3]) -> Vec<(PixelFormat, usize, Vec<u8>)> {
         let [r, g, b] = rgb;
-        let [y, u, v] = yuv_of_rgb(rgb);
+        let [y, u, v] = rgb_to_yuv(rgb);
         let repeat = |bytes: &[u8], times: usize| bytes.repeat(times);
         let bayer = |even: [u8; 2], odd: [u8; 2]| [repeat(&even, 2), repeat(&odd, 2)].concat();
         vec![
@@ -297,9 +297,9 @@ mod tests {
     }
 
     #[test]
-    fn every_format_gives_the_colour_that_was_put_in() {
-        for (format, stride, data) in frames([200, 90, 40]) {
-            let frame = Frame {
+    fn every_pixel_format_decodes_to_the_encoded_colour() {
+        for (format, stride, data) in encode_in_all_formats([200, 90, 40]) {
+            let frame = ImageView {
                 width_px: 4,
                 height_px: 2,
                 format,
@@ -316,7 +316,7 @@ mod tests {
                     .max();
                 assert!(off <= Some(2), "{format:?} ({column}, {row}): {found:?}");
             }
-            let torn = Frame {
+            let torn = ImageView {
                 data: &data[..data.len() - 1],
                 ..frame
             };

@@ -4,18 +4,18 @@ use localize::frame::At;
 use localize::sample::LinePoint;
 
 use crate::carpet::CarpetModel;
-use crate::colours::{Class, NativeTable};
+use crate::colours::{ColourClass, ColourLookupTable};
 use crate::config::LineConfig;
-use crate::image::Frame;
-use crate::line_points::{Refusal, RefusedRun, SeenLinePoint};
-use crate::runs::Run;
+use crate::image::ImageView;
+use crate::line_points::{LinePointDetection, RejectedCandidate, RejectionReason};
+use crate::runs::Peak;
 use crate::scan::ScanSample;
 
 /// What a run is judged by.
-pub(crate) struct Judge<'a> {
-    pub(crate) frame: &'a Frame<'a>,
-    pub(crate) table: &'a NativeTable,
-    pub(crate) model: &'a CarpetModel,
+pub(crate) struct LineValidator<'a> {
+    pub(crate) image: &'a ImageView<'a>,
+    pub(crate) lookup_table: &'a ColourLookupTable,
+    pub(crate) carpet_model: &'a CarpetModel,
     pub(crate) config: &'a LineConfig,
     pub(crate) line_width: f32,
     /// Standard deviation of the brightness on plain carpet, levels.
@@ -25,14 +25,14 @@ pub(crate) struct Judge<'a> {
 }
 
 /// One piece of a scan line as it was read.
-pub(crate) struct Line<'a> {
+pub(crate) struct ScanLineSlice<'a> {
     pub(crate) samples: &'a [ScanSample],
-    pub(crate) places: &'a [[u16; 2]],
+    pub(crate) pixels: &'a [[u16; 2]],
     pub(crate) values: &'a [u8],
 }
 
-impl Line<'_> {
-    fn between(&self, index: f32) -> (&ScanSample, &ScanSample, f32) {
+impl ScanLineSlice<'_> {
+    fn bracket(&self, index: f32) -> (&ScanSample, &ScanSample, f32) {
         let last = self.samples.len() - 1;
         let lower = (index.max(0.0) as usize).min(last);
         let upper = (lower + 1).min(last);
@@ -43,123 +43,126 @@ impl Line<'_> {
         )
     }
 
-    fn at_px(&self, index: usize) -> [f32; 2] {
-        self.places[index].map(f32::from)
+    fn sample_px(&self, index: usize) -> [f32; 2] {
+        self.pixels[index].map(f32::from)
     }
 
-    fn between_px(&self, index: f32) -> [f32; 2] {
-        let (a, b, part) = self.between(index);
+    fn interpolate_px(&self, index: f32) -> [f32; 2] {
+        let (a, b, part) = self.bracket(index);
         let mix = |a: u16, b: u16| f32::from(a) + part * (f32::from(b) - f32::from(a));
         [mix(a.u, b.u), mix(a.v, b.v)]
     }
 
-    pub(crate) fn refused(&self, run: &Run, reason: Refusal) -> RefusedRun {
-        RefusedRun {
-            at_px: self.at_px(run.peak),
+    pub(crate) fn reject(&self, run: &Peak, reason: RejectionReason) -> RejectedCandidate {
+        RejectedCandidate {
+            position_px: self.sample_px(run.index),
             reason,
         }
     }
 
     /// A sample's place in the image.
-    fn place(&self, index: usize) -> [usize; 2] {
-        self.places[index].map(usize::from)
+    fn sample_pixel(&self, index: usize) -> [usize; 2] {
+        self.pixels[index].map(usize::from)
     }
 
-    fn ground(&self, index: f32) -> [f32; 2] {
-        let (a, b, part) = self.between(index);
+    fn interpolate_ground(&self, index: f32) -> [f32; 2] {
+        let (a, b, part) = self.bracket(index);
         std::array::from_fn(|i| a.ground[i] + part * (b.ground[i] - a.ground[i]))
     }
 }
 
 /// A run on the ground.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Extent {
+pub(crate) struct LineCandidate {
     point: LinePoint,
     /// Metres along the scan line.
     width: f32,
     /// Ground that one sample covers along the scan line, metres.
-    pixel: f32,
+    sample_footprint: f32,
 }
 
-impl Judge<'_> {
+impl LineValidator<'_> {
     /// Where a run lies on the ground, if it is where and as wide as a line can be; `sample`: its middle.
-    pub(crate) fn extent(
+    pub(crate) fn project_candidate(
         &self,
-        line: &Line<'_>,
-        run: &Run,
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
         sample: &ScanSample,
-    ) -> Result<Extent, Refusal> {
-        if beyond_carpet(self.carpet_end, sample) {
-            return Err(Refusal::BeyondCarpet);
+    ) -> Result<LineCandidate, RejectionReason> {
+        if is_beyond_carpet(self.carpet_end, sample) {
+            return Err(RejectionReason::BeyondCarpet);
         }
-        let (left, right) = (line.ground(run.left_edge), line.ground(run.right_edge));
+        let (left, right) = (
+            line.interpolate_ground(run.left_edge),
+            line.interpolate_ground(run.right_edge),
+        );
         let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
         let width = (dx * dx + dy * dy).sqrt();
         let width_px = (run.right_edge - run.left_edge).max(1e-3);
         // Sampling narrows a run by a part of a pixel, blur widens it by more.
         let pixel = width / width_px.max(1.0);
-        if width < self.config.width_min * self.line_width - pixel / 3.0 {
-            return Err(Refusal::TooNarrow);
+        if width < self.config.width_ratio_min * self.line_width - pixel / 3.0 {
+            return Err(RejectionReason::TooNarrow);
         }
-        if width > self.config.width_max * self.line_width + 1.5 * pixel {
-            return Err(Refusal::TooWide);
+        if width > self.config.width_ratio_max * self.line_width + 1.5 * pixel {
+            return Err(RejectionReason::TooWide);
         }
-        Ok(Extent {
+        Ok(LineCandidate {
             point: LinePoint {
                 at: At::new((left[0] + right[0]) / 2.0, (left[1] + right[1]) / 2.0),
-                std_radial: self.config.position_std_px * sample.radial_px,
-                std_tangential: self.config.position_std_px * sample.tangential_px,
+                std_radial: self.config.position_std_px * sample.radial_footprint,
+                std_tangential: self.config.position_std_px * sample.tangential_footprint,
             },
             width,
-            pixel,
+            sample_footprint: pixel,
         })
     }
 
     /// The point of a run that has a line's extent, if it also looks like one.
-    pub(crate) fn point(
+    pub(crate) fn validate_candidate(
         &self,
-        line: &Line<'_>,
-        run: &Run,
-        extent: &Extent,
-    ) -> Result<SeenLinePoint, Refusal> {
-        let left_foot = self.carpet_beside(line, run, run.left_foot, -1);
-        let right_foot = self.carpet_beside(line, run, run.right_foot, 1);
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
+        extent: &LineCandidate,
+    ) -> Result<LinePointDetection, RejectionReason> {
+        let left_foot = self.find_adjacent_carpet(line, run, run.left_base, -1);
+        let right_foot = self.find_adjacent_carpet(line, run, run.right_base, 1);
         let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
-            return Err(Refusal::NoCarpetBeside);
+            return Err(RejectionReason::NoAdjacentCarpet);
         };
-        let run = &Run {
-            left_foot,
-            right_foot,
+        let run = &Peak {
+            left_base: left_foot,
+            right_base: right_foot,
             ..*run
         };
-        let colours = Colours::of(self.frame, line, run);
-        if !self.stands_out(line, run, &colours, extent.pixel) {
-            return Err(Refusal::TooFaint);
+        let colours = PeakColours::measure(self.image, line, run);
+        if !self.has_line_contrast(line, run, &colours, extent.sample_footprint) {
+            return Err(RejectionReason::TooFaint);
         }
-        if !self.adds_white(&colours) {
-            return Err(Refusal::NotWhite);
+        if !self.is_white(&colours) {
+            return Err(RejectionReason::NotWhite);
         }
-        Ok(SeenLinePoint {
+        Ok(LinePointDetection {
             point: extent.point,
-            at_px: line.between_px(run.middle()),
+            position_px: line.interpolate_px(run.middle()),
             contrast: run.contrast,
             width: extent.width,
         })
     }
 
     /// Where the carpet begins beyond a foot: the first of two carpet samples, within reach of the run's blurred edge.
-    fn carpet_beside(
+    fn find_adjacent_carpet(
         &self,
-        line: &Line<'_>,
-        run: &Run,
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
         foot: usize,
         outward: isize,
     ) -> Option<usize> {
         let carpet = |step: usize| {
             let index = foot.checked_add_signed(outward * step as isize)?;
-            let [u, v] = line.places.get(index)?.map(usize::from);
-            let native = self.frame.native(u, v);
-            (self.table.class(native) == Class::CARPET).then_some(index)
+            let [u, v] = line.pixels.get(index)?.map(usize::from);
+            let native = self.image.native_channels(u, v);
+            (self.lookup_table.class(native) == ColourClass::CARPET).then_some(index)
         };
         let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
         (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
@@ -169,48 +172,60 @@ impl Judge<'_> {
     ///
     /// A line that covers several pixels has white's full contrast, less for glare; one thinner than the image's blur
     /// (about `blur_px`) has the share of it that its width is of the blur.
-    fn stands_out(&self, line: &Line<'_>, run: &Run, colours: &Colours, pixel: f32) -> bool {
+    fn has_line_contrast(
+        &self,
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
+        colours: &PeakColours,
+        pixel: f32,
+    ) -> bool {
         let mean = |from: usize, to: usize| {
             let to = to.min(line.values.len() - 1);
             let sum: u32 = line.values[from..=to].iter().map(|&v| u32::from(v)).sum();
             sum as f32 / (to - from + 1) as f32
         };
-        let left = mean(run.left_foot.saturating_sub(2), run.left_foot);
+        let left = mean(run.left_base.saturating_sub(2), run.left_base);
         let right = mean(
-            run.right_foot.min(line.values.len() - 1),
-            run.right_foot + 2,
+            run.right_base.min(line.values.len() - 1),
+            run.right_base + 2,
         );
         let beside = left.max(right);
         let contrast = mean(colours.first, colours.last) - beside;
         let count = (colours.last - colours.first + 1) as f32;
-        if contrast < self.config.contrast_noises * self.noise * (1.0 / count + 1.0 / 3.0).sqrt() {
+        if contrast < self.config.contrast_sigma_min * self.noise * (1.0 / count + 1.0 / 3.0).sqrt()
+        {
             return false;
         }
-        let [carpet_light, ..] = self.model.coordinates(self.model.carpet);
-        let [beside_light, ..] = self.model.coordinates(colours.beside);
+        let [carpet_light, ..] = self
+            .carpet_model
+            .chroma_coordinates(self.carpet_model.carpet);
+        let [beside_light, ..] = self.carpet_model.chroma_coordinates(colours.carpet_mean);
         let lit = (beside_light / carpet_light.max(1e-6)).clamp(0.3, 1.5);
-        let full = (lit * white_contrast(self.model)).min(255.0 - beside);
+        let full = (lit * white_contrast(self.carpet_model)).min(255.0 - beside);
         let sharp = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
         contrast >= self.config.white_share_min * sharp * full
     }
 
     /// Is what the run adds to the carpet beside it light of the lamp's colour?
-    fn adds_white(&self, colours: &Colours) -> bool {
-        if self.model.is_grey() {
+    fn is_white(&self, colours: &PeakColours) -> bool {
+        if self.carpet_model.is_grey() {
             return true;
         }
-        let [carpet_light, carpet_along, carpet_across] = self.model.coordinates(colours.beside);
-        let [top_light, top_along, top_across] = self.model.coordinates(colours.top);
+        let [carpet_light, carpet_along, carpet_across] =
+            self.carpet_model.chroma_coordinates(colours.carpet_mean);
+        let [top_light, top_along, top_across] =
+            self.carpet_model.chroma_coordinates(colours.peak_mean);
         let light = top_light - carpet_light;
         if light <= 0.0 {
             return false;
         }
         // Noise of the chroma of two samples of carpet and the run's own, in units of the carpet's chroma.
-        let white = self.model.white.iter().sum::<f32>() / 3.0;
+        let white = self.carpet_model.white.iter().sum::<f32>() / 3.0;
         let count = (colours.last - colours.first + 1) as f32;
-        let noise = self.noise / white / self.model.carpet_chroma() * (0.5 + 1.0 / count).sqrt();
-        let slack =
-            self.config.hue_slack * light / self.model.carpet_chroma().min(1.0) + 2.0 * noise;
+        let noise =
+            self.noise / white / self.carpet_model.carpet_chroma() * (0.5 + 1.0 / count).sqrt();
+        let slack = self.config.hue_tolerance * light / self.carpet_model.carpet_chroma().min(1.0)
+            + 2.0 * noise;
         // Brighter carpet has more of the carpet's chroma, a line has less; a ball or marker has the opposite hue.
         let brighter = carpet_along * (1.0 + 0.5 * light / carpet_light.max(1e-6));
         (top_across - carpet_across).abs() <= slack
@@ -220,24 +235,24 @@ impl Judge<'_> {
 }
 
 /// Mean colours of a run and of the carpet beside it.
-struct Colours {
+struct PeakColours {
     /// The samples between the edges.
     first: usize,
     last: usize,
-    top: [f32; 3],
-    beside: [f32; 3],
+    peak_mean: [f32; 3],
+    carpet_mean: [f32; 3],
 }
 
-impl Colours {
-    fn of(frame: &Frame<'_>, line: &Line<'_>, run: &Run) -> Self {
+impl PeakColours {
+    fn measure(frame: &ImageView<'_>, line: &ScanLineSlice<'_>, run: &Peak) -> Self {
         let colour = |index: usize| {
-            let [u, v] = line.place(index);
+            let [u, v] = line.sample_pixel(index);
             frame.rgb(u, v).map(f32::from)
         };
-        let (left, right) = (colour(run.left_foot), colour(run.right_foot));
+        let (left, right) = (colour(run.left_base), colour(run.right_base));
         let end = line.samples.len() - 1;
-        let first = (run.left_edge.ceil() as usize).min(run.peak);
-        let last = (run.right_edge.floor() as usize).clamp(run.peak, end);
+        let first = (run.left_edge.ceil() as usize).min(run.index);
+        let last = (run.right_edge.floor() as usize).clamp(run.index, end);
         let count = (last - first + 1) as f32;
         let mut top = [0.0f32; 3];
         for index in first..=last {
@@ -246,26 +261,26 @@ impl Colours {
                 top[i] += rgb[i] / count;
             }
         }
-        Colours {
+        PeakColours {
             first,
             last,
-            top,
-            beside: std::array::from_fn(|i| (left[i] + right[i]) / 2.0),
+            peak_mean: top,
+            carpet_mean: std::array::from_fn(|i| (left[i] + right[i]) / 2.0),
         }
     }
 }
 
 /// White's brightness over the carpet's by the weights of the reading, levels.
 pub(crate) fn white_contrast(model: &CarpetModel) -> f32 {
-    let weights = model.weights();
+    let weights = model.channel_weights();
     (0..3)
         .map(|i| weights[i] * (model.white[i] - model.carpet[i]))
         .sum()
 }
 
 /// Does the carpet end before this sample along both rays beside it?
-pub(crate) fn beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
-    let place = sample.turns * carpet_end.len() as f32;
+pub(crate) fn is_beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
+    let place = sample.azimuth_turns * carpet_end.len() as f32;
     let lower = place as usize % carpet_end.len();
     let upper = (lower + 1) % carpet_end.len();
     sample.range > carpet_end[lower].max(carpet_end[upper])

@@ -8,9 +8,9 @@ use std::path::Path;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use crate::colours::{CLASS_NAMES, Class};
+use crate::colours::{CLASS_NAMES, ColourClass};
 use crate::error::VisionError;
-use crate::image::{Image, yuv_of_rgb};
+use crate::image::{Image, rgb_to_yuv};
 
 /// Over which channels a table decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,13 +55,13 @@ const MAGIC: &[u8; 8] = b"MBCOLOUR";
 const VERSION: u32 = 1;
 
 /// Half the side of the square around a labelled pixel that counts with it, pixels.
-const AROUND_PX: i64 = 1;
+const LABEL_RADIUS_PX: i64 = 1;
 
 /// What a class is widened by, levels: light changes brightness more than chroma.
-const WIDEN: [f64; 3] = [18.0, 5.0, 5.0];
+const CLASS_STD_INFLATION: [f64; 3] = [18.0, 5.0, 5.0];
 
 /// A colour farther from every class than this, in standard deviations, is none of them.
-const FARTHEST: f64 = 4.0;
+const MAHALANOBIS_MAX: f64 = 4.0;
 
 /// Reads `file,u,v,class` and takes the colours from the images; files relative to the list.
 pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
@@ -108,12 +108,12 @@ pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
                 &record[0]
             )));
         }
-        for (du, dv) in
-            (-AROUND_PX..=AROUND_PX).flat_map(|du| (-AROUND_PX..=AROUND_PX).map(move |dv| (du, dv)))
+        for (du, dv) in (-LABEL_RADIUS_PX..=LABEL_RADIUS_PX)
+            .flat_map(|du| (-LABEL_RADIUS_PX..=LABEL_RADIUS_PX).map(move |dv| (du, dv)))
         {
             let (u, v) = ((u + du).clamp(0, width - 1), (v + dv).clamp(0, height - 1));
             labels.push(Label {
-                rgb: image.frame().rgb(u as usize, v as usize),
+                rgb: image.view().rgb(u as usize, v as usize),
                 class: record[3].to_owned(),
             });
         }
@@ -122,12 +122,12 @@ pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
 }
 
 /// A class as a normal distribution over (Y, U, V).
-struct Cloud {
+struct ClassGaussian {
     class: u8,
     mean: Vector3<f64>,
-    inverse: Matrix3<f64>,
+    information: Matrix3<f64>,
     /// Logarithm of the determinant, for comparing densities.
-    spread: f64,
+    log_determinant: f64,
 }
 
 impl ColourTable {
@@ -136,7 +136,7 @@ impl ColourTable {
         let mut names: Vec<String> = CLASS_NAMES.map(str::to_owned).to_vec();
         let mut members: Vec<Vec<Vector3<f64>>> = vec![Vec::new(); names.len()];
         for label in labels {
-            let name = class_of_name(&label.class);
+            let name = canonical_class_name(&label.class);
             let class = match names.iter().position(|known| known == name) {
                 Some(class) => class,
                 None if names.len() < 255 => {
@@ -146,25 +146,25 @@ impl ColourTable {
                 }
                 None => continue,
             };
-            let [y, u, v] = yuv_of_rgb(label.rgb).map(f64::from);
+            let [y, u, v] = rgb_to_yuv(label.rgb).map(f64::from);
             members[class].push(Vector3::new(y, u, v));
         }
-        let clouds: Vec<Cloud> = members
+        let clouds: Vec<ClassGaussian> = members
             .iter()
             .enumerate()
-            .filter_map(|(class, members)| cloud(class as u8, members, kind))
+            .filter_map(|(class, members)| fit_gaussian(class as u8, members, kind))
             .collect();
         if clouds.is_empty() {
             return None;
         }
         let classes = match kind {
             TableKind::Uv => (0..1usize << 16)
-                .map(|index| nearest(&clouds, [0, (index >> 8) as u8, index as u8], kind))
+                .map(|index| most_likely_class(&clouds, [0, (index >> 8) as u8, index as u8], kind))
                 .collect(),
             TableKind::Yuv => (0..1usize << 24)
                 .into_par_iter()
                 .map(|index| {
-                    nearest(
+                    most_likely_class(
                         &clouds,
                         [(index >> 16) as u8, (index >> 8) as u8, index as u8],
                         kind,
@@ -180,7 +180,7 @@ impl ColourTable {
     }
 
     /// From classes that are known for every entry of its kind.
-    pub(crate) fn of_classes(kind: TableKind, names: Vec<String>, classes: Vec<u8>) -> Self {
+    pub(crate) fn from_classes(kind: TableKind, names: Vec<String>, classes: Vec<u8>) -> Self {
         ColourTable {
             kind,
             names,
@@ -194,16 +194,16 @@ impl ColourTable {
     }
 
     /// The class of a colour.
-    pub fn class(&self, [y, u, v]: [u8; 3]) -> Class {
+    pub fn class(&self, [y, u, v]: [u8; 3]) -> ColourClass {
         let chroma = usize::from(u) << 8 | usize::from(v);
-        Class(match self.kind {
+        ColourClass(match self.kind {
             TableKind::Uv => self.classes[chroma],
             TableKind::Yuv => self.classes[usize::from(y) << 16 | chroma],
         })
     }
 
     /// A class's name.
-    pub fn name(&self, class: Class) -> Option<&str> {
+    pub fn name(&self, class: ColourClass) -> Option<&str> {
         self.names.get(usize::from(class.0)).map(String::as_str)
     }
 
@@ -276,7 +276,7 @@ impl ColourTable {
 }
 
 /// The names that vision itself uses for what people call otherwise.
-pub fn class_of_name(name: &str) -> &str {
+pub fn canonical_class_name(name: &str) -> &str {
     match name {
         "green" | "field" => "carpet",
         "line" => "white",
@@ -285,7 +285,7 @@ pub fn class_of_name(name: &str) -> &str {
     }
 }
 
-fn cloud(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<Cloud> {
+fn fit_gaussian(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<ClassGaussian> {
     if members.is_empty() {
         return None;
     }
@@ -296,7 +296,7 @@ fn cloud(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<Cloud> 
         .map(|member| (member - mean) * (member - mean).transpose())
         .sum::<Matrix3<f64>>()
         / count;
-    for (i, widen) in WIDEN.iter().enumerate() {
+    for (i, widen) in CLASS_STD_INFLATION.iter().enumerate() {
         covariance[(i, i)] += widen * widen;
     }
     if kind == TableKind::Uv {
@@ -307,25 +307,25 @@ fn cloud(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<Cloud> 
         }
         covariance[(0, 0)] = 1.0;
     }
-    Some(Cloud {
+    Some(ClassGaussian {
         class,
         mean,
-        inverse: covariance.try_inverse()?,
-        spread: covariance.determinant().ln(),
+        information: covariance.try_inverse()?,
+        log_determinant: covariance.determinant().ln(),
     })
 }
 
-fn nearest(clouds: &[Cloud], yuv: [u8; 3], kind: TableKind) -> u8 {
+fn most_likely_class(clouds: &[ClassGaussian], yuv: [u8; 3], kind: TableKind) -> u8 {
     let [y, u, v] = yuv.map(f64::from);
-    let mut best = (f64::INFINITY, Class::OTHER.0);
+    let mut best = (f64::INFINITY, ColourClass::OTHER.0);
     for cloud in clouds {
         let mut off = Vector3::new(y, u, v) - cloud.mean;
         if kind == TableKind::Uv {
             off[0] = 0.0;
         }
-        let squared = (off.transpose() * cloud.inverse * off)[(0, 0)];
-        let cost = squared + cloud.spread;
-        if squared <= FARTHEST * FARTHEST && cost < best.0 {
+        let squared = (off.transpose() * cloud.information * off)[(0, 0)];
+        let cost = squared + cloud.log_determinant;
+        if squared <= MAHALANOBIS_MAX * MAHALANOBIS_MAX && cost < best.0 {
             best = (cost, cloud.class);
         }
     }
@@ -351,19 +351,19 @@ mod tests {
     }
 
     #[test]
-    fn labelled_colours_come_back_with_their_class() {
+    fn labelled_colours_are_classified_as_labelled() {
         for kind in [TableKind::Uv, TableKind::Yuv] {
             let table = ColourTable::learn(&labels(), kind).expect("a table");
-            let class = |rgb| table.class(yuv_of_rgb(rgb));
-            assert_eq!(class([65, 146, 76]), Class::CARPET);
-            assert_eq!(class([225, 228, 231]), Class::WHITE);
-            assert_eq!(class([238, 125, 33]), Class::BALL);
+            let class = |rgb| table.class(rgb_to_yuv(rgb));
+            assert_eq!(class([65, 146, 76]), ColourClass::CARPET);
+            assert_eq!(class([225, 228, 231]), ColourClass::WHITE);
+            assert_eq!(class([238, 125, 33]), ColourClass::BALL);
             assert_eq!(table.name(class([121, 61, 158])), Some("banner"));
         }
     }
 
     #[test]
-    fn a_saved_table_reads_back_and_another_version_is_refused() {
+    fn saved_table_round_trips_and_other_versions_are_rejected() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("colours.bin");
         let table = ColourTable::learn(&labels(), TableKind::Uv).expect("a table");

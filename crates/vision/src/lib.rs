@@ -47,9 +47,9 @@ pub mod overlay;
 
 pub use config::VisionConfig;
 pub use error::VisionError;
-pub use eyes::{Eyes, Seen};
+pub use eyes::{Detections, Vision};
 pub use ground_map::GroundMap;
-pub use image::{Frame, Image, PixelFormat};
+pub use image::{Image, ImageView, PixelFormat};
 pub use labels::ColourTable;
 pub use mirror::Profile;
 pub use optics::{Mount, Ray, RayTable};

@@ -44,10 +44,10 @@ pub enum ProfileError {
 }
 
 /// The fewest samples that a smooth profile can be laid through.
-const FEWEST_SAMPLES: usize = 5;
+const SAMPLES_MIN: usize = 5;
 /// Radius and height beyond which a profile is written in another unit, metres.
-const WIDEST: f64 = 2.0;
-const HIGHEST: f64 = 10.0;
+const RADIUS_MAX: f64 = 2.0;
+const HEIGHT_MAX: f64 = 10.0;
 
 impl Profile {
     /// Lays a smooth curve through samples of (radius, height above the ground), metres.
@@ -62,7 +62,7 @@ impl Profile {
                 reason: reason.to_owned(),
             })
         };
-        if radius.len() != height.len() || radius.len() < FEWEST_SAMPLES {
+        if radius.len() != height.len() || radius.len() < SAMPLES_MIN {
             return refuse(
                 radius.len().min(height.len()),
                 "a profile needs at least five samples of radius and height",
@@ -123,11 +123,11 @@ impl Profile {
                     .map_err(|error| at(line, format!("{:?}: {error}", &record[column])))
             };
             let (r, h) = (number(0)?, number(1)?);
-            if r > WIDEST || h.abs() > HIGHEST {
+            if r > RADIUS_MAX || h.abs() > HEIGHT_MAX {
                 return Err(at(
                     line,
                     format!(
-                        "radius {r}, height {h}: metres are wanted, and no robot's mirror is wider than {WIDEST} m or higher than {HIGHEST} m"
+                        "radius {r}, height {h}: metres are wanted, and no robot's mirror is wider than {RADIUS_MAX} m or higher than {HEIGHT_MAX} m"
                     ),
                 ));
             }
@@ -222,7 +222,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sphere_is_met_between_its_samples() {
+    fn profile_reproduces_a_sphere_between_samples() {
         let sphere = |r: f64| 1.0 - (0.25 - r * r).sqrt();
         let radius: Vec<f64> = (0..800).map(|i| f64::from(i) * 0.0005).collect();
         let height = radius.iter().map(|&r| sphere(r)).collect();
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn a_kink_does_not_ring() {
+    fn profile_does_not_overshoot_at_a_kink() {
         let radius: Vec<f64> = (0..20).map(f64::from).collect();
         let height: Vec<f64> = radius
             .iter()
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_that_folds_back_is_refused_with_its_line() {
+    fn non_monotonic_radius_is_rejected_with_its_line() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("mirror.csv");
         std::fs::write(

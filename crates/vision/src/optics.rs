@@ -186,7 +186,7 @@ impl<'a> Tracer<'a> {
 
     /// The ray that a point of the image shows; none beyond the mirror's rim.
     pub fn ray(&self, u: f64, v: f64) -> Option<Ray> {
-        if !self.camera.sees_mirror(u as f32, v as f32) {
+        if !self.camera.is_inside_mirror(u as f32, v as f32) {
             return None;
         }
         let [xu, xv] = [
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_obey_the_law_of_the_meridian() {
+    fn traced_rays_match_the_meridional_solution() {
         let (camera, profile) = (camera(), profile());
         let tracer = Tracer::new(&camera, &profile, &Mount::default()).expect("a tracer");
         for ahead_px in [5.0, 20.0, 37.0, 48.0] {
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lean_forward_shifts_the_view_forward() {
+    fn forward_rig_tilt_shifts_the_ray_origin_forward() {
         let (camera, profile) = (camera(), profile());
         let mount = Mount {
             lean_deg: [1.0, 0.0],
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tilted_mirror_is_met_on_its_surface() {
+    fn ray_meets_a_tilted_mirror_on_its_surface() {
         let (camera, profile) = (camera(), profile());
         let mount = Mount {
             mirror_tilt_deg: [0.0, 2.0],

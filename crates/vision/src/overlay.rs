@@ -3,41 +3,41 @@
 use localize::field::Marking;
 use localize::frame::{At, FieldFrame, Pose};
 
-use crate::colours::Class;
-use crate::eyes::Seen;
+use crate::colours::ColourClass;
+use crate::eyes::Detections;
 use crate::goals::GoalKind;
 use crate::ground_map::GroundMap;
 use crate::image::Image;
-use crate::line_points::Refusal;
+use crate::line_points::RejectionReason;
 use crate::robots::Marker;
 use crate::scan::ScanPattern;
 
 /// Red, green, blue.
-pub type Colour = [u8; 3];
+pub type Rgb = [u8; 3];
 
 /// Line points.
-pub const LINE_POINT: Colour = [255, 0, 0];
+pub const LINE_POINT_COLOUR: Rgb = [255, 0, 0];
 /// The field's lines at a pose.
-pub const FIELD_LINE: Colour = [0, 90, 255];
+pub const FIELD_LINE_COLOUR: Rgb = [0, 90, 255];
 /// The ball.
-pub const BALL: Colour = [255, 0, 255];
+pub const BALL_COLOUR: Rgb = [255, 0, 255];
 /// Where the carpet ends.
-pub const CARPET_END: Colour = [255, 160, 0];
+pub const CARPET_END_COLOUR: Rgb = [255, 160, 0];
 
 /// The colour that a refused run is drawn in.
-pub fn refusal_colour(reason: Refusal) -> Colour {
+pub fn rejection_colour(reason: RejectionReason) -> Rgb {
     match reason {
-        Refusal::NoCarpetBeside => [90, 90, 90],
-        Refusal::TooNarrow => [255, 255, 0],
-        Refusal::TooWide => [0, 255, 255],
-        Refusal::TooFaint => [160, 160, 255],
-        Refusal::NotWhite => [255, 0, 255],
-        Refusal::BeyondCarpet => [255, 128, 0],
+        RejectionReason::NoAdjacentCarpet => [90, 90, 90],
+        RejectionReason::TooNarrow => [255, 255, 0],
+        RejectionReason::TooWide => [0, 255, 255],
+        RejectionReason::TooFaint => [160, 160, 255],
+        RejectionReason::NotWhite => [255, 0, 255],
+        RejectionReason::BeyondCarpet => [255, 128, 0],
     }
 }
 
 /// The image enlarged by a whole number, so that marks do not hide what they mark.
-pub fn enlarged(image: &Image, times: usize) -> Image {
+pub fn upscale(image: &Image, times: usize) -> Image {
     let times = times.max(1);
     let (width_px, height_px) = (image.width_px * times, image.height_px * times);
     let mut rgb = Vec::with_capacity(3 * width_px * height_px);
@@ -55,7 +55,7 @@ pub fn enlarged(image: &Image, times: usize) -> Image {
 }
 
 /// Sets one pixel; outside the image nothing happens.
-pub fn dot(image: &mut Image, u: i64, v: i64, colour: Colour) {
+pub fn draw_pixel(image: &mut Image, u: i64, v: i64, colour: Rgb) {
     if (0..image.width_px as i64).contains(&u) && (0..image.height_px as i64).contains(&v) {
         let at = 3 * (v as usize * image.width_px + u as usize);
         image.rgb[at..at + 3].copy_from_slice(&colour);
@@ -63,41 +63,41 @@ pub fn dot(image: &mut Image, u: i64, v: i64, colour: Colour) {
 }
 
 /// A plus sign.
-pub fn cross(image: &mut Image, [u, v]: [f32; 2], arm: i64, colour: Colour) {
+pub fn draw_cross(image: &mut Image, [u, v]: [f32; 2], arm: i64, colour: Rgb) {
     let (u, v) = (u.round() as i64, v.round() as i64);
     for step in -arm..=arm {
-        dot(image, u + step, v, colour);
-        dot(image, u, v + step, colour);
+        draw_pixel(image, u + step, v, colour);
+        draw_pixel(image, u, v + step, colour);
     }
 }
 
 /// A circle's outline.
-pub fn circle(image: &mut Image, [u, v]: [f32; 2], radius: f32, colour: Colour) {
+pub fn draw_circle(image: &mut Image, [u, v]: [f32; 2], radius: f32, colour: Rgb) {
     let steps = (std::f32::consts::TAU * radius).ceil().max(8.0) as usize;
     for step in 0..steps {
         let (sin, cos) = (std::f32::consts::TAU * step as f32 / steps as f32).sin_cos();
         let at = [u + radius * cos, v + radius * sin].map(|at| at.round() as i64);
-        dot(image, at[0], at[1], colour);
+        draw_pixel(image, at[0], at[1], colour);
     }
 }
 
 /// Everything that was seen, on an image enlarged `times`.
-pub fn draw_seen(image: &mut Image, times: usize, seen: &Seen) {
+pub fn draw_detections(image: &mut Image, times: usize, seen: &Detections) {
     let place = |[u, v]: [f32; 2]| [u, v].map(|at| (at + 0.5) * times as f32 - 0.5);
-    for refused in &seen.refused {
-        cross(
+    for refused in &seen.rejected_candidates {
+        draw_cross(
             image,
-            place(refused.at_px),
+            place(refused.position_px),
             1,
-            refusal_colour(refused.reason),
+            rejection_colour(refused.reason),
         );
     }
     for point in &seen.line_points {
-        cross(image, place(point.at_px), 2, LINE_POINT);
+        draw_cross(image, place(point.position_px), 2, LINE_POINT_COLOUR);
     }
     if let Some(ball) = &seen.ball {
         for radius in [9.0, 10.0, 11.0] {
-            circle(image, place(ball.at_px), radius, BALL);
+            draw_circle(image, place(ball.position_px), radius, BALL_COLOUR);
         }
     }
     for robot in &seen.robots {
@@ -107,7 +107,7 @@ pub fn draw_seen(image: &mut Image, times: usize, seen: &Seen) {
             None => [255, 255, 0],
         };
         for radius in [6.0, 7.0] {
-            circle(image, place(robot.at_px), radius, colour);
+            draw_circle(image, place(robot.position_px), radius, colour);
         }
     }
     for goal in &seen.goals {
@@ -117,15 +117,15 @@ pub fn draw_seen(image: &mut Image, times: usize, seen: &Seen) {
             GoalKind::Post => [255, 255, 255],
         };
         for arm in [6, 7] {
-            cross(image, place(goal.at_px), arm, colour);
+            draw_cross(image, place(goal.position_px), arm, colour);
         }
     }
 }
 
 /// Where the carpet ends in each direction, on an image enlarged `times`.
-pub fn draw_carpet_end(image: &mut Image, times: usize, pattern: &ScanPattern, seen: &Seen) {
+pub fn draw_carpet_end(image: &mut Image, times: usize, pattern: &ScanPattern, seen: &Detections) {
     for sample in &pattern.samples {
-        let place = sample.turns * seen.carpet_end.len() as f32;
+        let place = sample.azimuth_turns * seen.carpet_end.len() as f32;
         let nearest = place.round();
         let Some(&end) = seen
             .carpet_end
@@ -133,9 +133,9 @@ pub fn draw_carpet_end(image: &mut Image, times: usize, pattern: &ScanPattern, s
         else {
             continue;
         };
-        if (place - nearest).abs() < 0.2 && (sample.range - end).abs() < sample.radial_px {
+        if (place - nearest).abs() < 0.2 && (sample.range - end).abs() < sample.radial_footprint {
             let at = [sample.u, sample.v].map(|at| (f32::from(at) + 0.5) * times as f32 - 0.5);
-            cross(image, at, 1, CARPET_END);
+            draw_cross(image, at, 1, CARPET_END_COLOUR);
         }
     }
 }
@@ -150,7 +150,8 @@ pub fn draw_field(
 ) {
     let field = |u: i64, v: i64| {
         let scale = |at: i64| (at as f32 + 0.5) / times as f32 - 0.5;
-        map.between(scale(u), scale(v)).map(|ground| pose * ground)
+        map.interpolate(scale(u), scale(v))
+            .map(|ground| pose * ground)
     };
     for v in 0..image.height_px as i64 {
         for u in 0..image.width_px as i64 {
@@ -165,7 +166,7 @@ pub fn draw_field(
                 .map(|marking| marking_distance(marking, here))
                 .fold(f32::INFINITY, f32::min);
             if nearest < 0.6 * step {
-                dot(image, u, v, FIELD_LINE);
+                draw_pixel(image, u, v, FIELD_LINE_COLOUR);
             }
         }
     }
@@ -239,17 +240,17 @@ pub fn marking_points(markings: &[Marking], step: f32) -> Vec<At<FieldFrame>> {
 }
 
 /// The colour that a class is drawn in.
-pub fn class_colour(class: Class) -> Colour {
+pub fn class_colour(class: ColourClass) -> Rgb {
     match class {
-        Class::BLACK => [0, 0, 0],
-        Class::WHITE => [255, 255, 255],
-        Class::CARPET => [0, 160, 0],
-        Class::RED => [200, 0, 0],
-        Class::BLUE => [0, 0, 255],
-        Class::CYAN => [0, 255, 255],
-        Class::MAGENTA => [255, 0, 255],
-        Class::YELLOW => [255, 255, 0],
-        Class::BALL => [255, 128, 0],
+        ColourClass::BLACK => [0, 0, 0],
+        ColourClass::WHITE => [255, 255, 255],
+        ColourClass::CARPET => [0, 160, 0],
+        ColourClass::RED => [200, 0, 0],
+        ColourClass::BLUE => [0, 0, 255],
+        ColourClass::CYAN => [0, 255, 255],
+        ColourClass::MAGENTA => [255, 0, 255],
+        ColourClass::YELLOW => [255, 255, 0],
+        ColourClass::BALL => [255, 128, 0],
         _ => [128, 128, 128],
     }
 }

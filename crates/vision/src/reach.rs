@@ -1,56 +1,67 @@
 //! How far outward is a scan line worth reading? To where the carpet ends, and a little farther.
 
-use crate::scan::{Piece, ScanPattern, ScanSample};
+use crate::scan::{ScanPattern, ScanSample, ScanSegment};
 
 /// Samples that are kept or left together: one vector register of bytes.
 const BLOCK: usize = 16;
 
 /// What is needed to know whether a block of samples lies beyond the carpet.
 #[derive(Debug, Clone, Copy)]
-struct Block {
+struct SampleBlock {
     /// Its nearest sample, metres.
     nearest: f32,
     /// The first of the rays (see [`crate::rays`]) that its samples lie between.
     ray: u16,
     /// How many rays more those are.
-    more: u16,
+    extra_rays: u16,
 }
 
 /// The blocks of all scan lines.
 #[derive(Debug, Clone)]
-pub(crate) struct Reach {
-    blocks: Vec<Block>,
+pub(crate) struct ScanLimits {
+    blocks: Vec<SampleBlock>,
     /// Where each piece's blocks begin, and one past the last.
     starts: Vec<u32>,
 }
 
-impl Reach {
+impl ScanLimits {
     /// `rays`: how many directions the carpet's end is known in.
     pub(crate) fn new(pattern: &ScanPattern, rays: usize) -> Self {
         let (mut blocks, mut starts) = (Vec::new(), vec![0]);
-        for piece in &pattern.pieces {
+        for piece in &pattern.segments {
             let samples = &pattern.samples[piece.start as usize..piece.end as usize];
-            blocks.extend(samples.chunks(BLOCK).map(|block| Block::of(block, rays)));
+            blocks.extend(
+                samples
+                    .chunks(BLOCK)
+                    .map(|block| SampleBlock::new(block, rays)),
+            );
             starts.push(blocks.len() as u32);
         }
-        Reach { blocks, starts }
+        ScanLimits { blocks, starts }
     }
 
     /// One past the last sample of a piece that is worth reading; `carpet_end`: one entry a ray, metres.
     ///
     /// A block more is read than lies before the carpet's end, so that a run across it is seen whole.
-    pub(crate) fn end(&self, piece: usize, pieces: &[Piece], carpet_end: &[f32]) -> usize {
-        let Piece { start, end, .. } = pieces[piece];
+    pub(crate) fn segment_end(
+        &self,
+        piece: usize,
+        pieces: &[ScanSegment],
+        carpet_end: &[f32],
+    ) -> usize {
+        let ScanSegment { start, end, .. } = pieces[piece];
         let blocks = &self.blocks[self.starts[piece] as usize..self.starts[piece + 1] as usize];
-        let kept = blocks.iter().rposition(|block| !block.beyond(carpet_end));
+        let kept = blocks
+            .iter()
+            .rposition(|block| !block.is_beyond_carpet(carpet_end));
         let samples = kept.map_or(0, |last| (last + 2) * BLOCK);
         (start as usize + samples).min(end as usize)
     }
 }
 
-impl Block {
-    fn of(samples: &[ScanSample], rays: usize) -> Self {
-        let place = |sample: &ScanSample| sample.turns * rays as f32;
+impl SampleBlock {
+    fn new(samples: &[ScanSample], rays: usize) -> Self {
+        let place = |sample: &ScanSample| sample.azimuth_turns * rays as f32;
         let first = samples.first().map_or(0.0, place);
         // Unwound about the first, so that a block across the circle's start is as narrow as any.
         let half = rays as f32 / 2.0;
@@ -63,17 +74,17 @@ impl Block {
             nearest = nearest.min(sample.range);
         }
         let (lower, upper) = ((first + least).floor(), (first + most).floor() + 1.0);
-        Block {
+        SampleBlock {
             nearest,
             ray: lower.rem_euclid(rays as f32) as u16,
-            more: (upper - lower) as u16,
+            extra_rays: (upper - lower) as u16,
         }
     }
 
     /// Does the carpet end before it in all of its directions?
-    fn beyond(&self, carpet_end: &[f32]) -> bool {
+    fn is_beyond_carpet(&self, carpet_end: &[f32]) -> bool {
         let count = carpet_end.len();
-        let mut rays = usize::from(self.ray)..=usize::from(self.ray) + usize::from(self.more);
+        let mut rays = usize::from(self.ray)..=usize::from(self.ray) + usize::from(self.extra_rays);
         rays.all(|ray| carpet_end[ray % count] < self.nearest)
     }
 }
@@ -90,9 +101,9 @@ mod tests {
             v: 0,
             ground: [0.0; 2],
             range: 0.5 * index as f32,
-            radial_px: 0.5,
-            tangential_px: 0.5,
-            turns: if index.is_multiple_of(2) {
+            radial_footprint: 0.5,
+            tangential_footprint: 0.5,
+            azimuth_turns: if index.is_multiple_of(2) {
                 0.001
             } else {
                 0.999
@@ -100,24 +111,24 @@ mod tests {
         };
         ScanPattern {
             samples: (0..64).map(sample).collect(),
-            pieces: vec![Piece {
+            segments: vec![ScanSegment {
                 kind: ScanKind::Radial,
-                line: 0,
+                line_index: 0,
                 start: 0,
                 end: 64,
             }],
-            pixels: 64,
+            pixel_count: 64,
             coverage: 1.0,
         }
     }
 
     fn end(carpet_end: &[f32]) -> usize {
         let pattern = pattern();
-        Reach::new(&pattern, carpet_end.len()).end(0, &pattern.pieces, carpet_end)
+        ScanLimits::new(&pattern, carpet_end.len()).segment_end(0, &pattern.segments, carpet_end)
     }
 
     #[test]
-    fn a_line_is_read_to_one_block_beyond_the_carpet() {
+    fn scan_line_is_read_one_block_past_the_carpet_end() {
         let mut carpet_end = [f32::INFINITY; 12];
         assert_eq!(end(&carpet_end), 64);
         // Image right lies between the last ray, the first and the second.

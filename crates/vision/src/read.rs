@@ -6,36 +6,36 @@
 
 use std::ops::Range;
 
-use crate::image::{Frame, PixelFormat};
+use crate::image::{ImageView, PixelFormat};
 
 /// Brightness of the samples, by way of the rows that they lie in.
 #[derive(Debug, Clone)]
 pub(crate) struct BrightnessReader {
     /// Row by row.
-    stretches: Vec<Stretch>,
+    spans: Vec<RowSpan>,
     /// Brightness of the stretches' pixels, one stretch after the other.
     plane: Vec<u8>,
     /// Where each sample is in `plane`.
-    at: Vec<u32>,
+    plane_indices: Vec<u32>,
 }
 
 /// Neighbouring pixels of a row.
 #[derive(Debug, Clone, Copy)]
-struct Stretch {
+struct RowSpan {
     row: usize,
     /// The first of them; a multiple of [`GROUP`].
     column: usize,
     width_px: usize,
     /// Where its pixels begin in the plane.
-    at: usize,
+    plane_start: usize,
 }
 
 /// Stretches begin where a pixel's bytes begin in every format: four share their chroma in 4:1:1.
-const GROUP: usize = 4;
+const SPAN_ALIGNMENT: usize = 4;
 
 /// So many pixels that nobody asks for are weighed rather than a new stretch begun: about what a vector loop's start
 /// and end cost.
-const GAP: usize = 32;
+const SPAN_GAP_MAX: usize = 32;
 
 impl BrightnessReader {
     /// `places`: column and row of each sample in an image of this size.
@@ -45,23 +45,26 @@ impl BrightnessReader {
         for place in places {
             wanted[pixel(place)] = true;
         }
-        let mut stretches: Vec<Stretch> = Vec::new();
+        let mut stretches: Vec<RowSpan> = Vec::new();
         for (row, wanted) in wanted.chunks_exact(width_px.max(1)).enumerate() {
             let begun = stretches.len();
-            for (group, wanted) in wanted.chunks(GROUP).enumerate() {
+            for (group, wanted) in wanted.chunks(SPAN_ALIGNMENT).enumerate() {
                 if !wanted.contains(&true) {
                     continue;
                 }
-                let (column, end) = (group * GROUP, group * GROUP + wanted.len());
+                let (column, end) = (
+                    group * SPAN_ALIGNMENT,
+                    group * SPAN_ALIGNMENT + wanted.len(),
+                );
                 match stretches[begun..].last_mut() {
-                    Some(last) if column <= last.column + last.width_px + GAP => {
+                    Some(last) if column <= last.column + last.width_px + SPAN_GAP_MAX => {
                         last.width_px = end - last.column;
                     }
-                    _ => stretches.push(Stretch {
+                    _ => stretches.push(RowSpan {
                         row,
                         column,
                         width_px: wanted.len(),
-                        at: 0,
+                        plane_start: 0,
                     }),
                 }
             }
@@ -69,7 +72,7 @@ impl BrightnessReader {
         let mut place_of = vec![0u32; width_px * height_px];
         let mut length = 0;
         for stretch in &mut stretches {
-            stretch.at = length as usize;
+            stretch.plane_start = length as usize;
             let start = stretch.row * width_px + stretch.column;
             for place in &mut place_of[start..start + stretch.width_px] {
                 *place = length;
@@ -77,18 +80,18 @@ impl BrightnessReader {
             }
         }
         BrightnessReader {
-            stretches,
+            spans: stretches,
             plane: vec![0; length as usize],
-            at: places.iter().map(|place| place_of[pixel(place)]).collect(),
+            plane_indices: places.iter().map(|place| place_of[pixel(place)]).collect(),
         }
     }
 
     /// Weighs the channels of every pixel of these rows that the samples need, weights of 256; the frame was checked.
-    pub(crate) fn read(&mut self, frame: &Frame<'_>, weights: [u32; 3], rows: &Range<usize>) {
-        let sum = Sum::new(weights, frame.format);
+    pub(crate) fn read(&mut self, frame: &ImageView<'_>, weights: [u32; 3], rows: &Range<usize>) {
+        let sum = ChannelWeights::new(weights, frame.format);
         // Copies, since what is behind a reference would be read anew for each pixel.
         let three = move |&[r, g, b]: &[u8; 3]| sum.rgb(r, g, b);
-        let yuv = move |y, u, v| sum.of([y, u, v]);
+        let yuv = move |y, u, v| sum.apply([y, u, v]);
         match frame.format {
             PixelFormat::Grey8 => {
                 self.weigh(frame, sum, rows, move |&[y]: &[u8; 1]| [three(&[y; 3])])
@@ -131,12 +134,12 @@ impl BrightnessReader {
     }
 
     /// The values of a range of samples in the frame that was read last, one a sample.
-    pub(crate) fn pick(&self, samples: Range<usize>, values: &mut [u8]) {
+    pub(crate) fn gather(&self, samples: Range<usize>, values: &mut [u8]) {
         // A copy of the slice: what is behind `self` would be read anew for each sample.
         let plane = self.plane.as_slice();
         let value = |at: u32| plane[at as usize];
         let (blocks, rest) = values.as_chunks_mut::<8>();
-        let (at_blocks, at_rest) = self.at[samples].as_chunks::<8>();
+        let (at_blocks, at_rest) = self.plane_indices[samples].as_chunks::<8>();
         // Eight at a time, so that the loop itself costs nothing.
         for (block, at) in blocks.iter_mut().zip(at_blocks) {
             for (slot, &at) in block.iter_mut().zip(at) {
@@ -151,12 +154,12 @@ impl BrightnessReader {
     /// Weighs pixels whose bytes lie together: `PIXELS` of them in `BYTES`.
     fn weigh<const BYTES: usize, const PIXELS: usize>(
         &mut self,
-        frame: &Frame<'_>,
-        sum: Sum,
+        frame: &ImageView<'_>,
+        sum: ChannelWeights,
         rows: &Range<usize>,
         weigh: impl Fn(&[u8; BYTES]) -> [u8; PIXELS],
     ) {
-        self.each_stretch(frame, sum, rows, |stretch, values: &mut [[u8; PIXELS]]| {
+        self.for_each_span(frame, sum, rows, |stretch, values: &mut [[u8; PIXELS]]| {
             let start = stretch.row * frame.stride + stretch.column / PIXELS * BYTES;
             let bytes = &frame.data[start..start + BYTES * values.len()];
             for (values, bytes) in values.iter_mut().zip(bytes.as_chunks().0) {
@@ -168,13 +171,13 @@ impl BrightnessReader {
     /// Weighs pairs of pixels whose bytes lie in two rows of the frame's data, `both` of a row.
     fn weigh_pairs(
         &mut self,
-        frame: &Frame<'_>,
-        sum: Sum,
+        frame: &ImageView<'_>,
+        sum: ChannelWeights,
         rows: &Range<usize>,
         both: impl Fn(usize) -> [usize; 2],
         weigh: impl Fn(&[u8; 2], &[u8; 2]) -> [u8; 2],
     ) {
-        self.each_stretch(frame, sum, rows, |stretch, values: &mut [[u8; 2]]| {
+        self.for_each_span(frame, sum, rows, |stretch, values: &mut [[u8; 2]]| {
             let [first, second] = both(stretch.row).map(|row| {
                 let start = row * frame.stride + stretch.column;
                 frame.data[start..start + 2 * values.len()].as_chunks().0
@@ -188,8 +191,8 @@ impl BrightnessReader {
     /// Weighs the cells of a colour filter; `colours` gives a cell's red, both greens and blue.
     fn weigh_cells(
         &mut self,
-        frame: &Frame<'_>,
-        sum: Sum,
+        frame: &ImageView<'_>,
+        sum: ChannelWeights,
         rows: &Range<usize>,
         colours: impl Fn(&[u8; 2], &[u8; 2]) -> (u8, u8, u8, u8),
     ) {
@@ -208,22 +211,23 @@ impl BrightnessReader {
 
     /// Hands out each stretch of these rows with its values, `PIXELS` at a time; weighs by single pixels what is left over at the
     /// end of an odd row.
-    fn each_stretch<const PIXELS: usize>(
+    fn for_each_span<const PIXELS: usize>(
         &mut self,
-        frame: &Frame<'_>,
-        sum: Sum,
+        frame: &ImageView<'_>,
+        sum: ChannelWeights,
         rows: &Range<usize>,
-        mut weigh: impl FnMut(&Stretch, &mut [[u8; PIXELS]]),
+        mut weigh: impl FnMut(&RowSpan, &mut [[u8; PIXELS]]),
     ) {
-        let first = self.stretches.partition_point(|it| it.row < rows.start);
-        let here = self.stretches[first..].iter();
+        let first = self.spans.partition_point(|it| it.row < rows.start);
+        let here = self.spans[first..].iter();
         for stretch in here.take_while(|it| it.row < rows.end) {
-            let values = &mut self.plane[stretch.at..stretch.at + stretch.width_px];
+            let values =
+                &mut self.plane[stretch.plane_start..stretch.plane_start + stretch.width_px];
             let (whole, left_over) = values.as_chunks_mut();
             weigh(stretch, whole);
             let column = stretch.column + stretch.width_px - left_over.len();
             for (value, column) in left_over.iter_mut().zip(column..) {
-                *value = sum.of(frame.native(column, stretch.row));
+                *value = sum.apply(frame.native_channels(column, stretch.row));
             }
         }
     }
@@ -231,16 +235,16 @@ impl BrightnessReader {
 
 /// Weighted sum of a pixel's channels as the camera has them, of 256.
 #[derive(Clone, Copy)]
-struct Sum {
+struct ChannelWeights {
     weights: [i32; 3],
     constant: i32,
 }
 
-impl Sum {
+impl ChannelWeights {
     /// `weights` of red, green and blue, of 256.
     fn new(weights: [u32; 3], format: PixelFormat) -> Self {
         if !format.is_yuv() {
-            return Sum {
+            return ChannelWeights {
                 weights: weights.map(|weight| weight as i32),
                 constant: 0,
             };
@@ -249,14 +253,14 @@ impl Sum {
         let [r, g, b] = weights.map(|weight| weight as f32);
         let by_u = (1.772 * b - 0.344_136 * g).round() as i32;
         let by_v = (1.402 * r - 0.714_136 * g).round() as i32;
-        Sum {
+        ChannelWeights {
             weights: [256, by_u, by_v],
             constant: -128 * (by_u + by_v),
         }
     }
 
     #[inline]
-    fn of(self, channels: [u8; 3]) -> u8 {
+    fn apply(self, channels: [u8; 3]) -> u8 {
         let [a, b, c] = self.weights;
         let [x, y, z] = channels.map(i32::from);
         let sum = a * x + b * y + c * z + self.constant;

@@ -2,13 +2,13 @@
 
 /// A peak of a scan line with the feet it stands on, indices of samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Run {
+pub(crate) struct Peak {
     /// The highest sample.
-    pub(crate) peak: usize,
+    pub(crate) index: usize,
     /// Where the rise starts.
-    pub(crate) left_foot: usize,
+    pub(crate) left_base: usize,
     /// Where the fall ends.
-    pub(crate) right_foot: usize,
+    pub(crate) right_base: usize,
     /// Crossing of the left half level, between samples.
     pub(crate) left_edge: f32,
     /// Crossing of the right half level, between samples.
@@ -17,7 +17,7 @@ pub(crate) struct Run {
     pub(crate) contrast: f32,
 }
 
-impl Run {
+impl Peak {
     /// Halfway between its edges, samples.
     pub(crate) fn middle(&self) -> f32 {
         (self.left_edge + self.right_edge) / 2.0
@@ -33,40 +33,40 @@ const BLOCK: usize = 16;
 ///
 /// The valley may lie far from the peak and much deeper than what borders it, so the feet are sought from the peak
 /// downward: the fall ends where the next samples fall no further.
-pub(crate) fn peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut(Run)) {
-    let mut walk = Walk {
+pub(crate) fn find_peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut(Peak)) {
+    let mut walk = PeakScanner {
         low: u8::MAX,
-        low_at: 0,
+        low_index: 0,
         high: 0,
-        high_at: 0,
+        high_index: 0,
         rising: false,
         left_valley: 0,
     };
     let (blocks, rest) = values.as_chunks::<BLOCK>();
     for (number, block) in blocks.iter().enumerate() {
         let start = number * BLOCK;
-        if !walk.passes(block, start, thresholds[start + BLOCK - 1]) {
-            walk.steps(values, thresholds, start..start + BLOCK, &mut found);
+        if !walk.skip_block(block, start, thresholds[start + BLOCK - 1]) {
+            walk.scan_samples(values, thresholds, start..start + BLOCK, &mut found);
         }
     }
     let rest = values.len() - rest.len()..values.len();
-    walk.steps(values, thresholds, rest, &mut found);
+    walk.scan_samples(values, thresholds, rest, &mut found);
 }
 
 /// Where a walk along the values stands: climbing to a peak, or descending to a valley.
-struct Walk {
+struct PeakScanner {
     low: u8,
-    low_at: usize,
+    low_index: usize,
     high: u8,
-    high_at: usize,
+    high_index: usize,
     rising: bool,
     left_valley: usize,
 }
 
-impl Walk {
+impl PeakScanner {
     /// Takes a whole block at once if no peak can begin or end in it.
-    fn passes(&mut self, block: &[u8; BLOCK], start: usize, threshold: u8) -> bool {
-        let (least, most) = extremes(block);
+    fn skip_block(&mut self, block: &[u8; BLOCK], start: usize, threshold: u8) -> bool {
+        let (least, most) = min_max(block);
         if self.rising {
             let high = self.high.max(most);
             if high - least >= threshold {
@@ -75,7 +75,7 @@ impl Walk {
             if most > self.high
                 && let Some(place) = block.iter().position(|&value| value == most)
             {
-                (self.high, self.high_at) = (most, start + place);
+                (self.high, self.high_index) = (most, start + place);
             }
             return true;
         }
@@ -85,46 +85,48 @@ impl Walk {
         }
         if least < self.low {
             // The valley only bounds the search for a foot; the block's start is near enough.
-            (self.low, self.low_at) = (least, start);
+            (self.low, self.low_index) = (least, start);
         }
         true
     }
 
-    fn steps(
+    fn scan_samples(
         &mut self,
         values: &[u8],
         thresholds: &[u8],
         range: std::ops::Range<usize>,
-        found: &mut impl FnMut(Run),
+        found: &mut impl FnMut(Peak),
     ) {
         let (values_here, thresholds) = (&values[..range.end], &thresholds[..range.end]);
         let mut index = range.start;
         while index < range.end {
             if self.rising {
-                let Some(fall) = self.fall(values_here, thresholds, index) else {
+                let Some(fall) = self.find_fall(values_here, thresholds, index) else {
                     return;
                 };
-                if let Some(run) = run(values, self.left_valley, self.high_at, thresholds[fall]) {
+                if let Some(run) =
+                    measure_peak(values, self.left_valley, self.high_index, thresholds[fall])
+                {
                     found(run);
                 }
                 self.rising = false;
-                (self.low, self.low_at) = (values[fall], fall);
+                (self.low, self.low_index) = (values[fall], fall);
                 index = fall + 1;
             } else {
-                let Some(rise) = self.rise(values_here, thresholds, index) else {
+                let Some(rise) = self.find_rise(values_here, thresholds, index) else {
                     return;
                 };
                 self.rising = true;
-                self.left_valley = self.low_at;
-                (self.high, self.high_at) = (values[rise], rise);
+                self.left_valley = self.low_index;
+                (self.high, self.high_index) = (values[rise], rise);
                 index = rise + 1;
             }
         }
     }
 
     /// The first sample that lies by its threshold below the highest so far.
-    fn fall(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
-        let (mut high, mut high_at) = (self.high, self.high_at);
+    fn find_fall(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
+        let (mut high, mut high_at) = (self.high, self.high_index);
         let samples = values[start..].iter().zip(&thresholds[start..]);
         let mut fall = None;
         for (index, (&value, &threshold)) in (start..).zip(samples) {
@@ -135,13 +137,13 @@ impl Walk {
             high_at = if value > high { index } else { high_at };
             high = high.max(value);
         }
-        (self.high, self.high_at) = (high, high_at);
+        (self.high, self.high_index) = (high, high_at);
         fall
     }
 
     /// The first sample that lies by its threshold above the lowest so far.
-    fn rise(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
-        let (mut low, mut low_at) = (self.low, self.low_at);
+    fn find_rise(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
+        let (mut low, mut low_at) = (self.low, self.low_index);
         let samples = values[start..].iter().zip(&thresholds[start..]);
         let mut rise = None;
         for (index, (&value, &threshold)) in (start..).zip(samples) {
@@ -152,20 +154,20 @@ impl Walk {
             low_at = if value < low { index } else { low_at };
             low = low.min(value);
         }
-        (self.low, self.low_at) = (low, low_at);
+        (self.low, self.low_index) = (low, low_at);
         rise
     }
 }
 
 /// Least and greatest of a block: a dozen vector instructions, as long as it is a function of its own.
 #[inline(never)]
-fn extremes(block: &[u8; BLOCK]) -> (u8, u8) {
+fn min_max(block: &[u8; BLOCK]) -> (u8, u8) {
     let least = block.iter().fold(u8::MAX, |least, &value| least.min(value));
     let most = block.iter().fold(0, |most: u8, &value| most.max(value));
     (least, most)
 }
 
-fn run(values: &[u8], left_valley: usize, peak: usize, threshold: u8) -> Option<Run> {
+fn measure_peak(values: &[u8], left_valley: usize, peak: usize, threshold: u8) -> Option<Peak> {
     let level = i32::from(values[peak]);
     let threshold = i32::from(threshold);
     let still = (threshold / 4).max(1);
@@ -199,10 +201,10 @@ fn run(values: &[u8], left_valley: usize, peak: usize, threshold: u8) -> Option<
             index = next;
         }
     };
-    Some(Run {
-        peak,
-        left_foot: left,
-        right_foot: right,
+    Some(Peak {
+        index: peak,
+        left_base: left,
+        right_base: right,
         left_edge: edge(left_level, peak, -1)?,
         right_edge: edge(right_level, peak, 1)?,
         contrast: (level - left_level.max(right_level)) as f32,
@@ -213,37 +215,37 @@ fn run(values: &[u8], left_valley: usize, peak: usize, threshold: u8) -> Option<
 mod tests {
     use super::*;
 
-    fn all(values: &[u8], threshold: u8) -> Vec<Run> {
+    fn collect_peaks(values: &[u8], threshold: u8) -> Vec<Peak> {
         let mut runs = Vec::new();
-        peaks(values, &vec![threshold; values.len()], |run| runs.push(run));
+        find_peaks(values, &vec![threshold; values.len()], |run| runs.push(run));
         runs
     }
 
     #[test]
-    fn a_line_between_carpet_and_a_black_rod_keeps_its_own_feet() {
+    fn peak_bases_stop_at_an_adjacent_dark_rod() {
         let values = [
             80, 80, 81, 140, 200, 200, 140, 80, 80, 80, 10, 10, 10, 80, 80,
         ];
-        let runs = all(&values, 20);
+        let runs = collect_peaks(&values, 20);
         assert_eq!(runs.len(), 1);
         let run = runs[0];
         assert!(
             (run.left_edge - 3.0).abs() < 0.1 && (run.right_edge - 6.0).abs() < 0.1,
             "{run:?}"
         );
-        assert!(run.right_foot <= 8);
+        assert!(run.right_base <= 8);
     }
 
     #[test]
-    fn two_faint_lines_beside_each_other_are_two_runs() {
+    fn adjacent_faint_lines_are_separate_peaks() {
         let values = [80, 80, 95, 80, 80, 97, 81, 80];
-        let runs = all(&values, 8);
+        let runs = collect_peaks(&values, 8);
         assert_eq!(runs.len(), 2);
         assert!((runs[0].left_edge + runs[0].right_edge - 4.0).abs() < 0.2);
     }
 
     #[test]
-    fn a_step_is_no_run() {
-        assert!(all(&[80, 80, 80, 200, 200, 200, 200], 20).is_empty());
+    fn step_edge_is_not_a_peak() {
+        assert!(collect_peaks(&[80, 80, 80, 200, 200, 200, 200], 20).is_empty());
     }
 }

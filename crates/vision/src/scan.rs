@@ -21,11 +21,11 @@ pub enum ScanKind {
 
 /// An unbroken piece of a scan line: `samples[start..end]`, outward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Piece {
+pub struct ScanSegment {
     /// Of which kind.
     pub kind: ScanKind,
     /// Which of its kind.
-    pub line: u32,
+    pub line_index: u32,
     /// First sample.
     pub start: u32,
     /// One past the last.
@@ -44,11 +44,11 @@ pub struct ScanSample {
     /// Distance from the robot on the ground, metres.
     pub range: f32,
     /// Ground that the pixel covers along the direction from the robot, metres.
-    pub radial_px: f32,
+    pub radial_footprint: f32,
     /// Ground that the pixel covers across that direction, metres.
-    pub tangential_px: f32,
+    pub tangential_footprint: f32,
     /// Direction from the mirror's axis in the image, turns from image right towards image up, in [0, 1).
-    pub turns: f32,
+    pub azimuth_turns: f32,
 }
 
 /// All pixels that are read, scan line by scan line.
@@ -57,21 +57,21 @@ pub struct ScanPattern {
     /// Line by line, outward.
     pub samples: Vec<ScanSample>,
     /// The lines, cut where there is no ground to see.
-    pub pieces: Vec<Piece>,
+    pub segments: Vec<ScanSegment>,
     /// Different pixels visited.
-    pub pixels: usize,
+    pub pixel_count: usize,
     /// Share of the whole image that they are (minho2016: 27.5 %).
     pub coverage: f32,
 }
 
-impl Piece {
+impl ScanSegment {
     fn len(&self) -> usize {
         (self.end - self.start) as usize
     }
 }
 
 /// Shorter pieces cannot hold carpet, line and carpet, samples.
-const SHORTEST_PIECE: usize = 5;
+const SEGMENT_SAMPLES_MIN: usize = 5;
 
 impl ScanPattern {
     /// Lays the lines over the image; a pixel is read if it shows ground within range and the mask is true there.
@@ -89,10 +89,10 @@ impl ScanPattern {
             camera,
             mask,
             config,
-            radial_px_max: config.pixel_per_line_max * line_width,
+            radial_footprint_max: config.pixel_footprint_max * line_width,
             visited: vec![false; map.width_px * map.height_px],
             samples: Vec::new(),
-            pieces: Vec::new(),
+            segments: Vec::new(),
         };
         let (width, height) = (map.width_px as f32, map.height_px as f32);
         let [cu, cv] = camera.centre_px;
@@ -126,14 +126,18 @@ impl ScanPattern {
         ScanPattern {
             coverage: pixels as f32 / builder.visited.len().max(1) as f32,
             samples: builder.samples,
-            pieces: builder.pieces,
-            pixels,
+            segments: builder.segments,
+            pixel_count: pixels,
         }
     }
 
     /// Samples of the longest piece.
-    pub(crate) fn longest(&self) -> usize {
-        self.pieces.iter().map(Piece::len).max().unwrap_or(0)
+    pub(crate) fn longest_segment(&self) -> usize {
+        self.segments
+            .iter()
+            .map(ScanSegment::len)
+            .max()
+            .unwrap_or(0)
     }
 }
 
@@ -142,10 +146,10 @@ struct Builder<'a> {
     camera: &'a CameraConfig,
     mask: Option<&'a [bool]>,
     config: &'a ScanConfig,
-    radial_px_max: f32,
+    radial_footprint_max: f32,
     visited: Vec<bool>,
     samples: Vec<ScanSample>,
-    pieces: Vec<Piece>,
+    segments: Vec<ScanSegment>,
 }
 
 impl Builder<'_> {
@@ -199,16 +203,16 @@ impl Builder<'_> {
     }
 
     fn close(&mut self, kind: ScanKind, line: usize, start: usize) -> usize {
-        if self.samples.len() - start < SHORTEST_PIECE {
+        if self.samples.len() - start < SEGMENT_SAMPLES_MIN {
             self.samples.truncate(start);
             return start;
         }
         for sample in &self.samples[start..] {
             self.visited[sample.v as usize * self.map.width_px + sample.u as usize] = true;
         }
-        self.pieces.push(Piece {
+        self.segments.push(ScanSegment {
             kind,
-            line: line as u32,
+            line_index: line as u32,
             start: start as u32,
             end: self.samples.len() as u32,
         });
@@ -216,7 +220,7 @@ impl Builder<'_> {
     }
 
     fn sample(&self, u: f32, v: f32) -> Option<ScanSample> {
-        if !(u >= 0.0 && v >= 0.0 && self.camera.sees_mirror(u, v)) {
+        if !(u >= 0.0 && v >= 0.0 && self.camera.is_inside_mirror(u, v)) {
             return None;
         }
         let (column, row) = (u as usize, v as usize);
@@ -231,8 +235,8 @@ impl Builder<'_> {
         if !(self.config.range_min..=self.config.range_max).contains(&range) {
             return None;
         }
-        let (radial, tangential) = ground_per_px(self.map, column, row)?;
-        if radial > self.radial_px_max {
+        let (radial, tangential) = pixel_footprint(self.map, column, row)?;
+        if radial > self.radial_footprint_max {
             return None;
         }
         let angle = (self.camera.centre_px[1] - v).atan2(u - self.camera.centre_px[0]);
@@ -241,9 +245,9 @@ impl Builder<'_> {
             v: row as u16,
             ground: [ground.x, ground.y],
             range,
-            radial_px: radial,
-            tangential_px: tangential,
-            turns: (angle / TAU).rem_euclid(1.0),
+            radial_footprint: radial,
+            tangential_footprint: tangential,
+            azimuth_turns: (angle / TAU).rem_euclid(1.0),
         })
     }
 }
@@ -251,7 +255,7 @@ impl Builder<'_> {
 /// How much ground a pixel covers: metres along the direction from the robot, and across it.
 ///
 /// From the map's differences to the neighbouring pixels; none beside pixels without ground.
-pub fn ground_per_px(map: &GroundMap, column: usize, row: usize) -> Option<(f32, f32)> {
+pub fn pixel_footprint(map: &GroundMap, column: usize, row: usize) -> Option<(f32, f32)> {
     let here = map.at(column, row)?;
     let derivative = |before: Option<_>, after: Option<_>| -> Option<[f32; 2]> {
         type Ground = localize::frame::At<localize::frame::RobotFrame>;

@@ -7,94 +7,105 @@
 use localize::frame::At;
 use localize::sample::LinePoint;
 
-use crate::colours::Class;
-use crate::judge::{Judge, beyond_carpet};
-use crate::line_points::{Reading, SeenLinePoint};
+use crate::colours::ColourClass;
+use crate::judge::{LineValidator, is_beyond_carpet};
+use crate::line_points::{LinePointDetection, ScanReadout};
 use crate::scan::ScanSample;
 
 /// Blur between carpet and white, samples that are neither.
-const BLUR: usize = 3;
+const BLUR_SAMPLES: usize = 3;
 /// Carpet and white are told by so many samples in a row.
-const SURE: usize = 2;
+const CONFIRMING_SAMPLES: usize = 2;
 
 /// Adds the feet of walls along all scan lines.
-pub(crate) fn wall_feet(reading: &Reading<'_>, judge: &Judge<'_>, points: &mut Vec<SeenLinePoint>) {
-    let mut values = vec![0; reading.pattern.longest()];
-    for piece in &reading.pattern.pieces {
+pub(crate) fn detect_wall_bases(
+    reading: &ScanReadout<'_>,
+    judge: &LineValidator<'_>,
+    points: &mut Vec<LinePointDetection>,
+) {
+    let mut values = vec![0; reading.pattern.longest_segment()];
+    for piece in &reading.pattern.segments {
         let range = piece.start as usize..piece.end as usize;
         let values = &mut values[..range.len()];
-        reading.brightness.pick(range.clone(), values);
+        reading.brightness.gather(range.clone(), values);
         let samples = &reading.pattern.samples[range];
-        let classes: Vec<Class> = samples
+        let classes: Vec<ColourClass> = samples
             .iter()
             .map(|sample| {
                 let (u, v) = (usize::from(sample.u), usize::from(sample.v));
-                judge.table.class(judge.frame.native(u, v))
+                judge.lookup_table.class(judge.image.native_channels(u, v))
             })
             .collect();
-        let line = Classified {
+        let line = ClassifiedScanLine {
             samples,
             values,
             classes: &classes,
         };
-        for at in SURE..samples.len() {
+        for at in CONFIRMING_SAMPLES..samples.len() {
             // A wall begins behind this sample, or ends before it.
-            points.extend(line.foot(at - 1, 1, judge));
-            points.extend(line.foot(at, -1, judge));
+            points.extend(line.find_wall_base(at - 1, 1, judge));
+            points.extend(line.find_wall_base(at, -1, judge));
         }
     }
 }
 
 /// A piece of a scan line, read and classified.
-struct Classified<'a> {
+struct ClassifiedScanLine<'a> {
     samples: &'a [ScanSample],
     values: &'a [u8],
-    classes: &'a [Class],
+    classes: &'a [ColourClass],
 }
 
-impl Classified<'_> {
-    fn at(&self, start: usize, way: isize, step: usize) -> Option<usize> {
+impl ClassifiedScanLine<'_> {
+    fn offset_index(&self, start: usize, way: isize, step: usize) -> Option<usize> {
         let index = start.checked_add_signed(way * step as isize)?;
         (index < self.samples.len()).then_some(index)
     }
 
     /// Do so many samples from `start` on have this class?
-    fn are(&self, class: Class, start: usize, way: isize) -> bool {
-        (0..SURE).all(|step| {
-            self.at(start, way, step)
+    fn are_class(&self, class: ColourClass, start: usize, way: isize) -> bool {
+        (0..CONFIRMING_SAMPLES).all(|step| {
+            self.offset_index(start, way, step)
                 .is_some_and(|index| self.classes[index] == class)
         })
     }
 
     /// The foot of a wall whose last carpet sample is `carpet`, seen along `way`.
-    fn foot(&self, carpet: usize, way: isize, judge: &Judge<'_>) -> Option<SeenLinePoint> {
-        if !self.are(Class::CARPET, carpet, -way)
-            || self.classes[self.at(carpet, way, 1)?] == Class::CARPET
-            || beyond_carpet(judge.carpet_end, &self.samples[carpet])
+    fn find_wall_base(
+        &self,
+        carpet: usize,
+        way: isize,
+        judge: &LineValidator<'_>,
+    ) -> Option<LinePointDetection> {
+        if !self.are_class(ColourClass::CARPET, carpet, -way)
+            || self.classes[self.offset_index(carpet, way, 1)?] == ColourClass::CARPET
+            || is_beyond_carpet(judge.carpet_end, &self.samples[carpet])
         {
             return None;
         }
-        let white = (1..=BLUR + 1)
-            .filter_map(|step| self.at(carpet, way, step))
-            .find(|&index| self.are(Class::WHITE, index, way))?;
-        let width = self.width(white, way);
+        let white = (1..=BLUR_SAMPLES + 1)
+            .filter_map(|step| self.offset_index(carpet, way, step))
+            .find(|&index| self.are_class(ColourClass::WHITE, index, way))?;
+        let width = self.white_width(white, way);
         // As wide as no line is, even if crossed aslant: see `Judge::point`.
-        if width <= judge.config.width_max * judge.line_width + 1.5 * self.samples[white].radial_px
+        if width
+            <= judge.config.width_ratio_max * judge.line_width
+                + 1.5 * self.samples[white].radial_footprint
         {
             return None;
         }
         // Between the levels of both sides; the white sample beside the edge may still be blurred.
         let value = |index: usize| f32::from(self.values[index]);
-        let top = value(white).max(self.at(white, way, 1).map_or(0.0, value));
-        let low = value(self.at(carpet, -way, 1)?);
+        let top = value(white).max(self.offset_index(white, way, 1).map_or(0.0, value));
+        let low = value(self.offset_index(carpet, -way, 1)?);
         let half = 0.5 * (low + top);
         let mut before = carpet;
-        for step in 1..=BLUR + SURE {
-            let after = self.at(carpet, way, step)?;
+        for step in 1..=BLUR_SAMPLES + CONFIRMING_SAMPLES {
+            let after = self.offset_index(carpet, way, step)?;
             if value(after) >= half {
                 let rise = (value(after) - value(before)).max(1.0);
                 let part = ((half - value(before)) / rise).clamp(0.0, 1.0);
-                return Some(self.point(before, after, part, width, top - low, judge));
+                return Some(self.interpolate_point(before, after, part, width, top - low, judge));
             }
             before = after;
         }
@@ -102,10 +113,10 @@ impl Classified<'_> {
     }
 
     /// How far white goes on from `start`, metres on the ground.
-    fn width(&self, start: usize, way: isize) -> f32 {
+    fn white_width(&self, start: usize, way: isize) -> f32 {
         let mut end = start;
-        while let Some(next) = self.at(end, way, 1)
-            && self.classes[next] == Class::WHITE
+        while let Some(next) = self.offset_index(end, way, 1)
+            && self.classes[next] == ColourClass::WHITE
         {
             end = next;
         }
@@ -114,24 +125,24 @@ impl Classified<'_> {
         (bx - ax).hypot(by - ay)
     }
 
-    fn point(
+    fn interpolate_point(
         &self,
         before: usize,
         after: usize,
         part: f32,
         width: f32,
         contrast: f32,
-        judge: &Judge<'_>,
-    ) -> SeenLinePoint {
+        judge: &LineValidator<'_>,
+    ) -> LinePointDetection {
         let (a, b) = (&self.samples[before], &self.samples[after]);
         let mix = |a: f32, b: f32| a + part * (b - a);
-        SeenLinePoint {
+        LinePointDetection {
             point: LinePoint {
                 at: At::new(mix(a.ground[0], b.ground[0]), mix(a.ground[1], b.ground[1])),
-                std_radial: judge.config.position_std_px * b.radial_px,
-                std_tangential: judge.config.position_std_px * b.tangential_px,
+                std_radial: judge.config.position_std_px * b.radial_footprint,
+                std_tangential: judge.config.position_std_px * b.tangential_footprint,
             },
-            at_px: [
+            position_px: [
                 mix(f32::from(a.u), f32::from(b.u)),
                 mix(f32::from(a.v), f32::from(b.v)),
             ],

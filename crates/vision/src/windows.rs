@@ -4,11 +4,11 @@
 //! The windows are configuration in image coordinates; those not configured are laid out from the ground map, so that
 //! any mirror has them.
 
-use crate::colours::{Class, NativeTable};
-use crate::config::{Window, WindowConfig};
+use crate::colours::{ColourClass, ColourLookupTable};
+use crate::config::{ImageRect, VirtualSensorConfig};
 use crate::error::VisionError;
 use crate::ground_map::GroundMap;
-use crate::image::Frame;
+use crate::image::ImageView;
 use localize::robot::CameraConfig;
 
 /// One bumper.
@@ -22,7 +22,7 @@ pub struct Bumper {
 
 /// What the windows of one frame say; places are columns and rows, pixels.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct WindowReadings {
+pub struct VirtualSensorReadings {
     /// The bumpers, from the left over the front to the right and round the back.
     pub bumpers: Vec<Bumper>,
     /// Middle of the blue goal, if it is in one of the goal windows.
@@ -41,39 +41,39 @@ pub struct WindowReadings {
 
 /// A window's pixels: a grid of at most [`GRID`] × [`GRID`].
 #[derive(Debug, Clone)]
-struct Samples {
+struct PixelGrid {
     pixels: Vec<[u16; 2]>,
 }
 
 /// The windows of one camera.
 #[derive(Debug, Clone)]
-pub(crate) struct Windows {
-    config: WindowConfig,
-    bumpers: Vec<Samples>,
-    goals: Vec<Samples>,
-    kick: Samples,
-    lens: Samples,
-    lens_window: Window,
+pub(crate) struct VirtualSensors {
+    config: VirtualSensorConfig,
+    bumpers: Vec<PixelGrid>,
+    goals: Vec<PixelGrid>,
+    kick: PixelGrid,
+    lens: PixelGrid,
+    lens_window: ImageRect,
     /// Where each window is: bumpers, goals, ball, kick, lens.
-    laid: Vec<(&'static str, Window)>,
+    regions: Vec<(&'static str, ImageRect)>,
 }
 
 /// Samples along a window's side: a share of 1/256 is finer than any threshold.
 const GRID: usize = 16;
 /// The lens is sought in a square this many times as wide as its window.
-const LENS_SEARCH: f32 = 3.0;
+const LENS_SEARCH_SCALE: f32 = 3.0;
 /// The lens is darker than this share of what surrounds it; a blacker robot around it hides it.
-const LENS_DARK: f32 = 0.6;
+const LENS_DARKNESS_RATIO: f32 = 0.6;
 /// Bumpers of lima2001: as many, evenly around.
 const BUMPERS: usize = 9;
 /// Directions of the three goal windows from forward, degrees.
 const GOALS_DEG: [f32; 3] = [40.0, 0.0, -40.0];
 
-impl Windows {
+impl VirtualSensors {
     pub(crate) fn new(
         map: &GroundMap,
         camera: &CameraConfig,
-        config: &WindowConfig,
+        config: &VirtualSensorConfig,
     ) -> Result<Self, VisionError> {
         let layout = Layout { map, camera };
         let bumpers = match &config.bumpers[..] {
@@ -86,7 +86,7 @@ impl Windows {
         };
         let kick = config.kick.or_else(|| layout.kick(config));
         let lens_window = config.lens.unwrap_or_else(|| layout.lens());
-        let mut laid: Vec<(&'static str, Window)> = Vec::new();
+        let mut laid: Vec<(&'static str, ImageRect)> = Vec::new();
         laid.extend(bumpers.iter().map(|&window| ("bumper", window)));
         laid.extend(goals.iter().map(|&window| ("goal", window)));
         laid.extend(config.ball.map(|window| ("ball", window)));
@@ -111,67 +111,70 @@ impl Windows {
                 });
             }
         }
-        let samples = |window: &Window| Samples::of(window, map, GRID);
-        Ok(Windows {
+        let samples = |window: &ImageRect| PixelGrid::new(window, map, GRID);
+        Ok(VirtualSensors {
             config: config.clone(),
             bumpers: bumpers.iter().map(samples).collect(),
             goals: goals.iter().map(samples).collect(),
             kick: kick
                 .as_ref()
-                .map_or(Samples { pixels: Vec::new() }, samples),
-            lens: Samples::of(&lens_window.widened(LENS_SEARCH), map, 3 * GRID / 2),
+                .map_or(PixelGrid { pixels: Vec::new() }, samples),
+            lens: PixelGrid::new(&lens_window.scaled(LENS_SEARCH_SCALE), map, 3 * GRID / 2),
             lens_window,
-            laid,
+            regions: laid,
         })
     }
 
-    pub(crate) fn laid(&self) -> &[(&'static str, Window)] {
-        &self.laid
+    pub(crate) fn regions(&self) -> &[(&'static str, ImageRect)] {
+        &self.regions
     }
 
     pub(crate) fn read(
         &self,
-        frame: &Frame<'_>,
-        table: &NativeTable,
+        frame: &ImageView<'_>,
+        table: &ColourLookupTable,
         ball_px: Option<[f32; 2]>,
-    ) -> WindowReadings {
+    ) -> VirtualSensorReadings {
         let obstacle = |class| {
             matches!(
                 class,
-                Class::BLACK | Class::WHITE | Class::CYAN | Class::MAGENTA
+                ColourClass::BLACK | ColourClass::WHITE | ColourClass::CYAN | ColourClass::MAGENTA
             )
         };
         let bumpers = self.bumpers.iter().map(|samples| {
-            let share = samples.share(frame, table, obstacle);
+            let share = samples.class_share(frame, table, obstacle);
             Bumper {
                 share,
-                hit: share >= self.config.bumper_share,
+                hit: share >= self.config.bumper_occupied_share_min,
             }
         });
-        let goal = |wanted: Class| {
+        let goal = |wanted: ColourClass| {
             let middles = self
                 .goals
                 .iter()
-                .filter_map(|samples| samples.middle(frame, table, wanted));
+                .filter_map(|samples| samples.class_centroid(frame, table, wanted));
             let (share, middle) = middles.max_by(|a, b| a.0.total_cmp(&b.0))?;
-            (share >= self.config.goal_share).then_some(middle)
+            (share >= self.config.goal_colour_share_min).then_some(middle)
         };
-        let touching = self.kick.share(frame, table, |class| class == Class::BALL);
-        let lens_px = self.lens.lens(frame);
-        WindowReadings {
+        let touching = self
+            .kick
+            .class_share(frame, table, |class| class == ColourClass::BALL);
+        let lens_px = self.lens.find_dark_blob(frame);
+        VirtualSensorReadings {
             bumpers: bumpers.collect(),
-            blue_goal_px: goal(Class::BLUE),
-            yellow_goal_px: goal(Class::YELLOW),
-            ball_px: ball_px.filter(|&at| self.config.ball.is_none_or(|window| window.holds(at))),
-            kick: touching >= self.config.kick_share,
+            blue_goal_px: goal(ColourClass::BLUE),
+            yellow_goal_px: goal(ColourClass::YELLOW),
+            ball_px: ball_px
+                .filter(|&at| self.config.ball.is_none_or(|window| window.contains(at))),
+            kick: touching >= self.config.kick_colour_share_min,
             lens_px,
-            lens_centred: lens_px.map(|at| self.lens_window.holds(at)),
+            lens_centred: lens_px.map(|at| self.lens_window.contains(at)),
         }
     }
 }
 
-impl Samples {
-    fn of(window: &Window, map: &GroundMap, grid: usize) -> Self {
+impl PixelGrid {
+    fn new(window: &ImageRect, map: &GroundMap, grid: usize) -> Self {
         let along = |start: f32, length: f32, size: usize| -> Vec<u16> {
             let count = (length.round() as usize).clamp(1, grid);
             let mut places: Vec<u16> = (0..count)
@@ -184,7 +187,7 @@ impl Samples {
         };
         let columns = along(window.left_px, window.width_px, map.width_px);
         let rows = along(window.top_px, window.height_px, map.height_px);
-        Samples {
+        PixelGrid {
             pixels: rows
                 .iter()
                 .flat_map(|&v| columns.iter().map(move |&u| [u, v]))
@@ -194,14 +197,20 @@ impl Samples {
 
     fn classes<'a>(
         &'a self,
-        frame: &'a Frame<'_>,
-        table: &'a NativeTable,
-    ) -> impl Iterator<Item = ([u16; 2], Class)> + 'a {
-        let class = |[u, v]: [u16; 2]| table.class(frame.native(usize::from(u), usize::from(v)));
+        frame: &'a ImageView<'_>,
+        table: &'a ColourLookupTable,
+    ) -> impl Iterator<Item = ([u16; 2], ColourClass)> + 'a {
+        let class =
+            |[u, v]: [u16; 2]| table.class(frame.native_channels(usize::from(u), usize::from(v)));
         self.pixels.iter().map(move |&pixel| (pixel, class(pixel)))
     }
 
-    fn share(&self, frame: &Frame<'_>, table: &NativeTable, wanted: impl Fn(Class) -> bool) -> f32 {
+    fn class_share(
+        &self,
+        frame: &ImageView<'_>,
+        table: &ColourLookupTable,
+        wanted: impl Fn(ColourClass) -> bool,
+    ) -> f32 {
         let found = self
             .classes(frame, table)
             .filter(|&(_, class)| wanted(class));
@@ -209,11 +218,11 @@ impl Samples {
     }
 
     /// Share and middle of a class's pixels.
-    fn middle(
+    fn class_centroid(
         &self,
-        frame: &Frame<'_>,
-        table: &NativeTable,
-        wanted: Class,
+        frame: &ImageView<'_>,
+        table: &ColourLookupTable,
+        wanted: ColourClass,
     ) -> Option<(f32, [f32; 2])> {
         let found = self
             .classes(frame, table)
@@ -225,7 +234,7 @@ impl Samples {
     }
 
     /// Middle of what is dark here, if it stands out from the rest and is not cut by the window's edge.
-    fn lens(&self, frame: &Frame<'_>) -> Option<[f32; 2]> {
+    fn find_dark_blob(&self, frame: &ImageView<'_>) -> Option<[f32; 2]> {
         let level = |[u, v]: [u16; 2]| {
             let rgb = frame.rgb(usize::from(u), usize::from(v));
             rgb.iter().map(|&channel| f32::from(channel)).sum::<f32>() / 3.0
@@ -240,7 +249,7 @@ impl Samples {
             |[u, v]: [u16; 2]| u == first[0] || v == first[1] || u == last[0] || v == last[1];
         let (mut sum, mut count, mut cut) = ([0.0f32; 2], 0.0, 0.0);
         let pixels = self.pixels.iter().zip(&levels);
-        for (&pixel, _) in pixels.filter(|&(_, &level)| level < LENS_DARK * around) {
+        for (&pixel, _) in pixels.filter(|&(_, &level)| level < LENS_DARKNESS_RATIO * around) {
             sum = [sum[0] + f32::from(pixel[0]), sum[1] + f32::from(pixel[1])];
             count += 1.0;
             cut += f32::from(u8::from(at_edge(pixel)));
@@ -259,7 +268,7 @@ struct Layout<'a> {
 
 impl Layout<'_> {
     /// The pixel that shows a place of the ground best; none if it is farther off than a tenth of its distance.
-    fn pixel(&self, angle: f32, range: f32) -> Option<[f32; 2]> {
+    fn nearest_pixel(&self, angle: f32, range: f32) -> Option<[f32; 2]> {
         let [x, y] = [range * angle.cos(), range * angle.sin()];
         let mut best = (0.1 * range, None);
         for row in 0..self.map.height_px {
@@ -277,15 +286,16 @@ impl Layout<'_> {
     }
 
     /// A square around a place of the ground that is as wide as `size` metres of ground along the ray.
-    fn square(&self, angle: f32, range: f32, size: f32) -> Option<Window> {
-        let middle = self.pixel(angle, range)?;
-        let [near, far] = [range - 0.5 * size, range + 0.5 * size].map(|at| self.pixel(angle, at));
+    fn square(&self, angle: f32, range: f32, size: f32) -> Option<ImageRect> {
+        let middle = self.nearest_pixel(angle, range)?;
+        let [near, far] =
+            [range - 0.5 * size, range + 0.5 * size].map(|at| self.nearest_pixel(angle, at));
         let (near, far) = (near.unwrap_or(middle), far?);
         let along = (far[0] - near[0]).hypot(far[1] - near[1]);
-        Some(Window::around(middle, along.max(3.0)))
+        Some(ImageRect::around(middle, along.max(3.0)))
     }
 
-    fn bumpers(&self, config: &WindowConfig) -> Vec<Window> {
+    fn bumpers(&self, config: &VirtualSensorConfig) -> Vec<ImageRect> {
         let quarter = std::f32::consts::FRAC_PI_2;
         let step = std::f32::consts::TAU / BUMPERS as f32;
         (0..BUMPERS)
@@ -296,7 +306,7 @@ impl Layout<'_> {
             .collect()
     }
 
-    fn goals(&self) -> Vec<Window> {
+    fn goals(&self) -> Vec<ImageRect> {
         let [cu, cv] = self.camera.centre_px;
         let smaller = cu.min(cv).min(self.map.width_px as f32 - cu);
         let rim = self.camera.outer_radius_px.unwrap_or(smaller);
@@ -310,25 +320,25 @@ impl Layout<'_> {
                     cu + 0.75 * rim * direction[0],
                     cv + 0.75 * rim * direction[1],
                 ];
-                Window::around(middle, 0.5 * rim)
+                ImageRect::around(middle, 0.5 * rim)
             })
             .collect()
     }
 
-    fn kick(&self, config: &WindowConfig) -> Option<Window> {
+    fn kick(&self, config: &VirtualSensorConfig) -> Option<ImageRect> {
         self.square(0.0, config.kick_range, config.kick_size)
     }
 
     /// A fiftieth of the image around where the axis should be: a mirror moved by more bends the map by centimetres.
-    fn lens(&self) -> Window {
+    fn lens(&self) -> ImageRect {
         let side = 0.02 * self.map.width_px.min(self.map.height_px) as f32;
-        Window::around(self.camera.centre_px, side.max(4.0))
+        ImageRect::around(self.camera.centre_px, side.max(4.0))
     }
 }
 
-impl Window {
+impl ImageRect {
     fn around([u, v]: [f32; 2], side: f32) -> Self {
-        Window {
+        ImageRect {
             left_px: u - 0.5 * side,
             top_px: v - 0.5 * side,
             width_px: side,
@@ -336,9 +346,9 @@ impl Window {
         }
     }
 
-    fn widened(self, factor: f32) -> Self {
+    fn scaled(self, factor: f32) -> Self {
         let more = 0.5 * (factor - 1.0);
-        Window {
+        ImageRect {
             left_px: self.left_px - more * self.width_px,
             top_px: self.top_px - more * self.height_px,
             width_px: factor * self.width_px,
@@ -347,7 +357,7 @@ impl Window {
     }
 
     /// Is a place of the image inside?
-    pub fn holds(&self, [u, v]: [f32; 2]) -> bool {
+    pub fn contains(&self, [u, v]: [f32; 2]) -> bool {
         (self.left_px..self.left_px + self.width_px).contains(&u)
             && (self.top_px..self.top_px + self.height_px).contains(&v)
     }

@@ -11,7 +11,7 @@ struct Robot {
 }
 
 #[test]
-fn the_traced_map_is_the_path_tracers() {
+fn traced_map_matches_the_path_tracer() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/calibration");
     let text = std::fs::read_to_string(folder.join("robot.toml")).expect("robot.toml");
     let robot: Robot = toml::from_str(&text).expect("a robot");

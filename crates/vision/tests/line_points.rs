@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use localize::robot::CameraConfig;
 use localize::{Field, Pose};
 use vision::overlay::marking_distance;
-use vision::{Eyes, Image, Mount, Profile, VisionConfig, VisionError, optics};
+use vision::{Image, Mount, Profile, Vision, VisionConfig, VisionError, optics};
 
 #[derive(serde::Deserialize)]
 struct Robot {
@@ -16,7 +16,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence")
 }
 
-fn eyes() -> Eyes {
+fn sample_vision() -> Vision {
     let folder = folder();
     let text = std::fs::read_to_string(folder.join("robot.toml")).expect("robot.toml");
     let robot: Robot = toml::from_str(&text).expect("a robot");
@@ -24,11 +24,11 @@ fn eyes() -> Eyes {
     let map = optics::trace_rays(&robot.camera, &profile, &Mount::default())
         .expect("rays")
         .ground_map();
-    Eyes::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes")
+    Vision::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes")
 }
 
 /// Carpet with a line along y = 1 and a white wall from x = 2 on, as the sample's mirror shows it.
-fn walled() -> (CameraConfig, vision::GroundMap, Image) {
+fn image_with_wall() -> (CameraConfig, vision::GroundMap, Image) {
     let text = std::fs::read_to_string(folder().join("robot.toml")).expect("robot.toml");
     let robot: Robot = toml::from_str(&text).expect("a robot");
     let profile = Profile::load(&folder().join("mirror.csv")).expect("a profile");
@@ -52,14 +52,14 @@ fn walled() -> (CameraConfig, vision::GroundMap, Image) {
 }
 
 #[test]
-fn the_foot_of_a_white_wall_is_seen_where_walls_are_wanted() {
-    let (camera, map, image) = walled();
+fn wall_base_is_detected_when_enabled() {
+    let (camera, map, image) = image_with_wall();
     let feet = |walls: bool| {
         let mut config = VisionConfig::default();
         config.scan.circles = 36;
-        config.lines.walls = walls;
-        let mut eyes = Eyes::new(&map, &camera, 0.125, config).expect("eyes");
-        let seen = eyes.see(&image.frame()).expect("seen");
+        config.lines.detect_wall_bases = walls;
+        let mut eyes = Vision::new(&map, &camera, 0.125, config).expect("eyes");
+        let seen = eyes.process(&image.view()).expect("seen");
         let near = |off: f32| {
             let at_wall = seen.line_points.iter().filter(|one| {
                 (one.point.at.x - 2.0).abs() < off && (one.point.at.y - 1.0).abs() > 0.3
@@ -78,10 +78,10 @@ fn image(name: &str) -> Image {
 }
 
 #[test]
-fn unlabelled_eyes_find_the_lines_of_a_path_traced_drive() {
+fn lines_of_a_path_traced_drive_are_detected_without_labels() {
     let field = Field::load(&folder().join("field.toml")).expect("a field");
     let truth = std::fs::read_to_string(folder().join("truth.csv")).expect("truth.csv");
-    let mut eyes = eyes();
+    let mut eyes = sample_vision();
     let (mut points, mut right) = (0, 0);
     for (index, line) in truth.lines().skip(1).enumerate() {
         let row: Vec<f32> = line
@@ -90,7 +90,7 @@ fn unlabelled_eyes_find_the_lines_of_a_path_traced_drive() {
             .collect();
         let pose = Pose::new(row[1], row[2], row[3]);
         let seen = eyes
-            .see(&image(&format!("{index:03}.jpg")).frame())
+            .process(&image(&format!("{index:03}.jpg")).view())
             .expect("seen");
         for seen in seen.line_points {
             if seen.point.at.distance() > 5.0 {
@@ -110,21 +110,24 @@ fn unlabelled_eyes_find_the_lines_of_a_path_traced_drive() {
 }
 
 #[test]
-fn the_same_frame_gives_the_same_bits() {
+fn processing_is_bit_reproducible() {
     let image = image("003.jpg");
-    let first = eyes().see(&image.frame()).expect("seen");
-    let second = eyes().see(&image.frame()).expect("seen");
+    let first = sample_vision().process(&image.view()).expect("seen");
+    let second = sample_vision().process(&image.view()).expect("seen");
     assert_eq!(first, second);
 }
 
 #[test]
-fn a_frame_of_another_size_is_refused_by_both_sizes() {
+fn wrong_image_size_is_rejected_naming_both_sizes() {
     let image = Image {
         width_px: 320,
         height_px: 240,
         rgb: vec![90; 3 * 320 * 240],
     };
-    let message = eyes().see(&image.frame()).expect_err("size").to_string();
+    let message = sample_vision()
+        .process(&image.view())
+        .expect_err("size")
+        .to_string();
     assert!(
         message.contains("320 × 240") && message.contains("480 × 480"),
         "{message}"
@@ -132,29 +135,32 @@ fn a_frame_of_another_size_is_refused_by_both_sizes() {
 }
 
 #[test]
-fn torn_and_black_frames_are_refused() {
+fn truncated_and_dark_images_are_rejected() {
     let image = image("000.jpg");
-    let mut torn = image.frame();
+    let mut torn = image.view();
     torn.data = &torn.data[..1000];
-    assert!(matches!(eyes().see(&torn), Err(VisionError::Torn { .. })));
+    assert!(matches!(
+        sample_vision().process(&torn),
+        Err(VisionError::Truncated { .. })
+    ));
     let black = Image {
         rgb: vec![3; image.rgb.len()],
         ..image
     };
     assert!(matches!(
-        eyes().see(&black.frame()),
-        Err(VisionError::Black { .. })
+        sample_vision().process(&black.view()),
+        Err(VisionError::TooDark { .. })
     ));
 }
 
 /// The image as a USB camera would send it.
-fn yuyv(image: &Image) -> Vec<u8> {
-    let frame = image.frame();
+fn encode_yuyv(image: &Image) -> Vec<u8> {
+    let frame = image.view();
     let mut data = Vec::new();
     for v in 0..image.height_px {
         for u in (0..image.width_px).step_by(2) {
-            let a = vision::image::yuv_of_rgb(frame.rgb(u, v));
-            let b = vision::image::yuv_of_rgb(frame.rgb(u + 1, v));
+            let a = vision::image::rgb_to_yuv(frame.rgb(u, v));
+            let b = vision::image::rgb_to_yuv(frame.rgb(u + 1, v));
             let mean = |i: usize| ((u16::from(a[i]) + u16::from(b[i])) / 2) as u8;
             data.extend([a[0], mean(1), b[0], mean(2)]);
         }
@@ -163,12 +169,15 @@ fn yuyv(image: &Image) -> Vec<u8> {
 }
 
 #[test]
-fn a_yuyv_camera_sees_the_lines_that_an_rgb_camera_sees() {
+fn yuyv_and_rgb_images_yield_the_same_lines() {
     let image = image("000.jpg");
-    let data = yuyv(&image);
-    let frame = vision::Frame::packed(480, 480, vision::PixelFormat::Yuyv, &data);
-    let rgb = eyes().see(&image.frame()).expect("seen").line_points;
-    let yuv = eyes().see(&frame).expect("seen").line_points;
+    let data = encode_yuyv(&image);
+    let frame = vision::ImageView::packed(480, 480, vision::PixelFormat::Yuyv, &data);
+    let rgb = sample_vision()
+        .process(&image.view())
+        .expect("seen")
+        .line_points;
+    let yuv = sample_vision().process(&frame).expect("seen").line_points;
     assert!(
         yuv.len() * 10 >= rgb.len() * 9,
         "{} of {}",
@@ -184,12 +193,16 @@ fn a_yuyv_camera_sees_the_lines_that_an_rgb_camera_sees() {
 }
 
 #[test]
-fn labels_of_a_few_pixels_are_enough_to_see_lines() {
+fn four_labelled_pixels_suffice_to_detect_lines() {
     use vision::labels::{ColourTable, Label, TableKind};
     let image = image("000.jpg");
-    let unlabelled = eyes().see(&image.frame()).expect("seen").line_points.len();
+    let unlabelled = sample_vision()
+        .process(&image.view())
+        .expect("seen")
+        .line_points
+        .len();
     let label = |u, v, class: &str| Label {
-        rgb: image.frame().rgb(u, v),
+        rgb: image.view().rgb(u, v),
         class: class.to_owned(),
     };
     let labels = [
@@ -199,9 +212,9 @@ fn labels_of_a_few_pixels_are_enough_to_see_lines() {
         label(260, 118, "line"),
     ];
     let table = ColourTable::learn(&labels, TableKind::Yuv).expect("a table");
-    let mut eyes = eyes();
-    eyes.set_colours(table);
-    let labelled = eyes.see(&image.frame()).expect("seen").line_points.len();
+    let mut eyes = sample_vision();
+    eyes.set_colour_table(table);
+    let labelled = eyes.process(&image.view()).expect("seen").line_points.len();
     assert!(
         labelled * 10 >= unlabelled * 7,
         "{labelled} of {unlabelled}"

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use localize::Field;
 use localize::robot::CameraConfig;
-use vision::calibrate::{CalibrationError, DriveImage, calibrate_lines};
+use vision::calibrate::{CalibrationError, NamedImage, calibrate_lines};
 use vision::{GroundMap, Image, VisionConfig};
 
 #[derive(serde::Deserialize)]
@@ -23,11 +23,11 @@ fn camera() -> CameraConfig {
     toml::from_str::<Robot>(&text).expect("a robot").camera
 }
 
-fn images(numbers: impl Iterator<Item = usize>) -> Vec<DriveImage> {
+fn images(numbers: impl Iterator<Item = usize>) -> Vec<NamedImage> {
     numbers
         .map(|number| {
             let name = format!("frames/{number:03}.jpg");
-            DriveImage {
+            NamedImage {
                 image: Image::load(&folder("sequence").join(&name)).expect("an image"),
                 name,
             }
@@ -35,7 +35,7 @@ fn images(numbers: impl Iterator<Item = usize>) -> Vec<DriveImage> {
         .collect()
 }
 
-fn off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
     let mut offs: Vec<f32> = (0..exact.height_px)
         .flat_map(|v| (0..exact.width_px).map(move |u| (u, v)))
         .filter_map(|(u, v)| {
@@ -49,7 +49,7 @@ fn off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
 }
 
 #[test]
-fn a_drive_repairs_a_guess_that_is_a_fifth_too_long() {
+fn line_calibration_corrects_a_20_percent_range_error() {
     let field = Field::load(&folder("sequence").join("field.toml")).expect("a field");
     let exact = GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map");
     let stretched = |values: &[f32]| values.iter().map(|value| 1.2 * value).collect();
@@ -62,15 +62,15 @@ fn a_drive_repairs_a_guess_that_is_a_fifth_too_long() {
     let found = calibrate_lines(&camera(), &start, &field, &images, &VisionConfig::default())
         .expect("a map");
     let (near, far) = (
-        off(&found.map, &exact, 0.0, 3.0),
-        off(&found.map, &exact, 3.0, 5.0),
+        median_map_error(&found.map, &exact, 0.0, 3.0),
+        median_map_error(&found.map, &exact, 3.0, 5.0),
     );
     assert!(near <= 0.02, "median {near} m inside 3 m");
     assert!(far <= 0.06, "median {far} m from 3 to 5 m");
 }
 
 #[test]
-fn images_without_lines_are_named() {
+fn images_without_lines_are_named_in_the_error() {
     let field = Field::load(&folder("sequence").join("field.toml")).expect("a field");
     let exact = GroundMap::load(&folder("calibration").join("exact_map.npz")).expect("a map");
     let mut images = images(0..3);

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use localize::robot::CameraConfig;
-use vision::calibrate::{Strip, StripImage, calibrate_strip, fit_profile};
+use vision::calibrate::{Strip, StripImage, calibrate_strip, fit_mount};
 use vision::optics::Tracer;
 use vision::{GroundMap, Image, Mount, Profile, optics};
 
@@ -42,7 +42,7 @@ fn images() -> Vec<StripImage> {
 }
 
 /// Median distance between two maps over pixels whose ground lies between the ranges, metres.
-fn median_off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
     let mut offs = Vec::new();
     let mut wanted = 0;
     for v in 0..exact.height_px {
@@ -69,18 +69,22 @@ fn median_off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
 }
 
 #[test]
-fn path_traced_images_of_a_strip_give_the_exact_map() {
+fn strip_calibration_reproduces_the_exact_map() {
     let found = calibrate_strip(&camera(), &strip(), &images()).expect("a map");
     let exact = GroundMap::load(&folder().join("exact_map.npz")).expect("a map");
-    let near = median_off(&found.map, &exact, 0.4, 3.0);
-    let far = median_off(&found.map, &exact, 3.0, 5.0);
+    let near = median_map_error(&found.map, &exact, 0.4, 3.0);
+    let far = median_map_error(&found.map, &exact, 3.0, 5.0);
     println!("median {near:.4} m inside 3 m, {far:.4} m from 3 to 5 m");
     assert!(near <= 0.01, "median {near} m inside 3 m");
     assert!(far <= 0.03, "median {far} m from 3 to 5 m");
 }
 
 /// The ground behind four points of each pixel, row by row.
-fn ground(camera: &CameraConfig, profile: &Profile, mount: &Mount) -> Vec<[Option<[f64; 2]>; 4]> {
+fn trace_subpixels(
+    camera: &CameraConfig,
+    profile: &Profile,
+    mount: &Mount,
+) -> Vec<[Option<[f64; 2]>; 4]> {
     let tracer = Tracer::new(camera, profile, mount).expect("a tracer");
     let at = |u: f64, v: f64| {
         let at = tracer.ray(u, v)?.at_height(0.0)?;
@@ -96,7 +100,7 @@ fn ground(camera: &CameraConfig, profile: &Profile, mount: &Mount) -> Vec<[Optio
 }
 
 /// What the camera would show of a strip on a plain carpet.
-fn rendered(
+fn render_strip(
     camera: &CameraConfig,
     ground: &[[Option<[f64; 2]>; 4]],
     strip: &Strip,
@@ -137,21 +141,21 @@ fn rendered(
 }
 
 #[test]
-fn a_mirror_tilted_by_two_degrees_calibrates_by_strip_and_by_profile() {
+fn two_degree_mirror_tilt_is_recovered_by_strip_and_mount_fit() {
     let (camera, strip) = (camera(), strip());
     let profile = Profile::load(&folder().join("mirror.csv")).expect("a profile");
     let mount = Mount {
         mirror_tilt_deg: [1.6, -1.2],
         ..Mount::default()
     };
-    let ground = ground(&camera, &profile, &mount);
+    let ground = trace_subpixels(&camera, &profile, &mount);
     let images: Vec<StripImage> = (0..24)
         .map(|step| {
             let direction = f64::from(step) * 15f64.to_radians();
             StripImage {
                 name: format!("{step}"),
                 direction,
-                image: rendered(&camera, &ground, &strip, direction),
+                image: render_strip(&camera, &ground, &strip, direction),
             }
         })
         .collect();
@@ -159,21 +163,21 @@ fn a_mirror_tilted_by_two_degrees_calibrates_by_strip_and_by_profile() {
         .expect("rays")
         .ground_map();
     let found = calibrate_strip(&camera, &strip, &images).expect("a map");
-    let near = median_off(&found.map, &exact, 0.4, 3.0);
-    let far = median_off(&found.map, &exact, 3.0, 5.0);
+    let near = median_map_error(&found.map, &exact, 0.4, 3.0);
+    let far = median_map_error(&found.map, &exact, 3.0, 5.0);
     println!("median {near:.4} m inside 3 m, {far:.4} m from 3 to 5 m");
     assert!(near <= 0.01, "median {near} m inside 3 m");
     assert!(far <= 0.03, "median {far} m from 3 to 5 m");
-    let fitted = fit_profile(&camera, &profile, &found.points).expect("a fit");
+    let fitted = fit_mount(&camera, &profile, &found.points).expect("a fit");
     assert!((fitted.mount.mirror_tilt_deg[0] - 1.6).abs() < 0.1);
     assert!((fitted.mount.mirror_tilt_deg[1] + 1.2).abs() < 0.1);
-    let fitted_off = median_off(&fitted.map, &exact, 0.4, 5.0);
+    let fitted_off = median_map_error(&fitted.map, &exact, 0.4, 5.0);
     println!("fitted to the profile: median {fitted_off:.4} m inside 5 m");
     assert!(fitted_off <= 0.01);
 }
 
 #[test]
-fn an_image_without_the_strip_is_named_and_left_out() {
+fn image_without_strip_is_excluded_and_named() {
     let mut images = images();
     let (width_px, height_px) = (images[3].image.width_px, images[3].image.height_px);
     images[3].image.rgb = vec![90; 3 * width_px * height_px];
@@ -190,7 +194,7 @@ fn an_image_without_the_strip_is_named_and_left_out() {
 }
 
 #[test]
-fn rods_are_masked_and_floor_is_not() {
+fn mask_covers_rods_but_not_floor() {
     let images: Vec<Image> = images().into_iter().map(|image| image.image).collect();
     let camera = camera();
     let mask = vision::calibrate::calibrate_mask(&camera, &images).expect("a mask");

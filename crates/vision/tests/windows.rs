@@ -1,9 +1,9 @@
 //! Do the virtual sensors tell what stands in their windows?
 
 use localize::robot::CameraConfig;
-use vision::colours::Class;
-use vision::config::{Window, WindowConfig};
-use vision::{Eyes, GroundMap, Image, Seen, VisionConfig, VisionError};
+use vision::colours::ColourClass;
+use vision::config::{ImageRect, VirtualSensorConfig};
+use vision::{Detections, GroundMap, Image, Vision, VisionConfig, VisionError};
 
 const SIZE: usize = 200;
 
@@ -35,7 +35,10 @@ fn map() -> GroundMap {
 }
 
 /// Carpet with a grid of lines, and a square of a colour around a pixel.
-fn see(config: WindowConfig, square: Option<([usize; 2], [u8; 3])>) -> Result<Seen, VisionError> {
+fn detect(
+    config: VirtualSensorConfig,
+    square: Option<([usize; 2], [u8; 3])>,
+) -> Result<Detections, VisionError> {
     let mut rgb = Vec::with_capacity(3 * SIZE * SIZE);
     for pixel in 0..SIZE * SIZE {
         let (u, v) = (pixel % SIZE, pixel / SIZE);
@@ -52,25 +55,30 @@ fn see(config: WindowConfig, square: Option<([usize; 2], [u8; 3])>) -> Result<Se
         rgb,
     };
     let config = VisionConfig {
-        windows: config,
+        virtual_sensors: config,
         ..VisionConfig::default()
     };
-    let mut eyes = Eyes::new(&map(), &camera(), 0.125, config)?;
+    let mut eyes = Vision::new(&map(), &camera(), 0.125, config)?;
     assert_eq!(
-        eyes.windows()
+        eyes.virtual_sensor_regions()
             .iter()
             .filter(|(name, _)| *name == "bumper")
             .count(),
         9
     );
-    let seen = eyes.see(&image.frame());
-    assert!(eyes.classify(&image.frame())?.contains(&Class::CARPET));
+    let seen = eyes.process(&image.view());
+    assert!(
+        eyes.classify_samples(&image.view())?
+            .contains(&ColourClass::CARPET)
+    );
     seen
 }
 
 #[test]
-fn the_bumper_on_the_left_is_hit_by_what_stands_on_the_left() {
-    let free = see(WindowConfig::default(), None).expect("seen").windows;
+fn obstacle_on_the_left_triggers_the_left_bumper() {
+    let free = detect(VirtualSensorConfig::default(), None)
+        .expect("seen")
+        .virtual_sensors;
     assert!(
         free.bumpers.iter().all(|bumper| !bumper.hit),
         "{:?}",
@@ -78,43 +86,45 @@ fn the_bumper_on_the_left_is_hit_by_what_stands_on_the_left() {
     );
     // 0.6 m to the left is 15 px to the right of the axis.
     let square = Some(([115, 100], [20, 20, 20]));
-    let hit = see(WindowConfig::default(), square).expect("seen").windows;
+    let hit = detect(VirtualSensorConfig::default(), square)
+        .expect("seen")
+        .virtual_sensors;
     let hits: Vec<bool> = hit.bumpers.iter().map(|bumper| bumper.hit).collect();
     assert!(hits[0] && !hits[3] && !hits[5], "{hits:?}");
 }
 
 #[test]
-fn a_ball_in_the_kick_window_may_be_kicked() {
+fn ball_in_the_kick_region_sets_kick() {
     let orange = [240, 120, 20];
-    let config = WindowConfig {
-        kick: Some(Window {
+    let config = VirtualSensorConfig {
+        kick: Some(ImageRect {
             left_px: 95.0,
             top_px: 70.0,
             width_px: 10.0,
             height_px: 10.0,
         }),
-        ..WindowConfig::default()
+        ..VirtualSensorConfig::default()
     };
     let at = |v| {
-        see(config.clone(), Some(([100, v], orange)))
+        detect(config.clone(), Some(([100, v], orange)))
             .expect("seen")
-            .windows
+            .virtual_sensors
             .kick
     };
     assert!(at(75) && !at(130));
 }
 
 #[test]
-fn a_window_outside_the_image_is_refused_by_name() {
-    let config = WindowConfig {
-        lens: Some(Window {
+fn region_outside_the_image_is_rejected() {
+    let config = VirtualSensorConfig {
+        lens: Some(ImageRect {
             left_px: 190.0,
             top_px: 10.0,
             width_px: 40.0,
             height_px: 10.0,
         }),
-        ..WindowConfig::default()
+        ..VirtualSensorConfig::default()
     };
-    let message = see(config, None).expect_err("refused").to_string();
+    let message = detect(config, None).expect_err("refused").to_string();
     assert!(message.contains("windows"), "{message}");
 }

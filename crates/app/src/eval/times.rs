@@ -15,7 +15,7 @@ use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
-use vision::Eyes;
+use vision::Vision;
 use vision::image::Image;
 
 use super::experiment::Times;
@@ -171,16 +171,16 @@ fn line_points(cycles: usize) -> Result<Vec<f64>> {
     let (camera, map) = setup.camera.as_ref().context("the sample has no camera")?;
     let config = SpineConfig::preset("minho2016")?.vision;
     let width = setup.field.config.line_width;
-    let mut eyes = Eyes::new(map, camera, width, config)?;
+    let mut eyes = Vision::new(map, camera, width, config)?;
     let images: Vec<Image> = (0..8)
         .map(|number| Image::load(&folder.join(format!("frames/{number:03}.jpg"))))
         .collect::<Result<_, _>>()?;
     // The first image teaches the carpet.
-    eyes.see_lines(&images[0].frame())?;
+    eyes.process_lines(&images[0].view())?;
     (0..cycles)
         .map(|cycle| {
             let started = Instant::now();
-            black_box(eyes.see_lines(&images[cycle % images.len()].frame())?);
+            black_box(eyes.process_lines(&images[cycle % images.len()].view())?);
             Ok(started.elapsed().as_secs_f64() * 1e3)
         })
         .collect()

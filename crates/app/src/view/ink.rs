@@ -2,8 +2,8 @@
 
 use eframe::egui::Color32;
 use localize::estimate::Mode;
-use vision::colours::Class;
-use vision::line_points::Refusal;
+use vision::colours::ColourClass;
+use vision::line_points::RejectionReason;
 
 pub(crate) const ORANGE: Color32 = Color32::from_rgb(230, 159, 0);
 pub(crate) const SKY: Color32 = Color32::from_rgb(86, 180, 233);
@@ -36,30 +36,30 @@ pub(crate) const ROBOT: Color32 = PURPLE;
 pub(crate) const GOAL: Color32 = Color32::WHITE;
 
 /// The colour that a class is painted in.
-pub(crate) fn class(class: Class) -> Color32 {
+pub(crate) fn class(class: ColourClass) -> Color32 {
     match class {
-        Class::BLACK => Color32::BLACK,
-        Class::WHITE => Color32::WHITE,
-        Class::CARPET => GREEN,
-        Class::RED => VERMILION,
-        Class::BLUE => BLUE,
-        Class::CYAN => SKY,
-        Class::MAGENTA => PURPLE,
-        Class::YELLOW => YELLOW,
-        Class::BALL => ORANGE,
+        ColourClass::BLACK => Color32::BLACK,
+        ColourClass::WHITE => Color32::WHITE,
+        ColourClass::CARPET => GREEN,
+        ColourClass::RED => VERMILION,
+        ColourClass::BLUE => BLUE,
+        ColourClass::CYAN => SKY,
+        ColourClass::MAGENTA => PURPLE,
+        ColourClass::YELLOW => YELLOW,
+        ColourClass::BALL => ORANGE,
         _ => GREY,
     }
 }
 
 /// The colour and the words of a refusal.
-pub(crate) fn refusal(reason: Refusal) -> (Color32, &'static str) {
+pub(crate) fn refusal(reason: RejectionReason) -> (Color32, &'static str) {
     match reason {
-        Refusal::NoCarpetBeside => (GREY, "no carpet beside it"),
-        Refusal::TooNarrow => (YELLOW, "too narrow"),
-        Refusal::TooWide => (SKY, "too wide"),
-        Refusal::TooFaint => (PURPLE, "too faint"),
-        Refusal::NotWhite => (BLUE, "not white"),
-        Refusal::BeyondCarpet => (GREEN, "beyond the carpet"),
+        RejectionReason::NoAdjacentCarpet => (GREY, "no carpet beside it"),
+        RejectionReason::TooNarrow => (YELLOW, "too narrow"),
+        RejectionReason::TooWide => (SKY, "too wide"),
+        RejectionReason::TooFaint => (PURPLE, "too faint"),
+        RejectionReason::NotWhite => (BLUE, "not white"),
+        RejectionReason::BeyondCarpet => (GREEN, "beyond the carpet"),
     }
 }
 

@@ -48,8 +48,8 @@ impl Inverse {
         let [column, row] = self.start[cell(ground)?]?;
         let mut at = [f32::from(column), f32::from(row)];
         for _ in 0..STEPS {
-            let here = map.between(at[0], at[1])?;
-            let side = |du: f32, dv: f32| map.between(at[0] + du, at[1] + dv);
+            let here = map.interpolate(at[0], at[1])?;
+            let side = |du: f32, dv: f32| map.interpolate(at[0] + du, at[1] + dv);
             // The border has a neighbour on one side alone.
             let slope = |du: f32, dv: f32| {
                 side(du, dv)
@@ -77,10 +77,10 @@ impl Inverse {
                 break;
             }
         }
-        let found = map.between(at[0], at[1])?;
+        let found = map.interpolate(at[0], at[1])?;
         let beside = map
-            .between(at[0] + 1.0, at[1])
-            .or_else(|| map.between(at[0] - 1.0, at[1]))?;
+            .interpolate(at[0] + 1.0, at[1])
+            .or_else(|| map.interpolate(at[0] - 1.0, at[1]))?;
         let size = found.distance_to(beside).max(0.01);
         (found.distance_to(ground) < CLOSE_PX * size).then_some(at)
     }

@@ -7,10 +7,10 @@ use eframe::egui::{Color32, ColorImage};
 use localize::frame::{At, RobotFrame};
 use localize::sample::LinePoint;
 use localize::{DistanceField, Stamp};
-use vision::colours::Class;
-use vision::config::{VisionConfig, Window};
-use vision::eyes::Eyes;
-use vision::image::{Image, yuv_of_rgb};
+use vision::colours::ColourClass;
+use vision::config::{ImageRect, VisionConfig};
+use vision::eyes::Vision;
+use vision::image::{Image, rgb_to_yuv};
 use vision::labels::ColourTable;
 
 use super::ink;
@@ -67,7 +67,7 @@ pub(crate) struct Painted {
     pub(crate) classes: Option<Arc<ColorImage>>,
     pub(crate) scan: Option<Arc<ColorImage>>,
     pub(crate) bird: Option<Arc<ColorImage>>,
-    pub(crate) windows: Option<Arc<Vec<(&'static str, Window)>>>,
+    pub(crate) windows: Option<Arc<Vec<(&'static str, ImageRect)>>>,
     pub(crate) distance: Option<Arc<ColorImage>>,
     pub(crate) landscape: Option<Arc<ColorImage>>,
     /// Why classes could not be painted.
@@ -149,7 +149,7 @@ fn work(desk: &(Mutex<Desk>, Condvar), wake: &impl Fn()) {
 /// What painting keeps from one cycle to the next.
 #[derive(Default)]
 struct Painter {
-    eyes: Option<(u64, Eyes)>,
+    eyes: Option<(u64, Vision)>,
     /// Class by the upper six bits of red, green and blue; 255 is not known yet.
     cells: Vec<u8>,
     /// Carpet, white and noise that the cells are of.
@@ -176,7 +176,8 @@ impl Painter {
                     Err(error) => painted.fault = Some(error),
                 }
                 let eyes = self.eyes.as_ref().filter(|_| job.wanted.windows);
-                painted.windows = eyes.map(|(_, eyes)| Arc::new(eyes.windows().to_vec()));
+                painted.windows =
+                    eyes.map(|(_, eyes)| Arc::new(eyes.virtual_sensor_regions().to_vec()));
             }
             if job.wanted.bird {
                 if self.bird.as_ref().is_none_or(|(known, _)| *known != key) {
@@ -215,10 +216,11 @@ impl Painter {
         if self.eyes.as_ref().is_none_or(|(of, _)| *of != job.version) {
             let width = stage.field.config.line_width;
             let mask = job.mask.as_ref().map(|mask| mask.as_slice());
-            let mut eyes = Eyes::with_mask(&eye.map, &eye.camera, mask, width, job.vision.clone())
-                .map_err(|error| error.to_string())?;
+            let mut eyes =
+                Vision::with_mask(&eye.map, &eye.camera, mask, width, job.vision.clone())
+                    .map_err(|error| error.to_string())?;
             if let Some(table) = job.table.as_deref().or(stage.colours.as_ref()) {
-                eyes.set_colours(table.clone());
+                eyes.set_colour_table(table.clone());
             }
             self.eyes = Some((job.version, eyes));
             self.light = None;
@@ -226,7 +228,7 @@ impl Painter {
         let Some((_, eyes)) = &mut self.eyes else {
             return Err("no eyes".to_owned());
         };
-        eyes.see_lines(&image.frame())
+        eyes.process_lines(&image.view())
             .map_err(|error| error.to_string())?;
         let model = *eyes.carpet_model().ok_or("no carpet was learned")?;
         if self.light != Some(model) {
@@ -239,9 +241,9 @@ impl Painter {
         if job.wanted.scan {
             let mut layer =
                 ColorImage::filled([image.width_px, image.height_px], Color32::TRANSPARENT);
-            let classes = eyes.classify(&image.frame());
+            let classes = eyes.classify_samples(&image.view());
             let classes = classes.map_err(|error| error.to_string())?.to_vec();
-            for (sample, class) in eyes.pattern().samples.iter().zip(classes) {
+            for (sample, class) in eyes.scan_pattern().samples.iter().zip(classes) {
                 let at = usize::from(sample.v) * image.width_px + usize::from(sample.u);
                 layer.pixels[at] = ink::class(class);
             }
@@ -255,11 +257,11 @@ impl Painter {
                 if *cell == u8::MAX {
                     let middle = [r, g, b].map(|channel| (channel << 2 | 2) as u8);
                     *cell = match table {
-                        Some(table) => table.class(yuv_of_rgb(middle)).0,
-                        None => model.class(middle, colours, ball).0,
+                        Some(table) => table.class(rgb_to_yuv(middle)).0,
+                        None => model.classify(middle, colours, ball).0,
                     };
                 }
-                ink::class(Class(*cell))
+                ink::class(ColourClass(*cell))
             });
             let size = [image.width_px, image.height_px];
             Arc::new(ColorImage::new(size, pixels.collect()))

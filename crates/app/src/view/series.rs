@@ -179,7 +179,7 @@ impl Sample {
         }
         set(Quantity::LinePoints, cycle.points.len() as f32);
         if let Some(seen) = &cycle.seen {
-            set(Quantity::Refused, seen.refused.len() as f32);
+            set(Quantity::Refused, seen.rejected_candidates.len() as f32);
         }
         if let Some(image) = image_of(cycle) {
             let (entropy, brightness) = look_at(image);
@@ -189,7 +189,7 @@ impl Sample {
         if let Some(reading) = &cycle.exposure {
             set(Quantity::Entropy, reading.entropy);
             set(Quantity::Brightness, reading.level);
-            if let Some(setting) = reading.in_force {
+            if let Some(setting) = reading.applied_setting {
                 set(Quantity::ExposureTime, setting.exposure);
                 set(Quantity::Gain, setting.gain);
             }

@@ -147,7 +147,7 @@ fn layers_are_painted_once_they_are_switched_on() {
     });
     let classes = harness.state().session.painted.classes.clone();
     let classes = classes.expect("classes");
-    let carpet = super::ink::class(vision::colours::Class::CARPET);
+    let carpet = super::ink::class(vision::colours::ColourClass::CARPET);
     let green = classes.pixels.iter().filter(|&&pixel| pixel == carpet);
     assert!(
         green.count() * 5 > classes.pixels.len(),

@@ -193,7 +193,7 @@ fn encode<'a>(shot: &'a Shot, encoding: Encoding, yuyv: &'a mut Vec<u8>) -> &'a 
     yuyv.clear();
     for pair in shot.rgb.chunks_exact(6) {
         let [a, b] =
-            [0, 3].map(|at| vision::image::yuv_of_rgb([pair[at], pair[at + 1], pair[at + 2]]));
+            [0, 3].map(|at| vision::image::rgb_to_yuv([pair[at], pair[at + 1], pair[at + 2]]));
         let mean = |a: u8, b: u8| ((u16::from(a) + u16::from(b)) / 2) as u8;
         yuyv.extend_from_slice(&[a[0], mean(a[1], b[1]), b[0], mean(a[2], b[2])]);
     }

@@ -44,7 +44,7 @@ impl CameraConfig {
     }
 
     /// True where the mirror is in the image.
-    pub fn sees_mirror(&self, u: f32, v: f32) -> bool {
+    pub fn is_inside_mirror(&self, u: f32, v: f32) -> bool {
         let radius = (u - self.centre_px[0]).hypot(v - self.centre_px[1]);
         self.outer_radius_px.is_none_or(|rim| radius <= rim)
     }
@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn with_forward_up_a_flipped_camera_shows_left_on_the_right() {
+    fn flipped_camera_facing_up_maps_left_to_image_right() {
         assert_direction(
             camera(90.0, true).robot_direction_px(250.0, 240.0),
             [0.0, 10.0],
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn forward_right_unflipped_has_left_up() {
+    fn unflipped_camera_facing_right_maps_left_to_image_up() {
         assert_direction(
             camera(0.0, false).robot_direction_px(250.0, 240.0),
             [10.0, 0.0],

@@ -38,7 +38,7 @@ pub struct RobotConfig {
     /// Inertial unit.
     pub imu: Option<ImuConfig>,
     /// Compass.
-    pub compass: Option<CompassConfig>,
+    pub compass: Option<CompassModelConfig>,
     /// What of the robot itself stands in the view.
     pub body: Option<BodyConfig>,
 }
@@ -127,7 +127,7 @@ impl Default for ImuConfig {
 /// `[compass]`: a heading on the field, disturbed by motors and iron in the floor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct CompassConfig {
+pub struct CompassModelConfig {
     /// Samples per second.
     pub rate_hz: f32,
     /// White noise of each sample, degrees (one sigma).
@@ -152,9 +152,9 @@ pub struct IronConfig {
     pub soft: [[f32; 2]; 2],
 }
 
-impl Default for CompassConfig {
+impl Default for CompassModelConfig {
     fn default() -> Self {
-        CompassConfig {
+        CompassModelConfig {
             rate_hz: 30.0,
             noise_deg: 5.0,
             bias_deg: 4.0,
@@ -198,7 +198,7 @@ impl Default for BodyConfig {
 
 /// Why there is no robot.
 #[derive(Debug, thiserror::Error)]
-pub enum RobotError {
+pub enum RobotConfigError {
     /// The file cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
@@ -229,20 +229,23 @@ pub enum RobotError {
 
 impl RobotConfig {
     /// Reads and checks a robot file; its paths come back relative to the working folder (or absolute).
-    pub fn load(path: &Path) -> Result<Self, RobotError> {
-        let text = std::fs::read_to_string(path).map_err(|source| RobotError::Read {
+    pub fn load(path: &Path) -> Result<Self, RobotConfigError> {
+        let text = std::fs::read_to_string(path).map_err(|source| RobotConfigError::Read {
             path: path.to_owned(),
             source,
         })?;
-        let mut robot: RobotConfig = toml::from_str(&text).map_err(|source| RobotError::Parse {
-            path: path.to_owned(),
-            source: Box::new(source),
-        })?;
-        robot.check().map_err(|(key, reason)| RobotError::Value {
-            place: key_location(path, &text, key),
-            key,
-            reason,
-        })?;
+        let mut robot: RobotConfig =
+            toml::from_str(&text).map_err(|source| RobotConfigError::Parse {
+                path: path.to_owned(),
+                source: Box::new(source),
+            })?;
+        robot
+            .check()
+            .map_err(|(key, reason)| RobotConfigError::Value {
+                place: key_location(path, &text, key),
+                key,
+                reason,
+            })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let files = [
             Some(&mut robot.field),
@@ -268,14 +271,14 @@ impl RobotConfig {
                     format!("the image has {size}: both sides between 2 and 8192"),
                 ));
             }
-            finite("camera.centre_px", &camera.centre_px)?;
-            finite("camera.forward_deg", &[camera.forward_deg])?;
+            check_finite("camera.centre_px", &camera.centre_px)?;
+            check_finite("camera.forward_deg", &[camera.forward_deg])?;
             for (key, value) in [
                 ("camera.focal_px", camera.focal_px),
                 ("camera.height", camera.height),
                 ("camera.outer_radius_px", camera.outer_radius_px),
             ] {
-                positive(key, value.unwrap_or(1.0))?;
+                check_positive(key, value.unwrap_or(1.0))?;
             }
         }
         if let Some(exposure) = &self.exposure {
@@ -285,25 +288,25 @@ impl RobotConfig {
             base.check()?;
         }
         if let Some(imu) = &self.imu {
-            positive("imu.rate_hz", imu.rate_hz)?;
-            not_negative("imu.acceleration_noise", imu.acceleration_noise)?;
-            not_negative("imu.acceleration_bias", imu.acceleration_bias)?;
-            not_negative("imu.rate_noise_deg", imu.rate_noise_deg)?;
-            not_negative("imu.rate_bias_deg", imu.rate_bias_deg)?;
+            check_positive("imu.rate_hz", imu.rate_hz)?;
+            check_not_negative("imu.acceleration_noise", imu.acceleration_noise)?;
+            check_not_negative("imu.acceleration_bias", imu.acceleration_bias)?;
+            check_not_negative("imu.rate_noise_deg", imu.rate_noise_deg)?;
+            check_not_negative("imu.rate_bias_deg", imu.rate_bias_deg)?;
         }
         if let Some(compass) = &self.compass {
-            positive("compass.rate_hz", compass.rate_hz)?;
-            not_negative("compass.noise_deg", compass.noise_deg)?;
-            not_negative("compass.bias_deg", compass.bias_deg)?;
-            positive("compass.bias_time", compass.bias_time)?;
+            check_positive("compass.rate_hz", compass.rate_hz)?;
+            check_not_negative("compass.noise_deg", compass.noise_deg)?;
+            check_not_negative("compass.bias_deg", compass.bias_deg)?;
+            check_positive("compass.bias_time", compass.bias_time)?;
         }
         if let Some(body) = &self.body {
-            finite("body.rod_angles_deg", &body.rod_angles_deg)?;
-            not_negative("body.radius", body.radius)?;
-            not_negative("body.height", body.height)?;
-            not_negative("body.camera_side", body.camera_side)?;
-            not_negative("body.rod_distance", body.rod_distance)?;
-            not_negative("body.rod_radius", body.rod_radius)?;
+            check_finite("body.rod_angles_deg", &body.rod_angles_deg)?;
+            check_not_negative("body.radius", body.radius)?;
+            check_not_negative("body.height", body.height)?;
+            check_not_negative("body.camera_side", body.camera_side)?;
+            check_not_negative("body.rod_distance", body.rod_distance)?;
+            check_not_negative("body.rod_radius", body.rod_radius)?;
         }
         Ok(())
     }
@@ -318,7 +321,7 @@ impl BaseConfig {
                 format!("{wheels} wheels: three or four are wanted"),
             ));
         }
-        finite("base.wheel_angles_deg", &self.wheel_angles_deg)?;
+        check_finite("base.wheel_angles_deg", &self.wheel_angles_deg)?;
         for (key, value) in [
             ("base.wheel_radius", self.wheel_radius),
             ("base.wheel_distance", self.wheel_distance),
@@ -328,27 +331,27 @@ impl BaseConfig {
             ("base.speed_max", self.speed_max),
             ("base.acceleration_max", self.acceleration_max),
         ] {
-            positive(key, value)?;
+            check_positive(key, value)?;
         }
         Ok(())
     }
 }
 
-fn positive(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
+fn check_positive(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
     if value.is_finite() && value > 0.0 {
         return Ok(());
     }
     Err((key, format!("{value} must be a positive number")))
 }
 
-fn not_negative(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
+fn check_not_negative(key: &'static str, value: f32) -> Result<(), (&'static str, String)> {
     if value.is_finite() && value >= 0.0 {
         return Ok(());
     }
     Err((key, format!("{value} must be zero or a positive number")))
 }
 
-fn finite(key: &'static str, values: &[f32]) -> Result<(), (&'static str, String)> {
+fn check_finite(key: &'static str, values: &[f32]) -> Result<(), (&'static str, String)> {
     match values.iter().find(|value| !value.is_finite()) {
         Some(value) => Err((key, format!("{value} is not a number"))),
         None => Ok(()),
@@ -359,7 +362,7 @@ fn finite(key: &'static str, values: &[f32]) -> Result<(), (&'static str, String
 mod tests {
     use super::*;
 
-    fn load(text: &str) -> Result<RobotConfig, RobotError> {
+    fn load(text: &str) -> Result<RobotConfig, RobotConfigError> {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("robot.toml");
         std::fs::write(&path, text).expect("written");
@@ -367,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn the_samples_robot_is_read_and_its_paths_lead_to_files() {
+    fn sample_robot_toml_loads_with_resolved_paths() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
         let robot = RobotConfig::load(&folder.join("robot.toml")).expect("a robot");
         assert!(robot.field.is_file());
@@ -375,13 +378,13 @@ mod tests {
     }
 
     #[test]
-    fn a_field_alone_is_a_robot() {
+    fn robot_toml_needs_only_a_field() {
         let robot = load("field = \"field.toml\"").expect("a robot");
         assert!(robot.camera.is_none() && robot.base.is_none());
     }
 
     #[test]
-    fn an_unknown_key_is_refused_with_its_line() {
+    fn unknown_key_is_rejected_with_its_line() {
         let message = load("field = \"f.toml\"\n[base]\nwheels = 3\n")
             .expect_err("unknown key")
             .to_string();
@@ -394,7 +397,7 @@ mod tests {
     }
 
     #[test]
-    fn two_wheels_are_refused() {
+    fn base_with_two_wheels_is_rejected() {
         let message = load("field = \"f.toml\"\n[base]\nwheel_angles_deg = [0.0, 180.0]\n")
             .expect_err("two wheels")
             .to_string();

@@ -114,11 +114,11 @@ impl Messages {
         if let Some(seen) = &cycle.seen {
             let sensors = wire::Sensors {
                 line_points: seen.line_points.len() as u32,
-                refused: seen.refused.len() as u32,
+                refused: seen.rejected_candidates.len() as u32,
                 carpet_share: seen.carpet_share,
-                colours_learned: seen.learned,
+                colours_learned: seen.colours_learned,
                 carpet_end: seen.carpet_end.clone(),
-                windows: convert::windows_to_wire(&seen.windows),
+                windows: convert::windows_to_wire(&seen.virtual_sensors),
                 exposure: cycle.exposure.as_ref().map(convert::exposure_to_wire),
             };
             topics.sensors.log_at(&sensors, stamp);

@@ -7,7 +7,7 @@ use localize::{Field, Pose};
 use serde::Serialize;
 use sim::world::OTHER_HALF_SIDE;
 use vision::config::ObjectConfig;
-use vision::{GroundMap, Seen, overlay};
+use vision::{Detections, GroundMap, overlay};
 
 use crate::score::visibility::{self, Body, Outline};
 
@@ -130,12 +130,17 @@ const ROBOT_TOLERANCE: f32 = 0.5;
 
 impl SightTally {
     /// Scores one frame.
-    pub fn add(&mut self, seen: &Seen, scene: &TrueScene<'_>) {
+    pub fn add(&mut self, seen: &Detections, scene: &TrueScene<'_>) {
         self.add_noting(seen, scene, &mut |_| {});
     }
 
     /// Scores one frame, thing by thing.
-    pub fn add_noting(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
+    pub fn add_noting(
+        &mut self,
+        seen: &Detections,
+        scene: &TrueScene<'_>,
+        note: &mut impl FnMut(Note),
+    ) {
         self.add_points(seen, scene, note);
         self.add_ball(seen, scene, note);
         self.add_robots(seen, scene, note);
@@ -161,7 +166,12 @@ impl SightTally {
         }
     }
 
-    fn add_points(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
+    fn add_points(
+        &mut self,
+        seen: &Detections,
+        scene: &TrueScene<'_>,
+        note: &mut impl FnMut(Note),
+    ) {
         let markings = &scene.field.markings;
         let mut good = Vec::new();
         for point in &seen.line_points {
@@ -210,7 +220,7 @@ impl SightTally {
         }
     }
 
-    fn add_ball(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
+    fn add_ball(&mut self, seen: &Detections, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
         let truth = scene.things().iter().find(|object| object.is_ball);
         let at = truth.map(|ball| scene.pose.inverse() * ball.at);
         let hit = match (&seen.ball, at) {
@@ -246,7 +256,12 @@ impl SightTally {
         }
     }
 
-    fn add_robots(&mut self, seen: &Seen, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
+    fn add_robots(
+        &mut self,
+        seen: &Detections,
+        scene: &TrueScene<'_>,
+        note: &mut impl FnMut(Note),
+    ) {
         if scene.objects.is_none() {
             return;
         }
@@ -404,7 +419,7 @@ impl TrueScene<'_> {
             let sights = visibility::sights(&bodies, self.covered);
             return sights.last().is_some_and(|ball| ball.share > 0.5);
         };
-        vision::ball::whole_pixels(
+        vision::ball::expected_ball_pixels_at(
             self.map,
             &ObjectConfig {
                 viewpoint_height: self.viewpoint_height,

@@ -1,8 +1,8 @@
 //! How did it go? Errors, finds and times of a run, for people and for programs.
 
 use serde::Serialize;
-use vision::ball::Ball;
-use vision::exposure::ExposureReading;
+use vision::ball::BallDetection;
+use vision::exposure::ExposureStatus;
 
 use crate::cycle::Cycle;
 use crate::sample::Truth;
@@ -104,7 +104,7 @@ impl Tally {
         }
     }
 
-    fn add_exposure(&mut self, reading: &ExposureReading) {
+    fn add_exposure(&mut self, reading: &ExposureStatus) {
         let frame = self.line_points.len();
         match (reading.searching, self.search_began) {
             (true, None) => self.search_began = Some(frame),
@@ -117,7 +117,7 @@ impl Tally {
         }
     }
 
-    fn add_ball(&mut self, truth: &Truth, found: Option<&Ball>) {
+    fn add_ball(&mut self, truth: &Truth, found: Option<&BallDetection>) {
         let Some(ball) = truth.ball else { return };
         let ball = truth.pose.inverse() * ball;
         let (tolerance, share) = BALL_TOLERANCE;

@@ -39,7 +39,7 @@ pub enum ScenarioError {
     },
     /// The robot file it names.
     #[error(transparent)]
-    Robot(#[from] localize::robot::RobotError),
+    Robot(#[from] localize::robot::RobotConfigError),
 }
 
 impl ScenarioError {

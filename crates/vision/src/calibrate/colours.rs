@@ -5,12 +5,12 @@
 
 use rayon::prelude::*;
 
-use crate::calibrate::{CalibrationError, DriveImage, ImageResidual};
+use crate::calibrate::{CalibrationError, ImageResidual, NamedImage};
 use crate::carpet::CarpetModel;
-use crate::colours::{CLASS_NAMES, Class};
+use crate::colours::{CLASS_NAMES, ColourClass};
 use crate::config::VisionConfig;
-use crate::eyes::Eyes;
-use crate::image::{rgb_of_yuv, yuv_of_rgb};
+use crate::eyes::Vision;
+use crate::image::{rgb_to_yuv, yuv_to_rgb};
 use crate::labels::{ColourTable, TableKind};
 
 /// The lights of some images, from which tables are made.
@@ -27,12 +27,12 @@ pub struct LearnedColours {
 /// Cells of six bits a channel.
 const CELLS: usize = 1 << 18;
 /// What a colour that no image shows counts beside those that are shown, pixels.
-const UNSEEN: f32 = 0.05;
+const UNOBSERVED_WEIGHT: f32 = 0.05;
 
 /// Learns carpet and white from images without labels; those in which nothing can be told are left out and named.
 pub fn learn_colours(
-    eyes: &mut Eyes,
-    images: &[DriveImage],
+    eyes: &mut Vision,
+    images: &[NamedImage],
 ) -> Result<LearnedColours, CalibrationError> {
     let mut learned = LearnedColours {
         models: Vec::new(),
@@ -40,12 +40,14 @@ pub fn learn_colours(
         counts: vec![0; CELLS],
     };
     for image in images {
-        eyes.forget_light();
-        let frame = image.image.frame();
-        let (points, left_out) = match eyes.see(&frame) {
+        eyes.reset_colour_model();
+        let frame = image.image.view();
+        let (points, left_out) = match eyes.process(&frame) {
             Err(error) => (0, Some(error.to_string())),
             Ok(seen) => {
-                let white_seen = eyes.carpet_model().is_some_and(|model| model.white_seen);
+                let white_seen = eyes
+                    .carpet_model()
+                    .is_some_and(|model| model.white_measured);
                 let reason = (!white_seen).then(|| "too few lines to tell white by".to_owned());
                 (seen.line_points.len(), reason)
             }
@@ -53,7 +55,7 @@ pub fn learn_colours(
         if let (None, Some(model)) = (&left_out, eyes.carpet_model()) {
             learned.models.push(*model);
             for rgb in image.image.rgb.chunks_exact(3) {
-                learned.counts[cell(yuv_of_rgb([rgb[0], rgb[1], rgb[2]]))] += 1;
+                learned.counts[cell(rgb_to_yuv([rgb[0], rgb[1], rgb[2]]))] += 1;
             }
         }
         learned.images.push(ImageResidual {
@@ -70,8 +72,8 @@ pub fn learn_colours(
         });
         return Err(CalibrationError::TooFewImages {
             used: 0,
-            given: images.len(),
-            wanted: 1,
+            total: images.len(),
+            required: 1,
             reasons: reasons.take(3).collect::<Vec<_>>().join("; "),
         });
     }
@@ -88,7 +90,7 @@ impl LearnedColours {
         let names: Vec<String> = CLASS_NAMES.map(str::to_owned).to_vec();
         let cells: Vec<u8> = (0..CELLS)
             .into_par_iter()
-            .map(|index| self.vote(index, config))
+            .map(|index| self.vote_class(index, config))
             .collect();
         let classes = match kind {
             TableKind::Yuv => (0..1usize << 24)
@@ -96,41 +98,42 @@ impl LearnedColours {
                 .collect(),
             TableKind::Uv => {
                 let flat: Vec<u8> = (0..1usize << 12)
-                    .map(|chroma| self.whatever_brightness(chroma, &cells))
+                    .map(|chroma| self.majority_class_over_brightness(chroma, &cells))
                     .collect();
                 let fine = 0..1usize << 16;
                 fine.map(|index| flat[(index >> 10) << 6 | (index & 0xff) >> 2])
                     .collect()
             }
         };
-        ColourTable::of_classes(kind, names, classes)
+        ColourTable::from_classes(kind, names, classes)
     }
 
     /// What most lights say of the colour in the middle of a cell.
-    fn vote(&self, index: usize, config: &VisionConfig) -> u8 {
+    fn vote_class(&self, index: usize, config: &VisionConfig) -> u8 {
         let middle = |shift: usize| ((index >> shift & 63) << 2 | 2) as u8;
-        let rgb = rgb_of_yuv([middle(12), middle(6), middle(0)]);
+        let rgb = yuv_to_rgb([middle(12), middle(6), middle(0)]);
         let mut votes = [0u32; CLASS_NAMES.len()];
         for model in &self.models {
-            let Class(class) = model.class(rgb, &config.colours, config.objects.ball_hue_deg);
+            let ColourClass(class) =
+                model.classify(rgb, &config.colours, config.objects.ball_hue_deg);
             votes[usize::from(class)] += 1;
         }
-        most(&votes)
+        argmax(&votes)
     }
 
     /// What most pixels of a chroma are, over all brightnesses.
-    fn whatever_brightness(&self, chroma: usize, cells: &[u8]) -> u8 {
+    fn majority_class_over_brightness(&self, chroma: usize, cells: &[u8]) -> u8 {
         let mut votes = [0f32; CLASS_NAMES.len()];
         for y in 0..64 {
             let index = y << 12 | chroma;
-            votes[usize::from(cells[index])] += UNSEEN + self.counts[index] as f32;
+            votes[usize::from(cells[index])] += UNOBSERVED_WEIGHT + self.counts[index] as f32;
         }
-        most(&votes)
+        argmax(&votes)
     }
 }
 
 /// The first of the classes with most votes.
-fn most<T: PartialOrd + Copy>(votes: &[T]) -> u8 {
+fn argmax<T: PartialOrd + Copy>(votes: &[T]) -> u8 {
     let mut best = 0;
     for (class, count) in votes.iter().enumerate() {
         if *count > votes[best] {

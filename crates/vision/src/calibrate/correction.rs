@@ -6,29 +6,29 @@ use crate::ground_map::GroundMap;
 const KNOT_STEP: f64 = 0.4;
 
 /// Cubic B-splines over 0 to 12 m.
-pub(super) const SPLINES: usize = 11;
+pub(super) const SPLINE_COUNT: usize = 11;
 
 /// Functions of the bearing: 1, cos φ, sin φ, cos 2φ, sin 2φ for the range; the last four for the bearing.
 const RANGE_HARMONICS: usize = 5;
 const BEARING_HARMONICS: usize = 4;
 
 /// Numbers of a correction: splines times harmonics, then the lean (a, b).
-pub(super) const NUMBERS: usize = SPLINES * (RANGE_HARMONICS + BEARING_HARMONICS) + 2;
+pub(super) const PARAMETER_COUNT: usize = SPLINE_COUNT * (RANGE_HARMONICS + BEARING_HARMONICS) + 2;
 
 /// Where the lean starts among the numbers.
-const LEAN: usize = NUMBERS - 2;
+const TILT_INDEX: usize = PARAMETER_COUNT - 2;
 
 /// A correction of a start map: log range, bearing, lean.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Correction {
-    pub(super) numbers: Vec<f64>,
+pub(super) struct MapCorrection {
+    pub(super) parameters: Vec<f64>,
     /// Height of the viewpoint above the ground, metres.
-    pub(super) height: f64,
+    pub(super) viewpoint_height: f64,
 }
 
 /// A start map's point made ready: its polar coordinates and basis functions.
 #[derive(Debug, Clone)]
-pub(super) struct Basis {
+pub(super) struct BasisValues {
     range: f64,
     bearing: f64,
     first: usize,
@@ -36,13 +36,13 @@ pub(super) struct Basis {
     harmonics: [f64; RANGE_HARMONICS],
 }
 
-impl Basis {
+impl BasisValues {
     pub(super) fn new([x, y]: [f64; 2]) -> Self {
         let (range, bearing) = (x.hypot(y), y.atan2(x));
-        let place = (range.asinh() / KNOT_STEP).min((SPLINES - 3) as f64 - 1e-9);
+        let place = (range.asinh() / KNOT_STEP).min((SPLINE_COUNT - 3) as f64 - 1e-9);
         let (first, t) = (place as usize, place.fract());
         let (s, c) = bearing.sin_cos();
-        Basis {
+        BasisValues {
             range,
             bearing,
             first,
@@ -57,12 +57,12 @@ impl Basis {
     }
 
     /// Calls with (number, value of its basis function, is it a correction of the bearing).
-    pub(super) fn each(&self, mut with: impl FnMut(usize, f64, bool)) {
+    pub(super) fn for_each(&self, mut with: impl FnMut(usize, f64, bool)) {
         for (k, spline) in self.splines.iter().enumerate() {
             for (h, harmonic) in self.harmonics.iter().enumerate() {
-                with(h * SPLINES + self.first + k, spline * harmonic, false);
+                with(h * SPLINE_COUNT + self.first + k, spline * harmonic, false);
                 if h > 0 {
-                    let number = (RANGE_HARMONICS + h - 1) * SPLINES + self.first + k;
+                    let number = (RANGE_HARMONICS + h - 1) * SPLINE_COUNT + self.first + k;
                     with(number, spline * harmonic, true);
                 }
             }
@@ -70,71 +70,82 @@ impl Basis {
     }
 }
 
-impl Correction {
-    pub(super) fn none(height: f64) -> Self {
-        Correction {
-            numbers: vec![0.0; NUMBERS],
-            height,
+impl MapCorrection {
+    pub(super) fn identity(height: f64) -> Self {
+        MapCorrection {
+            parameters: vec![0.0; PARAMETER_COUNT],
+            viewpoint_height: height,
         }
     }
 
     /// Scales ranges by `scale` at one metre and by `scale`·3^`power` at three.
     pub(super) fn scaled(height: f64, scale: f64, power: f64) -> Self {
-        let mut correction = Correction::none(height);
-        for k in 0..SPLINES {
+        let mut correction = MapCorrection::identity(height);
+        for k in 0..SPLINE_COUNT {
             // The middle of a cubic B-spline's support.
             let range = ((k as f64 - 1.0) * KNOT_STEP).sinh().clamp(0.3, 12.0);
-            correction.numbers[k] = scale.ln() + power * range.ln();
+            correction.parameters[k] = scale.ln() + power * range.ln();
         }
         correction
     }
 
     /// Corrected log range factor and bearing difference at a point.
-    fn shifts(&self, basis: &Basis) -> [f64; 2] {
+    fn evaluate(&self, basis: &BasisValues) -> [f64; 2] {
         let mut shifts = [0.0; 2];
-        basis.each(|number, value, bearing| {
-            shifts[usize::from(bearing)] += self.numbers[number] * value;
+        basis.for_each(|number, value, bearing| {
+            shifts[usize::from(bearing)] += self.parameters[number] * value;
         });
         shifts
     }
 
     /// The corrected ground point, seen with an additional lean of one frame.
-    pub(super) fn ground(&self, basis: &Basis, frame_lean: [f64; 2]) -> [f64; 2] {
-        let [shift, turn] = self.shifts(basis);
-        self.placed(basis, [shift, turn], frame_lean)
+    pub(super) fn correct_point(&self, basis: &BasisValues, frame_lean: [f64; 2]) -> [f64; 2] {
+        let [shift, turn] = self.evaluate(basis);
+        self.apply_shift(basis, [shift, turn], frame_lean)
     }
 
-    fn placed(&self, basis: &Basis, [shift, turn]: [f64; 2], frame_lean: [f64; 2]) -> [f64; 2] {
+    fn apply_shift(
+        &self,
+        basis: &BasisValues,
+        [shift, turn]: [f64; 2],
+        frame_lean: [f64; 2],
+    ) -> [f64; 2] {
         let range = basis.range * shift.exp();
         let (sin, cos) = (basis.bearing + turn).sin_cos();
-        let lean = [0, 1].map(|i| self.numbers[LEAN + i] + frame_lean[i]);
-        lean_point([range * cos, range * sin], lean, self.height)
+        let lean = [0, 1].map(|i| self.parameters[TILT_INDEX + i] + frame_lean[i]);
+        tilt_ground_point([range * cos, range * sin], lean, self.viewpoint_height)
     }
 
     /// The corrected point and its derivatives by log range, bearing and lean (a, b).
-    pub(super) fn derivatives(&self, basis: &Basis, lean: [f64; 2]) -> ([f64; 2], [[f64; 2]; 4]) {
+    pub(super) fn jacobian(
+        &self,
+        basis: &BasisValues,
+        lean: [f64; 2],
+    ) -> ([f64; 2], [[f64; 2]; 4]) {
         const STEP: f64 = 1e-5;
-        let [shift, turn] = self.shifts(basis);
-        let here = self.placed(basis, [shift, turn], lean);
+        let [shift, turn] = self.evaluate(basis);
+        let here = self.apply_shift(basis, [shift, turn], lean);
         let by = |moved: [f64; 2]| [0, 1].map(|i| (moved[i] - here[i]) / STEP);
         let derivatives = [
-            by(self.placed(basis, [shift + STEP, turn], lean)),
-            by(self.placed(basis, [shift, turn + STEP], lean)),
-            by(self.placed(basis, [shift, turn], [lean[0] + STEP, lean[1]])),
-            by(self.placed(basis, [shift, turn], [lean[0], lean[1] + STEP])),
+            by(self.apply_shift(basis, [shift + STEP, turn], lean)),
+            by(self.apply_shift(basis, [shift, turn + STEP], lean)),
+            by(self.apply_shift(basis, [shift, turn], [lean[0] + STEP, lean[1]])),
+            by(self.apply_shift(basis, [shift, turn], [lean[0], lean[1] + STEP])),
         ];
         (here, derivatives)
     }
 
     /// Adds to a gradient row: derivatives by log range, bearing and lean, spread over the numbers.
-    pub(super) fn spread(basis: &Basis, by: [f64; 4], row: &mut Vec<(usize, f64)>) {
-        basis.each(|number, value, bearing| row.push((number, value * by[usize::from(bearing)])));
-        row.push((LEAN, by[2]));
-        row.push((LEAN + 1, by[3]));
+    pub(super) fn append_jacobian(basis: &BasisValues, by: [f64; 4], row: &mut Vec<(usize, f64)>) {
+        basis.for_each(|number, value, bearing| {
+            row.push((number, value * by[usize::from(bearing)]))
+        });
+        row.push((TILT_INDEX, by[2]));
+        row.push((TILT_INDEX + 1, by[3]));
     }
 
     /// Weak beliefs about a correction: (weight, row) of squares to be added, each row times the numbers being zero.
-    pub(super) fn beliefs() -> Vec<(f64, Vec<(usize, f64)>)> {
+    pub(super) fn prior_terms() -> Vec<(f64, Vec<(usize, f64)>)> {
         let mut beliefs = Vec::new();
         for group in 0..RANGE_HARMONICS + BEARING_HARMONICS {
             // A guess may be 30 % off in range all around; around the circle the lean below does most, a few percent are left.
@@ -143,8 +154,8 @@ impl Correction {
                 g if g < RANGE_HARMONICS => (0.02, 0.005),
                 _ => (0.01, 0.003),
             };
-            for k in 0..SPLINES {
-                let number = group * SPLINES + k;
+            for k in 0..SPLINE_COUNT {
+                let number = group * SPLINE_COUNT + k;
                 beliefs.push((1.0 / (value * value), vec![(number, 1.0)]));
                 if k >= 2 {
                     let row = vec![(number - 2, 1.0), (number - 1, -2.0), (number, 1.0)];
@@ -153,18 +164,18 @@ impl Correction {
             }
         }
         let lean = 4f64.to_radians();
-        beliefs.push((1.0 / (lean * lean), vec![(LEAN, 1.0)]));
-        beliefs.push((1.0 / (lean * lean), vec![(LEAN + 1, 1.0)]));
+        beliefs.push((1.0 / (lean * lean), vec![(TILT_INDEX, 1.0)]));
+        beliefs.push((1.0 / (lean * lean), vec![(TILT_INDEX + 1, 1.0)]));
         beliefs
     }
 
     /// The start map, corrected.
-    pub(super) fn map(&self, start: &GroundMap) -> GroundMap {
+    pub(super) fn correct_map(&self, start: &GroundMap) -> GroundMap {
         let mut map = start.clone();
         for (x, y) in map.x.iter_mut().zip(&mut map.y) {
             if x.is_finite() && y.is_finite() {
-                let basis = Basis::new([f64::from(*x), f64::from(*y)]);
-                let ground = self.ground(&basis, [0.0; 2]);
+                let basis = BasisValues::new([f64::from(*x), f64::from(*y)]);
+                let ground = self.correct_point(&basis, [0.0; 2]);
                 let seen = ground.iter().all(|at| at.is_finite());
                 [*x, *y] = if seen {
                     ground.map(|at| at as f32)
@@ -178,7 +189,7 @@ impl Correction {
 }
 
 /// Where a point of an upright robot's map really lies when the robot leans by (a, b) radians (MATH.md 2).
-fn lean_point([x, y]: [f64; 2], [a, b]: [f64; 2], height: f64) -> [f64; 2] {
+fn tilt_ground_point([x, y]: [f64; 2], [a, b]: [f64; 2], height: f64) -> [f64; 2] {
     let depth = height - a * x - b * y;
     // Beyond the horizon there is no ground.
     let factor = if depth > 0.05 * height {

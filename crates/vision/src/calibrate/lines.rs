@@ -11,18 +11,18 @@ use localize::sample::LinePoint;
 use localize::search::{BranchAndBound, BranchAndBoundConfig};
 use localize::{Field, Pose};
 
-use crate::calibrate::correction::{Basis, Correction};
-use crate::calibrate::lines_fit::{Fit, FitImage};
+use crate::calibrate::correction::{BasisValues, MapCorrection};
+use crate::calibrate::lines_fit::{FitImage, JointFit};
 use crate::calibrate::{CalibrationError, ImageResidual};
 use crate::config::VisionConfig;
-use crate::eyes::Eyes;
+use crate::eyes::Vision;
 use crate::ground_map::GroundMap;
 use crate::image::Image;
 use localize::robot::CameraConfig;
 
 /// One image of a drive.
 #[derive(Debug, Clone)]
-pub struct DriveImage {
+pub struct NamedImage {
     /// Its file, for messages.
     pub name: String,
     /// What the camera showed.
@@ -49,16 +49,16 @@ const SCALES: [f64; 9] = [0.7, 0.77, 0.83, 0.9, 1.0, 1.1, 1.2, 1.3, 1.42];
 const POWERS: [f64; 3] = [-0.15, 0.0, 0.15];
 
 /// Images with fewer line points say too little.
-const FEWEST_POINTS: usize = 25;
+const POINTS_MIN: usize = 25;
 
 /// Fewer images cannot tell the map from their poses.
-const FEWEST_IMAGES: usize = 4;
+const IMAGES_MIN: usize = 4;
 
 /// Most images used: a minute of driving, thinned out evenly.
 const IMAGES_MAX: usize = 60;
 
 /// An image is left out if fewer of its points lie on markings in the end.
-const INLIERS_MIN: f64 = 0.6;
+const INLIER_SHARE_MIN: f64 = 0.6;
 
 /// Calibrates the map from images anywhere on the field.
 ///
@@ -67,7 +67,7 @@ pub fn calibrate_lines(
     camera: &CameraConfig,
     start: &GroundMap,
     field: &Field,
-    images: &[DriveImage],
+    images: &[NamedImage],
     vision: &VisionConfig,
 ) -> Result<LinesCalibration, CalibrationError> {
     let height = f64::from(vision.objects.viewpoint_height);
@@ -76,48 +76,50 @@ pub fn calibrate_lines(
     let mut result = None;
     // The second round sees with the corrected map: widths are right then, and no point is refused for them.
     for round in 0..2 {
-        let seen = see(camera, &map, field, images, vision, round == 0)?;
-        let starts = starts(field, &distances, &seen, height, round == 0);
-        let mut fit = Fit::new(&distances, starts.0);
+        let seen = detect_line_points(camera, &map, field, images, vision, round == 0)?;
+        let starts = search_initial_poses(field, &distances, &seen, height, round == 0);
+        let mut fit = JointFit::new(&distances, starts.0);
         fit.images = starts.1;
-        fit.settle();
-        map = fit.correction.map(&map);
-        result = Some(conclude(map.clone(), images, &fit)?);
+        fit.optimize();
+        map = fit.correction.correct_map(&map);
+        result = Some(summarize_fit(map.clone(), images, &fit)?);
     }
-    result.ok_or_else(|| CalibrationError::NoFit("no round was run".into()))
+    result.ok_or_else(|| CalibrationError::NoConvergence("no round was run".into()))
 }
 
 /// Line points of one image: where they are in the start map, and how large a pixel is there.
-struct SeenImage {
+struct ImageLinePoints {
     index: usize,
     points: Vec<([f64; 2], f64, f64)>,
 }
 
-fn see(
+fn detect_line_points(
     camera: &CameraConfig,
     map: &GroundMap,
     field: &Field,
-    images: &[DriveImage],
+    images: &[NamedImage],
     vision: &VisionConfig,
     guess: bool,
-) -> Result<Vec<SeenImage>, CalibrationError> {
+) -> Result<Vec<ImageLinePoints>, CalibrationError> {
     let mut config = vision.clone();
     if guess {
         // A map that is a third off makes lines a third too narrow or too wide.
-        config.lines.width_min *= 0.6;
-        config.lines.width_max *= 1.4;
+        config.lines.width_ratio_min *= 0.6;
+        config.lines.width_ratio_max *= 1.4;
     }
     let named = |name: &str| {
         let name = name.to_owned();
         move |source| CalibrationError::Image { name, source }
     };
-    let mut eyes =
-        Eyes::new(map, camera, field.config.line_width, config).map_err(named("the start map"))?;
+    let mut eyes = Vision::new(map, camera, field.config.line_width, config)
+        .map_err(named("the start map"))?;
     let every = images.len().div_ceil(IMAGES_MAX).max(1);
     let mut seen = Vec::new();
     for (index, image) in images.iter().enumerate().step_by(every) {
-        eyes.forget_light();
-        let found = eyes.see(&image.image.frame()).map_err(named(&image.name))?;
+        eyes.reset_colour_model();
+        let found = eyes
+            .process(&image.image.view())
+            .map_err(named(&image.name))?;
         let points = found
             .line_points
             .iter()
@@ -130,19 +132,19 @@ fn see(
                 ([f64::from(at.x), f64::from(at.y)], std.0, std.1)
             })
             .collect();
-        seen.push(SeenImage { index, points });
+        seen.push(ImageLinePoints { index, points });
     }
     Ok(seen)
 }
 
 /// The scale that explains all images best, and each image's poses under it.
-fn starts(
+fn search_initial_poses(
     field: &Field,
     distances: &DistanceField,
-    seen: &[SeenImage],
+    seen: &[ImageLinePoints],
     height: f64,
     guess: bool,
-) -> (Correction, Vec<FitImage>) {
+) -> (MapCorrection, Vec<FitImage>) {
     let mut search = BranchAndBound::new(field, distances, BranchAndBoundConfig::default());
     // A guess is off by more than a frame's lean could repair: take frames for upright.
     let mut matcher = Matcher::new(MatchConfig {
@@ -150,19 +152,19 @@ fn starts(
         map_std: if guess { 0.08 } else { 0.02 },
         ..MatchConfig::default()
     });
-    let mut best: Option<(f64, Correction, Vec<Option<Pose>>)> = None;
+    let mut best: Option<(f64, MapCorrection, Vec<Option<Pose>>)> = None;
     let grid = SCALES
         .iter()
         .flat_map(|&scale| POWERS.iter().map(move |&power| (scale, power)));
     for (scale, power) in grid.filter(|&(scale, power)| guess || scale == 1.0 && power == 0.0) {
-        let correction = Correction::scaled(height, scale, power);
+        let correction = MapCorrection::scaled(height, scale, power);
         let (mut sum, mut poses) = (0.0, Vec::new());
         for image in seen {
             let points: Vec<LinePoint> = image
                 .points
                 .iter()
                 .map(|(start, radial, tangential)| {
-                    let [x, y] = correction.ground(&Basis::new(*start), [0.0; 2]);
+                    let [x, y] = correction.correct_point(&BasisValues::new(*start), [0.0; 2]);
                     LinePoint {
                         at: At::new(x as f32, y as f32),
                         std_radial: (scale * radial) as f32,
@@ -181,21 +183,21 @@ fn starts(
         }
     }
     let Some((_, correction, poses)) = best else {
-        return (Correction::none(height), Vec::new());
+        return (MapCorrection::identity(height), Vec::new());
     };
     let images = seen
         .iter()
         .zip(poses)
-        .filter(|(image, _)| image.points.len() >= FEWEST_POINTS)
+        .filter(|(image, _)| image.points.len() >= POINTS_MIN)
         .filter_map(|(image, pose)| Some(FitImage::new(image.index, &image.points, pose?)))
         .collect();
     (correction, images)
 }
 
-fn conclude(
+fn summarize_fit(
     map: GroundMap,
-    images: &[DriveImage],
-    fit: &Fit<'_>,
+    images: &[NamedImage],
+    fit: &JointFit<'_>,
 ) -> Result<LinesCalibration, CalibrationError> {
     let mut residuals: Vec<ImageResidual> = images
         .iter()
@@ -209,22 +211,22 @@ fn conclude(
     let mut poses = vec![None; images.len()];
     let (mut squares, mut inliers, mut points, mut used) = (0.0, 0.0, 0.0, 0);
     for image in &fit.images {
-        let judged = fit.judge(image);
+        let judged = fit.evaluate(image);
         let residual = &mut residuals[image.index];
         residual.points = image.points.len();
         residual.rms_px = judged.rms_px;
-        let share = judged.inliers / image.points.len() as f64;
-        residual.left_out = (!image.used || share < INLIERS_MIN)
+        let share = judged.inlier_count / image.points.len() as f64;
+        residual.left_out = (!image.used || share < INLIER_SHARE_MIN)
             .then(|| format!("only {:.0} % of its points lie on markings", 100.0 * share));
         if residual.left_out.is_none() {
             used += 1;
             poses[image.index] = Some(image.pose());
-            squares += judged.squares;
-            inliers += judged.inliers;
+            squares += judged.sum_squared;
+            inliers += judged.inlier_count;
             points += image.points.len() as f64;
         }
     }
-    if used < FEWEST_IMAGES {
+    if used < IMAGES_MIN {
         let reasons: Vec<String> = residuals
             .iter()
             .filter_map(|image| Some(format!("{}: {}", image.name, image.left_out.as_ref()?)))
@@ -232,8 +234,8 @@ fn conclude(
             .collect();
         return Err(CalibrationError::TooFewImages {
             used,
-            given: images.len(),
-            wanted: FEWEST_IMAGES,
+            total: images.len(),
+            required: IMAGES_MIN,
             reasons: reasons.join("; "),
         });
     }

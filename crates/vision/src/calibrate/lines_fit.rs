@@ -4,29 +4,29 @@ use localize::Pose;
 use localize::distance::DistanceField;
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibrate::correction::{Basis, Correction, NUMBERS};
+use crate::calibrate::correction::{BasisValues, MapCorrection, PARAMETER_COUNT};
 
 /// Numbers of an image: x, y, θ and its lean (a, b).
-const POSE: usize = 5;
+const IMAGE_PARAMETERS: usize = 5;
 
 /// Standard deviation of one frame's lean, radians: photographs of real robots show 0.45°.
-const FRAME_LEAN: f64 = 0.45 * std::f64::consts::PI / 180.0;
+const IMAGE_TILT_STD: f64 = 0.45 * std::f64::consts::PI / 180.0;
 
 /// A point's own deviation besides its pixel's, metres: paint is not where the rule book says.
-const PAINT: f64 = 0.015;
+const MARKING_STD: f64 = 0.015;
 
 /// Reach of the robust error, metres, from the first rounds to the last: a wrong map at first, paint at last.
-const REACHES: [f64; 6] = [0.6, 0.4, 0.25, 0.15, 0.1, 0.08];
+const ROBUST_SCALES: [f64; 6] = [0.6, 0.4, 0.25, 0.15, 0.1, 0.08];
 
 /// Newton steps per reach.
-const STEPS: usize = 8;
+const ITERATIONS_PER_SCALE: usize = 8;
 
 /// One image's points and the pose being fitted.
 #[derive(Debug, Clone)]
 pub(super) struct FitImage {
     pub(super) index: usize,
     pub(super) points: Vec<FitPoint>,
-    state: [f64; POSE],
+    state: [f64; IMAGE_PARAMETERS],
     /// False once most of its points lie nowhere.
     pub(super) used: bool,
 }
@@ -34,14 +34,14 @@ pub(super) struct FitImage {
 /// A line point in the start map.
 #[derive(Debug, Clone)]
 pub(super) struct FitPoint {
-    basis: Basis,
+    basis: BasisValues,
     variance: f64,
 }
 
 /// How an image fits.
-pub(super) struct Judged {
-    pub(super) squares: f64,
-    pub(super) inliers: f64,
+pub(super) struct ImageFit {
+    pub(super) sum_squared: f64,
+    pub(super) inlier_count: f64,
     pub(super) rms_px: f64,
 }
 
@@ -53,8 +53,9 @@ impl FitImage {
             points: points
                 .iter()
                 .map(|(start, radial, tangential)| FitPoint {
-                    basis: Basis::new(*start),
-                    variance: PAINT * PAINT + 0.5 * (radial * radial + tangential * tangential),
+                    basis: BasisValues::new(*start),
+                    variance: MARKING_STD * MARKING_STD
+                        + 0.5 * (radial * radial + tangential * tangential),
                 })
                 .collect(),
             state: [
@@ -78,15 +79,15 @@ impl FitImage {
 }
 
 /// All that is fitted.
-pub(super) struct Fit<'a> {
+pub(super) struct JointFit<'a> {
     distances: &'a DistanceField,
-    pub(super) correction: Correction,
+    pub(super) correction: MapCorrection,
     pub(super) images: Vec<FitImage>,
 }
 
-impl<'a> Fit<'a> {
-    pub(super) fn new(distances: &'a DistanceField, correction: Correction) -> Self {
-        Fit {
+impl<'a> JointFit<'a> {
+    pub(super) fn new(distances: &'a DistanceField, correction: MapCorrection) -> Self {
+        JointFit {
             distances,
             correction,
             images: Vec::new(),
@@ -94,37 +95,37 @@ impl<'a> Fit<'a> {
     }
 
     /// Runs all rounds; an image that lies nowhere in the end of one is not used in the next.
-    pub(super) fn settle(&mut self) {
-        for (round, reach) in REACHES.into_iter().enumerate() {
+    pub(super) fn optimize(&mut self) {
+        for (round, reach) in ROBUST_SCALES.into_iter().enumerate() {
             // First the poses under the coarse map, then all together.
-            for step in 0..STEPS {
+            for step in 0..ITERATIONS_PER_SCALE {
                 let whole = round > 0 || step >= 3;
-                if self.step(reach, whole) < 1e-5 {
+                if self.gauss_newton_step(reach, whole) < 1e-5 {
                     break;
                 }
             }
             if round >= 3 {
                 for index in 0..self.images.len() {
-                    let judged = self.judge(&self.images[index]);
+                    let judged = self.evaluate(&self.images[index]);
                     let image = &mut self.images[index];
-                    image.used = judged.inliers >= 0.5 * image.points.len() as f64;
+                    image.used = judged.inlier_count >= 0.5 * image.points.len() as f64;
                 }
             }
         }
     }
 
     /// One Newton step on the reweighted squares; returns its size. `whole`: the map moves too.
-    fn step(&mut self, reach: f64, whole: bool) -> f64 {
-        let unknowns = NUMBERS + POSE * self.images.len();
+    fn gauss_newton_step(&mut self, reach: f64, whole: bool) -> f64 {
+        let unknowns = PARAMETER_COUNT + IMAGE_PARAMETERS * self.images.len();
         let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
         let mut gradient = DVector::<f64>::zeros(unknowns);
         let mut row: Vec<(usize, f64)> = Vec::new();
         for (number, image) in self.images.iter().enumerate() {
-            let start = NUMBERS + POSE * number;
+            let start = PARAMETER_COUNT + IMAGE_PARAMETERS * number;
             let [x, y, theta, a, b] = image.state;
             let (sin, cos) = theta.sin_cos();
             for point in image.points.iter().filter(|_| image.used) {
-                let (ground, by) = self.correction.derivatives(&point.basis, [a, b]);
+                let (ground, by) = self.correction.jacobian(&point.basis, [a, b]);
                 let on_field = [
                     x + cos * ground[0] - sin * ground[1],
                     y + sin * ground[0] + cos * ground[1],
@@ -146,7 +147,7 @@ impl<'a> Fit<'a> {
                     / (point.variance + 0.01 * reach * reach);
                 row.clear();
                 if whole {
-                    Correction::spread(&point.basis, by, &mut row);
+                    MapCorrection::append_jacobian(&point.basis, by, &mut row);
                 }
                 let turn = ny * (on_field[0] - x) - nx * (on_field[1] - y);
                 row.extend([(start, nx), (start + 1, ny), (start + 2, turn)]);
@@ -158,7 +159,7 @@ impl<'a> Fit<'a> {
                     }
                 }
             }
-            let information = 1.0 / (FRAME_LEAN * FRAME_LEAN);
+            let information = 1.0 / (IMAGE_TILT_STD * IMAGE_TILT_STD);
             for (i, lean) in [(start + 3, a), (start + 4, b)] {
                 normal[(i, i)] += information;
                 gradient[i] += information * lean;
@@ -167,10 +168,10 @@ impl<'a> Fit<'a> {
                 normal[(i, i)] += 1.0;
             }
         }
-        for (weight, row) in Correction::beliefs() {
+        for (weight, row) in MapCorrection::prior_terms() {
             let value: f64 = row
                 .iter()
-                .map(|&(i, di)| di * self.correction.numbers[i])
+                .map(|&(i, di)| di * self.correction.parameters[i])
                 .sum();
             for &(i, di) in &row {
                 gradient[i] += weight * value * di;
@@ -180,7 +181,7 @@ impl<'a> Fit<'a> {
             }
         }
         if !whole {
-            for i in 0..NUMBERS {
+            for i in 0..PARAMETER_COUNT {
                 gradient[i] = 0.0;
                 normal[(i, i)] += 1e12;
             }
@@ -189,13 +190,13 @@ impl<'a> Fit<'a> {
             return 0.0;
         };
         let step = -cholesky.solve(&gradient);
-        for (value, step) in self.correction.numbers.iter_mut().zip(step.iter()) {
+        for (value, step) in self.correction.parameters.iter_mut().zip(step.iter()) {
             *value += step;
         }
         let mut size = 0.0f64;
         for (number, image) in self.images.iter_mut().enumerate() {
             for (i, value) in image.state.iter_mut().enumerate() {
-                let moved = step[NUMBERS + POSE * number + i];
+                let moved = step[PARAMETER_COUNT + IMAGE_PARAMETERS * number + i];
                 *value += moved;
                 size = size.max(moved.abs());
             }
@@ -204,26 +205,26 @@ impl<'a> Fit<'a> {
     }
 
     /// How an image's points lie at the present fit.
-    pub(super) fn judge(&self, image: &FitImage) -> Judged {
+    pub(super) fn evaluate(&self, image: &FitImage) -> ImageFit {
         let [x, y, theta, a, b] = image.state;
         let (sin, cos) = theta.sin_cos();
         let (mut squares, mut inliers, mut relative) = (0.0, 0.0, 0.0);
         for point in &image.points {
-            let [gx, gy] = self.correction.ground(&point.basis, [a, b]);
+            let [gx, gy] = self.correction.correct_point(&point.basis, [a, b]);
             let (fx, fy) = (x + cos * gx - sin * gy, y + sin * gx + cos * gy);
             if !(fx.is_finite() && fy.is_finite()) {
                 continue;
             }
             let distance = f64::from(self.distances.nearest(fx as f32, fy as f32).signed_distance);
-            if distance * distance <= 9.0 * (point.variance + PAINT * PAINT) {
+            if distance * distance <= 9.0 * (point.variance + MARKING_STD * MARKING_STD) {
                 squares += distance * distance;
                 relative += distance * distance / point.variance;
                 inliers += 1.0;
             }
         }
-        Judged {
-            squares,
-            inliers,
+        ImageFit {
+            sum_squared: squares,
+            inlier_count: inliers,
             rms_px: 0.5 * (relative / f64::max(inliers, 1.0)).sqrt(),
         }
     }

@@ -8,13 +8,13 @@ use crate::image::Image;
 use localize::robot::CameraConfig;
 
 /// Fewer images of a turning robot leave floor that happens to stay the same.
-const FEWEST_IMAGES: usize = 6;
+const IMAGES_MIN: usize = 6;
 
 /// The robot's own parts change less than this while it turns, levels (standard deviation): noise and stray light.
-const STEADY: f64 = 9.0;
+const STATIC_STD_MAX: f64 = 9.0;
 
 /// Floor is brighter than the darkest own parts by this factor, at least; a dark pixel's steadiness proves little else.
-const DARK_SHARE: f64 = 0.6;
+const DARK_RATIO_MAX: f64 = 0.6;
 
 /// One entry a pixel, row by row: false where the robot's own body and rods are, true elsewhere.
 ///
@@ -24,17 +24,17 @@ pub fn calibrate_mask(
     camera: &CameraConfig,
     images: &[Image],
 ) -> Result<Vec<bool>, CalibrationError> {
-    if images.len() < FEWEST_IMAGES {
+    if images.len() < IMAGES_MIN {
         return Err(CalibrationError::TooFewImages {
             used: images.len(),
-            given: images.len(),
-            wanted: FEWEST_IMAGES,
+            total: images.len(),
+            required: IMAGES_MIN,
             reasons: "a mask needs images all around".into(),
         });
     }
     for (number, image) in images.iter().enumerate() {
         image
-            .frame()
+            .view()
             .check(camera.width_px, camera.height_px)
             .map_err(|source| CalibrationError::Image {
                 name: format!("image {number}"),
@@ -57,7 +57,7 @@ pub fn calibrate_mask(
         .collect();
     let inside = |pixel: usize| {
         let (u, v) = (pixel % camera.width_px, pixel / camera.width_px);
-        camera.sees_mirror(u as f32, v as f32)
+        camera.is_inside_mirror(u as f32, v as f32)
     };
     let mut levels: Vec<f64> = (0..statistics.len())
         .filter(|&pixel| inside(pixel))
@@ -67,10 +67,10 @@ pub fn calibrate_mask(
     let typical = levels.get(levels.len() / 2).copied().unwrap_or(0.0);
     let own: Vec<bool> = statistics
         .iter()
-        .map(|&[mean, deviation]| deviation < STEADY && mean < DARK_SHARE * typical)
+        .map(|&[mean, deviation]| deviation < STATIC_STD_MAX && mean < DARK_RATIO_MAX * typical)
         .collect();
     Ok((0..own.len())
-        .map(|pixel| !near(&own, camera, pixel))
+        .map(|pixel| !has_body_neighbours(&own, camera, pixel))
         .collect())
 }
 
@@ -106,7 +106,7 @@ pub fn load_mask(path: &Path, width_px: usize, height_px: usize) -> Result<Vec<b
 }
 
 /// Are at least three of the nine pixels around one the robot's own? Widens by a pixel's blur, drops specks.
-fn near(own: &[bool], camera: &CameraConfig, pixel: usize) -> bool {
+fn has_body_neighbours(own: &[bool], camera: &CameraConfig, pixel: usize) -> bool {
     let (u, v) = (pixel % camera.width_px, pixel / camera.width_px);
     let columns = u.saturating_sub(1)..=(u + 1).min(camera.width_px - 1);
     let rows = v.saturating_sub(1)..=(v + 1).min(camera.height_px - 1);

@@ -12,17 +12,17 @@ pub mod strip;
 mod strip_edges;
 
 pub use colours::{LearnedColours, learn_colours};
-pub use lines::{DriveImage, LinesCalibration, calibrate_lines};
+pub use lines::{LinesCalibration, NamedImage, calibrate_lines};
 pub use mask::calibrate_mask;
-pub use profile_fit::{ProfileFit, fit_profile};
-pub use sizes::{SizeCalibration, SizeRow, calibrate_sizes};
+pub use profile_fit::{MountFit, fit_mount};
+pub use sizes::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
 
 /// A point of the ground whose place in the image is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correspondence {
     /// Column and row, pixels.
-    pub at_px: [f64; 2],
+    pub position_px: [f64; 2],
     /// Robot frame, metres.
     pub ground: [f64; 2],
 }
@@ -54,20 +54,20 @@ pub enum CalibrationError {
         reason: &'static str,
     },
     /// Too few images agree.
-    #[error("only {used} of {given} images can be used, {wanted} are needed; {reasons}")]
+    #[error("only {used} of {total} images can be used, {required} are needed; {reasons}")]
     TooFewImages {
         /// Images that could be used.
         used: usize,
         /// Images given.
-        given: usize,
+        total: usize,
         /// Images needed.
-        wanted: usize,
+        required: usize,
         /// The first reasons for leaving images out.
         reasons: String,
     },
     /// The fit does not settle.
     #[error("the fit does not settle: {0}")]
-    NoFit(String),
+    NoConvergence(String),
     /// The mirror cannot be traced.
     #[error(transparent)]
     Optics(#[from] crate::optics::OpticsError),

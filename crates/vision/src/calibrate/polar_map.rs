@@ -12,11 +12,11 @@ use localize::robot::CameraConfig;
 
 /// A periodic function: 1, cos φ, sin φ, cos 2φ, …
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Periodic {
+pub(super) struct FourierSeries {
     coefficients: Vec<f64>,
 }
 
-impl Periodic {
+impl FourierSeries {
     /// Least squares through (angle, value); `order` harmonics.
     pub(super) fn fit(points: &[[f64; 2]], order: usize) -> Option<Self> {
         let unknowns = 2 * order + 1;
@@ -24,16 +24,16 @@ impl Periodic {
             return None;
         }
         let rows = DMatrix::from_fn(points.len(), unknowns, |row, column| {
-            basis(points[row][0], column)
+            fourier_basis(points[row][0], column)
         });
         let values = DVector::from_iterator(points.len(), points.iter().map(|point| point[1]));
         let solution = rows.svd(true, true).solve(&values, 1e-9).ok()?;
-        Some(Periodic {
+        Some(FourierSeries {
             coefficients: solution.iter().copied().collect(),
         })
     }
 
-    pub(super) fn at(&self, angle: f64) -> f64 {
+    pub(super) fn evaluate(&self, angle: f64) -> f64 {
         let (sin, cos) = angle.sin_cos();
         let (mut s, mut c) = (0.0, 1.0);
         let mut sum = self.coefficients[0];
@@ -45,7 +45,7 @@ impl Periodic {
     }
 }
 
-fn basis(angle: f64, column: usize) -> f64 {
+fn fourier_basis(angle: f64, column: usize) -> f64 {
     let harmonic = column.div_ceil(2) as f64;
     match column {
         0 => 1.0,
@@ -60,19 +60,23 @@ pub(super) struct PolarMap {
     /// Distance of each ring, metres, ascending.
     pub(super) distances: Vec<f64>,
     /// Image radius of each ring over the robot bearing, pixels.
-    pub(super) radii: Vec<Periodic>,
+    pub(super) radii: Vec<FourierSeries>,
     /// Image angle minus nominal angle of each ring over the robot bearing, radians.
-    pub(super) deviations: Vec<Periodic>,
+    pub(super) deviations: Vec<FourierSeries>,
 }
 
 impl PolarMap {
     /// Ground distance and robot bearing for an image radius (pixels) and nominal bearing; none beyond the rings by
     /// more than one ring's spacing.
-    fn ground(&self, radius: f64, nominal: f64) -> Option<[f64; 2]> {
+    fn ground_at(&self, radius: f64, nominal: f64) -> Option<[f64; 2]> {
         let mut bearing = nominal;
         let mut distance = 0.0;
         for _ in 0..4 {
-            let radii: Vec<f64> = self.radii.iter().map(|ring| ring.at(bearing)).collect();
+            let radii: Vec<f64> = self
+                .radii
+                .iter()
+                .map(|ring| ring.evaluate(bearing))
+                .collect();
             if radii.windows(2).any(|pair| pair[1] <= pair[0]) {
                 return None;
             }
@@ -80,7 +84,7 @@ impl PolarMap {
             let deviations: Vec<f64> = self
                 .deviations
                 .iter()
-                .map(|ring| ring.at(bearing))
+                .map(|ring| ring.evaluate(bearing))
                 .collect();
             let clamped = radius.clamp(radii[0], radii[radii.len() - 1]);
             bearing = nominal - monotone_cubic(&radii, &deviations, clamped)?;
@@ -96,8 +100,8 @@ impl PolarMap {
             .flat_map_iter(|v| (0..width_px).map(move |u| (u, v)))
             .map(|(u, v)| {
                 let [x, y] = camera.robot_direction_px(u as f32, v as f32).map(f64::from);
-                let seen = camera.sees_mirror(u as f32, v as f32);
-                let ground = self.ground(x.hypot(y), y.atan2(x)).filter(|_| seen);
+                let seen = camera.is_inside_mirror(u as f32, v as f32);
+                let ground = self.ground_at(x.hypot(y), y.atan2(x)).filter(|_| seen);
                 ground.map_or([f32::NAN; 2], |[distance, bearing]| {
                     [
                         (distance * bearing.cos()) as f32,

@@ -10,7 +10,7 @@ use localize::robot::CameraConfig;
 
 /// The mount that fits best.
 #[derive(Debug, Clone)]
-pub struct ProfileFit {
+pub struct MountFit {
     /// The camera with its focal length and centre corrected.
     pub camera: CameraConfig,
     /// How the mirror is mounted.
@@ -27,17 +27,17 @@ pub struct ProfileFit {
 const UNKNOWNS: usize = 5;
 
 /// Steps for the numeric derivatives: far above rounding, far below what changes the linearisation.
-const STEPS: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-5, 1e-5, 1e-5];
+const DIFFERENCE_STEPS: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-5, 1e-5, 1e-5];
 
 /// How far off a mount may plausibly be, one standard deviation each: 2°, 5 mm, 3 %; keeps the unseen from wandering.
-const PRIOR: [f64; UNKNOWNS] = [2.0, 2.0, 0.005, 0.005, 0.03];
+const PRIOR_STD: [f64; UNKNOWNS] = [2.0, 2.0, 0.005, 0.005, 0.03];
 
 /// Fits the mount to points of the ground whose place in the image is known, e.g. those of a strip.
-pub fn fit_profile(
+pub fn fit_mount(
     camera: &CameraConfig,
     profile: &Profile,
     points: &[Correspondence],
-) -> Result<ProfileFit, CalibrationError> {
+) -> Result<MountFit, CalibrationError> {
     let mut unknowns = SVector::<f64, UNKNOWNS>::zeros();
     let mut damping = 1e-3;
     let mut cost = cost(camera, profile, points, &unknowns)?;
@@ -46,20 +46,22 @@ pub fn fit_profile(
         let mut gradient = SVector::<f64, UNKNOWNS>::zeros();
         let base = residuals(camera, profile, points, &unknowns)?;
         let mut moved = Vec::with_capacity(UNKNOWNS);
-        for (i, step) in STEPS.iter().enumerate() {
+        for (i, step) in DIFFERENCE_STEPS.iter().enumerate() {
             let mut shifted = unknowns;
             shifted[i] += step;
             moved.push(residuals(camera, profile, points, &shifted)?);
         }
         for (index, here) in base.iter().enumerate() {
-            let row = SVector::<f64, UNKNOWNS>::from_fn(|i, _| (moved[i][index] - here) / STEPS[i]);
+            let row = SVector::<f64, UNKNOWNS>::from_fn(|i, _| {
+                (moved[i][index] - here) / DIFFERENCE_STEPS[i]
+            });
             // Huber: a wrong reading counts linearly beyond one pixel.
             let weight = 1.0 / here.abs().max(1.0);
             normal += weight * row * row.transpose();
             gradient += weight * *here * row;
         }
         for i in 0..UNKNOWNS {
-            let inverse = 1.0 / (PRIOR[i] * PRIOR[i]);
+            let inverse = 1.0 / (PRIOR_STD[i] * PRIOR_STD[i]);
             normal[(i, i)] += inverse;
             gradient[i] += inverse * unknowns[i];
         }
@@ -67,10 +69,9 @@ pub fn fit_profile(
         for i in 0..UNKNOWNS {
             damped[(i, i)] *= 1.0 + damping;
         }
-        let step = damped
-            .lu()
-            .solve(&-gradient)
-            .ok_or_else(|| CalibrationError::NoFit("the points leave the mount open".into()))?;
+        let step = damped.lu().solve(&-gradient).ok_or_else(|| {
+            CalibrationError::NoConvergence("the points leave the mount open".into())
+        })?;
         let tried = self::cost(camera, profile, points, &(unknowns + step));
         match tried {
             Ok(tried) if tried < cost => {
@@ -87,20 +88,22 @@ pub fn fit_profile(
             break;
         }
     }
-    let (camera, mount) = apply(camera, &unknowns);
+    let (camera, mount) = apply_parameters(camera, &unknowns);
     let tracer = Tracer::new(&camera, profile, &mount)?;
     let offs: Vec<f64> = points
         .iter()
         .filter_map(|point| {
-            let ground = tracer.ray(point.at_px[0], point.at_px[1])?.at_height(0.0)?;
+            let ground = tracer
+                .ray(point.position_px[0], point.position_px[1])?
+                .at_height(0.0)?;
             let dx = f64::from(ground.x) - point.ground[0];
             let dy = f64::from(ground.y) - point.ground[1];
             Some(dx.hypot(dy))
         })
         .collect();
-    let rms_px = residuals_of(&camera, profile, points, &mount)?;
+    let rms_px = reprojection_residuals(&camera, profile, points, &mount)?;
     let rms_px = (rms_px.iter().map(|r| r * r).sum::<f64>() / points.len().max(1) as f64).sqrt();
-    Ok(ProfileFit {
+    Ok(MountFit {
         map: trace_rays(&camera, profile, &mount)?.ground_map(),
         camera,
         mount,
@@ -109,7 +112,10 @@ pub fn fit_profile(
     })
 }
 
-fn apply(camera: &CameraConfig, unknowns: &SVector<f64, UNKNOWNS>) -> (CameraConfig, Mount) {
+fn apply_parameters(
+    camera: &CameraConfig,
+    unknowns: &SVector<f64, UNKNOWNS>,
+) -> (CameraConfig, Mount) {
     let mut camera = camera.clone();
     camera.focal_px = camera
         .focal_px
@@ -140,7 +146,7 @@ fn cost(
         .map(robust)
         .sum();
     let prior: f64 = (0..UNKNOWNS)
-        .map(|i| (unknowns[i] / PRIOR[i]).powi(2))
+        .map(|i| (unknowns[i] / PRIOR_STD[i]).powi(2))
         .sum();
     Ok(points + prior)
 }
@@ -151,12 +157,12 @@ fn residuals(
     points: &[Correspondence],
     unknowns: &SVector<f64, UNKNOWNS>,
 ) -> Result<Vec<f64>, CalibrationError> {
-    let (camera, mount) = apply(camera, unknowns);
-    residuals_of(&camera, profile, points, &mount)
+    let (camera, mount) = apply_parameters(camera, unknowns);
+    reprojection_residuals(&camera, profile, points, &mount)
 }
 
 /// Two residuals a point, along the pixel's radius and across it, in pixels; a point seen nowhere counts ten.
-fn residuals_of(
+fn reprojection_residuals(
     camera: &CameraConfig,
     profile: &Profile,
     points: &[Correspondence],
@@ -171,7 +177,7 @@ fn residuals_of(
     };
     let mut residuals = Vec::with_capacity(2 * points.len());
     for point in points {
-        let [u, v] = point.at_px;
+        let [u, v] = point.position_px;
         let around = (ground(u, v), ground(u + 1.0, v), ground(u, v + 1.0));
         let (Some(here), Some(right), Some(down)) = around else {
             residuals.extend([10.0, 10.0]);

@@ -5,15 +5,15 @@
 
 use std::f32::consts::{PI, TAU};
 
-use crate::calibrate::{CalibrationError, DriveImage, ImageResidual};
+use crate::calibrate::{CalibrationError, ImageResidual, NamedImage};
 use crate::config::VisionConfig;
-use crate::eyes::{Eyes, Seen};
+use crate::eyes::{Detections, Vision};
 use crate::ground_map::GroundMap;
 use localize::robot::CameraConfig;
 
 /// Sizes at one distance; those of the map are what an object without blur has.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SizeRow {
+pub struct SizeBin {
     /// Middle of the distances that it holds for, metres.
     pub distance: f32,
     /// Crossings of lines measured.
@@ -34,7 +34,7 @@ pub struct SizeRow {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SizeCalibration {
     /// By distance, outward.
-    pub rows: Vec<SizeRow>,
+    pub rows: Vec<SizeBin>,
     /// How each image went.
     pub images: Vec<ImageResidual>,
     /// Root mean square difference of measured and predicted line width, pixels.
@@ -44,19 +44,19 @@ pub struct SizeCalibration {
 }
 
 /// Distances that share a row, metres.
-const ROW: f32 = 0.5;
+const BIN_WIDTH: f32 = 0.5;
 /// Radial lines that are scanned: neighbours cross a marking at 4 m 14 cm apart.
 const RADIAL_LINES: usize = 180;
 /// Fewer measurements make no median.
-const FEWEST: usize = 3;
+const MEASUREMENTS_MIN: usize = 3;
 /// A line crossed more aslant than this (sine of the angle) is left out.
-const SQUARE: f32 = 0.5;
+const CROSSING_SINE_MIN: f32 = 0.5;
 
 /// One measured and predicted size.
-struct Measured {
+struct SizeMeasurement {
     distance: f32,
-    found_px: f32,
-    by_map_px: f32,
+    measured_px: f32,
+    predicted_px: f32,
 }
 
 /// Measures lines and balls in a drive's images, each seen by itself.
@@ -64,7 +64,7 @@ pub fn calibrate_sizes(
     camera: &CameraConfig,
     map: &GroundMap,
     line_width: f32,
-    images: &[DriveImage],
+    images: &[NamedImage],
     config: &VisionConfig,
 ) -> Result<SizeCalibration, CalibrationError> {
     let mut config = config.clone();
@@ -75,15 +75,15 @@ pub fn calibrate_sizes(
         name: name.to_owned(),
         source,
     };
-    let mut eyes = Eyes::new(map, camera, line_width, config.clone())
+    let mut eyes = Vision::new(map, camera, line_width, config.clone())
         .map_err(|source| failed("settings", source))?;
     let (mut lines, mut balls, mut residuals) = (Vec::new(), Vec::new(), Vec::new());
     for image in images {
-        eyes.forget_light();
-        let (points, left_out) = match eyes.see(&image.image.frame()) {
+        eyes.reset_colour_model();
+        let (points, left_out) = match eyes.process(&image.image.view()) {
             Ok(seen) => {
-                lines.extend(crossings(&seen, camera, line_width, &config));
-                balls.extend(ball(&seen, map, &config));
+                lines.extend(measure_line_widths(&seen, camera, line_width, &config));
+                balls.extend(measure_ball(&seen, map, &config));
                 (seen.line_points.len(), None)
             }
             Err(error) => (0, Some(error.to_string())),
@@ -95,20 +95,20 @@ pub fn calibrate_sizes(
             left_out,
         });
     }
-    if lines.len() < FEWEST && balls.len() < FEWEST {
-        return Err(CalibrationError::NoFit(
+    if lines.len() < MEASUREMENTS_MIN && balls.len() < MEASUREMENTS_MIN {
+        return Err(CalibrationError::NoConvergence(
             "neither lines nor balls were seen often enough to be measured".to_owned(),
         ));
     }
     let farthest = lines.iter().chain(&balls).map(|one| one.distance);
-    let rows = (farthest.fold(0.0, f32::max) / ROW) as usize + 1;
-    let rows: Vec<SizeRow> = (0..rows)
+    let rows = (farthest.fold(0.0, f32::max) / BIN_WIDTH) as usize + 1;
+    let rows: Vec<SizeBin> = (0..rows)
         .map(|row| {
-            let range = ROW * row as f32..ROW * (row + 1) as f32;
-            let ([line_px, line_px_by_map], line_count) = medians(&lines, &range);
-            let ([ball_px, ball_px_by_map], ball_count) = medians(&balls, &range);
-            SizeRow {
-                distance: ROW * (row as f32 + 0.5),
+            let range = BIN_WIDTH * row as f32..BIN_WIDTH * (row + 1) as f32;
+            let ([line_px, line_px_by_map], line_count) = bin_medians(&lines, &range);
+            let ([ball_px, ball_px_by_map], ball_count) = bin_medians(&balls, &range);
+            SizeBin {
+                distance: BIN_WIDTH * (row as f32 + 0.5),
                 lines: line_count,
                 line_px,
                 line_px_by_map,
@@ -138,17 +138,22 @@ pub fn calibrate_sizes(
 }
 
 /// Widths of the lines across themselves: neighbouring crossings tell how a line runs.
-fn crossings(
-    seen: &Seen,
+fn measure_line_widths(
+    seen: &Detections,
     camera: &CameraConfig,
     line_width: f32,
     config: &VisionConfig,
-) -> Vec<Measured> {
+) -> Vec<SizeMeasurement> {
     let [cu, cv] = camera.centre_px;
     let mut points: Vec<_> = seen
         .line_points
         .iter()
-        .map(|point| ((cv - point.at_px[1]).atan2(point.at_px[0] - cu), point))
+        .map(|point| {
+            (
+                (cv - point.position_px[1]).atan2(point.position_px[0] - cu),
+                point,
+            )
+        })
         .collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     let step = TAU / RADIAL_LINES as f32;
@@ -168,48 +173,56 @@ fn crossings(
         let Some((_, next)) = next else { continue };
         let (dx, dy) = (next.point.at.x - at.x, next.point.at.y - at.y);
         let length = dx.hypot(dy);
-        if length > 3.0 * step * distance / SQUARE || length <= 0.0 {
+        if length > 3.0 * step * distance / CROSSING_SINE_MIN || length <= 0.0 {
             continue;
         }
         let square = ((at.x * dy - at.y * dx) / (distance * length)).abs();
         let radial_px = point.point.std_radial / config.lines.position_std_px;
-        if square < SQUARE || radial_px <= 0.0 {
+        if square < CROSSING_SINE_MIN || radial_px <= 0.0 {
             continue;
         }
-        measured.push(Measured {
+        measured.push(SizeMeasurement {
             distance,
-            found_px: point.width * square / radial_px,
-            by_map_px: line_width / radial_px,
+            measured_px: point.width * square / radial_px,
+            predicted_px: line_width / radial_px,
         });
     }
     measured
 }
 
 /// The ball's size, if it lies on the ground and is whole enough to be measured.
-fn ball(seen: &Seen, map: &GroundMap, config: &VisionConfig) -> Option<Measured> {
+fn measure_ball(
+    seen: &Detections,
+    map: &GroundMap,
+    config: &VisionConfig,
+) -> Option<SizeMeasurement> {
     let ball = seen
         .ball
         .filter(|ball| ball.on_ground && ball.score > 0.5)?;
-    let expected =
-        crate::ball::pixels_expected(map, &config.objects, ball.at.distance(), ball.at_px)?;
+    let expected = crate::ball::expected_ball_pixels(
+        map,
+        &config.objects,
+        ball.at.distance(),
+        ball.position_px,
+    )?;
     let diameter = |pixels: f32| 2.0 * (pixels / PI).sqrt();
-    Some(Measured {
+    Some(SizeMeasurement {
         distance: ball.at.distance(),
-        found_px: diameter(ball.pixels as f32),
-        by_map_px: diameter(expected),
+        measured_px: diameter(ball.pixels as f32),
+        predicted_px: diameter(expected),
     })
 }
 
-fn medians(all: &[Measured], range: &std::ops::Range<f32>) -> ([Option<f32>; 2], usize) {
-    let members: Vec<&Measured> = all
+fn bin_medians(all: &[SizeMeasurement], range: &std::ops::Range<f32>) -> ([Option<f32>; 2], usize) {
+    let members: Vec<&SizeMeasurement> = all
         .iter()
         .filter(|one| range.contains(&one.distance))
         .collect();
     let median = |mut values: Vec<f32>| {
         values.sort_by(f32::total_cmp);
-        (values.len() >= FEWEST).then(|| values[values.len() / 2])
+        (values.len() >= MEASUREMENTS_MIN).then(|| values[values.len() / 2])
     };
-    let found = median(members.iter().map(|one| one.found_px).collect());
-    let by_map = median(members.iter().map(|one| one.by_map_px).collect());
+    let found = median(members.iter().map(|one| one.measured_px).collect());
+    let by_map = median(members.iter().map(|one| one.predicted_px).collect());
     ([found, by_map], members.len())
 }

@@ -4,8 +4,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::calibrate::polar_map::{Periodic, PolarMap};
-use crate::calibrate::strip_edges::{PolarEdge, StripSearch, median};
+use crate::calibrate::polar_map::{FourierSeries, PolarMap};
+use crate::calibrate::strip_edges::{PolarEdge, StripEdgeDetector, median};
 use crate::calibrate::{CalibrationError, Correspondence, ImageResidual};
 use crate::ground_map::GroundMap;
 use crate::image::Image;
@@ -62,16 +62,16 @@ pub struct StripCalibration {
 }
 
 /// Fewer directions cannot tell a tilt from noise.
-const FEWEST_IMAGES: usize = 8;
+const IMAGES_MIN: usize = 8;
 
 /// Harmonics around the circle: one for offset, two for tilt, the rest for a mirror that is not round.
-const ORDER_MAX: usize = 4;
+const HARMONICS_MAX: usize = 4;
 
 /// An image whose edges lie this far from what the others say (median, pixels) is left out.
-const BAD_IMAGE_PX: f64 = 2.0;
+const IMAGE_RESIDUAL_MAX_PX: f64 = 2.0;
 
 /// A single edge this far off is a wrong reading, pixels.
-const BAD_EDGE_PX: f64 = 1.0;
+const EDGE_RESIDUAL_MAX_PX: f64 = 1.0;
 
 /// Calibrates the map; images that do not agree are named and left out.
 pub fn calibrate_strip(
@@ -79,28 +79,28 @@ pub fn calibrate_strip(
     strip: &Strip,
     images: &[StripImage],
 ) -> Result<StripCalibration, CalibrationError> {
-    check(strip)?;
+    check_strip(strip)?;
     let mut found = Vec::with_capacity(images.len());
     for image in images {
         image
             .image
-            .frame()
+            .view()
             .check(camera.width_px, camera.height_px)
             .map_err(|source| CalibrationError::Image {
                 name: image.name.clone(),
                 source,
             })?;
-        let search = StripSearch {
+        let search = StripEdgeDetector {
             camera,
             image: &image.image,
             direction: image.direction,
             first_edge: strip.first_edge,
             spacing: strip.spacing,
-            edges: strip.bars + 1,
+            edge_count: strip.bars + 1,
             width: strip.width,
             starts_black: strip.first_bar == BarColour::Black,
         };
-        found.push(search.edges());
+        found.push(search.detect());
     }
     let mut left_out: Vec<Option<String>> = found
         .iter()
@@ -108,13 +108,15 @@ pub fn calibrate_strip(
         .collect();
     // Images are left out one by one, the worst first, since a bad one bends the fit for all.
     loop {
-        let rings = rings(strip, images, &found, &left_out);
-        let rings = rings.ok_or_else(|| too_few(&left_out))?;
+        let rings = fit_rings(strip, images, &found, &left_out);
+        let rings = rings.ok_or_else(|| too_few_images(&left_out))?;
         let offs: Vec<Option<f64>> = (0..images.len())
             .map(|index| {
                 let offs = found[index].iter().filter_map(|edge| {
-                    let ring = rings.iter().find(|ring| ring.number == edge.number)?;
-                    Some((edge.radius - ring.radius.at(images[index].direction)).abs())
+                    let ring = rings
+                        .iter()
+                        .find(|ring| ring.edge_index == edge.edge_index)?;
+                    Some((edge.radius - ring.radius.evaluate(images[index].direction)).abs())
                 });
                 median(offs.collect()).filter(|_| left_out[index].is_none())
             })
@@ -123,15 +125,19 @@ pub fn calibrate_strip(
             .filter_map(|index| offs[index].map(|off| (index, off)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         match worst {
-            Some((index, off)) if off > BAD_IMAGE_PX => {
+            Some((index, off)) if off > IMAGE_RESIDUAL_MAX_PX => {
                 left_out[index] = Some(format!("its edges lie {off:.1} pixels from the others'"));
             }
-            _ => return Ok(finish(camera, strip, images, &found, left_out, &rings)),
+            _ => {
+                return Ok(build_calibration(
+                    camera, strip, images, &found, left_out, &rings,
+                ));
+            }
         }
     }
 }
 
-fn check(strip: &Strip) -> Result<(), CalibrationError> {
+fn check_strip(strip: &Strip) -> Result<(), CalibrationError> {
     for (key, value) in [
         ("first_edge", strip.first_edge),
         ("spacing", strip.spacing),
@@ -153,7 +159,7 @@ fn check(strip: &Strip) -> Result<(), CalibrationError> {
     Ok(())
 }
 
-fn too_few(left_out: &[Option<String>]) -> CalibrationError {
+fn too_few_images(left_out: &[Option<String>]) -> CalibrationError {
     let reasons: Vec<&str> = left_out
         .iter()
         .flatten()
@@ -162,51 +168,53 @@ fn too_few(left_out: &[Option<String>]) -> CalibrationError {
         .collect();
     CalibrationError::TooFewImages {
         used: left_out.iter().filter(|reason| reason.is_none()).count(),
-        given: left_out.len(),
-        wanted: FEWEST_IMAGES,
+        total: left_out.len(),
+        required: IMAGES_MIN,
         reasons: reasons.join("; "),
     }
 }
 
 /// One edge of the strip over all directions.
-struct Ring {
-    number: usize,
-    radius: Periodic,
-    deviation: Periodic,
+struct EdgeRing {
+    edge_index: usize,
+    radius: FourierSeries,
+    deviation: FourierSeries,
 }
 
 /// Fits each edge's radius and bend over the directions; none if too few images are left.
-fn rings(
+fn fit_rings(
     strip: &Strip,
     images: &[StripImage],
     found: &[Vec<PolarEdge>],
     left_out: &[Option<String>],
-) -> Option<Vec<Ring>> {
+) -> Option<Vec<EdgeRing>> {
     let used = left_out.iter().filter(|reason| reason.is_none()).count();
-    if used < FEWEST_IMAGES {
+    if used < IMAGES_MIN {
         return None;
     }
-    let mut rings: Vec<Ring> = Vec::new();
+    let mut rings: Vec<EdgeRing> = Vec::new();
     for number in 0..=strip.bars {
         let all: Vec<(f64, PolarEdge)> = (0..images.len())
             .filter(|&index| left_out[index].is_none())
             .filter_map(|index| {
-                let edge = found[index].iter().find(|edge| edge.number == number)?;
+                let edge = found[index].iter().find(|edge| edge.edge_index == number)?;
                 Some((images[index].direction, *edge))
             })
             .collect();
-        if all.len() < FEWEST_IMAGES || 2 * all.len() < used {
+        if all.len() < IMAGES_MIN || 2 * all.len() < used {
             continue;
         }
-        let order = ORDER_MAX.min((all.len() - 1) / 4);
-        let Some(radius) = robust(&all, order, |edge| edge.radius, |_| 1.0) else {
+        let order = HARMONICS_MAX.min((all.len() - 1) / 4);
+        let Some(radius) = fit_robust_periodic(&all, order, |edge| edge.radius, |_| 1.0) else {
             continue;
         };
-        let Some(deviation) = robust(&all, order, |edge| edge.deviation, |edge| edge.radius) else {
+        let Some(deviation) =
+            fit_robust_periodic(&all, order, |edge| edge.deviation, |edge| edge.radius)
+        else {
             continue;
         };
-        rings.push(Ring {
-            number,
+        rings.push(EdgeRing {
+            edge_index: number,
             radius,
             deviation,
         });
@@ -215,21 +223,21 @@ fn rings(
 }
 
 /// A periodic fit that drops wrong readings; `pixels` turns a residual into pixels.
-fn robust(
+fn fit_robust_periodic(
     edges: &[(f64, PolarEdge)],
     order: usize,
     value: impl Fn(&PolarEdge) -> f64,
     pixels: impl Fn(&PolarEdge) -> f64,
-) -> Option<Periodic> {
+) -> Option<FourierSeries> {
     let mut kept: Vec<&(f64, PolarEdge)> = edges.iter().collect();
     loop {
         let points: Vec<[f64; 2]> = kept
             .iter()
             .map(|(angle, edge)| [*angle, value(edge)])
             .collect();
-        let fit = Periodic::fit(&points, order)?;
+        let fit = FourierSeries::fit(&points, order)?;
         let off = |(angle, edge): &(f64, PolarEdge)| {
-            ((value(edge) - fit.at(*angle)) * pixels(edge)).abs()
+            ((value(edge) - fit.evaluate(*angle)) * pixels(edge)).abs()
         };
         let worst = kept
             .iter()
@@ -237,20 +245,21 @@ fn robust(
             .map(|(index, edge)| (index, off(edge)))
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
         // Of the readings that a fit needs, none can be spared.
-        if worst.1 <= BAD_EDGE_PX || kept.len() <= (2 * order + 1).max(edges.len() * 2 / 3) {
+        if worst.1 <= EDGE_RESIDUAL_MAX_PX || kept.len() <= (2 * order + 1).max(edges.len() * 2 / 3)
+        {
             return Some(fit);
         }
         kept.remove(worst.0);
     }
 }
 
-fn finish(
+fn build_calibration(
     camera: &CameraConfig,
     strip: &Strip,
     images: &[StripImage],
     found: &[Vec<PolarEdge>],
     left_out: Vec<Option<String>>,
-    rings: &[Ring],
+    rings: &[EdgeRing],
 ) -> StripCalibration {
     let distance = |number: usize| strip.first_edge + number as f64 * strip.spacing;
     let (mut residuals, mut points) = (Vec::new(), Vec::new());
@@ -259,8 +268,10 @@ fn finish(
         let offs: Vec<f64> = edges
             .iter()
             .filter_map(|edge| {
-                let ring = rings.iter().find(|ring| ring.number == edge.number)?;
-                Some(edge.radius - ring.radius.at(image.direction))
+                let ring = rings
+                    .iter()
+                    .find(|ring| ring.edge_index == edge.edge_index)?;
+                Some(edge.radius - ring.radius.evaluate(image.direction))
             })
             .collect();
         let squares: f64 = offs.iter().map(|off| off * off).sum();
@@ -271,9 +282,9 @@ fn finish(
                 let angle = image.direction + edge.deviation;
                 let [[ux, uy], [vx, vy]] = camera.image_from_robot().map(|row| row.map(f64::from));
                 let (cos, sin) = (edge.radius * angle.cos(), edge.radius * angle.sin());
-                let reach = distance(edge.number);
+                let reach = distance(edge.edge_index);
                 Correspondence {
-                    at_px: [
+                    position_px: [
                         f64::from(camera.centre_px[0]) + ux * cos + uy * sin,
                         f64::from(camera.centre_px[1]) + vx * cos + vy * sin,
                     ],
@@ -289,7 +300,7 @@ fn finish(
         });
     }
     let polar = PolarMap {
-        distances: rings.iter().map(|ring| distance(ring.number)).collect(),
+        distances: rings.iter().map(|ring| distance(ring.edge_index)).collect(),
         radii: rings.iter().map(|ring| ring.radius.clone()).collect(),
         deviations: rings.iter().map(|ring| ring.deviation.clone()).collect(),
     };

@@ -7,7 +7,7 @@ use localize::robot::CameraConfig;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PolarEdge {
     /// Which edge, from the first.
-    pub(super) number: usize,
+    pub(super) edge_index: usize,
     /// Distance from the axis, pixels.
     pub(super) radius: f64,
     /// Angle from the strip's nominal direction towards greater robot bearings, radians.
@@ -15,48 +15,48 @@ pub(super) struct PolarEdge {
 }
 
 /// What one image's strip is sought with.
-pub(super) struct StripSearch<'a> {
+pub(super) struct StripEdgeDetector<'a> {
     pub(super) camera: &'a CameraConfig,
     pub(super) image: &'a Image,
     /// Nominal direction of the strip, robot frame, radians.
     pub(super) direction: f64,
     pub(super) first_edge: f64,
     pub(super) spacing: f64,
-    pub(super) edges: usize,
+    pub(super) edge_count: usize,
     pub(super) width: f64,
     pub(super) starts_black: bool,
 }
 
 /// Samples along the strip are this far apart, pixels.
-const STEP: f64 = 0.25;
+const PROFILE_STEP_PX: f64 = 0.25;
 
 /// A swing smaller than this share of the largest is no bar: glare and blur take the rest.
-const SWING_SHARE: f64 = 0.18;
+const AMPLITUDE_RATIO_MIN: f64 = 0.18;
 
 /// A bar's edge as found along a profile: radius and whether it rises.
 #[derive(Debug, Clone, Copy)]
-struct Edge {
+struct ProfileEdge {
     radius: f64,
-    rises: bool,
-    swing: f64,
+    rising: bool,
+    amplitude: f64,
 }
 
-impl StripSearch<'_> {
+impl StripEdgeDetector<'_> {
     /// All edges that can be told, numbered.
-    pub(super) fn edges(&self) -> Vec<PolarEdge> {
+    pub(super) fn detect(&self) -> Vec<PolarEdge> {
         // Angle by which the strip leaves its direction: constant plus slope over radius, learned outward.
         let mut bend = [0.0f64, 0.0];
         let mut found = Vec::new();
         for _ in 0..6 {
-            let numbered = self.number(&self.profile_edges(bend));
+            let numbered = self.number_edges(&self.find_profile_edges(bend));
             if numbered.len() < 3 {
                 return numbered
                     .iter()
                     .map(|&(number, edge)| self.polar(number, edge, bend))
                     .collect();
             }
-            let middles = self.middles(&numbered, bend);
-            bend = straight_line(&middles).unwrap_or(bend);
+            let middles = self.find_bar_centres(&numbered, bend);
+            bend = fit_theil_sen(&middles).unwrap_or(bend);
             found = numbered
                 .iter()
                 .map(|&(number, edge)| self.polar(number, edge, bend))
@@ -65,9 +65,9 @@ impl StripSearch<'_> {
         found
     }
 
-    fn polar(&self, number: usize, edge: Edge, bend: [f64; 2]) -> PolarEdge {
+    fn polar(&self, number: usize, edge: ProfileEdge, bend: [f64; 2]) -> PolarEdge {
         PolarEdge {
-            number,
+            edge_index: number,
             radius: edge.radius,
             deviation: bend[0] + bend[1] * edge.radius,
         }
@@ -86,7 +86,7 @@ impl StripSearch<'_> {
         if column + 1 >= self.image.width_px || row + 1 >= self.image.height_px {
             return None;
         }
-        if !self.camera.sees_mirror(u as f32, v as f32) {
+        if !self.camera.is_inside_mirror(u as f32, v as f32) {
             return None;
         }
         let grey = |column: usize, row: usize| {
@@ -101,11 +101,11 @@ impl StripSearch<'_> {
     }
 
     /// Brightness along the strip's middle, averaged over three pixels across it; from the axis outward.
-    fn profile(&self, bend: [f64; 2]) -> Vec<f64> {
+    fn radial_profile(&self, bend: [f64; 2]) -> Vec<f64> {
         let rim = self.image.width_px.max(self.image.height_px) as f64;
         let mut profile = Vec::new();
-        for step in 0..(rim / STEP) as usize {
-            let radius = step as f64 * STEP;
+        for step in 0..(rim / PROFILE_STEP_PX) as usize {
+            let radius = step as f64 * PROFILE_STEP_PX;
             let deviation = bend[0] + bend[1] * radius;
             let across = [-1.0, 0.0, 1.0]
                 .map(|offset| self.brightness(radius, deviation + offset / radius.max(1.0)));
@@ -118,11 +118,11 @@ impl StripSearch<'_> {
     }
 
     /// Edges between neighbouring extremes of the profile that swing far enough.
-    fn profile_edges(&self, bend: [f64; 2]) -> Vec<Edge> {
-        let profile = self.profile(bend);
+    fn find_profile_edges(&self, bend: [f64; 2]) -> Vec<ProfileEdge> {
+        let profile = self.radial_profile(bend);
         let span = profile.iter().fold(f64::INFINITY, |a, &b| a.min(b));
         let span = profile.iter().fold(span, |a, &b| a.max(b)) - span;
-        let extremes = extremes(&profile, SWING_SHARE * span);
+        let extremes = find_extrema(&profile, AMPLITUDE_RATIO_MIN * span);
         let mut edges = Vec::new();
         for pair in extremes.windows(2) {
             let (from, to) = (pair[0], pair[1]);
@@ -133,10 +133,10 @@ impl StripSearch<'_> {
             let Some(i) = crossing else { continue };
             let part = (half - profile[i]) / (profile[i + 1] - profile[i]);
             let part = if part.is_finite() { part } else { 0.5 };
-            edges.push(Edge {
-                radius: (i as f64 + part) * STEP,
-                rises: b > a,
-                swing: (b - a).abs(),
+            edges.push(ProfileEdge {
+                radius: (i as f64 + part) * PROFILE_STEP_PX,
+                rising: b > a,
+                amplitude: (b - a).abs(),
             });
         }
         edges
@@ -145,9 +145,10 @@ impl StripSearch<'_> {
     /// Numbers the edges: the first full swing from the first bar to the second is edge 1.
     ///
     /// Gaps between edges change slowly with the radius; the row ends where they do not.
-    fn number(&self, edges: &[Edge]) -> Vec<(usize, Edge)> {
-        let largest = edges.iter().map(|edge| edge.swing).fold(0.0, f64::max);
-        let full = |edge: &Edge| edge.rises == self.starts_black && edge.swing > 0.6 * largest;
+    fn number_edges(&self, edges: &[ProfileEdge]) -> Vec<(usize, ProfileEdge)> {
+        let largest = edges.iter().map(|edge| edge.amplitude).fold(0.0, f64::max);
+        let full =
+            |edge: &ProfileEdge| edge.rising == self.starts_black && edge.amplitude > 0.6 * largest;
         let Some(second) = edges.iter().position(full) else {
             return Vec::new();
         };
@@ -156,7 +157,7 @@ impl StripSearch<'_> {
         for &edge in &edges[second + 1..] {
             let (number, last) = numbered[numbered.len() - 1];
             let step = edge.radius - last.radius;
-            if number + 1 >= self.edges
+            if number + 1 >= self.edge_count
                 || gap.is_some_and(|gap: f64| step < 0.5 * gap || step > 1.8 * gap)
             {
                 break;
@@ -175,7 +176,7 @@ impl StripSearch<'_> {
     }
 
     /// Middle of the strip across, at the middle of each bar: radius and angle from the nominal direction.
-    fn middles(&self, numbered: &[(usize, Edge)], bend: [f64; 2]) -> Vec<[f64; 2]> {
+    fn find_bar_centres(&self, numbered: &[(usize, ProfileEdge)], bend: [f64; 2]) -> Vec<[f64; 2]> {
         let mut middles = Vec::new();
         for pair in numbered.windows(2) {
             let ((number, inner), (_, outer)) = (pair[0], pair[1]);
@@ -184,11 +185,11 @@ impl StripSearch<'_> {
             let expected = bend[0] + bend[1] * radius;
             // Half of the strip's width as an angle, to be found within twice that.
             let half = (self.width / 2.0 / distance).atan();
-            let steps = (2.2 * half * radius / STEP).ceil() as i64;
+            let steps = (2.2 * half * radius / PROFILE_STEP_PX).ceil() as i64;
             let reach = 0.25 * (outer.radius - inner.radius);
             let across: Vec<Option<f64>> = (-steps..=steps)
                 .map(|step| {
-                    let deviation = expected + step as f64 * STEP / radius;
+                    let deviation = expected + step as f64 * PROFILE_STEP_PX / radius;
                     let [a, b, c] = [-reach, 0.0, reach]
                         .map(|along| self.brightness(radius + along, deviation));
                     Some((a? + b? + c?) / 3.0)
@@ -218,9 +219,12 @@ impl StripSearch<'_> {
                 None
             };
             if let (Some(left), Some(right)) = (side(0, -steps), side(0, steps)) {
-                let width = (right - left) * STEP / radius;
+                let width = (right - left) * PROFILE_STEP_PX / radius;
                 if (0.6..1.6).contains(&(width / (2.0 * half))) {
-                    middles.push([radius, expected + (left + right) / 2.0 * STEP / radius]);
+                    middles.push([
+                        radius,
+                        expected + (left + right) / 2.0 * PROFILE_STEP_PX / radius,
+                    ]);
                 }
             }
         }
@@ -229,7 +233,7 @@ impl StripSearch<'_> {
 }
 
 /// Places of alternating minima and maxima that differ by `swing` at least.
-fn extremes(values: &[f64], swing: f64) -> Vec<usize> {
+fn find_extrema(values: &[f64], swing: f64) -> Vec<usize> {
     let mut found = Vec::new();
     let (mut low, mut high) = (0, 0);
     let mut rising: Option<bool> = None;
@@ -257,7 +261,7 @@ fn extremes(values: &[f64], swing: f64) -> Vec<usize> {
 }
 
 /// Offset and slope through points (x, y): the median slope over all pairs (Theil–Sen), which forgives outliers.
-fn straight_line(points: &[[f64; 2]]) -> Option<[f64; 2]> {
+fn fit_theil_sen(points: &[[f64; 2]]) -> Option<[f64; 2]> {
     if points.len() < 4 {
         let offsets: Vec<f64> = points.iter().map(|point| point[1]).collect();
         return median(offsets).map(|offset| [offset, 0.0]);

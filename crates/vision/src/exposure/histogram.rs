@@ -1,6 +1,6 @@
 //! How much would a picture tell at another exposure? Its histograms, stretched as more or less light would.
 
-use crate::image::Frame;
+use crate::image::ImageView;
 
 /// Levels of red, green and blue.
 pub(super) struct Histogram {
@@ -9,17 +9,17 @@ pub(super) struct Histogram {
 }
 
 /// Ratio of neighbouring levels that are tried: 2^(1/12), 6 %.
-const STEPS_PER_DOUBLING: f32 = 12.0;
+const STEPS_PER_STOP: f32 = 12.0;
 /// The farthest level that is predicted, in doublings: beyond, too much is clipped or drowned to be foretold.
-const DOUBLINGS: f32 = 2.0;
+const STOPS_MAX: f32 = 2.0;
 /// What is clipped was brighter than 255; how much nobody knows. It is taken to go on as dense as it is in these levels
 /// below, until it is used up, or to twice 255.
-const BELOW_CLIPPING: std::ops::Range<usize> = 215..255;
-const CLIPPED_TO: f32 = 510.0;
+const TAIL_LEVELS: std::ops::Range<usize> = 215..255;
+const CLIPPED_LEVEL_MAX: f32 = 510.0;
 
 impl Histogram {
     /// Counts the levels of some pixels.
-    pub(super) fn of(frame: &Frame<'_>, pixels: &[[u16; 2]]) -> Self {
+    pub(super) fn from_pixels(frame: &ImageView<'_>, pixels: &[[u16; 2]]) -> Self {
         let mut counts = [[0.0; 256]; 3];
         for &[u, v] in pixels {
             let rgb = frame.rgb(usize::from(u), usize::from(v));
@@ -43,16 +43,16 @@ impl Histogram {
 
     fn channel_entropy(&self, counts: &[f32; 256], scale: f32) -> f32 {
         let mut stretched = [0.0f32; 256];
-        let below: f32 = counts[BELOW_CLIPPING].iter().sum();
-        let density = below / BELOW_CLIPPING.len() as f32;
-        let clipped_to = (255.0 + counts[255] / density.max(1e-6)).clamp(260.0, CLIPPED_TO);
+        let below: f32 = counts[TAIL_LEVELS].iter().sum();
+        let density = below / TAIL_LEVELS.len() as f32;
+        let clipped_to = (255.0 + counts[255] / density.max(1e-6)).clamp(260.0, CLIPPED_LEVEL_MAX);
         for (level, &count) in counts.iter().enumerate().filter(|(_, count)| **count > 0.0) {
             let from = level as f32;
             let to = if level == 255 { clipped_to } else { from + 1.0 };
             if scale == 1.0 {
                 stretched[level] += count;
             } else {
-                spread(&mut stretched, from * scale, to * scale, count);
+                distribute_count(&mut stretched, from * scale, to * scale, count);
             }
         }
         stretched
@@ -75,11 +75,11 @@ impl Histogram {
         for sign in [-1.0f32, 1.0] {
             let mut falls = 0;
             let mut highest = here;
-            for step in 1..=(DOUBLINGS * STEPS_PER_DOUBLING) as u32 {
+            for step in 1..=(STOPS_MAX * STEPS_PER_STOP) as u32 {
                 if falls > 2 {
                     break;
                 }
-                let scale = (sign * step as f32 / STEPS_PER_DOUBLING).exp2();
+                let scale = (sign * step as f32 / STEPS_PER_STOP).exp2();
                 let entropy = self.entropy(scale);
                 falls = if entropy > highest { 0 } else { falls + 1 };
                 highest = highest.max(entropy);
@@ -93,7 +93,7 @@ impl Histogram {
 }
 
 /// Spreads a count evenly over the levels from..to; what lies above 255 is clipped to it.
-fn spread(levels: &mut [f32; 256], from: f32, to: f32, count: f32) {
+fn distribute_count(levels: &mut [f32; 256], from: f32, to: f32, count: f32) {
     let per_level = count / (to - from).max(1e-6);
     let inside = to.min(255.0);
     if inside < to {

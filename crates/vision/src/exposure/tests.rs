@@ -47,7 +47,7 @@ fn control() -> CameraControl {
 }
 
 /// Body, carpet with grain, lines and a bright wall, moved on a little from frame to frame.
-fn picture(light: f32, gamma: f32, frame: usize) -> Image {
+fn synthetic_image(light: f32, gamma: f32, frame: usize) -> Image {
     let mut rgb = Vec::with_capacity(3 * SIZE * SIZE);
     for pixel in 0..SIZE * SIZE {
         let (u, v) = (pixel % SIZE, pixel / SIZE);
@@ -71,18 +71,22 @@ fn picture(light: f32, gamma: f32, frame: usize) -> Image {
 }
 
 /// Runs a camera whose commands take two frames; light by frame; gives the light each frame was taken with.
-fn play(gamma: f32, frames: usize, light: impl Fn(usize) -> f32) -> (Vec<f32>, ExposureControl) {
+fn simulate_exposure(
+    gamma: f32,
+    frames: usize,
+    light: impl Fn(usize) -> f32,
+) -> (Vec<f32>, AutoExposure) {
     let control = control();
-    let mut eye = ExposureControl::new(
+    let mut eye = AutoExposure::new(
         &map(),
         &camera(),
         None,
         Some(control),
-        &ExposureConfig::default(),
+        &AutoExposureConfig::default(),
     )
     .expect("a control");
     let mut setting = eye.setting;
-    let mut commands: Vec<CameraCommand> = Vec::new();
+    let mut commands: Vec<ExposureCommand> = Vec::new();
     let mut seen = Vec::new();
     for frame in 0..frames {
         for command in commands.iter().filter(|c| c.from_frame == frame as u64) {
@@ -90,18 +94,18 @@ fn play(gamma: f32, frames: usize, light: impl Fn(usize) -> f32) -> (Vec<f32>, E
         }
         let taken = control.light(setting) * light(frame);
         seen.push(taken);
-        let reading = eye.look(&picture(taken, gamma, frame).frame());
+        let reading = eye.process(&synthetic_image(taken, gamma, frame).view());
         commands.extend(reading.and_then(|reading| reading.command));
     }
     (seen, eye)
 }
 
 #[test]
-fn exposure_follows_a_jump_of_the_light_within_ten_frames() {
+fn exposure_settles_within_10_images_after_a_light_step() {
     for gamma in [0.45, 1.0] {
         for factor in [0.25, 4.0] {
             let light = |frame| if frame < 60 { 1.0 } else { factor };
-            let (seen, eye) = play(gamma, 100, light);
+            let (seen, eye) = simulate_exposure(gamma, 100, light);
             let before = seen[59];
             let after = seen[70];
             assert!(
@@ -109,14 +113,14 @@ fn exposure_follows_a_jump_of_the_light_within_ten_frames() {
                 "gamma {gamma}, light × {factor}: exposed {before} before, {after} ten frames later: {:?}",
                 &seen[55..]
             );
-            assert!(eye.reference.is_some(), "still searching");
+            assert!(eye.reference_level.is_some(), "still searching");
         }
     }
 }
 
 #[test]
-fn exposure_stands_still_while_the_light_does() {
-    let (seen, _) = play(0.45, 200, |_| 1.0);
+fn exposure_is_constant_under_constant_light() {
+    let (seen, _) = simulate_exposure(0.45, 200, |_| 1.0);
     assert!(
         seen[20..].iter().all(|&light| light == seen[20]),
         "{seen:?}"
@@ -124,7 +128,7 @@ fn exposure_stands_still_while_the_light_does() {
 }
 
 #[test]
-fn settings_stay_within_the_cameras_limits_and_on_its_path() {
+fn settings_stay_on_the_path_within_camera_limits() {
     let control = control();
     let dark = control.setting(1e-9);
     assert_eq!((dark.exposure, dark.gain), (0.02, 1.0));
@@ -135,13 +139,13 @@ fn settings_stay_within_the_cameras_limits_and_on_its_path() {
 }
 
 #[test]
-fn a_camera_without_control_is_warned_of_once() {
-    let config = ExposureConfig::default();
-    let mut eye = ExposureControl::new(&map(), &camera(), None, None, &config).expect("a control");
+fn light_change_without_control_warns_once() {
+    let config = AutoExposureConfig::default();
+    let mut eye = AutoExposure::new(&map(), &camera(), None, None, &config).expect("a control");
     let mut warnings = 0;
     for frame in 0..60 {
         let light = if frame < 20 { 1.0 } else { 0.3 };
-        let reading = eye.look(&picture(light, 0.45, frame).frame());
+        let reading = eye.process(&synthetic_image(light, 0.45, frame).view());
         warnings += reading.map_or(0, |reading| {
             assert!(reading.command.is_none());
             usize::from(reading.warning)
@@ -151,13 +155,13 @@ fn a_camera_without_control_is_warned_of_once() {
 }
 
 #[test]
-fn a_predicted_entropy_is_that_of_the_brighter_picture() {
+fn predicted_entropy_matches_a_brighter_image() {
     let pixels: Vec<[u16; 2]> = (0..SIZE as u16)
         .flat_map(|u| (0..SIZE as u16).map(move |v| [u, v]))
         .collect();
     let entropy = |light: f32, scale: f32| {
-        let image = picture(light, 0.45, 0);
-        Histogram::of(&image.frame(), &pixels).entropy(scale)
+        let image = synthetic_image(light, 0.45, 0);
+        Histogram::from_pixels(&image.view(), &pixels).entropy(scale)
     };
     let (predicted, real) = (entropy(0.5, 2f32.powf(0.45)), entropy(1.0, 1.0));
     assert!((predicted - real).abs() < 0.6, "{predicted} {real}");

@@ -1,105 +1,116 @@
 //! How do the eyes get used to a light? Carpet and white are learned from one frame, and followed from then on.
 
-use crate::adapt::Adaptation;
+use crate::adapt::ColourAdaptation;
 use crate::carpet::{CarpetModel, median_colour};
-use crate::colours::{Class, NativeTable};
+use crate::colours::{ColourClass, ColourLookupTable};
 use crate::error::VisionError;
-use crate::image::{Frame, PixelFormat, rgb_of_yuv, yuv_of_rgb};
-use crate::line_points::{SeenLinePoint, thresholds};
+use crate::image::{ImageView, PixelFormat, rgb_to_yuv, yuv_to_rgb};
+use crate::line_points::{LinePointDetection, peak_thresholds};
 
-use super::{Eyes, Seen};
+use super::{Detections, Vision};
 
 /// Noise of demosaiced and of compressed images is alike in neighbours; this many samples apart it no longer is.
 const NOISE_LAG: usize = 4;
 
 /// Fewer runs than this do not tell white's colour.
-const FEWEST_WHITE_RUNS: usize = 8;
+const WHITE_POINTS_MIN: usize = 8;
 
 /// Colours under one light, and the table made of them.
 #[derive(Debug, Clone)]
-pub(super) struct Light {
-    pub(super) model: CarpetModel,
-    pub(super) table: NativeTable,
+pub(super) struct ColourModel {
+    pub(super) carpet_model: CarpetModel,
+    pub(super) lookup_table: ColourLookupTable,
     /// Weights of the channels for telling white from carpet, of 256.
-    pub(super) weights: [u32; 3],
+    pub(super) channel_weights: [u32; 3],
     pub(super) noise: f32,
     /// Share of the scanned pixels that were carpet when it was learned.
-    pub(super) carpet_share: f32,
+    pub(super) learned_carpet_share: f32,
     pub(super) format: PixelFormat,
-    adaptation: Adaptation,
+    adaptation: ColourAdaptation,
     /// Seen in this light.
-    frames: u32,
+    image_count: u32,
 }
 
-impl Eyes {
+impl Vision {
     /// Learns carpet and white from one frame; reads it with what was learned.
-    pub(super) fn learn(&mut self, frame: &Frame<'_>) -> Result<(Light, f32), VisionError> {
+    pub(super) fn learn_colour_model(
+        &mut self,
+        frame: &ImageView<'_>,
+    ) -> Result<(ColourModel, f32), VisionError> {
         let near: Vec<[u8; 3]> = self
             .pattern
             .samples
             .iter()
-            .filter(|sample| sample.range <= self.config.colours.carpet_range)
+            .filter(|sample| sample.range <= self.config.colours.learning_range_max)
             .map(|sample| frame.rgb(usize::from(sample.u), usize::from(sample.v)))
             .collect();
-        let brightest = brightest(&near);
-        let black = VisionError::Black { brightest };
-        if brightest <= self.config.colours.black_frame_level {
+        let brightest = brightness_percentile_95(&near);
+        let black = VisionError::TooDark { brightest };
+        if brightest <= self.config.colours.dark_image_level {
             return Err(black);
         }
-        let carpet: Vec<[u8; 3]> = match &self.labelled {
+        let carpet: Vec<[u8; 3]> = match &self.colour_table {
             Some(table) => near
                 .iter()
-                .filter(|&&rgb| table.class(yuv_of_rgb(rgb)) == Class::CARPET)
+                .filter(|&&rgb| table.class(rgb_to_yuv(rgb)) == ColourClass::CARPET)
                 .copied()
                 .collect(),
             None => Vec::new(),
         };
         let model = CarpetModel::learn(if carpet.is_empty() { &near } else { &carpet });
         let model = model.ok_or(black)?;
-        let mut light = self.light_of(model, frame.format);
-        let mut share = self.read(frame, &light);
+        let mut light = self.build_colour_model(model, frame.format);
+        let mut share = self.read_scan(frame, &light);
         self.measure_noise(frame, &mut light);
-        let mut seen = Seen::default();
-        self.sights(&mut seen);
-        self.find_lines(frame, &light, &mut seen);
-        if let Some(white) = white_of(frame, &seen) {
-            light = self.light_of(light.model.with_white(white, light.noise), frame.format);
-            share = self.read(frame, &light);
+        let mut seen = Detections::default();
+        self.find_carpet_ends(&mut seen);
+        self.detect_lines(frame, &light, &mut seen);
+        if let Some(white) = estimate_white(frame, &seen) {
+            light = self.build_colour_model(
+                light.carpet_model.with_white(white, light.noise),
+                frame.format,
+            );
+            share = self.read_scan(frame, &light);
             self.measure_noise(frame, &mut light);
         }
-        light.carpet_share = share;
+        light.learned_carpet_share = share;
         Ok((light, share))
     }
 
-    fn light_of(&self, model: CarpetModel, format: PixelFormat) -> Light {
-        Light {
-            table: self.table_of(format, model, model),
-            weights: weights_of(&model),
+    fn build_colour_model(&self, model: CarpetModel, format: PixelFormat) -> ColourModel {
+        ColourModel {
+            lookup_table: self.build_lookup_table(format, model, model),
+            channel_weights: quantize_weights(&model),
             noise: 0.0,
-            carpet_share: 0.0,
-            model,
+            learned_carpet_share: 0.0,
+            carpet_model: model,
             format,
-            adaptation: Adaptation::new(model),
-            frames: 0,
+            adaptation: ColourAdaptation::new(model),
+            image_count: 0,
         }
     }
 
     /// Classes of a camera's channels under a light that was learned as `prior` and is now `model`.
-    fn table_of(&self, format: PixelFormat, model: CarpetModel, prior: CarpetModel) -> NativeTable {
+    fn build_lookup_table(
+        &self,
+        format: PixelFormat,
+        model: CarpetModel,
+        prior: CarpetModel,
+    ) -> ColourLookupTable {
         let colours = self.config.colours.clone();
         let ball = self.config.objects.ball_hue_deg;
-        let labelled = self.labelled.clone();
-        NativeTable::new(move |native| {
+        let labelled = self.colour_table.clone();
+        ColourLookupTable::new(move |native| {
             let rgb = if format.is_yuv() {
-                rgb_of_yuv(native)
+                yuv_to_rgb(native)
             } else {
                 native
             };
             match &labelled {
-                None => model.class(rgb, &colours, ball),
+                None => model.classify(rgb, &colours, ball),
                 Some(table) if format.is_yuv() && model == prior => table.class(native),
                 // People labelled what they saw in another light: the carpet tells by how much each channel changed.
-                Some(table) => table.class(yuv_of_rgb(std::array::from_fn(|i| {
+                Some(table) => table.class(rgb_to_yuv(std::array::from_fn(|i| {
                     let change = prior.carpet[i].max(1.0) / model.carpet[i].max(1.0);
                     (f32::from(rgb[i]) * change).round().min(255.0) as u8
                 }))),
@@ -108,57 +119,68 @@ impl Eyes {
     }
 
     /// Follows slow changes of the light by what this frame confirms.
-    pub(super) fn follow(&mut self, frame: &Frame<'_>, light: &mut Light, seen: &Seen) {
-        let config = &self.config.colours.adapt;
-        light.frames += 1;
-        if !config.enabled || seen.learned || !light.frames.is_multiple_of(config.every.max(1)) {
+    pub(super) fn adapt_colours(
+        &mut self,
+        frame: &ImageView<'_>,
+        light: &mut ColourModel,
+        seen: &Detections,
+    ) {
+        let config = &self.config.colours.adaptation;
+        light.image_count += 1;
+        if !config.enabled
+            || seen.colours_learned
+            || !light
+                .image_count
+                .is_multiple_of(config.interval_images.max(1))
+        {
             return;
         }
         let is_carpet = |index: usize| {
             let sample = &self.pattern.samples[index];
-            let native = frame.native(usize::from(sample.u), usize::from(sample.v));
-            light.table.class(native) == Class::CARPET
+            let native = frame.native_channels(usize::from(sample.u), usize::from(sample.v));
+            light.lookup_table.class(native) == ColourClass::CARPET
         };
-        let changed = light.adaptation.follow(
+        let changed = light.adaptation.update(
             frame,
             &self.pattern,
             is_carpet,
             seen,
-            (&light.model, self.centre_px),
+            (&light.carpet_model, self.centre_px),
             config,
         );
         if let Some(model) = changed {
-            light.table = self.table_of(light.format, model, *light.adaptation.prior());
-            light.weights = weights_of(&model);
-            light.model = model;
+            light.lookup_table =
+                self.build_lookup_table(light.format, model, *light.adaptation.prior());
+            light.channel_weights = quantize_weights(&model);
+            light.carpet_model = model;
             self.measure_noise(frame, light);
         }
     }
 
-    fn measure_noise(&mut self, frame: &Frame<'_>, light: &mut Light) {
-        self.read_every(frame, &light.table);
-        light.noise = self.noise();
-        thresholds(
+    fn measure_noise(&mut self, frame: &ImageView<'_>, light: &mut ColourModel) {
+        self.classify_all_samples(frame, &light.lookup_table);
+        light.noise = self.estimate_noise();
+        peak_thresholds(
             &self.pattern,
-            &light.model,
+            &light.carpet_model,
             light.noise,
             &self.config.lines,
             self.line_width,
-            &mut self.thresholds,
+            &mut self.peak_thresholds,
         );
     }
 
     /// Standard deviation of the values on plain carpet, from differences along scan lines; edges are outliers.
-    fn noise(&self) -> f32 {
+    fn estimate_noise(&self) -> f32 {
         let mut counts = [0u32; 256];
-        let mut values = vec![0; self.pattern.longest()];
-        for piece in &self.pattern.pieces {
+        let mut values = vec![0; self.pattern.longest_segment()];
+        for piece in &self.pattern.segments {
             let range = piece.start as usize..piece.end as usize;
             let values = &mut values[..range.len()];
-            self.brightness.pick(range.clone(), values);
+            self.brightness.gather(range.clone(), values);
             let pairs = values.windows(1 + NOISE_LAG);
             for (values, classes) in pairs.zip(self.classes[range].windows(1 + NOISE_LAG)) {
-                if classes[0] == Class::CARPET && classes[NOISE_LAG] == Class::CARPET {
+                if classes[0] == ColourClass::CARPET && classes[NOISE_LAG] == ColourClass::CARPET {
                     counts[usize::from(values[0].abs_diff(values[NOISE_LAG]))] += 1;
                 }
             }
@@ -179,14 +201,14 @@ impl Eyes {
 }
 
 /// A model's weights in whole 256ths.
-fn weights_of(model: &CarpetModel) -> [u32; 3] {
-    let weights = model.weights();
+fn quantize_weights(model: &CarpetModel) -> [u32; 3] {
+    let weights = model.channel_weights();
     let [r, g, _] = weights.map(|weight| (256.0 * weight).round() as u32);
     [r, g, 256 - r - g]
 }
 
 /// The level that 95 % of the pixels stay below.
-fn brightest(pixels: &[[u8; 3]]) -> u8 {
+fn brightness_percentile_95(pixels: &[[u8; 3]]) -> u8 {
     let mut levels: Vec<u8> = pixels
         .iter()
         .map(|rgb| rgb.iter().fold(0, |a, &b| a.max(b)))
@@ -199,9 +221,9 @@ fn brightest(pixels: &[[u8; 3]]) -> u8 {
 }
 
 /// White's colour: the median over the better half of the line points.
-fn white_of(frame: &Frame<'_>, seen: &Seen) -> Option<[f32; 3]> {
-    let mut order: Vec<&SeenLinePoint> = seen.line_points.iter().collect();
-    if order.len() < FEWEST_WHITE_RUNS {
+fn estimate_white(frame: &ImageView<'_>, seen: &Detections) -> Option<[f32; 3]> {
+    let mut order: Vec<&LinePointDetection> = seen.line_points.iter().collect();
+    if order.len() < WHITE_POINTS_MIN {
         return None;
     }
     order.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
@@ -209,7 +231,7 @@ fn white_of(frame: &Frame<'_>, seen: &Seen) -> Option<[f32; 3]> {
     let colours: Vec<[u8; 3]> = order
         .iter()
         .map(|point| {
-            let [u, v] = point.at_px.map(|at| at.round().max(0.0) as usize);
+            let [u, v] = point.position_px.map(|at| at.round().max(0.0) as usize);
             frame.rgb(u, v)
         })
         .collect();

@@ -4,8 +4,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use vision::image::{Frame, Image, PixelFormat};
-use vision::{Eyes, Mount, Profile, optics};
+use vision::image::{Image, ImageView, PixelFormat};
+use vision::{Mount, Profile, Vision, optics};
 
 use super::playing::Demo;
 use super::{Figure, REPEATS, figure, median_ms};
@@ -38,7 +38,7 @@ pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
         )?);
     }
     let config = SpineConfig::default();
-    let mut eyes = Eyes::new(
+    let mut eyes = Vision::new(
         map,
         camera,
         setup.field.config.line_width,
@@ -47,13 +47,13 @@ pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
     let mut number = 0;
     let mut next = || {
         number = (number + 1) % images.len();
-        images[number].frame()
+        images[number].view()
     };
-    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.see_lines(&next()))));
-    let see_all = median_ms(REPEATS, || drop(black_box(eyes.see(&next()))));
+    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.process_lines(&next()))));
+    let see_all = median_ms(REPEATS, || drop(black_box(eyes.process(&next()))));
     let see_new_light = median_ms(30, || {
-        eyes.forget_light();
-        drop(black_box(eyes.see(&next())));
+        eyes.reset_colour_model();
+        drop(black_box(eyes.process(&next())));
     });
     figures.push(figure("see_lines_480", see_lines, "ms", "<= 0.15"));
     figures.push(figure("see_all_480", see_all, "ms", "<= 0.5"));
@@ -100,7 +100,7 @@ pub(super) fn seeing_large(figures: &mut Vec<Figure>) -> Result<()> {
         demo.render(&mut renderer, f32::from(turn), &mut rgb);
         images.push(rgb);
     }
-    let mut eyes = Eyes::new(
+    let mut eyes = Vision::new(
         &map,
         &demo.camera,
         demo.field.config.line_width,
@@ -109,10 +109,10 @@ pub(super) fn seeing_large(figures: &mut Vec<Figure>) -> Result<()> {
     let mut number = 0;
     let mut next = || {
         number = (number + 1) % images.len();
-        Frame::packed(SIDE_PX, SIDE_PX, PixelFormat::Rgb8, &images[number])
+        ImageView::packed(SIDE_PX, SIDE_PX, PixelFormat::Rgb8, &images[number])
     };
-    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.see_lines(&next()))));
-    let see_all = median_ms(REPEATS, || drop(black_box(eyes.see(&next()))));
+    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.process_lines(&next()))));
+    let see_all = median_ms(REPEATS, || drop(black_box(eyes.process(&next()))));
     figures.push(figure("see_lines_1024", see_lines, "ms", "-"));
     figures.push(figure("see_all_1024", see_all, "ms", "<= 1.2"));
     Ok(())

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use vision::calibrate::{LearnedColours, learn_colours};
-use vision::colours::{CLASS_NAMES, Class};
-use vision::image::{Image, yuv_of_rgb};
-use vision::labels::{ColourTable, Label, TableKind, class_of_name, load_labels};
-use vision::{Eyes, overlay};
+use vision::colours::{CLASS_NAMES, ColourClass};
+use vision::image::{Image, rgb_to_yuv};
+use vision::labels::{ColourTable, Label, TableKind, canonical_class_name, load_labels};
+use vision::{Vision, overlay};
 
 use super::{LeftOut, drive_images};
 use pipeline::cycle::SpineConfig;
@@ -116,18 +116,18 @@ fn from_labels(args: &ColoursArgs, path: &Path) -> Result<Found> {
     let tables = [learn(TableKind::Yuv)?, learn(TableKind::Uv)?];
     let mut names: Vec<&str> = labels
         .iter()
-        .map(|label| class_of_name(&label.class))
+        .map(|label| canonical_class_name(&label.class))
         .collect();
     names.sort_unstable();
     names.dedup();
     let right = |label: &&Label| {
-        let class = tables[0].class(yuv_of_rgb(label.rgb));
-        tables[0].name(class) == Some(class_of_name(&label.class))
+        let class = tables[0].class(rgb_to_yuv(label.rgb));
+        tables[0].name(class) == Some(canonical_class_name(&label.class))
     };
     let share = |name: &&str| {
         let members = labels
             .iter()
-            .filter(|label| class_of_name(&label.class) == *name);
+            .filter(|label| canonical_class_name(&label.class) == *name);
         let pixels = members.clone().count();
         ClassShare {
             class: (*name).to_owned(),
@@ -164,7 +164,7 @@ fn from_images(args: &ColoursArgs) -> Result<Found> {
     let config = SpineConfig::default().vision;
     let line_width = setup.field.config.line_width;
     let mask = setup.mask.as_deref();
-    let mut eyes = Eyes::with_mask(map, camera, mask, line_width, config.clone())?;
+    let mut eyes = Vision::with_mask(map, camera, mask, line_width, config.clone())?;
     let images = drive_images(dir)?;
     let learned: LearnedColours =
         learn_colours(&mut eyes, &images).with_context(|| dir.display().to_string())?;
@@ -190,7 +190,7 @@ fn from_images(args: &ColoursArgs) -> Result<Found> {
 fn agreement(tables: &[ColourTable; 2], pixels: impl Iterator<Item = [u8; 3]>) -> f64 {
     let (mut same, mut all) = (0usize, 0usize);
     for rgb in pixels {
-        let yuv = yuv_of_rgb(rgb);
+        let yuv = rgb_to_yuv(rgb);
         same += usize::from(tables[0].class(yuv) == tables[1].class(yuv));
         all += 1;
     }
@@ -201,12 +201,12 @@ fn agreement(tables: &[ColourTable; 2], pixels: impl Iterator<Item = [u8; 3]>) -
 fn classified(image: &Image, table: &ColourTable) -> Image {
     let mut classes = image.clone();
     for rgb in classes.rgb.chunks_exact_mut(3) {
-        let class = table.class(yuv_of_rgb([rgb[0], rgb[1], rgb[2]]));
+        let class = table.class(rgb_to_yuv([rgb[0], rgb[1], rgb[2]]));
         let known = usize::from(class.0) < CLASS_NAMES.len();
         rgb.copy_from_slice(&overlay::class_colour(if known {
             class
         } else {
-            Class::OTHER
+            ColourClass::OTHER
         }));
     }
     crate::pictures::field::beside(image, &classes)

@@ -67,7 +67,7 @@ pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
     }
     let inside = (0..mask.len()).filter(|pixel| {
         let (u, v) = (pixel % camera.width_px, pixel / camera.width_px);
-        camera.sees_mirror(u as f32, v as f32)
+        camera.is_inside_mirror(u as f32, v as f32)
     });
     let own = inside.clone().filter(|&pixel| !mask[pixel]).count();
     let outcome = Outcome {

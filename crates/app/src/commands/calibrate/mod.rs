@@ -12,7 +12,7 @@ use anyhow::{Context, Result, ensure};
 use localize::robot::RobotConfig;
 use serde::Serialize;
 use vision::calibrate::{
-    DriveImage, ImageResidual, Strip, StripImage, calibrate_lines, calibrate_strip, fit_profile,
+    ImageResidual, NamedImage, Strip, StripImage, calibrate_lines, calibrate_strip, fit_mount,
 };
 use vision::image::Image;
 use vision::{GroundMap, Mount, Profile, overlay};
@@ -186,7 +186,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
             .mirror
             .as_ref()
             .with_context(|| format!("{}: has no [mirror]", robot_file.display()))?;
-        let fit = fit_profile(camera, &Profile::load(&mirror.profile)?, &found.points)
+        let fit = fit_mount(camera, &Profile::load(&mirror.profile)?, &found.points)
             .with_context(|| args.dir.display().to_string())?;
         let rays =
             vision::optics::trace_rays(&fit.camera, &Profile::load(&mirror.profile)?, &fit.mount)?;
@@ -263,7 +263,7 @@ pub(crate) fn lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
 }
 
 /// The images that a recording's frames.csv names, or strip.csv where there is none; those that cannot be read are named.
-fn drive_images(folder: &Path) -> Result<Vec<DriveImage>> {
+fn drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
     let frames = folder.join("frames.csv");
     let path = if frames.exists() {
         frames
@@ -274,7 +274,7 @@ fn drive_images(folder: &Path) -> Result<Vec<DriveImage>> {
     for row in Table::read(&path, &["file"])?.rows() {
         let name = row.text("file")?.to_owned();
         match Image::load(&folder.join(&name)) {
-            Ok(image) => images.push(DriveImage { name, image }),
+            Ok(image) => images.push(NamedImage { name, image }),
             Err(error) => eprintln!("{}: left out: {error}", row.place()),
         }
     }
@@ -315,7 +315,7 @@ fn save(map: &GroundMap, out: &Path, picture: Option<&Path>, image: Option<&Imag
             };
             let ring = |a: f32, b: f32| RINGS.iter().any(|ring| (a - ring) * (b - ring) <= 0.0);
             if ring(here.distance(), right.distance()) || ring(here.distance(), below.distance()) {
-                overlay::dot(&mut image, u as i64, v as i64, overlay::FIELD_LINE);
+                overlay::draw_pixel(&mut image, u as i64, v as i64, overlay::FIELD_LINE_COLOUR);
             }
         }
     }

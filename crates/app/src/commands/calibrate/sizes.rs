@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use vision::calibrate::{SizeCalibration, calibrate_sizes};
 use vision::image::Image;
-use vision::overlay::{self, Colour};
+use vision::overlay::{self, Rgb};
 
 use super::{LeftOut, drive_images};
 use pipeline::csv_table::Written;
@@ -127,9 +127,9 @@ fn write(found: &SizeCalibration, path: &Path) -> Result<()> {
 
 const SCALE: [f32; 2] = [80.0, 14.0];
 const MARGIN: f32 = 20.0;
-const GRID: Colour = [70, 70, 70];
-const LINE: Colour = [240, 240, 240];
-const BALL: Colour = [255, 140, 0];
+const GRID: Rgb = [70, 70, 70];
+const LINE: Rgb = [240, 240, 240];
+const BALL: Rgb = [255, 140, 0];
 
 /// Sizes over distance: the grid is 1 m and 5 px.
 fn chart(found: &SizeCalibration) -> Image {
@@ -170,8 +170,8 @@ fn chart(found: &SizeCalibration) -> Image {
             GRID,
         );
     }
-    type Size = fn(&vision::calibrate::SizeRow) -> Option<f32>;
-    let curves: [(Colour, Size, Size); 2] = [
+    type Size = fn(&vision::calibrate::SizeBin) -> Option<f32>;
+    let curves: [(Rgb, Size, Size); 2] = [
         (LINE, |row| row.line_px, |row| row.line_px_by_map),
         (BALL, |row| row.ball_px, |row| row.ball_px_by_map),
     ];
@@ -179,7 +179,7 @@ fn chart(found: &SizeCalibration) -> Image {
         let mut last = None;
         for row in &found.rows {
             if let Some(px) = measured(row) {
-                overlay::cross(&mut image, place(row.distance, px), 5, colour);
+                overlay::draw_cross(&mut image, place(row.distance, px), 5, colour);
             }
             let next = by_map(row).map(|px| place(row.distance, px));
             if let (Some(from), Some(to)) = (last, next) {
@@ -191,7 +191,7 @@ fn chart(found: &SizeCalibration) -> Image {
     image
 }
 
-fn stroke(image: &mut Image, from: [f32; 2], to: [f32; 2], colour: Colour) {
+fn stroke(image: &mut Image, from: [f32; 2], to: [f32; 2], colour: Rgb) {
     let steps = (to[0] - from[0])
         .abs()
         .max((to[1] - from[1]).abs())
@@ -200,6 +200,6 @@ fn stroke(image: &mut Image, from: [f32; 2], to: [f32; 2], colour: Colour) {
     for step in 0..=steps as usize {
         let part = step as f32 / steps;
         let [u, v] = [0, 1].map(|i| (from[i] + part * (to[i] - from[i])).round() as i64);
-        overlay::dot(image, u, v, colour);
+        overlay::draw_pixel(image, u, v, colour);
     }
 }

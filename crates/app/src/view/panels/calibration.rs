@@ -7,8 +7,8 @@ use anyhow::{Context, Result, ensure};
 use eframe::egui::{self, RichText, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use vision::calibrate::calibrate_mask;
-use vision::colours::{CLASS_NAMES, Class};
-use vision::config::Window;
+use vision::colours::{CLASS_NAMES, ColourClass};
+use vision::config::ImageRect;
 use vision::image::Image;
 
 use super::parameters::Parameters;
@@ -268,7 +268,7 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
     ui.horizontal_wrapped(|ui| {
         ui.selectable_value(&mut brush.tool, Tool::None, "Hand");
         for (class, name) in CLASS_NAMES.iter().enumerate() {
-            let colour = ink::class(Class(class as u8));
+            let colour = ink::class(ColourClass(class as u8));
             let text = RichText::new(format!("# {name}")).color(colour);
             // Black and white vanish on one theme or the other.
             let text = match *name {
@@ -323,12 +323,12 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
     ui.horizontal_wrapped(|ui| {
         let take = egui::Button::new("Take as laid out");
         if ui.add_enabled(!laid.is_empty(), take).clicked() {
-            let of = |kind: &str| -> Vec<Window> {
+            let of = |kind: &str| -> Vec<ImageRect> {
                 let named = laid.iter().filter(|(name, _)| *name == kind);
                 named.map(|(_, window)| *window).collect()
             };
             parameters.edit(session, |config| {
-                let windows = &mut config.vision.windows;
+                let windows = &mut config.vision.virtual_sensors;
                 (windows.bumpers, windows.goals) = (of("bumper"), of("goal"));
                 windows.ball = of("ball").first().copied();
                 windows.kick = of("kick").first().copied();
@@ -337,7 +337,7 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
         }
         if ui.button("Lay out anew").clicked() {
             parameters.edit(session, |config| {
-                let windows = &mut config.vision.windows;
+                let windows = &mut config.vision.virtual_sensors;
                 (windows.bumpers, windows.goals) = (Vec::new(), Vec::new());
                 (windows.ball, windows.kick, windows.lens) = (None, None, None);
             });
@@ -346,7 +346,7 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
     if laid.is_empty() {
         ui.weak("The camera's layer Windows shows them, and makes them known here.");
     }
-    let mut windows = parameters.config().vision.windows.clone();
+    let mut windows = parameters.config().vision.virtual_sensors.clone();
     let mut changed = false;
     let single = [
         ("ball", windows.ball.as_mut()),
@@ -374,7 +374,7 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
         }
     });
     if changed {
-        parameters.edit(session, |config| config.vision.windows = windows);
+        parameters.edit(session, |config| config.vision.virtual_sensors = windows);
     }
 }
 

@@ -8,8 +8,8 @@ use eframe::egui::{
 };
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
-use vision::colours::{CLASS_NAMES, Class};
-use vision::image::{Image, yuv_of_rgb};
+use vision::colours::{CLASS_NAMES, ColourClass};
+use vision::image::{Image, rgb_to_yuv};
 
 use super::camera_marks::{self, Drawing};
 use crate::view::brush::{Brush, Tool};
@@ -324,8 +324,8 @@ impl Camera {
                 && (row as usize) < image.height_px
             {
                 let (u, v) = (column as usize, row as usize);
-                let rgb = image.frame().rgb(u, v);
-                let [y, cb, cr] = yuv_of_rgb(rgb);
+                let rgb = image.view().rgb(u, v);
+                let [y, cb, cr] = rgb_to_yuv(rgb);
                 words.push(format!("({u}, {v})  YUV {y} {cb} {cr}  RGB {rgb:?}"));
                 if let Some(class) = self.class_at(session, u, v) {
                     words.push(class.to_owned());
@@ -356,7 +356,7 @@ impl Camera {
     fn class_at(&self, session: &Session, u: usize, v: usize) -> Option<&'static str> {
         let painted = session.painted.classes.as_ref()?;
         let colour = *painted.pixels.get(v * painted.size[0] + u)?;
-        let found = (0..CLASS_NAMES.len()).find(|&c| ink::class(Class(c as u8)) == colour);
+        let found = (0..CLASS_NAMES.len()).find(|&c| ink::class(ColourClass(c as u8)) == colour);
         found.map(|class| CLASS_NAMES[class])
     }
 }

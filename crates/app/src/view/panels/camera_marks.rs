@@ -5,9 +5,9 @@ use std::f32::consts::TAU;
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Shape, Stroke, Ui, Vec2};
 use localize::At;
 use localize::frame::RobotFrame;
-use vision::config::Window;
+use vision::config::ImageRect;
 use vision::goals::GoalKind;
-use vision::line_points::Refusal;
+use vision::line_points::RejectionReason;
 use vision::robots::Marker;
 
 use super::camera::Shows;
@@ -31,7 +31,7 @@ pub(crate) struct Drawing<'a> {
     pub(crate) cycle: &'a Cycle,
     pub(crate) shows: &'a Shows,
     /// The virtual sensors' windows with their names.
-    pub(crate) windows: &'a [(&'static str, Window)],
+    pub(crate) windows: &'a [(&'static str, ImageRect)],
 }
 
 impl Drawing<'_> {
@@ -105,14 +105,14 @@ pub(crate) fn draw(drawing: &Drawing<'_>) {
         carpet_end(drawing, &seen.carpet_end);
     }
     if shows.refused {
-        for refused in &seen.refused {
+        for refused in &seen.rejected_candidates {
             let (colour, _) = ink::refusal(refused.reason);
-            drawing.saltire(drawing.pixel(refused.at_px), 2.5, colour);
+            drawing.saltire(drawing.pixel(refused.position_px), 2.5, colour);
         }
     }
     if shows.points {
         for point in &seen.line_points {
-            drawing.cross(drawing.pixel(point.at_px), 3.0, ink::LINE_POINT);
+            drawing.cross(drawing.pixel(point.position_px), 3.0, ink::LINE_POINT);
         }
     }
     objects(drawing);
@@ -124,7 +124,7 @@ fn objects(drawing: &Drawing<'_>) {
         return;
     };
     if let (true, Some(ball)) = (shows.ball, &seen.ball) {
-        let at = drawing.pixel(ball.at_px);
+        let at = drawing.pixel(ball.position_px);
         painter.circle_stroke(at, 9.0, (2.5, ink::BALL));
         let air = if ball.on_ground { "" } else { ", in the air" };
         let text = format!("ball {:.1} m{air}", ball.at.distance());
@@ -132,7 +132,7 @@ fn objects(drawing: &Drawing<'_>) {
     }
     if shows.robots {
         for robot in &seen.robots {
-            let at = drawing.pixel(robot.at_px);
+            let at = drawing.pixel(robot.position_px);
             let half = Vec2::splat(7.0);
             let square = eframe::egui::Rect::from_min_max(at - half, at + half);
             painter.rect_stroke(
@@ -152,7 +152,7 @@ fn objects(drawing: &Drawing<'_>) {
     }
     if shows.goals {
         for goal in &seen.goals {
-            let at = drawing.pixel(goal.at_px);
+            let at = drawing.pixel(goal.position_px);
             drawing.cross(at, 8.0, ink::GOAL);
             let kind = match goal.kind {
                 GoalKind::Blue => "blue goal",
@@ -215,7 +215,11 @@ pub(crate) fn draw_bird(drawing: &Drawing<'_>) {
 
 /// The virtual sensors' windows; those that say yes are drawn thick.
 fn windows(drawing: &Drawing<'_>) {
-    let readings = drawing.cycle.seen.as_ref().map(|seen| &seen.windows);
+    let readings = drawing
+        .cycle
+        .seen
+        .as_ref()
+        .map(|seen| &seen.virtual_sensors);
     let mut bumpers = readings
         .map(|found| found.bumpers.iter())
         .into_iter()
@@ -227,7 +231,7 @@ fn windows(drawing: &Drawing<'_>) {
             "ball" => readings.is_some_and(|found| found.ball_px.is_some()),
             "lens" => readings.is_some_and(|found| found.lens_centred == Some(true)),
             _ => readings.is_some_and(|found| {
-                let inside = |goal: Option<[f32; 2]>| goal.is_some_and(|at| window.holds(at));
+                let inside = |goal: Option<[f32; 2]>| goal.is_some_and(|at| window.contains(at));
                 inside(found.blue_goal_px) || inside(found.yellow_goal_px)
             }),
         };
@@ -320,12 +324,12 @@ pub(crate) fn key(ui: &mut Ui) {
     };
     row(ui, "+", ink::LINE_POINT, "line point");
     for reason in [
-        Refusal::NoCarpetBeside,
-        Refusal::TooNarrow,
-        Refusal::TooWide,
-        Refusal::TooFaint,
-        Refusal::NotWhite,
-        Refusal::BeyondCarpet,
+        RejectionReason::NoAdjacentCarpet,
+        RejectionReason::TooNarrow,
+        RejectionReason::TooWide,
+        RejectionReason::TooFaint,
+        RejectionReason::NotWhite,
+        RejectionReason::BeyondCarpet,
     ] {
         let (colour, text) = ink::refusal(reason);
         row(ui, "x", colour, &format!("refused: {text}"));
@@ -336,7 +340,7 @@ pub(crate) fn key(ui: &mut Ui) {
         row(
             ui,
             "■",
-            ink::class(vision::colours::Class(class as u8)),
+            ink::class(vision::colours::ColourClass(class as u8)),
             name,
         );
     }

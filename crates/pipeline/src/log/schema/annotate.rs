@@ -53,14 +53,17 @@ pub(crate) fn annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
         timestamp: stamp,
         points: vec![
             dots(
-                seen.refused.iter().map(|run| point(run.at_px)).collect(),
+                seen.rejected_candidates
+                    .iter()
+                    .map(|run| point(run.position_px))
+                    .collect(),
                 REFUSED,
                 2.0,
             ),
             dots(
                 seen.line_points
                     .iter()
-                    .map(|seen| point(seen.at_px))
+                    .map(|seen| point(seen.position_px))
                     .collect(),
                 POINT,
                 3.0,

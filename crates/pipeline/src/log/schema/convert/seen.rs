@@ -3,18 +3,18 @@
 use anyhow::{Context, Result};
 use localize::frame::At;
 use localize::sample::LinePoint;
-use vision::ball::Ball;
-use vision::eyes::Seen;
-use vision::goals::{Goal, GoalKind};
-use vision::line_points::{Refusal, RefusedRun, SeenLinePoint};
-use vision::robots::{Marker, Robot};
+use vision::ball::BallDetection;
+use vision::eyes::Detections;
+use vision::goals::{GoalDetection, GoalKind};
+use vision::line_points::{LinePointDetection, RejectedCandidate, RejectionReason};
+use vision::robots::{Marker, RobotDetection};
 
 use super::super::wire;
 use super::sensors::{windows_from_wire, windows_to_wire};
 use super::{names, points_from_wire, points_to_wire, same_length};
 
-names!(refusal_name, refusal_named: Refusal {
-    NoCarpetBeside = "no carpet beside",
+names!(refusal_name, refusal_named: RejectionReason {
+    NoAdjacentCarpet = "no carpet beside",
     TooNarrow = "too narrow",
     TooWide = "too wide",
     TooFaint = "too faint",
@@ -25,22 +25,22 @@ names!(refusal_name, refusal_named: Refusal {
 names!(marker_name, marker_named: Marker { Cyan = "cyan", Magenta = "magenta" });
 names!(goal_name, goal_named: GoalKind { Blue = "blue", Yellow = "yellow", Post = "post" });
 
-pub(crate) fn seen_to_wire(seen: &Seen) -> wire::Seen {
-    let Seen {
+pub(crate) fn seen_to_wire(seen: &Detections) -> wire::Seen {
+    let Detections {
         line_points,
-        refused,
+        rejected_candidates: refused,
         ball,
         robots,
         goals,
-        windows,
+        virtual_sensors: windows,
         carpet_end,
         carpet_share,
-        learned,
+        colours_learned: learned,
     } = seen;
     let mut points = wire::Seen::default();
-    for &SeenLinePoint {
+    for &LinePointDetection {
         point: _,
-        at_px: [u, v],
+        position_px: [u, v],
         contrast,
         width,
     } in line_points
@@ -52,8 +52,8 @@ pub(crate) fn seen_to_wire(seen: &Seen) -> wire::Seen {
     }
     wire::Seen {
         points: points_to_wire(line_points.iter().map(|seen| &seen.point)),
-        refused_u_px: refused.iter().map(|run| run.at_px[0]).collect(),
-        refused_v_px: refused.iter().map(|run| run.at_px[1]).collect(),
+        refused_u_px: refused.iter().map(|run| run.position_px[0]).collect(),
+        refused_v_px: refused.iter().map(|run| run.position_px[1]).collect(),
         refused_reason: refused
             .iter()
             .map(|run| refusal_name(run.reason).to_owned())
@@ -69,7 +69,7 @@ pub(crate) fn seen_to_wire(seen: &Seen) -> wire::Seen {
     }
 }
 
-pub(crate) fn seen_from_wire(seen: wire::Seen) -> Result<Seen> {
+pub(crate) fn seen_from_wire(seen: wire::Seen) -> Result<Detections> {
     let (u, v) = (seen.point_u_px, seen.point_v_px);
     let (contrast, width) = (seen.point_contrast, seen.point_width);
     let points = points_from_wire(seen.points)?;
@@ -83,21 +83,21 @@ pub(crate) fn seen_from_wire(seen: wire::Seen) -> Result<Seen> {
         "refused runs",
         &[refused_u.len(), refused_v.len(), reasons.len()],
     )?;
-    let place = |(index, point): (usize, LinePoint)| SeenLinePoint {
+    let place = |(index, point): (usize, LinePoint)| LinePointDetection {
         point,
-        at_px: [u[index], v[index]],
+        position_px: [u[index], v[index]],
         contrast: contrast[index],
         width: width[index],
     };
     let run = |(index, reason): (usize, &String)| {
-        Ok(RefusedRun {
-            at_px: [refused_u[index], refused_v[index]],
+        Ok(RejectedCandidate {
+            position_px: [refused_u[index], refused_v[index]],
             reason: refusal_named(reason)?,
         })
     };
-    Ok(Seen {
+    Ok(Detections {
         line_points: points.into_iter().enumerate().map(place).collect(),
-        refused: reasons.iter().enumerate().map(run).collect::<Result<_>>()?,
+        rejected_candidates: reasons.iter().enumerate().map(run).collect::<Result<_>>()?,
         ball: seen.ball.as_ref().map(ball_from_wire).transpose()?,
         robots: seen
             .robots
@@ -109,20 +109,20 @@ pub(crate) fn seen_from_wire(seen: wire::Seen) -> Result<Seen> {
             .iter()
             .map(goal_from_wire)
             .collect::<Result<_>>()?,
-        windows: windows_from_wire(seen.windows)?,
+        virtual_sensors: windows_from_wire(seen.windows)?,
         carpet_end: seen.carpet_end,
         carpet_share: seen.carpet_share,
-        learned: seen.learned,
+        colours_learned: seen.learned,
     })
 }
 
-pub(crate) fn ball_to_wire(ball: &Ball) -> wire::Ball {
-    let &Ball {
+pub(crate) fn ball_to_wire(ball: &BallDetection) -> wire::Ball {
+    let &BallDetection {
         at,
         covariance,
         on_ground,
         score,
-        at_px: [u_px, v_px],
+        position_px: [u_px, v_px],
         pixels,
     } = ball;
     wire::Ball {
@@ -137,26 +137,26 @@ pub(crate) fn ball_to_wire(ball: &Ball) -> wire::Ball {
     }
 }
 
-fn ball_from_wire(ball: &wire::Ball) -> Result<Ball> {
-    Ok(Ball {
+fn ball_from_wire(ball: &wire::Ball) -> Result<BallDetection> {
+    Ok(BallDetection {
         at: At::new(ball.x, ball.y),
         covariance: triple(&ball.covariance)?,
         on_ground: ball.on_ground,
         score: ball.score,
-        at_px: [ball.u_px, ball.v_px],
+        position_px: [ball.u_px, ball.v_px],
         pixels: ball.pixels as usize,
     })
 }
 
-pub(crate) fn robot_to_wire(robot: &Robot) -> wire::Robot {
-    let &Robot {
+pub(crate) fn robot_to_wire(robot: &RobotDetection) -> wire::Robot {
+    let &RobotDetection {
         at,
         edge,
         covariance,
         width,
         marker,
         score,
-        at_px: [u_px, v_px],
+        position_px: [u_px, v_px],
     } = robot;
     wire::Robot {
         x: at.x,
@@ -172,8 +172,8 @@ pub(crate) fn robot_to_wire(robot: &Robot) -> wire::Robot {
     }
 }
 
-fn robot_from_wire(robot: &wire::Robot) -> Result<Robot> {
-    Ok(Robot {
+fn robot_from_wire(robot: &wire::Robot) -> Result<RobotDetection> {
+    Ok(RobotDetection {
         at: At::new(robot.x, robot.y),
         edge: At::new(robot.edge_x, robot.edge_y),
         covariance: triple(&robot.covariance)?,
@@ -183,18 +183,18 @@ fn robot_from_wire(robot: &wire::Robot) -> Result<Robot> {
             marker => Some(marker_named(marker)?),
         },
         score: robot.score,
-        at_px: [robot.u_px, robot.v_px],
+        position_px: [robot.u_px, robot.v_px],
     })
 }
 
-fn goal_to_wire(goal: &Goal) -> wire::Goal {
-    let &Goal {
+fn goal_to_wire(goal: &GoalDetection) -> wire::Goal {
+    let &GoalDetection {
         kind,
         at,
         covariance,
         width,
         score,
-        at_px: [u_px, v_px],
+        position_px: [u_px, v_px],
     } = goal;
     wire::Goal {
         kind: goal_name(kind).to_owned(),
@@ -208,14 +208,14 @@ fn goal_to_wire(goal: &Goal) -> wire::Goal {
     }
 }
 
-fn goal_from_wire(goal: &wire::Goal) -> Result<Goal> {
-    Ok(Goal {
+fn goal_from_wire(goal: &wire::Goal) -> Result<GoalDetection> {
+    Ok(GoalDetection {
         kind: goal_named(&goal.kind)?,
         at: At::new(goal.x, goal.y),
         covariance: triple(&goal.covariance)?,
         width: goal.width,
         score: goal.score,
-        at_px: [goal.u_px, goal.v_px],
+        position_px: [goal.u_px, goal.v_px],
     })
 }
 

@@ -2,14 +2,14 @@
 
 use anyhow::{Context, Result};
 use localize::robot::CameraSetting;
-use vision::exposure::{CameraCommand, ExposureReading};
-use vision::windows::{Bumper, WindowReadings};
+use vision::exposure::{ExposureCommand, ExposureStatus};
+use vision::windows::{Bumper, VirtualSensorReadings};
 
 use super::super::wire;
 use super::same_length;
 
-pub(crate) fn windows_to_wire(readings: &WindowReadings) -> wire::Windows {
-    let WindowReadings {
+pub(crate) fn windows_to_wire(readings: &VirtualSensorReadings) -> wire::Windows {
+    let VirtualSensorReadings {
         bumpers,
         blue_goal_px,
         yellow_goal_px,
@@ -31,11 +31,11 @@ pub(crate) fn windows_to_wire(readings: &WindowReadings) -> wire::Windows {
     }
 }
 
-pub(super) fn windows_from_wire(readings: wire::Windows) -> Result<WindowReadings> {
+pub(super) fn windows_from_wire(readings: wire::Windows) -> Result<VirtualSensorReadings> {
     let (shares, hits) = (readings.bumper_share, readings.bumper_hit);
     same_length("bumpers", &[shares.len(), hits.len()])?;
     let bumpers = shares.into_iter().zip(hits);
-    Ok(WindowReadings {
+    Ok(VirtualSensorReadings {
         bumpers: bumpers.map(|(share, hit)| Bumper { share, hit }).collect(),
         blue_goal_px: place(&readings.blue_goal_px)?,
         yellow_goal_px: place(&readings.yellow_goal_px)?,
@@ -56,11 +56,11 @@ fn place(values: &[f32]) -> Result<Option<[f32; 2]>> {
     Ok(Some(pair))
 }
 
-pub(crate) fn exposure_to_wire(reading: &ExposureReading) -> wire::Exposure {
-    let &ExposureReading {
+pub(crate) fn exposure_to_wire(reading: &ExposureStatus) -> wire::Exposure {
+    let &ExposureStatus {
         entropy,
         level,
-        in_force,
+        applied_setting: in_force,
         searching,
         command,
         light_jumped,
@@ -80,20 +80,20 @@ pub(crate) fn exposure_to_wire(reading: &ExposureReading) -> wire::Exposure {
     }
 }
 
-pub(super) fn exposure_from_wire(reading: &wire::Exposure) -> ExposureReading {
+pub(super) fn exposure_from_wire(reading: &wire::Exposure) -> ExposureStatus {
     let setting = |exposure: Option<f32>, gain: Option<f32>| {
         Some(CameraSetting {
             exposure: exposure?,
             gain: gain?,
         })
     };
-    ExposureReading {
+    ExposureStatus {
         entropy: reading.entropy,
         level: reading.level,
-        in_force: setting(reading.exposure, reading.gain),
+        applied_setting: setting(reading.exposure, reading.gain),
         searching: reading.searching,
         command: setting(reading.command_exposure, reading.command_gain).map(|setting| {
-            CameraCommand {
+            ExposureCommand {
                 setting,
                 from_frame: reading.command_from_frame,
             }
