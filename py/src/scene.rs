@@ -10,8 +10,8 @@ use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use sim::film::FilmConfig;
 use sim::light::LightConfig;
-use sim::render::{Renderer, Scene, Setting};
-use sim::scenario::{BallConfig, Team};
+use sim::render::{Renderer, RendererConfig, Scene};
+use sim::scenario::{BallConfig, TeamColour};
 use sim::world::RobotState;
 
 use crate::camera::{Camera, Mount};
@@ -130,13 +130,13 @@ pub(crate) fn render<'py>(
             pose: Pose::new(x, y, theta),
             velocity: [0.0; 2],
             omega: 0.0,
-            team: Team::Magenta,
+            team: TeamColour::Magenta,
         })
         .collect();
     let ball_kind = BallConfig::default();
     let mut rgb = Vec::new();
     py.detach(|| -> Result<(), vision::optics::OpticsError> {
-        let mut renderer = Renderer::new(&Setting {
+        let mut renderer = Renderer::new(&RendererConfig {
             camera,
             profile,
             mount,
@@ -150,7 +150,7 @@ pub(crate) fn render<'py>(
             pose: Pose::new(pose[0], pose[1], pose[2]),
             robots: &others,
             ball: ball.map(|[x, y]| (At::new(x, y), ball_kind.diameter, ball_kind.colour)),
-            lamp: [1.0; 3],
+            light_colour: [1.0; 3],
             occlusions: &[],
         };
         renderer.render(&scene, &film, &mut rgb);

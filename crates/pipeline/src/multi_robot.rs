@@ -13,8 +13,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
-use sim::scenario::{Fellow, PlacedRobot, RadioConfig, Scenario, Team};
-use sim::{Sample as Simulated, Sim};
+use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeamColour, TeammateConfig};
+use sim::{Sim, SimSample as Simulated};
 
 use crate::cycle::{Cycle, Spine, SpineConfig};
 use crate::datagram::LinkConfig;
@@ -183,7 +183,7 @@ impl Squad {
                 *place = fellow;
             }
             let ball = truths[0].ball.filter(|_| index > 0);
-            player.sim.follow(&others, ball);
+            player.sim.synchronise_others(&others, ball);
         }
         for index in 0..self.players.len() {
             self.score(index)?;
@@ -294,12 +294,12 @@ impl Radio {
 
 /// The scenario as robot `index` lives it: itself as our robot, the others of the squad as mates that are moved.
 fn scenario_of(scenario: &Scenario, index: usize) -> Scenario {
-    let first = Fellow {
+    let first = TeammateConfig {
         start: scenario.start,
         path: scenario.path.clone(),
         mount: scenario.mount,
     };
-    let squad: Vec<&Fellow> = std::iter::once(&first).chain(&scenario.squad).collect();
+    let squad: Vec<&TeammateConfig> = std::iter::once(&first).chain(&scenario.squad).collect();
     let mut own = scenario.clone();
     let fellow = squad[index];
     (own.start, own.mount) = (fellow.start, fellow.mount);
@@ -321,7 +321,7 @@ fn scenario_of(scenario: &Scenario, index: usize) -> Scenario {
         x: mate.start.x,
         y: mate.start.y,
         theta_deg: mate.start.theta_deg,
-        team: Team::Cyan,
+        team: TeamColour::Cyan,
         stands: true,
     }));
     own

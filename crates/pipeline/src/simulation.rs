@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use localize::Field;
 use localize::robot::CameraControl;
 use localize::robot::RobotConfig;
-use sim::{Sample as Simulated, Scenario, Sim};
+use sim::{Scenario, Sim, SimSample as Simulated};
 use vision::exposure::ExposureCommand;
 use vision::image::Image;
 
@@ -56,7 +56,7 @@ impl Simulation {
         let mut setup = setup_of(&self.sim)?;
         // The scenario's film is what the camera starts with.
         setup.robot.exposure = self.sim.robot().exposure.map(|control| {
-            let film = self.sim.film();
+            let film = self.sim.image_sensor();
             CameraControl {
                 exposure: film.exposure,
                 gain: film.gain,
@@ -70,7 +70,7 @@ impl Simulation {
     pub fn command_camera(&mut self, command: ExposureCommand) {
         let setting = command.setting;
         self.sim
-            .expose_from(command.from_frame, setting.exposure, setting.gain);
+            .schedule_exposure(command.from_frame, setting.exposure, setting.gain);
     }
 
     /// Plays to the end, or until `also` breaks off: each sample goes through the spine, each cycle to `also`, and

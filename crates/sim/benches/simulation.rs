@@ -7,10 +7,10 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use localize::Field;
 use localize::frame::{At, Pose};
 use localize::robot::RobotConfig;
-use sim::render::{Renderer, Scene, Setting};
-use sim::scenario::Team;
+use sim::render::{Renderer, RendererConfig, Scene};
+use sim::scenario::TeamColour;
 use sim::world::RobotState;
-use sim::{Sample, Scenario, Sim};
+use sim::{Scenario, Sim, SimSample};
 use vision::Profile;
 
 fn config(name: &str) -> std::path::PathBuf {
@@ -34,7 +34,7 @@ fn image(c: &mut Criterion) {
     let profile =
         Profile::load(&robot.mirror.clone().expect("a mirror").profile).expect("a profile");
     let body = robot.body.clone().unwrap_or_default();
-    let mut renderer = Renderer::new(&Setting {
+    let mut renderer = Renderer::new(&RendererConfig {
         camera: &camera,
         profile: &profile,
         mount: scenario.mount,
@@ -55,9 +55,9 @@ fn image(c: &mut Criterion) {
                 velocity: [0.0; 2],
                 omega: 0.0,
                 team: if index % 2 == 0 {
-                    Team::Cyan
+                    TeamColour::Cyan
                 } else {
-                    Team::Magenta
+                    TeamColour::Magenta
                 },
             }
         })
@@ -71,7 +71,7 @@ fn image(c: &mut Criterion) {
                 pose: Pose::new(4.0, 0.3, turn),
                 robots: &robots,
                 ball: Some((At::new(2.5, 1.5), 0.22, [245, 125, 20])),
-                lamp: [1.0; 3],
+                light_colour: [1.0; 3],
                 occlusions: &[],
             };
             renderer.render(black_box(&scene), &scenario.film, &mut rgb);
@@ -93,7 +93,7 @@ fn second(c: &mut Criterion) {
             b.iter(|| {
                 let end = sim.time() + 1.0;
                 while sim.time() < end {
-                    if let Sample::Image(image) = sim.next_sample() {
+                    if let SimSample::Image(image) = sim.next_sample() {
                         black_box(&image.rgb);
                     }
                 }

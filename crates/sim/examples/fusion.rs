@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if let Some(only) = only.filter(|only| only != "all") {
         let wanted = only.to_lowercase();
         experiment
-            .courses
+            .disturbances
             .retain(|course| format!("{course:?}").to_lowercase() == wanted);
     }
     println!(

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 /// How a ball moves over the carpet; rapier moves it, this takes its speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct RollingLaw {
+pub(crate) struct BallFriction {
     /// Friction on the carpet while it slides.
     pub(crate) sliding_friction: f32,
     /// Deceleration while it rolls, m/s².
@@ -13,13 +13,13 @@ pub(crate) struct RollingLaw {
 
 const GRAVITY: f32 = 9.81;
 /// Mass over (moment of inertia / radius²) of a thin shell: 1 / (2/3).
-const SHELL: f32 = 1.5;
+const SHELL_INERTIA_RATIO: f32 = 1.5;
 /// Slip below which a ball rolls, m/s: what friction takes up in a step of 2 ms anyway.
-const ROLLS: f32 = 0.02;
+const ROLLING_SLIP_MAX: f32 = 0.02;
 
-impl RollingLaw {
+impl BallFriction {
     /// Velocity and the surface speed that the spin stands for (both m/s, equal when it rolls), after `step` seconds.
-    pub(crate) fn slow(
+    pub(crate) fn step(
         &self,
         velocity: Vector2<f32>,
         spin: Vector2<f32>,
@@ -27,11 +27,15 @@ impl RollingLaw {
     ) -> (Vector2<f32>, Vector2<f32>) {
         let slip = velocity - spin;
         let slip_speed = slip.norm();
-        if slip_speed > ROLLS {
+        if slip_speed > ROLLING_SLIP_MAX {
             // Slip vanishes at (1 + 3/2)·μg: the last step must not overshoot.
-            let change = (self.sliding_friction * GRAVITY * step).min(slip_speed / (1.0 + SHELL));
+            let change = (self.sliding_friction * GRAVITY * step)
+                .min(slip_speed / (1.0 + SHELL_INERTIA_RATIO));
             let along = slip / slip_speed;
-            return (velocity - along * change, spin + along * change * SHELL);
+            return (
+                velocity - along * change,
+                spin + along * change * SHELL_INERTIA_RATIO,
+            );
         }
         let speed = velocity.norm();
         let slower = (speed - self.rolling_deceleration * step).max(0.0);
@@ -48,26 +52,26 @@ impl RollingLaw {
 mod tests {
     use super::*;
 
-    const LAW: RollingLaw = RollingLaw {
+    const LAW: BallFriction = BallFriction {
         sliding_friction: 0.35,
         rolling_deceleration: 0.4,
     };
 
     #[test]
-    fn a_shell_rolls_from_three_fifths_of_its_speed() {
+    fn sliding_shell_rolls_at_three_fifths_of_its_speed() {
         let (mut velocity, mut spin) = (Vector2::new(5.0, 0.0), Vector2::zeros());
-        while (velocity - spin).norm() > ROLLS {
-            (velocity, spin) = LAW.slow(velocity, spin, 0.002);
+        while (velocity - spin).norm() > ROLLING_SLIP_MAX {
+            (velocity, spin) = LAW.step(velocity, spin, 0.002);
         }
         assert!((velocity.x - 3.0).abs() < 0.02, "{}", velocity.x);
     }
 
     #[test]
-    fn a_rolling_ball_stops_where_constant_deceleration_says() {
+    fn rolling_ball_stops_at_v_squared_over_2a() {
         let (mut velocity, mut spin) = (Vector2::new(2.0, 0.0), Vector2::new(2.0, 0.0));
         let mut way = 0.0;
         while velocity.norm() > 0.0 {
-            (velocity, spin) = LAW.slow(velocity, spin, 0.002);
+            (velocity, spin) = LAW.step(velocity, spin, 0.002);
             way += velocity.x * 0.002;
         }
         assert!((way - 2.0 * 2.0 / (2.0 * 0.4)).abs() < 0.02, "{way}");

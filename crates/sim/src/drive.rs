@@ -7,33 +7,33 @@ use nalgebra::Vector2;
 use crate::scenario::PathConfig;
 
 /// A waypoint counts as passed at this distance, metres.
-const PASSED: f32 = 0.25;
+const WAYPOINT_RADIUS: f32 = 0.25;
 /// Braking is planned with this deceleration, m/s².
 const BRAKING: f32 = 1.5;
 /// Distance from another robot's centre below which ours turns aside, metres.
-const CLEAR: f32 = 0.9;
+const AVOIDANCE_DISTANCE: f32 = 0.9;
 /// A waypoint that cannot be reached (somebody stands on it) is left out after so long, seconds.
-const PATIENCE: f32 = 12.0;
+const WAYPOINT_TIMEOUT: f32 = 12.0;
 
 /// Follows a path.
 #[derive(Debug, Clone)]
-pub(crate) struct Follower {
+pub(crate) struct PathFollower {
     path: PathConfig,
     next: usize,
-    tried: f32,
+    waypoint_time: f32,
 }
 
-impl Follower {
+impl PathFollower {
     pub(crate) fn new(path: PathConfig) -> Self {
-        Follower {
+        PathFollower {
             path,
             next: 0,
-            tried: 0.0,
+            waypoint_time: 0.0,
         }
     }
 
     /// The wanted twist (robot frame) at a time and pose; `elapsed` seconds after the last call.
-    pub(crate) fn wanted(
+    pub(crate) fn command(
         &mut self,
         time: f64,
         elapsed: f32,
@@ -41,17 +41,17 @@ impl Follower {
         others: impl Iterator<Item = Pose>,
     ) -> Twist {
         if self.path.waypoints.is_empty() {
-            return self.commanded(time);
+            return self.scheduled_command(time);
         }
         let Some(mut target) = self.path.waypoints.get(self.next).map(|place| place.pose()) else {
             return Twist::default();
         };
-        self.tried += elapsed;
+        self.waypoint_time += elapsed;
         let last = self.next + 1 == self.path.waypoints.len() && !self.path.repeat;
-        let reached = pose.origin().distance_to(target.origin()) < PASSED;
-        if (reached || self.tried > PATIENCE) && !last {
+        let reached = pose.origin().distance_to(target.origin()) < WAYPOINT_RADIUS;
+        if (reached || self.waypoint_time > WAYPOINT_TIMEOUT) && !last {
             self.next = (self.next + 1) % self.path.waypoints.len();
-            self.tried = 0.0;
+            self.waypoint_time = 0.0;
             target = self.path.waypoints[self.next].pose();
         }
         let here = Vector2::new(pose.x, pose.y);
@@ -71,10 +71,12 @@ impl Follower {
         for other in others {
             let away = here - Vector2::new(other.x, other.y);
             let near = away.norm();
-            if near < CLEAR && near > 1e-3 {
+            if near < AVOIDANCE_DISTANCE && near > 1e-3 {
                 let side = Vector2::new(-away.y, away.x);
-                wanted +=
-                    (away + side * 0.7) / near * (CLEAR - near) / CLEAR * self.path.speed * 2.0;
+                wanted += (away + side * 0.7) / near * (AVOIDANCE_DISTANCE - near)
+                    / AVOIDANCE_DISTANCE
+                    * self.path.speed
+                    * 2.0;
             }
         }
         let wanted = wanted.cap_magnitude(self.path.speed);
@@ -87,7 +89,7 @@ impl Follower {
         }
     }
 
-    fn commanded(&self, time: f64) -> Twist {
+    fn scheduled_command(&self, time: f64) -> Twist {
         let past = self
             .path
             .commands

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::sensors::normal;
+use crate::sensors::standard_normal;
 
 /// `[film]` of a scenario: the camera's settings and its sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -75,58 +75,60 @@ impl FilmConfig {
 }
 
 /// Normal numbers drawn once; each run of pixels reads them from another place.
-const NOISES: usize = 1 << 14;
+const NOISE_SAMPLES: usize = 1 << 14;
 /// The longest run that is developed at once, pixels.
-pub(crate) const RUN: usize = 256;
+pub(crate) const RUN_PIXELS: usize = 256;
 /// Steps of the linear scale: fine enough that sRGB's steepest part moves by less than one byte.
 const TONES: usize = 4096;
 /// Entries of the tone table: a power of two, so that a mask stands for a check.
 const TONE_TABLE: usize = 8192;
 /// Pixels developed once an image from which all those around the mirror are taken.
-const DARK: usize = 4096;
+const DARK_PIXELS: usize = 4096;
 /// Linear value of full white.
 const WHITE: f32 = 1.0;
 
 /// Turns linear light into sRGB bytes.
-pub(crate) struct Film {
+pub(crate) struct ImageSensor {
     noise: Vec<f32>,
     /// sRGB byte of each linear step; full white beyond the last.
     tone: Box<[u8; TONE_TABLE]>,
     /// Pixels that see the dark around the mirror, each with noise of its own.
-    dark: Vec<Print>,
+    dark_pixels: Vec<Rgbx>,
 }
 
 /// Tones of a run of pixels, one plane a colour: places in the tone table.
-pub(crate) type Tones = [[u16; RUN]; 3];
+pub(crate) type ToneRun = [[u16; RUN_PIXELS]; 3];
 /// A printed pixel: red, green, blue, and a byte without meaning.
-pub(crate) type Print = [u8; 4];
+pub(crate) type Rgbx = [u8; 4];
 
-impl Film {
+impl ImageSensor {
     pub(crate) fn new(rng: &mut ChaCha8Rng) -> Self {
         let mut tone = Box::new([u8::MAX; TONE_TABLE]);
         for (step, byte) in tone[..=TONES].iter_mut().enumerate() {
-            *byte = encode(step as f32 / TONES as f32);
+            *byte = srgb_from_linear(step as f32 / TONES as f32);
         }
-        Film {
-            noise: (0..NOISES + 3 * RUN).map(|_| normal(rng)).collect(),
+        ImageSensor {
+            noise: (0..NOISE_SAMPLES + 3 * RUN_PIXELS)
+                .map(|_| standard_normal(rng))
+                .collect(),
             tone,
-            dark: vec![[0; 4]; DARK + RUN],
+            dark_pixels: vec![[0; 4]; DARK_PIXELS + RUN_PIXELS],
         }
     }
 
     /// Develops a run of at most `RUN` pixels: `light` is linear, per colour, under
     /// white light of level 1; `lamp` is the light there is; `scale` is the vignetting.
-    pub(crate) fn develop(
+    pub(crate) fn expose(
         &self,
         config: &FilmConfig,
         light: [&[f32]; 3],
         lamp: [f32; 3],
         scale: &[f32],
         rng: &mut Pcg,
-        tones: &mut Tones,
+        tones: &mut ToneRun,
     ) {
-        let count = scale.len().min(RUN);
-        let start = rng.draw() as usize % NOISES;
+        let count = scale.len().min(RUN_PIXELS);
+        let start = rng.draw() as usize % NOISE_SAMPLES;
         for colour in 0..3 {
             let gain = config.gain * config.white_balance[colour];
             let exposed = config.exposure * gain * lamp[colour];
@@ -134,7 +136,7 @@ impl Film {
             let shot = gain / config.full_well;
             let read = gain * config.read_noise / config.full_well;
             let read2 = read * read;
-            let noise = &self.noise[start + colour * RUN..][..count];
+            let noise = &self.noise[start + colour * RUN_PIXELS..][..count];
             let light = &light[colour][..count];
             let tones = &mut tones[colour][..count];
             for i in 0..count {
@@ -148,7 +150,7 @@ impl Film {
     }
 
     /// The bytes of a developed run; a fourth one makes each a word.
-    pub(crate) fn print(&self, tones: &Tones, prints: &mut [Print]) {
+    pub(crate) fn tone_map(&self, tones: &ToneRun, prints: &mut [Rgbx]) {
         let [red, green, blue] = tones;
         for (((print, &red), &green), &blue) in prints.iter_mut().zip(red).zip(green).zip(blue) {
             *print = [
@@ -161,7 +163,7 @@ impl Film {
     }
 
     /// Develops pixels that all see `light`: each run of them is a stretch of one strip, read from another place.
-    pub(crate) fn fill(
+    pub(crate) fn fill_dark(
         &mut self,
         config: &FilmConfig,
         (light, lamp, scale): ([f32; 3], [f32; 3], f32),
@@ -169,27 +171,28 @@ impl Film {
         blank: &[u32],
         pixels: &mut [[u8; 3]],
     ) {
-        let (light, scale) = (light.map(|part| [part; RUN]), [scale; RUN]);
-        let mut tones = [[0; RUN]; 3];
-        let mut dark = std::mem::take(&mut self.dark);
-        for strip in dark[..DARK].chunks_exact_mut(RUN) {
+        let (light, scale) = (light.map(|part| [part; RUN_PIXELS]), [scale; RUN_PIXELS]);
+        let mut tones = [[0; RUN_PIXELS]; 3];
+        let mut dark = std::mem::take(&mut self.dark_pixels);
+        for strip in dark[..DARK_PIXELS].chunks_exact_mut(RUN_PIXELS) {
             let light = light.each_ref().map(|plane| &plane[..]);
-            self.develop(config, light, lamp, &scale, rng, &mut tones);
-            self.print(&tones, strip);
+            self.expose(config, light, lamp, &scale, rng, &mut tones);
+            self.tone_map(&tones, strip);
         }
-        dark.copy_within(..RUN, DARK);
-        for run in blank.chunks(RUN) {
-            let start = rng.draw() as usize % DARK;
-            for (&pixel, &[red, green, blue, _]) in run.iter().zip(&dark[start..start + RUN]) {
+        dark.copy_within(..RUN_PIXELS, DARK_PIXELS);
+        for run in blank.chunks(RUN_PIXELS) {
+            let start = rng.draw() as usize % DARK_PIXELS;
+            for (&pixel, &[red, green, blue, _]) in run.iter().zip(&dark[start..start + RUN_PIXELS])
+            {
                 pixels[pixel as usize] = [red, green, blue];
             }
         }
-        self.dark = dark;
+        self.dark_pixels = dark;
     }
 }
 
 /// sRGB's transfer curve, linear 0 to 1.
-pub(crate) fn encode(linear: f32) -> u8 {
+pub(crate) fn srgb_from_linear(linear: f32) -> u8 {
     let coded = if linear <= 0.003_130_8 {
         12.92 * linear
     } else {
@@ -199,7 +202,7 @@ pub(crate) fn encode(linear: f32) -> u8 {
 }
 
 /// The linear value of an sRGB byte.
-pub(crate) fn decode(byte: u8) -> f32 {
+pub(crate) fn linear_from_srgb(byte: u8) -> f32 {
     let coded = f32::from(byte) / 255.0;
     if coded <= 0.040_45 {
         coded / 12.92
@@ -232,14 +235,14 @@ mod tests {
     use rand::SeedableRng;
 
     #[test]
-    fn every_byte_survives_decoding_and_encoding() {
-        assert!((0..=255).all(|byte| encode(decode(byte)) == byte));
+    fn srgb_bytes_round_trip() {
+        assert!((0..=255).all(|byte| srgb_from_linear(linear_from_srgb(byte)) == byte));
     }
 
     #[test]
-    fn shot_noise_grows_with_the_root_of_the_light() {
+    fn shot_noise_grows_with_the_square_root_of_the_signal() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let film = Film::new(&mut rng);
+        let film = ImageSensor::new(&mut rng);
         let mut pcg = Pcg::new(&mut rng);
         let config = FilmConfig {
             read_noise: 0.0,
@@ -248,26 +251,26 @@ mod tests {
             ..FilmConfig::default()
         };
         let mut spread = |level: f32| {
-            let light = [level; RUN];
-            let (mut sum, mut square, mut tones) = (0.0, 0.0, [[0; RUN]; 3]);
-            let mut prints = [[0; 4]; RUN];
+            let light = [level; RUN_PIXELS];
+            let (mut sum, mut square, mut tones) = (0.0, 0.0, [[0; RUN_PIXELS]; 3]);
+            let mut prints = [[0; 4]; RUN_PIXELS];
             for _ in 0..200 {
-                film.develop(
+                film.expose(
                     &config,
                     [&light; 3],
                     [1.0; 3],
-                    &[1.0; RUN],
+                    &[1.0; RUN_PIXELS],
                     &mut pcg,
                     &mut tones,
                 );
-                film.print(&tones, &mut prints);
+                film.tone_map(&tones, &mut prints);
                 for &[_, byte, ..] in &prints {
-                    let value = f64::from(decode(byte));
+                    let value = f64::from(linear_from_srgb(byte));
                     sum += value;
                     square += value * value;
                 }
             }
-            let count = 200.0 * RUN as f64;
+            let count = 200.0 * RUN_PIXELS as f64;
             (square / count - (sum / count).powi(2)).sqrt()
         };
         for level in [0.1, 0.4] {

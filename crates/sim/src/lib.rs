@@ -16,4 +16,4 @@ pub mod simulation;
 pub mod world;
 
 pub use scenario::Scenario;
-pub use simulation::{Image, Sample, Sim, SimError, Truth};
+pub use simulation::{Sim, SimError, SimImage, SimSample, SimTruth};

@@ -12,7 +12,7 @@ pub struct LightConfig {
     #[serde(deserialize_with = "localize::exactly::deserialize")]
     pub colour: [f32; 3],
     /// Levels at given times, straight between them.
-    pub keyframes: Vec<LightKey>,
+    pub keyframes: Vec<LightKeyframe>,
     /// Lamps and windows: brighter (or darker) parts of the field.
     pub spots: Vec<LightSpot>,
 }
@@ -31,7 +31,7 @@ impl Default for LightConfig {
 /// The level at a time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LightKey {
+pub struct LightKeyframe {
     /// Seconds.
     pub time: f64,
     /// Relative level.
@@ -72,7 +72,7 @@ impl LightConfig {
     }
 
     /// Light on a point of the field relative to the hall's, and the gloss there.
-    pub(crate) fn at(&self, x: f32, y: f32) -> (f32, f32) {
+    pub(crate) fn spot_light_at(&self, x: f32, y: f32) -> (f32, f32) {
         let mut sum = (1.0, 0.0);
         for spot in &self.spots {
             let distance2 = (x - spot.x).powi(2) + (y - spot.y).powi(2);
@@ -118,8 +118,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_level_goes_straight_from_key_to_key() {
-        let key = |time, level| LightKey { time, level };
+    fn light_level_is_interpolated_linearly() {
+        let key = |time, level| LightKeyframe { time, level };
         let light = LightConfig {
             keyframes: vec![key(1.0, 1.0), key(3.0, 0.5)],
             ..LightConfig::default()

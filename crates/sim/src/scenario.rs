@@ -27,7 +27,7 @@ pub struct Scenario {
     /// How long it lasts, seconds.
     pub duration: f64,
     /// Images per second.
-    #[serde(default = "thirty")]
+    #[serde(default = "default_frame_rate_hz")]
     pub frame_rate_hz: f64,
     /// Where our robot stands at first.
     pub start: Placement,
@@ -42,7 +42,7 @@ pub struct Scenario {
     pub others: OthersConfig,
     /// Our other robots, each with eyes and a sense of place of its own; the robot file is the same.
     #[serde(default)]
-    pub squad: Vec<Fellow>,
+    pub squad: Vec<TeammateConfig>,
     /// How words among our robots travel.
     #[serde(default)]
     pub radio: RadioConfig,
@@ -53,7 +53,7 @@ pub struct Scenario {
     #[serde(default)]
     pub mount: Mount,
     /// The real focal length over the one of the robot file.
-    #[serde(default = "one")]
+    #[serde(default = "default_focal_scale")]
     pub focal_scale: f64,
     /// Exposure, gain, white balance, vignetting and noise.
     #[serde(default)]
@@ -75,11 +75,11 @@ pub struct Scenario {
     pub faults: Vec<Fault>,
 }
 
-fn thirty() -> f64 {
+fn default_frame_rate_hz() -> f64 {
     30.0
 }
 
-fn one() -> f64 {
+fn default_focal_scale() -> f64 {
     1.0
 }
 
@@ -151,7 +151,7 @@ pub struct TimedTwist {
 /// One of our robots besides the first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Fellow {
+pub struct TeammateConfig {
     /// Where it stands at first.
     pub start: Placement,
     /// Where it drives.
@@ -266,7 +266,7 @@ pub struct PlacedRobot {
     #[serde(default)]
     pub theta_deg: f32,
     /// Whose it is.
-    pub team: Team,
+    pub team: TeamColour,
     /// True if it only stands there.
     #[serde(default)]
     pub stands: bool,
@@ -275,7 +275,7 @@ pub struct PlacedRobot {
 /// The colour of a robot's marker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Team {
+pub enum TeamColour {
     /// Ours.
     Cyan,
     /// Theirs.

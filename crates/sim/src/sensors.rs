@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 const GRAVITY: f32 = 9.81;
 
 /// One draw of the standard normal distribution (Box and Muller).
-pub(crate) fn normal(rng: &mut ChaCha8Rng) -> f32 {
+pub(crate) fn standard_normal(rng: &mut ChaCha8Rng) -> f32 {
     let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
     radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
 }
@@ -31,8 +31,8 @@ impl ImuModel {
         ImuModel {
             acceleration_noise: config.acceleration_noise,
             rate_noise: config.rate_noise_deg.to_radians(),
-            acceleration_bias: [0; 3].map(|_| acceleration * normal(rng)),
-            rate_bias: [0; 3].map(|_| rate * normal(rng)),
+            acceleration_bias: [0; 3].map(|_| acceleration * standard_normal(rng)),
+            rate_bias: [0; 3].map(|_| rate * standard_normal(rng)),
         }
     }
 
@@ -49,10 +49,12 @@ impl ImuModel {
         Imu {
             stamp,
             acceleration: std::array::from_fn(|axis| {
-                force[axis] + self.acceleration_bias[axis] + self.acceleration_noise * normal(rng)
+                force[axis]
+                    + self.acceleration_bias[axis]
+                    + self.acceleration_noise * standard_normal(rng)
             }),
             rate: std::array::from_fn(|axis| {
-                rates[axis] + self.rate_bias[axis] + self.rate_noise * normal(rng)
+                rates[axis] + self.rate_bias[axis] + self.rate_noise * standard_normal(rng)
             }),
         }
     }
@@ -62,8 +64,8 @@ impl ImuModel {
 #[derive(Debug, Clone)]
 pub(crate) struct CompassModel {
     noise: f32,
-    spread: f32,
-    keeps: f32,
+    bias_std: f32,
+    bias_decay: f32,
     bias: f32,
     iron: Option<IronConfig>,
 }
@@ -73,18 +75,18 @@ impl CompassModel {
         let spread = config.bias_deg.to_radians();
         CompassModel {
             noise: config.noise_deg.to_radians(),
-            spread,
-            keeps: (-1.0 / (config.rate_hz * config.bias_time)).exp(),
-            bias: spread * normal(rng),
+            bias_std: spread,
+            bias_decay: (-1.0 / (config.rate_hz * config.bias_time)).exp(),
+            bias: spread * standard_normal(rng),
             iron: config.iron.clone(),
         }
     }
 
     /// A reading of the true heading, radians.
     pub(crate) fn read(&mut self, stamp: Stamp, heading: f32, rng: &mut ChaCha8Rng) -> Compass {
-        let fresh = self.spread * (1.0 - self.keeps * self.keeps).sqrt();
-        self.bias = self.keeps * self.bias + fresh * normal(rng);
-        let heading = wrap_angle(heading + self.bias + self.noise * normal(rng));
+        let fresh = self.bias_std * (1.0 - self.bias_decay * self.bias_decay).sqrt();
+        self.bias = self.bias_decay * self.bias + fresh * standard_normal(rng);
+        let heading = wrap_angle(heading + self.bias + self.noise * standard_normal(rng));
         let Some(IronConfig { hard, soft }) = &self.iron else {
             return Compass {
                 stamp,
@@ -105,7 +107,7 @@ mod tests {
     use rand::SeedableRng;
 
     #[test]
-    fn iron_bends_a_magnetometer_s_headings_until_it_is_calibrated() {
+    fn iron_calibration_corrects_magnetometer_headings() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let config = CompassModelConfig {
             noise_deg: 0.5,
@@ -146,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_compass_errs_by_noise_and_bias_together() {
+    fn compass_error_is_root_sum_square_of_noise_and_bias() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let config = CompassModelConfig {
             bias_time: 0.5,

@@ -18,17 +18,17 @@ use vision::Profile;
 use vision::mirror::ProfileError;
 use vision::optics::OpticsError;
 
-use crate::drive::Follower;
+use crate::drive::PathFollower;
 use crate::film::FilmConfig;
-use crate::play::{Play, THINKING};
-use crate::render::{Renderer, Setting};
+use crate::play::{DECISION_PERIOD, TeamBehaviour};
+use crate::render::{Renderer, RendererConfig};
 use crate::scenario::{FaultKind, Scenario, ScenarioError};
 use crate::sensors::{CompassModel, ImuModel};
-use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, World};
+use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, SimWorld};
 
 /// What a sensor says, or what is true.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Sample {
+pub enum SimSample {
     /// Wheel encoders.
     Odometry(Odometry),
     /// Inertial unit.
@@ -38,28 +38,28 @@ pub enum Sample {
     /// What the motors are told, whenever odometry is due.
     Command(VelocityCommand),
     /// What is true at the time of an image; it comes just before the image.
-    Truth(Truth),
+    Truth(SimTruth),
     /// The camera.
-    Image(Image),
+    Image(SimImage),
 }
 
-impl Sample {
+impl SimSample {
     /// When it was taken.
     pub fn stamp(&self) -> Stamp {
         match self {
-            Sample::Odometry(odometry) => odometry.stamp,
-            Sample::Imu(imu) => imu.stamp,
-            Sample::Compass(compass) => compass.stamp,
-            Sample::Command(command) => command.stamp,
-            Sample::Truth(truth) => truth.stamp,
-            Sample::Image(image) => image.stamp,
+            SimSample::Odometry(odometry) => odometry.stamp,
+            SimSample::Imu(imu) => imu.stamp,
+            SimSample::Compass(compass) => compass.stamp,
+            SimSample::Command(command) => command.stamp,
+            SimSample::Truth(truth) => truth.stamp,
+            SimSample::Image(image) => image.stamp,
         }
     }
 }
 
 /// A camera image.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Image {
+pub struct SimImage {
     /// Middle of the exposure.
     pub stamp: Stamp,
     /// Columns.
@@ -72,7 +72,7 @@ pub struct Image {
 
 /// Where everything really is.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Truth {
+pub struct SimTruth {
     /// When.
     pub stamp: Stamp,
     /// Our robot.
@@ -126,54 +126,54 @@ pub struct Sim {
     scenario: Scenario,
     robot: RobotConfig,
     field: Field,
-    world: World,
-    play: Play,
-    follower: Follower,
-    commanded: Option<Twist>,
+    world: SimWorld,
+    behaviour: TeamBehaviour,
+    follower: PathFollower,
+    command_override: Option<Twist>,
     /// What the motors were told last.
-    wanted: Twist,
+    command: Twist,
     renderer: Renderer,
-    film: FilmConfig,
+    image_sensor: FilmConfig,
     /// Settings to come: from which image on, counted from 0, those that were dropped not.
-    films_to_come: VecDeque<(u64, FilmConfig)>,
+    pending_sensor_configs: VecDeque<(u64, FilmConfig)>,
     images: u64,
     /// Are images rendered?
-    renders: bool,
+    renders_images: bool,
     /// Light set by hand, in place of the scenario's.
-    light_level: Option<f32>,
+    light_override: Option<f32>,
     /// A sector occluded by hand, degrees.
-    held_up: Option<(f32, f32)>,
-    imu: Option<(ImuModel, Clock)>,
-    compass: Option<(CompassModel, Clock)>,
-    odometry: Clock,
-    camera: Clock,
-    thinking: Clock,
+    occlusion_override: Option<(f32, f32)>,
+    imu: Option<(ImuModel, SampleTimer)>,
+    compass: Option<(CompassModel, SampleTimer)>,
+    odometry_timer: SampleTimer,
+    camera_timer: SampleTimer,
+    behaviour_timer: SampleTimer,
     steps: i64,
     next_kidnap: usize,
     next_push: usize,
     /// Sum of accelerations since the last IMU sample, and of how many steps.
-    shaken: ([f64; 2], u32),
+    acceleration_sum: ([f64; 2], u32),
     frozen_heading: Option<f32>,
     frozen_image: Option<Vec<u8>>,
-    chance_play: ChaCha8Rng,
-    chance_sensors: ChaCha8Rng,
-    ready: VecDeque<Sample>,
+    behaviour_rng: ChaCha8Rng,
+    sensor_rng: ChaCha8Rng,
+    pending_samples: VecDeque<SimSample>,
 }
 
 /// Ticks at a fixed rate, counted so that rounding never adds up.
 #[derive(Debug, Clone, Copy)]
-struct Clock {
+struct SampleTimer {
     rate_hz: f64,
     ticks: u64,
 }
 
-impl Clock {
+impl SampleTimer {
     fn new(rate_hz: f64) -> Self {
-        Clock { rate_hz, ticks: 0 }
+        SampleTimer { rate_hz, ticks: 0 }
     }
 
     /// True once a tick: when the time for it has come.
-    fn due(&mut self, time: f64) -> bool {
+    fn take_due(&mut self, time: f64) -> bool {
         // Half a step early or late is as near as steps allow.
         let due = time + f64::from(STEP) / 2.0 >= self.ticks as f64 / self.rate_hz;
         self.ticks += u64::from(due);
@@ -213,7 +213,7 @@ impl Sim {
                 .map(|rim| rim * scenario.focal_scale as f32),
             ..camera.clone()
         };
-        let renderer = Renderer::new(&Setting {
+        let renderer = Renderer::new(&RendererConfig {
             camera: &real_camera,
             profile: &profile,
             mount: scenario.mount,
@@ -234,8 +234,8 @@ impl Sim {
         };
         let (mut chance_play, mut chance_sensors) = (stream(2), stream(3));
         let start = scenario.start.pose();
-        let (play, places) = Play::new(&field, &scenario.others, start, &mut chance_play);
-        let world = World::new(&field, &base, &body, &scenario, &places).map_err(|source| {
+        let (play, places) = TeamBehaviour::new(&field, &scenario.others, start, &mut chance_play);
+        let world = SimWorld::new(&field, &base, &body, &scenario, &places).map_err(|source| {
             SimError::Base {
                 path: scenario.robot.clone(),
                 source,
@@ -244,42 +244,42 @@ impl Sim {
         let imu = robot.imu.as_ref().map(|config| {
             (
                 ImuModel::new(config, &mut chance_sensors),
-                Clock::new(config.rate_hz.into()),
+                SampleTimer::new(config.rate_hz.into()),
             )
         });
         let compass = robot.compass.as_ref().map(|config| {
             (
                 CompassModel::new(config, &mut chance_sensors),
-                Clock::new(config.rate_hz.into()),
+                SampleTimer::new(config.rate_hz.into()),
             )
         });
         Ok(Sim {
             world,
-            play,
-            follower: Follower::new(scenario.path.clone()),
-            commanded: None,
-            wanted: Twist::default(),
+            behaviour: play,
+            follower: PathFollower::new(scenario.path.clone()),
+            command_override: None,
+            command: Twist::default(),
             renderer,
-            film: scenario.film,
-            films_to_come: VecDeque::new(),
+            image_sensor: scenario.film,
+            pending_sensor_configs: VecDeque::new(),
             images: 0,
-            renders: true,
-            light_level: None,
-            held_up: None,
+            renders_images: true,
+            light_override: None,
+            occlusion_override: None,
             imu,
             compass,
-            odometry: Clock::new(base.rate_hz.into()),
-            camera: Clock::new(scenario.frame_rate_hz),
-            thinking: Clock::new(1.0 / f64::from(THINKING)),
+            odometry_timer: SampleTimer::new(base.rate_hz.into()),
+            camera_timer: SampleTimer::new(scenario.frame_rate_hz),
+            behaviour_timer: SampleTimer::new(1.0 / f64::from(DECISION_PERIOD)),
             steps: 0,
             next_kidnap: 0,
             next_push: 0,
-            shaken: ([0.0; 2], 0),
+            acceleration_sum: ([0.0; 2], 0),
             frozen_heading: None,
             frozen_image: None,
-            chance_play,
-            chance_sensors,
-            ready: VecDeque::new(),
+            behaviour_rng: chance_play,
+            sensor_rng: chance_sensors,
+            pending_samples: VecDeque::new(),
             scenario: sorted(scenario),
             robot,
             field,
@@ -288,7 +288,7 @@ impl Sim {
 
     /// The same without images: truth still comes when one would.
     pub fn without_images(mut self) -> Self {
-        self.renders = false;
+        self.renders_images = false;
         self
     }
 
@@ -318,8 +318,8 @@ impl Sim {
     }
 
     /// What is true now.
-    pub fn truth(&self) -> Truth {
-        Truth {
+    pub fn truth(&self) -> SimTruth {
+        SimTruth {
             stamp: self.stamp(),
             robot: self.world.robot(),
             ball: self.world.ball(),
@@ -328,19 +328,19 @@ impl Sim {
     }
 
     /// The next sample, whatever the time; the world stands still in between.
-    pub fn next_sample(&mut self) -> Sample {
+    pub fn next_sample(&mut self) -> SimSample {
         loop {
-            if let Some(sample) = self.ready.pop_front() {
+            if let Some(sample) = self.pending_samples.pop_front() {
                 return sample;
             }
-            if self.steps > 0 || self.odometry.ticks > 0 {
+            if self.steps > 0 || self.odometry_timer.ticks > 0 {
                 self.step();
             }
-            self.sense();
+            self.sample_sensors();
         }
     }
 
-    fn failing(&self, kind: FaultKind) -> Option<&crate::scenario::Fault> {
+    fn active_fault(&self, kind: FaultKind) -> Option<&crate::scenario::Fault> {
         let time = self.time();
         let fails = |fault: &&crate::scenario::Fault| {
             fault.kind == kind && fault.start <= time && time < fault.stop
@@ -363,25 +363,26 @@ impl Sim {
                 break;
             }
             self.next_push += 1;
-            self.world.push(push.impulse);
+            self.world.apply_impulse(push.impulse);
         }
-        if self.thinking.due(time) {
-            self.play.think(&mut self.world, &mut self.chance_play);
+        if self.behaviour_timer.take_due(time) {
+            self.behaviour
+                .update(&mut self.world, &mut self.behaviour_rng);
         }
-        let wanted = match self.commanded {
+        let wanted = match self.command_override {
             Some(twist) => twist,
             None => {
                 let pose = self.world.robot().pose;
                 let others = self.world.others().map(|state| state.pose);
-                self.follower.wanted(time, STEP, pose, others)
+                self.follower.command(time, STEP, pose, others)
             }
         };
-        self.wanted = wanted;
+        self.command = wanted;
         self.world.step(wanted);
         let [ax, ay] = self.world.acceleration();
-        self.shaken.0[0] += f64::from(ax);
-        self.shaken.0[1] += f64::from(ay);
-        self.shaken.1 += 1;
+        self.acceleration_sum.0[0] += f64::from(ax);
+        self.acceleration_sum.0[1] += f64::from(ay);
+        self.acceleration_sum.1 += 1;
         self.steps += 1;
     }
 }
@@ -394,12 +395,12 @@ fn sorted(mut scenario: Scenario) -> Scenario {
 }
 
 impl Iterator for Sim {
-    type Item = Sample;
+    type Item = SimSample;
 
     /// The next sample; none once the scenario's duration is over.
-    fn next(&mut self) -> Option<Sample> {
+    fn next(&mut self) -> Option<SimSample> {
         let end = Stamp::from_seconds(self.scenario.duration);
-        if self.ready.is_empty() && self.stamp() > end {
+        if self.pending_samples.is_empty() && self.stamp() > end {
             return None;
         }
         let sample = self.next_sample();

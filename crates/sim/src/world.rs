@@ -9,9 +9,9 @@ use localize::stamp::Stamp;
 use nalgebra::Vector2;
 use rapier2d::prelude::*;
 
-use crate::ball::RollingLaw;
-use crate::base::Base;
-use crate::scenario::{BallConfig, Scenario, Team};
+use crate::ball::BallFriction;
+use crate::base::SimBase;
+use crate::scenario::{BallConfig, Scenario, TeamColour};
 
 /// Length of a step, seconds: at 12 m/s a ball moves a tenth of its diameter.
 pub const STEP: f32 = (STEP_NANOSECONDS as f64 * 1e-9) as f32;
@@ -35,28 +35,28 @@ const WALL_THICKNESS: f32 = 0.1;
 const BARRIER_GAP: f32 = 0.5;
 
 /// Bodies in motion; stamps and chance come from outside.
-pub struct World {
+pub struct SimWorld {
     physics: PhysicsWorld,
     robot: RigidBodyHandle,
-    others: Vec<Other>,
-    ball: Option<Ball>,
-    base: Base,
+    others: Vec<OtherRobot>,
+    ball: Option<BallBody>,
+    base: SimBase,
     /// Our robot's velocity at the end of the last step: what hits it in between is felt as well.
     last_velocity: Vector,
     last_acceleration: Vector2<f32>,
 }
 
 /// One of the other robots.
-struct Other {
+struct OtherRobot {
     body: RigidBodyHandle,
-    team: Team,
-    wanted: [f32; 3],
+    team: TeamColour,
+    target_velocity: [f32; 3],
 }
 
-struct Ball {
+struct BallBody {
     body: RigidBodyHandle,
-    law: RollingLaw,
-    spin: Vector2<f32>,
+    friction: BallFriction,
+    surface_velocity: Vector2<f32>,
 }
 
 /// Where a robot is and how it moves, field frame.
@@ -69,7 +69,7 @@ pub struct RobotState {
     /// rad/s counter-clockwise.
     pub omega: f32,
     /// The colour of its marker.
-    pub team: Team,
+    pub team: TeamColour,
 }
 
 /// Where the ball is and how it moves, field frame.
@@ -81,7 +81,7 @@ pub struct BallState {
     pub velocity: [f32; 2],
 }
 
-impl World {
+impl SimWorld {
     /// Puts everything where the scenario says; `others` are poses and teams of the other robots. Wheels that cannot
     /// drive everywhere are refused.
     pub fn new(
@@ -89,7 +89,7 @@ impl World {
         base: &BaseConfig,
         body: &BodyConfig,
         scenario: &Scenario,
-        others: &[(Pose, Team)],
+        others: &[(Pose, TeamColour)],
     ) -> Result<Self, OmniError> {
         let mut physics = PhysicsWorld::new();
         physics.gravity = Vector::ZERO;
@@ -112,10 +112,10 @@ impl World {
                     .restitution_combine_rule(CoefficientCombineRule::Min)
                     .friction(0.2);
                 let (body, _) = physics.insert(dynamic(pose), collider);
-                Other {
+                OtherRobot {
                     body,
                     team,
-                    wanted: [0.0; 3],
+                    target_velocity: [0.0; 3],
                 }
             })
             .collect();
@@ -123,12 +123,12 @@ impl World {
             .ball
             .present
             .then(|| insert_ball(&mut physics, &scenario.ball));
-        Ok(World {
+        Ok(SimWorld {
             physics,
             robot,
             others,
             ball,
-            base: Base::new(base, &scenario.wheels)?,
+            base: SimBase::new(base, &scenario.wheels)?,
             last_velocity: Vector::ZERO,
             last_acceleration: Vector2::zeros(),
         })
@@ -143,10 +143,12 @@ impl World {
         if let Some(ball) = &mut self.ball {
             let body = &mut self.physics.bodies[ball.body];
             let velocity = body.linvel();
-            let (slower, spin) =
-                ball.law
-                    .slow(Vector2::new(velocity.x, velocity.y), ball.spin, STEP);
-            ball.spin = spin;
+            let (slower, spin) = ball.friction.step(
+                Vector2::new(velocity.x, velocity.y),
+                ball.surface_velocity,
+                STEP,
+            );
+            ball.surface_velocity = spin;
             body.set_linvel(Vector::new(slower.x, slower.y), true);
         }
         self.physics.step();
@@ -165,7 +167,7 @@ impl World {
             y: -sin * vx + cos * vy,
             theta: state.omega,
         };
-        let [fx, fy, torque] = self.base.drive(wanted, real, STEP);
+        let [fx, fy, torque] = self.base.step(wanted, real, STEP);
         let body = &mut self.physics.bodies[self.robot];
         body.reset_forces(true);
         body.reset_torques(true);
@@ -177,10 +179,13 @@ impl World {
         let other = &self.others[index];
         let body = &mut self.physics.bodies[other.body];
         let velocity = body.linvel();
-        let missing = Vector2::new(other.wanted[0] - velocity.x, other.wanted[1] - velocity.y);
+        let missing = Vector2::new(
+            other.target_velocity[0] - velocity.x,
+            other.target_velocity[1] - velocity.y,
+        );
         // A tenth of a second to reach what is wanted, within what the motors can do.
         let acceleration = (missing * 10.0).cap_magnitude(OTHER_ACCELERATION);
-        let turn = ((other.wanted[2] - body.angvel()) * 10.0)
+        let turn = ((other.target_velocity[2] - body.angvel()) * 10.0)
             .clamp(-OTHER_TURN_ACCELERATION, OTHER_TURN_ACCELERATION);
         let (ax, ay) = (acceleration.x * STEP, acceleration.y * STEP);
         body.set_linvel(velocity + Vector::new(ax, ay), true);
@@ -189,7 +194,7 @@ impl World {
 
     /// Our robot.
     pub fn robot(&self) -> RobotState {
-        self.state(self.robot, Team::Cyan)
+        self.state(self.robot, TeamColour::Cyan)
     }
 
     /// The other robots, in the order they were put there.
@@ -215,27 +220,27 @@ impl World {
     }
 
     /// What the encoders counted since the last call.
-    pub fn count_wheels(&mut self, stamp: Stamp, stuck: Option<usize>) -> Odometry {
-        self.base.count(stamp, stuck)
+    pub fn read_encoders(&mut self, stamp: Stamp, stuck: Option<usize>) -> Odometry {
+        self.base.read_encoders(stamp, stuck)
     }
 
     /// How far each wheel of our robot has turned since the start, radians.
-    pub fn wheels_turned(&self) -> impl Iterator<Item = f64> + '_ {
-        self.base.turned()
+    pub fn wheel_angles(&self) -> impl Iterator<Item = f64> + '_ {
+        self.base.wheel_angles()
     }
 
     /// Wanted velocity of another robot, field frame (m/s, m/s, rad/s).
-    pub fn steer_other(&mut self, index: usize, wanted: [f32; 3]) {
+    pub fn set_other_velocity(&mut self, index: usize, wanted: [f32; 3]) {
         if let Some(other) = self.others.get_mut(index) {
-            other.wanted = wanted;
+            other.target_velocity = wanted;
         }
     }
 
     /// Puts another robot where it is in another world; it goes on as it moves there.
-    pub fn put_other(&mut self, index: usize, state: &RobotState) {
+    pub fn set_other_state(&mut self, index: usize, state: &RobotState) {
         if let Some(other) = self.others.get_mut(index) {
             let ([vx, vy], pose) = (state.velocity, state.pose);
-            other.wanted = [vx, vy, state.omega];
+            other.target_velocity = [vx, vy, state.omega];
             let body = &mut self.physics.bodies[other.body];
             body.set_translation(Vector::new(pose.x, pose.y), true);
             body.set_rotation(Rotation::from_angle(pose.theta), true);
@@ -251,12 +256,12 @@ impl World {
         body.set_rotation(Rotation::from_angle(pose.theta), true);
         body.set_linvel(Vector::ZERO, true);
         body.set_angvel(0.0, true);
-        self.base.halt();
+        self.base.stop_motors();
         self.last_velocity = Vector::ZERO;
     }
 
     /// Puts another robot elsewhere, standing; a number that none has does nothing.
-    pub fn move_other(&mut self, index: usize, pose: Pose) {
+    pub fn place_other(&mut self, index: usize, pose: Pose) {
         if let Some(other) = self.others.get(index) {
             let body = &mut self.physics.bodies[other.body];
             body.set_translation(Vector::new(pose.x, pose.y), true);
@@ -267,7 +272,7 @@ impl World {
     }
 
     /// Hits our robot with an impulse (N s, field frame).
-    pub fn push(&mut self, impulse: [f32; 2]) {
+    pub fn apply_impulse(&mut self, impulse: [f32; 2]) {
         self.physics.bodies[self.robot].apply_impulse(Vector::new(impulse[0], impulse[1]), true);
     }
 
@@ -277,11 +282,11 @@ impl World {
             let body = &mut self.physics.bodies[ball.body];
             body.set_translation(Vector::new(at.x, at.y), true);
             body.set_linvel(Vector::new(velocity[0], velocity[1]), true);
-            ball.spin = Vector2::zeros();
+            ball.surface_velocity = Vector2::zeros();
         }
     }
 
-    fn state(&self, handle: RigidBodyHandle, team: Team) -> RobotState {
+    fn state(&self, handle: RigidBodyHandle, team: TeamColour) -> RobotState {
         let body = &self.physics.bodies[handle];
         let (at, velocity) = (body.translation(), body.linvel());
         RobotState {
@@ -300,7 +305,7 @@ fn dynamic(pose: Pose) -> RigidBodyBuilder {
         .can_sleep(false)
 }
 
-fn insert_ball(physics: &mut PhysicsWorld, config: &BallConfig) -> Ball {
+fn insert_ball(physics: &mut PhysicsWorld, config: &BallConfig) -> BallBody {
     let [x, y] = config.position;
     let [vx, vy] = config.velocity;
     // The law of rolling takes its speed; no damping of rapier's besides.
@@ -314,13 +319,13 @@ fn insert_ball(physics: &mut PhysicsWorld, config: &BallConfig) -> Ball {
         .restitution(config.restitution)
         .friction(0.0);
     let (body, _) = physics.insert(body, collider);
-    Ball {
+    BallBody {
         body,
-        law: RollingLaw {
+        friction: BallFriction {
             sliding_friction: config.sliding_friction,
             rolling_deceleration: config.rolling_deceleration,
         },
-        spin: Vector2::zeros(),
+        surface_velocity: Vector2::zeros(),
     }
 }
 

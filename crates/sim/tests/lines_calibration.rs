@@ -3,15 +3,15 @@
 use std::path::Path;
 
 use localize::Field;
-use sim::{Sample, Scenario, Sim};
+use sim::{Scenario, Sim, SimSample};
 use vision::calibrate::{NamedImage, calibrate_lines};
 use vision::{GroundMap, Image, Mount, Profile, VisionConfig, optics};
 
 /// Seconds between two images of the drive.
-const EVERY: f64 = 2.0;
+const IMAGE_INTERVAL: f64 = 2.0;
 
 /// Median distance between two maps over the ground between two ranges, metres.
-fn off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
     let pixels = (0..exact.height_px).flat_map(|v| (0..exact.width_px).map(move |u| (u, v)));
     let wanted: Vec<(Option<f32>, f32)> = pixels
         .filter_map(|(u, v)| {
@@ -32,12 +32,15 @@ fn off(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
 }
 
 /// Calibrates from a simulated drive of a minute; the start is the upright mirror's map, `stretch` times as long.
-fn calibrated(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) {
+fn calibrate_and_score(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml");
     let text = std::fs::read_to_string(&path).expect("a scenario");
     let mut table: toml::Table = toml::from_str(&text).expect("a scenario");
     table.insert("seed".to_owned(), toml::Value::Integer(seed as i64));
-    table.insert("frame_rate_hz".to_owned(), toml::Value::Float(1.0 / EVERY));
+    table.insert(
+        "frame_rate_hz".to_owned(),
+        toml::Value::Float(1.0 / IMAGE_INTERVAL),
+    );
     let tilt = mirror_tilt_deg.map(toml::Value::Float).to_vec();
     let mount = toml::Table::from_iter([("mirror_tilt_deg".to_owned(), toml::Value::Array(tilt))]);
     table.insert("mount".to_owned(), toml::Value::Table(mount));
@@ -65,7 +68,7 @@ fn calibrated(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) 
     let images: Vec<NamedImage> = sim
         .take_while(|sample| sample.stamp().seconds() < 60.0)
         .filter_map(|sample| match sample {
-            Sample::Image(image) => Some(NamedImage {
+            SimSample::Image(image) => Some(NamedImage {
                 name: format!("{:.0} s", image.stamp.seconds()),
                 image: Image {
                     width_px: image.width_px,
@@ -81,10 +84,11 @@ fn calibrated(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) 
     let (inner, outer) = profile.radii();
     vision.objects.viewpoint_height = profile.height_and_slope((inner + outer) / 2.0).0 as f32;
     let found = calibrate_lines(&camera, &start, &field, &images, &vision).expect("a map");
-    let before = [(0.4, 3.0), (3.0, 5.0)].map(|(from, to)| off(&start, &exact, from, to));
+    let before =
+        [(0.4, 3.0), (3.0, 5.0)].map(|(from, to)| median_map_error(&start, &exact, from, to));
     let (near, far) = (
-        off(&found.map, &exact, 0.4, 3.0),
-        off(&found.map, &exact, 3.0, 5.0),
+        median_map_error(&found.map, &exact, 0.4, 3.0),
+        median_map_error(&found.map, &exact, 3.0, 5.0),
     );
     let left_out = found
         .images
@@ -100,15 +104,15 @@ fn calibrated(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) 
 }
 
 #[test]
-fn a_minute_of_driving_calibrates_an_upright_mirror_from_a_guess_a_fifth_too_long() {
-    let (near, far) = calibrated([0.0, 0.0], 1.2, 1);
+fn upright_mirror_is_calibrated_from_a_start_map_20_percent_off() {
+    let (near, far) = calibrate_and_score([0.0, 0.0], 1.2, 1);
     assert!(near <= 0.02, "median {near} m inside 3 m");
     assert!(far <= 0.06, "median {far} m from 3 to 5 m");
 }
 
 #[test]
-fn a_minute_of_driving_calibrates_a_mirror_tilted_by_two_degrees() {
-    let (near, far) = calibrated([1.6, -1.2], 1.0, 1);
+fn mirror_tilted_by_2_degrees_is_calibrated() {
+    let (near, far) = calibrate_and_score([1.6, -1.2], 1.0, 1);
     assert!(near <= 0.02, "median {near} m inside 3 m");
     assert!(far <= 0.06, "median {far} m from 3 to 5 m");
 }

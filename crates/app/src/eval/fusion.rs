@@ -6,7 +6,7 @@ use localize::Field;
 use localize::robot::RobotConfig;
 use rayon::prelude::*;
 use serde::Serialize;
-use sim::fusion::{Course, Estimator, FusionExperiment, Row};
+use sim::fusion::{Course, Estimator, FusionExperiment, FusionScore};
 
 use super::experiment::Fusion;
 use super::figure::Figure;
@@ -35,13 +35,13 @@ pub fn run(
         .flat_map(|&course| seeds.clone().map(move |seed| (course, seed)))
         .collect();
     bar.set_length(jobs.len() as u64);
-    let driven: Vec<Vec<Row>> = jobs
+    let driven: Vec<Vec<FusionScore>> = jobs
         .par_iter()
         .map(|&(course, seed)| {
             let experiment = FusionExperiment {
                 seeds: seed..seed + 1,
                 duration: fusion.duration,
-                courses: vec![course],
+                disturbances: vec![course],
                 estimators: estimators.clone(),
                 ..FusionExperiment::default()
             };
@@ -56,7 +56,7 @@ pub fn run(
             write_row(rows, seed, row)?;
         }
     }
-    let all: Vec<&Row> = driven.iter().flatten().collect();
+    let all: Vec<&FusionScore> = driven.iter().flatten().collect();
     let cells = courses
         .iter()
         .flat_map(|&course| estimators.iter().map(move |&one| (course, one)));
@@ -73,7 +73,7 @@ pub fn run(
         .collect())
 }
 
-fn write_row(rows: &mut Rows, seed: u64, row: &Row) -> Result<()> {
+fn write_row(rows: &mut Rows, seed: u64, row: &FusionScore) -> Result<()> {
     let maybe = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
     rows.row(format_args!(
         "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5}",
@@ -93,14 +93,14 @@ fn write_row(rows: &mut Rows, seed: u64, row: &Row) -> Result<()> {
     ))
 }
 
-fn figures_of(variant: &str, method: &str, rows: &[&Row]) -> Vec<Figure> {
-    let values = |get: fn(&Row) -> Option<f32>| -> Vec<f64> {
+fn figures_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Figure> {
+    let values = |get: fn(&FusionScore) -> Option<f32>| -> Vec<f64> {
         rows.iter()
             .filter_map(|row| get(row))
             .map(f64::from)
             .collect()
     };
-    let mean = |name: &'static str, get: fn(&Row) -> Option<f32>| {
+    let mean = |name: &'static str, get: fn(&FusionScore) -> Option<f32>| {
         Figure::mean(variant, method, name, &values(get))
     };
     let mut figures = vec![

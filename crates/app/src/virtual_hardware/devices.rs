@@ -86,21 +86,21 @@ impl Devices {
         self.say_base(&answers, time);
         let at = due.at;
         match due.sample {
-            sim::Sample::Odometry(_) => self.encoders(&due.turned, at, time),
-            sim::Sample::Imu(imu) => {
+            sim::SimSample::Odometry(_) => self.encoders(&due.turned, at, time),
+            sim::SimSample::Imu(imu) => {
                 let inertia = self.wheels.inertia(&imu, self.board_time(at, time));
                 self.say_base(&inertia, time);
                 self.inertia(&imu, time);
             }
-            sim::Sample::Compass(compass) => {
+            sim::SimSample::Compass(compass) => {
                 let heading = self.wheels.heading(&compass, self.board_time(at, time));
                 self.say_base(&heading, time);
                 if !self.plan.is_on(Kind::ImuGarbage, time) {
                     self.wit.send(&Units::wit_angle(&compass));
                 }
             }
-            sim::Sample::Image(image) => self.image(image, at, time),
-            sim::Sample::Truth(truth) => {
+            sim::SimSample::Image(image) => self.image(image, at, time),
+            sim::SimSample::Truth(truth) => {
                 if let Some(file) = &mut self.truth {
                     let (stamp, pose) = (seconds(at), truth.robot.pose);
                     file.row(format_args!(
@@ -109,7 +109,7 @@ impl Devices {
                     ))?;
                 }
             }
-            sim::Sample::Command(_) => {}
+            sim::SimSample::Command(_) => {}
         }
         Ok(())
     }
@@ -193,7 +193,7 @@ impl Devices {
         self.wit.send(&self.last_inertia);
     }
 
-    fn image(&mut self, image: sim::simulation::Image, at: Stamp, time: f64) {
+    fn image(&mut self, image: sim::simulation::SimImage, at: Stamp, time: f64) {
         let off = self.plan.on(Kind::CameraClock, time);
         let mut shot = Shot {
             stamp_ns: (at + off.map_or(0.0, |fault| fault.step)).0,

@@ -10,7 +10,7 @@ use std::time::Duration;
 use anyhow::Result;
 use localize::Stamp;
 use localize::omni::Twist;
-use sim::{Sample, Sim};
+use sim::{Sim, SimSample};
 
 /// How far the world runs ahead, seconds: longer than an image takes to render. The wheels obey as much later.
 const LEAD: f64 = 0.03;
@@ -23,7 +23,7 @@ const WAITING_MAX: usize = 64;
 pub(super) struct Due {
     /// CLOCK_MONOTONIC.
     pub(super) at: Stamp,
-    pub(super) sample: Sample,
+    pub(super) sample: SimSample,
     /// How far each wheel had turned then, radians; of odometry.
     pub(super) turned: Vec<f64>,
 }
@@ -55,7 +55,7 @@ impl World {
             let mut zero = began;
             while !own.ended.load(Ordering::Relaxed) {
                 if !own_path {
-                    sim.command(Some(*lock(&own.wanted)));
+                    sim.set_command(Some(*lock(&own.wanted)));
                 }
                 let sample = sim.next_sample();
                 let mut at = zero + sample.stamp().seconds();
@@ -67,7 +67,7 @@ impl World {
                     *lock(&own.slipped) += late;
                 }
                 let turned = match &sample {
-                    Sample::Odometry(_) => sim.wheels_turned().collect(),
+                    SimSample::Odometry(_) => sim.wheel_angles().collect(),
                     _ => Vec::new(),
                 };
                 if deliver.send(Due { at, sample, turned }).is_err() {

@@ -10,8 +10,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::Course;
 use crate::scenario::{PathConfig, Placement, Push, Scenario};
-use crate::sensors::normal;
-use crate::simulation::{Sample, Sim, SimError};
+use crate::sensors::standard_normal;
+use crate::simulation::{Sim, SimError, SimSample};
 
 /// From exposure to stamp on the late courses, seconds.
 pub(super) const LATENCY: f32 = 0.08;
@@ -19,28 +19,28 @@ pub(super) const LATENCY: f32 = 0.08;
 pub(super) const RADIUS_SCALE: f32 = 1.0 / 1.03;
 /// Frames a second; truth is kept three times as often.
 const FRAME_RATE: f64 = 30.0;
-const TRUTHS_PER_FRAME: usize = 3;
+const TRUTHS_PER_IMAGE: usize = 3;
 /// Blindness: so many seconds of each period.
-const BLIND: f64 = 2.0;
-const BLIND_PERIOD: f64 = 8.0;
+const VISION_LOSS_TIME: f64 = 2.0;
+const VISION_LOSS_PERIOD: f64 = 8.0;
 /// Spread of the lean (radians) and how long it lasts, seconds.
-const LEAN: f32 = 0.45 * std::f32::consts::PI / 180.0;
-const LEAN_TIME: f32 = 0.4;
+const TILT_STD: f32 = 0.45 * std::f32::consts::PI / 180.0;
+const TILT_CORRELATION_TIME: f32 = 0.4;
 const GRAVITY: f32 = 9.81;
 
 /// What the robot hears, in the order of time.
 #[derive(Debug, Clone)]
-pub(super) enum Heard {
+pub(super) enum SensorInput {
     Odometry(Odometry),
     Imu(Imu),
     Compass(Compass),
     Command(VelocityCommand),
-    Frame(Frame),
+    Points(PointObservation),
 }
 
 /// A frame's points.
 #[derive(Debug, Clone)]
-pub(super) struct Frame {
+pub(super) struct PointObservation {
     /// As the camera's driver stamps it.
     pub(super) stamp: Stamp,
     pub(super) points: Vec<LinePoint>,
@@ -48,33 +48,33 @@ pub(super) struct Frame {
     pub(super) truth: Pose,
     pub(super) velocity: [f32; 2],
     /// Is this the last frame of two seconds without sight?
-    pub(super) blind_end: bool,
-    pub(super) blind: bool,
+    pub(super) vision_loss_end: bool,
+    pub(super) vision_lost: bool,
 }
 
 /// A drive with all that was heard of it.
 #[derive(Debug, Clone)]
-pub(super) struct Recorded {
-    pub(super) heard: Vec<Heard>,
+pub(super) struct RecordedDrive {
+    pub(super) inputs: Vec<SensorInput>,
     /// When the robot was hit.
-    pub(super) hits: Vec<Stamp>,
+    pub(super) push_stamps: Vec<Stamp>,
     pub(super) start: Pose,
 }
 
-struct True {
+struct TruthState {
     stamp: Stamp,
     pose: Pose,
     velocity: [f32; 2],
 }
 
 /// Drives a course.
-pub(super) fn record(
+pub(super) fn record_drive(
     course: Course,
     seed: u64,
     duration: f64,
     robot: &RobotConfig,
     field: &Field,
-) -> Result<Recorded, SimError> {
+) -> Result<RecordedDrive, SimError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(77);
     let scenario = scenario(course, seed, duration, field, &mut rng);
@@ -96,44 +96,48 @@ pub(super) fn record(
     let mut heard = Vec::new();
     for sample in Sim::new(scenario, robot, field.clone())?.without_images() {
         match sample {
-            Sample::Odometry(one) => heard.push(Heard::Odometry(one)),
-            Sample::Imu(one) => heard.push(Heard::Imu(one)),
-            Sample::Compass(one) => heard.push(Heard::Compass(one)),
-            Sample::Command(one) => heard.push(Heard::Command(one)),
-            Sample::Truth(truth) => truths.push(True {
+            SimSample::Odometry(one) => heard.push(SensorInput::Odometry(one)),
+            SimSample::Imu(one) => heard.push(SensorInput::Imu(one)),
+            SimSample::Compass(one) => heard.push(SensorInput::Compass(one)),
+            SimSample::Command(one) => heard.push(SensorInput::Command(one)),
+            SimSample::Truth(truth) => truths.push(TruthState {
                 stamp: truth.stamp,
                 pose: truth.robot.pose,
                 velocity: truth.robot.velocity,
             }),
-            Sample::Image(_) => {}
+            SimSample::Image(_) => {}
         }
     }
-    let lean = leans(course, &mut heard, &mut rng);
+    let lean = add_tilt(course, &mut heard, &mut rng);
     let frames = frames(course, &truths, &lean, field, &mut rng);
-    heard.extend(frames.into_iter().map(Heard::Frame));
-    heard.sort_by_key(|one| (one.stamp(), one.order()));
-    Ok(Recorded { heard, hits, start })
+    heard.extend(frames.into_iter().map(SensorInput::Points));
+    heard.sort_by_key(|one| (one.stamp(), one.priority()));
+    Ok(RecordedDrive {
+        inputs: heard,
+        push_stamps: hits,
+        start,
+    })
 }
 
-impl Heard {
+impl SensorInput {
     pub(super) fn stamp(&self) -> Stamp {
         match self {
-            Heard::Odometry(one) => one.stamp,
-            Heard::Imu(one) => one.stamp,
-            Heard::Compass(one) => one.stamp,
-            Heard::Command(one) => one.stamp,
-            Heard::Frame(one) => one.stamp,
+            SensorInput::Odometry(one) => one.stamp,
+            SensorInput::Imu(one) => one.stamp,
+            SensorInput::Compass(one) => one.stamp,
+            SensorInput::Command(one) => one.stamp,
+            SensorInput::Points(one) => one.stamp,
         }
     }
 
     /// Of one stamp, as the spine orders them.
-    fn order(&self) -> u8 {
+    fn priority(&self) -> u8 {
         match self {
-            Heard::Command(_) => 0,
-            Heard::Imu(_) => 1,
-            Heard::Odometry(_) => 2,
-            Heard::Compass(_) => 3,
-            Heard::Frame(_) => 4,
+            SensorInput::Command(_) => 0,
+            SensorInput::Imu(_) => 1,
+            SensorInput::Odometry(_) => 2,
+            SensorInput::Compass(_) => 3,
+            SensorInput::Points(_) => 4,
         }
     }
 }
@@ -174,7 +178,7 @@ fn scenario(
         field: None,
         seed,
         duration,
-        frame_rate_hz: FRAME_RATE * TRUTHS_PER_FRAME as f64,
+        frame_rate_hz: FRAME_RATE * TRUTHS_PER_IMAGE as f64,
         start,
         path: PathConfig {
             waypoints,
@@ -218,7 +222,11 @@ fn shrink(robot: &mut RobotConfig) {
 }
 
 /// Lets the inertial unit feel a wandering lean; the lean at each of its readings.
-fn leans(course: Course, heard: &mut [Heard], rng: &mut ChaCha8Rng) -> Vec<(Stamp, [f32; 2])> {
+fn add_tilt(
+    course: Course,
+    heard: &mut [SensorInput],
+    rng: &mut ChaCha8Rng,
+) -> Vec<(Stamp, [f32; 2])> {
     if !matches!(course, Course::Lean | Course::All) {
         return Vec::new();
     }
@@ -226,14 +234,15 @@ fn leans(course: Course, heard: &mut [Heard], rng: &mut ChaCha8Rng) -> Vec<(Stam
     let (mut lean, mut smooth) = ([0.0_f32; 2], [0.0_f32; 2]);
     let mut last: Option<Stamp> = None;
     for one in heard {
-        let Heard::Imu(imu) = one else { continue };
+        let SensorInput::Imu(imu) = one else { continue };
         let seconds = last.map_or(0.01, |last| (imu.stamp - last) as f32);
         last = Some(imu.stamp);
-        let keep = (-seconds / LEAN_TIME).exp();
+        let keep = (-seconds / TILT_CORRELATION_TIME).exp();
         let before = smooth;
         for k in 0..2 {
             // A body does not jump: what wanders is followed within a tenth of a second. The second root keeps the spread.
-            lean[k] = keep * lean[k] + (1.0 - keep * keep).sqrt() * 1.12 * LEAN * normal(rng);
+            lean[k] = keep * lean[k]
+                + (1.0 - keep * keep).sqrt() * 1.12 * TILT_STD * standard_normal(rng);
             smooth[k] += (lean[k] - smooth[k]) * (seconds / 0.1).min(1.0);
         }
         let [a, b] = std::array::from_fn(|k| (smooth[k] - before[k]) / seconds);
@@ -251,25 +260,26 @@ fn leans(course: Course, heard: &mut [Heard], rng: &mut ChaCha8Rng) -> Vec<(Stam
 
 fn frames(
     course: Course,
-    truths: &[True],
+    truths: &[TruthState],
     lean: &[(Stamp, [f32; 2])],
     field: &Field,
     rng: &mut ChaCha8Rng,
-) -> Vec<Frame> {
+) -> Vec<PointObservation> {
     let late = matches!(course, Course::Late | Course::UnknownLatency);
     let blinded = matches!(course, Course::Blind | Course::All);
     let sensing = SyntheticDriveConfig::default();
     let height = localize::matching::MatchConfig::default().viewpoint_height;
-    let blind_at =
-        |seconds: f64| blinded && seconds.rem_euclid(BLIND_PERIOD) >= BLIND_PERIOD - BLIND;
+    let blind_at = |seconds: f64| {
+        blinded && seconds.rem_euclid(VISION_LOSS_PERIOD) >= VISION_LOSS_PERIOD - VISION_LOSS_TIME
+    };
     let mut frames = Vec::new();
-    for exposed in truths.iter().step_by(TRUTHS_PER_FRAME) {
+    for exposed in truths.iter().step_by(TRUTHS_PER_IMAGE) {
         let stamp = if late {
             exposed.stamp + f64::from(LATENCY)
         } else {
             exposed.stamp
         };
-        let Some(truth) = interpolated(truths, stamp) else {
+        let Some(truth) = interpolate_truth(truths, stamp) else {
             continue;
         };
         let seconds = stamp.seconds();
@@ -288,23 +298,23 @@ fn frames(
                 point.at = At::new((x - a * height) * stretch, (y - b * height) * stretch);
             }
         }
-        frames.push(Frame {
+        frames.push(PointObservation {
             stamp,
             points,
             truth: truth.pose,
             velocity: truth.velocity,
-            blind,
-            blind_end: false,
+            vision_lost: blind,
+            vision_loss_end: false,
         });
     }
     for k in 1..frames.len() {
-        frames[k - 1].blind_end = frames[k - 1].blind && !frames[k].blind;
+        frames[k - 1].vision_loss_end = frames[k - 1].vision_lost && !frames[k].vision_lost;
     }
     frames
 }
 
 /// The truth at a time between two that were kept.
-fn interpolated(truths: &[True], stamp: Stamp) -> Option<True> {
+fn interpolate_truth(truths: &[TruthState], stamp: Stamp) -> Option<TruthState> {
     let after = truths.partition_point(|truth| truth.stamp < stamp);
     let (b, a) = (truths.get(after)?, truths.get(after.saturating_sub(1))?);
     let length = b.stamp - a.stamp;
@@ -314,7 +324,7 @@ fn interpolated(truths: &[True], stamp: Stamp) -> Option<True> {
         0.0
     };
     let turn = wrap_angle(b.pose.theta - a.pose.theta);
-    Some(True {
+    Some(TruthState {
         stamp,
         pose: Pose::new(
             a.pose.x + part * (b.pose.x - a.pose.x),

@@ -13,8 +13,8 @@ use localize::robot::RobotConfig;
 use serde::Serialize;
 
 use crate::simulation::SimError;
-use drive::{Recorded, record};
-use score::{Frames, dead_reckoning, follow};
+use drive::{RecordedDrive, record_drive};
+use score::{ScoreSums, run_dead_reckoning, run_localizer};
 
 /// What happens on a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -84,7 +84,7 @@ impl Estimator {
 
 /// One line of the table: metres and degrees, over all seeds.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Row {
+pub struct FusionScore {
     /// What happened.
     pub course: Course,
     /// Who estimated.
@@ -125,7 +125,7 @@ pub struct FusionExperiment {
     /// Length of a drive, seconds.
     pub duration: f64,
     /// Courses to be driven.
-    pub courses: Vec<Course>,
+    pub disturbances: Vec<Course>,
     /// Estimators to be judged.
     pub estimators: Vec<Estimator>,
     /// How localisation is set, but for the fusion and what the course asks.
@@ -141,7 +141,7 @@ impl Default for FusionExperiment {
         FusionExperiment {
             seeds: 0..3,
             duration: 90.0,
-            courses: Course::ALL.to_vec(),
+            disturbances: Course::ALL.to_vec(),
             estimators: Estimator::ALL.to_vec(),
             localize,
         }
@@ -152,33 +152,33 @@ impl FusionExperiment {
     /// Drives every course with every seed and judges every estimator on the same samples.
     ///
     /// `robot` needs camera and mirror, as for any simulation.
-    pub fn run(&self, robot: &RobotConfig, field: &Field) -> Result<Vec<Row>, SimError> {
+    pub fn run(&self, robot: &RobotConfig, field: &Field) -> Result<Vec<FusionScore>, SimError> {
         let mut rows = Vec::new();
-        for &course in &self.courses {
-            let mut scores = vec![Frames::default(); self.estimators.len()];
+        for &course in &self.disturbances {
+            let mut scores = vec![ScoreSums::default(); self.estimators.len()];
             for seed in self.seeds.clone() {
-                let drive = record(course, seed, self.duration, robot, field)?;
+                let drive = record_drive(course, seed, self.duration, robot, field)?;
                 for (frames, &estimator) in scores.iter_mut().zip(&self.estimators) {
-                    self.judge(course, estimator, &drive, field, frames);
+                    self.score_estimator(course, estimator, &drive, field, frames);
                 }
             }
             for (frames, &estimator) in scores.iter().zip(&self.estimators) {
-                rows.push(frames.row(course, estimator));
+                rows.push(frames.score(course, estimator));
             }
         }
         Ok(rows)
     }
 
-    fn judge(
+    fn score_estimator(
         &self,
         course: Course,
         estimator: Estimator,
-        drive: &Recorded,
+        drive: &RecordedDrive,
         field: &Field,
-        frames: &mut Frames,
+        frames: &mut ScoreSums,
     ) {
         if estimator == Estimator::Odometry {
-            dead_reckoning(drive, frames);
+            run_dead_reckoning(drive, frames);
             return;
         }
         let mut config = match estimator {
@@ -196,7 +196,7 @@ impl FusionExperiment {
             Course::UnknownLatency => config.filter.camera_latency_std = 0.05,
             _ => {}
         }
-        follow(estimator, config, drive, field, frames);
+        run_localizer(estimator, config, drive, field, frames);
     }
 }
 
@@ -205,7 +205,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    fn run(experiment: &FusionExperiment) -> Vec<Row> {
+    fn run(experiment: &FusionExperiment) -> Vec<FusionScore> {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
         let robot = RobotConfig::load(&config.join("robots/default.toml")).expect("a robot");
         let field = Field::load(&robot.field).expect("a field");
@@ -213,11 +213,11 @@ mod tests {
     }
 
     #[test]
-    fn the_joint_filter_beats_every_single_witness_through_hits_and_blindness() {
+    fn joint_filter_beats_single_sensors_under_pushes_and_vision_loss() {
         let experiment = FusionExperiment {
             seeds: 1..2,
             duration: 20.0,
-            courses: vec![Course::Hits, Course::Blind],
+            disturbances: vec![Course::Hits, Course::Blind],
             estimators: vec![
                 Estimator::Joint,
                 Estimator::Decentralised,
@@ -240,11 +240,11 @@ mod tests {
     }
 
     #[test]
-    fn slip_hits_and_leans_leave_a_blind_robot_within_a_decimetre() {
+    fn dead_reckoning_error_stays_below_10_cm_under_all_disturbances() {
         let rows = run(&FusionExperiment {
             seeds: 2..4,
             duration: 33.0,
-            courses: vec![Course::All],
+            disturbances: vec![Course::All],
             estimators: vec![Estimator::Joint, Estimator::NoImu],
             ..FusionExperiment::default()
         });
@@ -258,11 +258,11 @@ mod tests {
     }
 
     #[test]
-    fn a_latency_that_nobody_told_is_found() {
+    fn unknown_latency_is_estimated_within_10_ms() {
         let rows = run(&FusionExperiment {
             seeds: 2..3,
             duration: 30.0,
-            courses: vec![Course::UnknownLatency],
+            disturbances: vec![Course::UnknownLatency],
             estimators: vec![Estimator::Joint],
             ..FusionExperiment::default()
         });

@@ -5,113 +5,121 @@ use localize::frame::{At, Pose, RobotFrame, Tf};
 use localize::robot::BodyConfig;
 
 use super::ground::Ground;
-use super::hall::Hall;
-use super::plate::Plate;
-use super::rays::{Rays, Reach, Tile};
-use super::solids::{Brush, Lamp, Outline, Piece, Screen, Shadow, Solid, Sphere, Under};
+use super::hall::Environment;
+use super::plate::LightBuffer;
+use super::rays::{RayRange, SortedRays, Tile};
+use super::solids::{
+    DrawContext, LightDirection, Outline, Panel, Primitive, Shadow, Solid, Sphere, Underbody,
+};
 use super::{Scene, linear};
 use crate::light::LightConfig;
-use crate::scenario::Team;
+use crate::scenario::TeamColour;
 use crate::world::{OTHER_HALF_SIDE, RobotState};
 
 /// Where the hall's lamps' light comes from on the field: a unit vector.
-const LAMP_ON_FIELD: [f32; 2] = [0.8, 0.6];
+const LIGHT_DIRECTION: [f32; 2] = [0.8, 0.6];
 /// How high robots' bodies hang above the floor, metres.
 const CLEARANCE: f32 = 0.03;
 /// A net's mesh and cord, metres.
 const NET: [f32; 2] = [0.12, 0.008];
 
 /// Everything upright, from far to near, and the shadows on the floor.
-pub(super) struct Stage {
-    pieces: Vec<(f32, Piece)>,
+pub(super) struct DrawList {
+    primitives: Vec<(f32, Primitive)>,
     shadows: Vec<Shadow>,
     /// The rays of each piece and of each shadow.
-    piece_reach: Vec<Reach>,
-    shadow_reach: Vec<Reach>,
-    lamp: Lamp,
+    primitive_rays: Vec<RayRange>,
+    shadow_rays: Vec<RayRange>,
+    light_direction: LightDirection,
 }
 
-struct Builder<'a> {
+struct DrawListBuilder<'a> {
     robot_from_field: Tf<RobotFrame, localize::frame::FieldFrame>,
     light: &'a LightConfig,
-    stage: Stage,
+    list: DrawList,
 }
 
-impl Stage {
+impl DrawList {
     pub(super) fn new(
         scene: &Scene,
         field: &FieldConfig,
-        hall: &Hall,
+        hall: &Environment,
         light: &LightConfig,
-        rays: &Rays,
+        rays: &SortedRays,
     ) -> Self {
         let robot_from_field = scene.pose.inverse();
         let (sin, cos) = robot_from_field.theta.sin_cos();
-        let [lx, ly] = LAMP_ON_FIELD;
-        let stage = Stage {
-            pieces: Vec::new(),
+        let [lx, ly] = LIGHT_DIRECTION;
+        let stage = DrawList {
+            primitives: Vec::new(),
             shadows: Vec::new(),
-            piece_reach: Vec::new(),
-            shadow_reach: Vec::new(),
-            lamp: [cos * lx - sin * ly, sin * lx + cos * ly],
+            primitive_rays: Vec::new(),
+            shadow_rays: Vec::new(),
+            light_direction: [cos * lx - sin * ly, sin * lx + cos * ly],
         };
-        let mut builder = Builder {
+        let mut builder = DrawListBuilder {
             robot_from_field,
             light,
-            stage,
+            list: stage,
         };
-        for thing in &hall.things {
-            builder.solid(*thing);
+        for thing in &hall.clutter {
+            builder.add_solid(*thing);
         }
-        builder.goals(field);
+        builder.add_goals(field);
         for robot in scene.robots {
-            builder.robot(robot);
+            builder.add_robot(robot);
         }
         if let Some((at, diameter, colour)) = scene.ball {
-            builder.ball(at.x, at.y, diameter / 2.0, linear(colour));
+            builder.add_ball(at.x, at.y, diameter / 2.0, linear(colour));
         }
-        let mut stage = builder.stage;
+        let mut stage = builder.list;
         // Stable: parts of one robot keep their order, from the ground up.
-        stage.pieces.sort_by(|a, b| b.0.total_cmp(&a.0));
-        stage.piece_reach = stage
-            .pieces
+        stage.primitives.sort_by(|a, b| b.0.total_cmp(&a.0));
+        stage.primitive_rays = stage
+            .primitives
             .iter()
-            .map(|(_, piece)| piece.reach(rays))
+            .map(|(_, piece)| piece.ray_range(rays))
             .collect();
-        stage.shadow_reach = stage
+        stage.shadow_rays = stage
             .shadows
             .iter()
-            .map(|shadow| shadow.reach(rays))
+            .map(|shadow| shadow.ray_range(rays))
             .collect();
         stage
     }
 
     /// Draws a tile: shadows on the floor, then everything from far to near.
-    pub(super) fn draw(&self, rays: &Rays, tile: &Tile, ground: &Ground, plate: &mut Plate) {
-        let brush = Brush {
+    pub(super) fn draw(
+        &self,
+        rays: &SortedRays,
+        tile: &Tile,
+        ground: &Ground,
+        plate: &mut LightBuffer,
+    ) {
+        let brush = DrawContext {
             rays,
             tile,
-            lamp: self.lamp,
+            light_direction: self.light_direction,
         };
-        for (shadow, reach) in self.shadows.iter().zip(&self.shadow_reach) {
+        for (shadow, reach) in self.shadows.iter().zip(&self.shadow_rays) {
             shadow.draw(reach, &brush, ground, plate);
         }
-        for ((_, piece), reach) in self.pieces.iter().zip(&self.piece_reach) {
+        for ((_, piece), reach) in self.primitives.iter().zip(&self.primitive_rays) {
             piece.draw(reach, &brush, plate);
         }
     }
 }
 
-impl Builder<'_> {
-    fn lit(&self, x: f32, y: f32, colour: [f32; 3]) -> [f32; 3] {
-        let (level, _) = self.light.at(x, y);
+impl DrawListBuilder<'_> {
+    fn apply_light(&self, x: f32, y: f32, colour: [f32; 3]) -> [f32; 3] {
+        let (level, _) = self.light.spot_light_at(x, y);
         colour.map(|part| part * level)
     }
 
     /// Takes a solid in field coordinates to the stage.
-    fn solid(&mut self, mut solid: Solid) {
-        solid.side = self.lit(solid.x, solid.y, solid.side);
-        solid.cap = self.lit(solid.x, solid.y, solid.cap);
+    fn add_solid(&mut self, mut solid: Solid) {
+        solid.side = self.apply_light(solid.x, solid.y, solid.side);
+        solid.cap = self.apply_light(solid.x, solid.y, solid.cap);
         let at: At<RobotFrame> = self.robot_from_field * At::new(solid.x, solid.y);
         (solid.x, solid.y) = (at.x, at.y);
         if let Outline::Box { cos, sin, .. } = &mut solid.outline {
@@ -121,23 +129,25 @@ impl Builder<'_> {
                 *sin * turn_cos + *cos * turn_sin,
             );
         }
-        self.stage.pieces.push((at.distance(), Piece::Solid(solid)));
+        self.list
+            .primitives
+            .push((at.distance(), Primitive::Solid(solid)));
     }
 
     /// A league robot: dark body, darker neck, team marker, mast and head (0.8 m in all).
-    fn robot(&mut self, robot: &RobotState) {
+    fn add_robot(&mut self, robot: &RobotState) {
         let Pose { x, y, theta, .. } = robot.pose;
         let (sin, cos) = theta.sin_cos();
         let marker = linear(match robot.team {
-            Team::Cyan => [30, 180, 215],
-            Team::Magenta => [205, 35, 150],
+            TeamColour::Cyan => [30, 180, 215],
+            TeamColour::Magenta => [205, 35, 150],
         });
         let body = linear([38, 38, 42]);
         let side = OTHER_HALF_SIDE;
         let square = |half: [f32; 2]| Outline::Box { half, cos, sin };
         let round = |radius: f32| Outline::Circle { radius };
         let mut part = |ahead: f32, bottom: f32, top: f32, outline: Outline, colour: [f32; 3]| {
-            self.solid(Solid {
+            self.add_solid(Solid {
                 x: x + cos * ahead,
                 y: y + sin * ahead,
                 bottom,
@@ -160,16 +170,16 @@ impl Builder<'_> {
         part(-0.04, 0.72, 0.80, round(0.11), linear([46, 46, 50]));
         let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
         // All parts take the body's place in the order, or a part leaning our way would hide what stands on it.
-        let count = self.stage.pieces.len();
-        for piece in &mut self.stage.pieces[count - 5..] {
+        let count = self.list.primitives.len();
+        for piece in &mut self.list.primitives[count - 5..] {
             piece.0 = at.distance();
         }
         let (sin, cos) = (theta + self.robot_from_field.theta).sin_cos();
-        self.stage.shadows.push(Shadow {
+        self.list.shadows.push(Shadow {
             x: at.x,
             y: at.y,
             radius: side * 1.2,
-            under: Under {
+            underbody: Underbody {
                 half: side,
                 cos,
                 sin,
@@ -178,8 +188,8 @@ impl Builder<'_> {
         });
     }
 
-    fn ball(&mut self, x: f32, y: f32, radius: f32, colour: [f32; 3]) {
-        let colour = self.lit(x, y, colour);
+    fn add_ball(&mut self, x: f32, y: f32, radius: f32, colour: [f32; 3]) {
+        let colour = self.apply_light(x, y, colour);
         let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
         let sphere = Sphere {
             x: at.x,
@@ -187,19 +197,19 @@ impl Builder<'_> {
             radius,
             colour,
         };
-        self.stage
-            .pieces
-            .push((at.distance(), Piece::Sphere(sphere)));
-        self.stage.shadows.push(Shadow {
+        self.list
+            .primitives
+            .push((at.distance(), Primitive::Sphere(sphere)));
+        self.list.shadows.push(Shadow {
             x: at.x,
             y: at.y,
             radius: radius * 0.9,
-            under: Under::NOTHING,
+            underbody: Underbody::NONE,
         });
     }
 
     /// Posts and crossbar with a net, or a box of coloured walls.
-    fn goals(&mut self, field: &FieldConfig) {
+    fn add_goals(&mut self, field: &FieldConfig) {
         let goal = &field.goal;
         if goal.width <= 0.0 || goal.height <= 0.0 {
             return;
@@ -222,7 +232,7 @@ impl Builder<'_> {
                 sin: 0.0,
             };
             let mut stand = |y: f32, bottom: f32, top: f32, outline: Outline| {
-                self.solid(Solid {
+                self.add_solid(Solid {
                     x: line,
                     y,
                     bottom,
@@ -248,13 +258,13 @@ impl Builder<'_> {
                     ([line, -half], [back, -half]),
                     ([line, half], [back, half]),
                 ] {
-                    self.screen(from, to, goal.height, paint, mesh);
+                    self.add_panel(from, to, goal.height, paint, mesh);
                 }
             }
         }
     }
 
-    fn screen(
+    fn add_panel(
         &mut self,
         from: [f32; 2],
         to: [f32; 2],
@@ -263,58 +273,58 @@ impl Builder<'_> {
         mesh: Option<[f32; 2]>,
     ) {
         let (x, y) = ((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
-        let colour = self.lit(x, y, colour);
+        let colour = self.apply_light(x, y, colour);
         let seen = |end: [f32; 2]| {
             let at: At<RobotFrame> = self.robot_from_field * At::new(end[0], end[1]);
             [at.x, at.y]
         };
         let (from, to) = (seen(from), seen(to));
         let middle = At::<RobotFrame>::new((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
-        let screen = Screen {
+        let screen = Panel {
             from,
             to,
             top,
             colour,
             mesh,
         };
-        self.stage
-            .pieces
-            .push((middle.distance(), Piece::Screen(screen)));
+        self.list
+            .primitives
+            .push((middle.distance(), Primitive::Panel(screen)));
     }
 }
 
 /// What the robot sees of itself: the same in every image, so it is drawn once.
 pub(super) struct OwnBody {
     /// Rays that meet it, what of the scene is left of each, and what it adds.
-    veil: Vec<(u32, f32, [f32; 3])>,
+    overlay: Vec<(u32, f32, [f32; 3])>,
 }
 
 /// Height of the rods, metres: up to the mirror, whatever its height.
 const ROD_HEIGHT: f32 = 3.0;
 
 impl OwnBody {
-    pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &Rays) -> Self {
+    pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &SortedRays) -> Self {
         let solids = own_solids(body, camera_height);
-        let (tile, lamp) = (rays.whole(), [0.0, 1.0]);
-        let brush = Brush {
+        let (tile, lamp) = (rays.single_tile(), [0.0, 1.0]);
+        let brush = DrawContext {
             rays,
             tile: &tile,
-            lamp,
+            light_direction: lamp,
         };
         // Drawn over black and over white, the two tell how much of the scene is left.
         let mut over = [0.0, 1.0].map(|level| {
-            let mut plate = Plate::new(rays.count());
-            plate.hold(&tile);
-            for plane in plate.run(&tile.rays) {
+            let mut plate = LightBuffer::new(rays.count());
+            plate.set_tile(&tile);
+            for plane in plate.planes(&tile.rays) {
                 plane.fill(level);
             }
             for solid in &solids {
-                let piece = Piece::Solid(*solid);
-                piece.draw(&piece.reach(rays), &brush, &mut plate);
+                let piece = Primitive::Solid(*solid);
+                piece.draw(&piece.ray_range(rays), &brush, &mut plate);
             }
             plate
         });
-        let [black, white] = over.each_mut().map(|plate| plate.run(&tile.rays));
+        let [black, white] = over.each_mut().map(|plate| plate.planes(&tile.rays));
         let veil = (0..rays.count())
             .filter_map(|ray| {
                 let left = white[0][ray] - black[0][ray];
@@ -322,16 +332,16 @@ impl OwnBody {
                 (left < 0.999).then_some((ray as u32, left, adds))
             })
             .collect();
-        OwnBody { veil }
+        OwnBody { overlay: veil }
     }
 
-    pub(super) fn draw(&self, tile: &Tile, plate: &mut Plate) {
+    pub(super) fn draw(&self, tile: &Tile, plate: &mut LightBuffer) {
         let first = self
-            .veil
+            .overlay
             .partition_point(|veil| (veil.0 as usize) < tile.rays.start);
         let inside = |veil: &&(u32, f32, [f32; 3])| (veil.0 as usize) < tile.rays.end;
-        let mut planes = plate.run(&tile.rays);
-        for (ray, left, adds) in self.veil[first..].iter().take_while(inside) {
+        let mut planes = plate.planes(&tile.rays);
+        for (ray, left, adds) in self.overlay[first..].iter().take_while(inside) {
             let ray = *ray as usize - tile.rays.start;
             for (plane, adds) in planes.iter_mut().zip(adds) {
                 plane[ray] = plane[ray] * left + adds;

@@ -5,33 +5,33 @@ use std::ops::Range;
 use localize::field::Field;
 use localize::frame::Pose;
 
-use super::paint::{FINEST, Paint, Texture, index_of};
-use super::plate::Plate;
-use super::rays::{Rays, Tile};
-use crate::film::{RUN, decode};
+use super::paint::{FOOTPRINT_MIN, MarkingTextures, Texture, index_of};
+use super::plate::LightBuffer;
+use super::rays::{SortedRays, Tile};
+use crate::film::{RUN_PIXELS, linear_from_srgb};
 use crate::light::LightConfig;
 
 /// Farthest ground point that is told apart, metres: beyond any hall.
-const FARTHEST: f32 = 60.0;
+const RANGE_MAX: f32 = 60.0;
 /// Most lookups along a stretched footprint.
-const MOST_TAPS: usize = 6;
+const TAPS_MAX: usize = 6;
 /// Most lookups of a run: few enough that many runs meet no paint.
-const TAP_RUN: usize = 128;
+const TAPS_PER_RUN: usize = 128;
 /// How far beyond the carpet light is told apart, metres.
-const LIGHT_BEYOND: f32 = 4.0;
+const LIGHT_MARGIN: f32 = 4.0;
 /// Cell of the light's texture, metres: light changes slowly.
 const LIGHT_CELL: f32 = 0.2;
 /// Light is looked up for every so many rays and goes straight in between: neighbours in a bin lie a pixel apart.
 const LIGHT_STRIDE: usize = 4;
 /// Light that the brightest byte stands for.
-const BRIGHTEST: f32 = 2.5;
+const LIGHT_MAX: f32 = 2.5;
 /// Width of a strip of carpet, metres, and how much strips differ.
 const STRIP: f32 = 2.0;
 const STRIP_CONTRAST: f32 = 0.025;
 
 /// sRGB of carpet, paint and the hall's floor under white light.
 const CARPET: [u8; 3] = [72, 130, 88];
-const PAINT: [u8; 3] = [226, 230, 226];
+const MARKING_RGB: [u8; 3] = [226, 230, 226];
 const FLOOR: [u8; 3] = [138, 130, 124];
 
 /// The floor under all rays of a table.
@@ -42,7 +42,7 @@ pub(super) struct Ground {
     /// One over each footprint's side, 1/metres.
     sharpness: Vec<f32>,
     taps: Taps,
-    paint: Paint,
+    markings: MarkingTextures,
     light: Texture,
     gloss: Option<Texture>,
     carpet_half: (f32, f32),
@@ -58,30 +58,30 @@ struct Taps {
     /// For which ray, counted from its tile's first.
     ray: Vec<u32>,
     /// The lookups of each tile.
-    tiles: Vec<Vec<Run>>,
+    tiles: Vec<Vec<TapRun>>,
 }
 
 /// Lookups in one texture for rays of one tile.
-struct Run {
+struct TapRun {
     start: usize,
     count: usize,
     level: usize,
     /// What each of them counts for its ray, over the largest byte.
-    share: f32,
-    bounds: Bounds,
+    weight: f32,
+    bounds: OrientedBox,
 }
 
 /// A box around points of the robot frame: its middle, a unit vector along its first side, and half its sides.
 #[derive(Default)]
-struct Bounds {
+struct OrientedBox {
     centre: [f32; 2],
     axis: [f32; 2],
     half: [f32; 2],
 }
 
-impl Bounds {
+impl OrientedBox {
     /// Around all of the points, its first side towards their mean.
-    fn around(x: &[f32], y: &[f32]) -> Self {
+    fn enclosing(x: &[f32], y: &[f32]) -> Self {
         let (sum_x, sum_y) = (x.iter().sum::<f32>(), y.iter().sum::<f32>());
         let length = sum_x.hypot(sum_y).max(1e-9);
         let axis = [sum_x / length, sum_y / length];
@@ -94,7 +94,7 @@ impl Bounds {
             }
         }
         let [along, across] = [0, 1].map(|side| (least[side] + most[side]) / 2.0);
-        Bounds {
+        OrientedBox {
             centre: [
                 along * axis[0] - across * axis[1],
                 along * axis[1] + across * axis[0],
@@ -105,7 +105,7 @@ impl Bounds {
     }
 
     /// Whether a texture may be other than nought somewhere inside, seen from a pose.
-    fn any_in(&self, texture: &Texture, pose: Pose, (sin, cos): (f32, f32)) -> bool {
+    fn overlaps_markings(&self, texture: &Texture, pose: Pose, (sin, cos): (f32, f32)) -> bool {
         let [x, y] = self.centre;
         let centre = [pose.x + cos * x - sin * y, pose.y + sin * x + cos * y];
         let along_x = (cos * self.axis[0] - sin * self.axis[1]).abs();
@@ -114,7 +114,7 @@ impl Bounds {
             self.half[0] * along_x + self.half[1] * along_y,
             self.half[0] * along_y + self.half[1] * along_x,
         ];
-        texture.any_within(centre, half)
+        texture.any_nonzero_within(centre, half)
     }
 }
 
@@ -122,21 +122,21 @@ impl Bounds {
 struct Footprint {
     short: f32,
     long: f32,
-    towards: (f32, f32),
+    direction: (f32, f32),
 }
 
 impl Footprint {
     /// How many lookups it takes, and the side of the square that each stands for.
-    fn taps(&self) -> (usize, f32) {
+    fn tap_layout(&self) -> (usize, f32) {
         // Half as long again as wide is still as good as square, and no texture is finer than FINEST.
-        let short = self.short.max(FINEST);
-        let taps = ((self.long / short / 1.5).ceil() as usize).clamp(1, MOST_TAPS);
+        let short = self.short.max(FOOTPRINT_MIN);
+        let taps = ((self.long / short / 1.5).ceil() as usize).clamp(1, TAPS_MAX);
         (taps, short.max(self.long / taps as f32))
     }
 }
 
 impl Ground {
-    pub(super) fn new(rays: &Rays, field: &Field, light: &LightConfig) -> Self {
+    pub(super) fn new(rays: &SortedRays, field: &Field, light: &LightConfig) -> Self {
         let count = rays.count();
         let footprints: Vec<Footprint> = (0..count).map(|ray| footprint(rays, ray)).collect();
         // The finest texture serves the bulk of the image, not a rim that shows the robot's feet.
@@ -145,20 +145,23 @@ impl Ground {
             0 => 1.0,
             quarter => *short.select_nth_unstable_by(quarter, f32::total_cmp).1,
         };
-        let paint = Paint::new(field, finest);
+        let paint = MarkingTextures::new(field, finest);
         let (half_x, half_y) = field.carpet_half_extent();
-        let byte = |value: f32| (value / BRIGHTEST * 255.0).round().clamp(0.0, 255.0) as u8;
-        let (light_x, light_y) = (half_x + LIGHT_BEYOND, half_y + LIGHT_BEYOND);
+        let byte = |value: f32| (value / LIGHT_MAX * 255.0).round().clamp(0.0, 255.0) as u8;
+        let (light_x, light_y) = (half_x + LIGHT_MARGIN, half_y + LIGHT_MARGIN);
         let lit = Texture::new(light_x, light_y, LIGHT_CELL, |x, y| {
-            byte(light.at(x, y).0 * weave(x, y))
+            byte(light.spot_light_at(x, y).0 * carpet_albedo(x, y))
         });
         let glossy = light.spots.iter().any(|spot| spot.gloss > 0.0);
-        let gloss = glossy
-            .then(|| Texture::new(light_x, light_y, LIGHT_CELL, |x, y| byte(light.at(x, y).1)));
+        let gloss = glossy.then(|| {
+            Texture::new(light_x, light_y, LIGHT_CELL, |x, y| {
+                byte(light.spot_light_at(x, y).1)
+            })
+        });
         let (x, y): (Vec<f32>, Vec<f32>) = (0..count)
             .map(|ray| {
-                let way = way_to_ground(rays, ray).min(FARTHEST);
-                let (dx, dy) = (way * rays.towards_x[ray], way * rays.towards_y[ray]);
+                let way = distance_to_ground(rays, ray).min(RANGE_MAX);
+                let (dx, dy) = (way * rays.direction_x[ray], way * rays.direction_y[ray]);
                 (rays.origin_x[ray] + dx, rays.origin_y[ray] + dy)
             })
             .unzip();
@@ -169,11 +172,11 @@ impl Ground {
             taps,
             sharpness: footprints
                 .iter()
-                .map(|footprint| 1.0 / footprint.taps().1)
+                .map(|footprint| 1.0 / footprint.tap_layout().1)
                 .collect(),
             x,
             y,
-            paint,
+            markings: paint,
             light: lit,
             gloss,
             carpet_half: (half_x, half_y),
@@ -187,31 +190,36 @@ impl Ground {
         index: usize,
         tile: &Tile,
         scratch: &mut Scratch,
-        plate: &mut Plate,
+        plate: &mut LightBuffer,
     ) {
         let turn = pose.theta.sin_cos();
-        let mut white = std::mem::take(&mut scratch.white);
+        let mut white = std::mem::take(&mut scratch.marking_coverage);
         white.clear();
         white.resize(tile.rays.len(), 0.0);
         for run in &self.taps.tiles[index] {
             // Most of a field is bare.
-            let texture = &self.paint.levels[run.level];
-            if !run.bounds.any_in(texture, pose, turn) {
+            let texture = &self.markings.levels[run.level];
+            if !run.bounds.overlaps_markings(texture, pose, turn) {
                 continue;
             }
             let taps = run.start..run.start + run.count;
-            scratch.place(
+            scratch.transform_to_field(
                 pose,
                 turn,
                 &self.taps.x[taps.clone()],
                 &self.taps.y[taps.clone()],
             );
-            scratch.look_up(texture);
-            for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.found) {
-                white[*ray as usize] += run.share * value;
+            scratch.sample_texture(texture);
+            for (ray, value) in self.taps.ray[taps].iter().zip(&scratch.values) {
+                white[*ray as usize] += run.weight * value;
             }
         }
-        for (start, white) in tile.rays.clone().step_by(RUN).zip(white.chunks(RUN)) {
+        for (start, white) in tile
+            .rays
+            .clone()
+            .step_by(RUN_PIXELS)
+            .zip(white.chunks(RUN_PIXELS))
+        {
             self.compose(
                 pose,
                 turn,
@@ -221,7 +229,7 @@ impl Ground {
                 plate,
             );
         }
-        scratch.white = white;
+        scratch.marking_coverage = white;
     }
 
     /// Mixes floor, carpet and paint under the light there is.
@@ -232,20 +240,21 @@ impl Ground {
         rays: Range<usize>,
         white: &[f32],
         scratch: &mut Scratch,
-        plate: &mut Plate,
+        plate: &mut LightBuffer,
     ) {
-        let count = rays.len().min(RUN);
-        let (mut lit, mut gloss, mut inside) = ([0.0; RUN], [0.0; RUN], [0.0; RUN]);
-        scratch.place_few(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
-        scratch.look_up(&self.light);
-        fill_between(&scratch.found, &mut lit);
+        let count = rays.len().min(RUN_PIXELS);
+        let (mut lit, mut gloss, mut inside) =
+            ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
+        scratch.transform_strided(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
+        scratch.sample_texture(&self.light);
+        interpolate_strided(&scratch.values, &mut lit);
         if let Some(texture) = &self.gloss {
-            scratch.look_up(texture);
-            fill_between(&scratch.found, &mut gloss);
+            scratch.sample_texture(texture);
+            interpolate_strided(&scratch.values, &mut gloss);
         }
         let (half_x, half_y) = self.carpet_half;
         let Scratch { x, y, .. } =
-            scratch.place(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
+            scratch.transform_to_field(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
         let sharpness = &self.sharpness[rays.clone()][..count];
         for i in 0..count {
             let inside_x = ((half_x - x[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
@@ -254,16 +263,20 @@ impl Ground {
         }
         let white = &white[..count];
         for (plane, ((carpet, paint), floor)) in plate
-            .run(&rays)
+            .planes(&rays)
             .into_iter()
-            .zip(CARPET.into_iter().zip(PAINT).zip(FLOOR))
+            .zip(CARPET.into_iter().zip(MARKING_RGB).zip(FLOOR))
         {
-            let (carpet, paint, floor) = (decode(carpet), decode(paint), decode(floor));
+            let (carpet, paint, floor) = (
+                linear_from_srgb(carpet),
+                linear_from_srgb(paint),
+                linear_from_srgb(floor),
+            );
             let out = &mut plane[..count];
             for i in 0..count {
                 let on_carpet = carpet + white[i] * (paint - carpet);
                 let albedo = floor + inside[i] * (on_carpet - floor);
-                out[i] = (BRIGHTEST / 255.0) * (lit[i] * albedo + gloss[i]);
+                out[i] = (LIGHT_MAX / 255.0) * (lit[i] * albedo + gloss[i]);
             }
         }
     }
@@ -271,9 +284,9 @@ impl Ground {
 
 impl Taps {
     fn new(
-        rays: &Rays,
+        rays: &SortedRays,
         footprints: &[Footprint],
-        paint: &Paint,
+        paint: &MarkingTextures,
         x: &[f32],
         y: &[f32],
         reach: f32,
@@ -287,17 +300,21 @@ impl Taps {
                 .map(|ray| (x[ray].hypot(y[ray]), ray))
                 .filter(|&(distance, _)| distance < reach)
                 .map(|(distance, ray)| {
-                    let (count, side) = footprints[ray].taps();
+                    let (count, side) = footprints[ray].tap_layout();
                     (paint.level(side), count, distance.to_bits(), ray)
                 })
                 .collect();
             sorted.sort_unstable();
-            let mut runs: Vec<Run> = Vec::new();
+            let mut runs: Vec<TapRun> = Vec::new();
             for (level, count, _, ray) in sorted {
-                let Footprint { long, towards, .. } = footprints[ray];
+                let Footprint {
+                    long,
+                    direction: towards,
+                    ..
+                } = footprints[ray];
                 for tap in 0..count {
                     let along = ((tap as f32 + 0.5) / count as f32 - 0.5) * long;
-                    lengthen(&mut runs, taps.x.len(), level, 1.0 / (255.0 * count as f32));
+                    append_tap(&mut runs, taps.x.len(), level, 1.0 / (255.0 * count as f32));
                     taps.x.push(x[ray] + along * towards.0);
                     taps.y.push(y[ray] + along * towards.1);
                     taps.ray.push((ray - tile.rays.start) as u32);
@@ -305,7 +322,7 @@ impl Taps {
             }
             for run in &mut runs {
                 let within = run.start..run.start + run.count;
-                run.bounds = Bounds::around(&taps.x[within.clone()], &taps.y[within]);
+                run.bounds = OrientedBox::enclosing(&taps.x[within.clone()], &taps.y[within]);
             }
             taps.tiles.push(runs);
         }
@@ -314,17 +331,17 @@ impl Taps {
 }
 
 /// Lengthens the last run by the lookup `next`, or starts another.
-fn lengthen(runs: &mut Vec<Run>, next: usize, level: usize, share: f32) {
+fn append_tap(runs: &mut Vec<TapRun>, next: usize, level: usize, share: f32) {
     match runs.last_mut() {
-        Some(run) if (run.level, run.share) == (level, share) && run.count < TAP_RUN => {
+        Some(run) if (run.level, run.weight) == (level, share) && run.count < TAPS_PER_RUN => {
             run.count += 1
         }
-        _ => runs.push(Run {
+        _ => runs.push(TapRun {
             start: next,
             count: 1,
             level,
-            share,
-            bounds: Bounds::default(),
+            weight: share,
+            bounds: OrientedBox::default(),
         }),
     }
 }
@@ -333,19 +350,19 @@ fn lengthen(runs: &mut Vec<Run>, next: usize, level: usize, share: f32) {
 pub(super) struct Scratch {
     count: usize,
     /// White paint of each ray of a tile.
-    white: Vec<f32>,
+    marking_coverage: Vec<f32>,
     /// Field coordinates, metres.
-    x: [f32; RUN],
-    y: [f32; RUN],
+    x: [f32; RUN_PIXELS],
+    y: [f32; RUN_PIXELS],
     /// What was looked up there, 0 to 255.
-    found: [f32; RUN],
-    part_x: [f32; RUN],
-    part_y: [f32; RUN],
-    cell: [u32; RUN],
+    values: [f32; RUN_PIXELS],
+    fraction_x: [f32; RUN_PIXELS],
+    fraction_y: [f32; RUN_PIXELS],
+    cell: [u32; RUN_PIXELS],
 }
 
 /// Values of every `LIGHT_STRIDE`th ray of a run, and what lies straight between them.
-fn fill_between(few: &[f32; RUN], all: &mut [f32; RUN]) {
+fn interpolate_strided(few: &[f32; RUN_PIXELS], all: &mut [f32; RUN_PIXELS]) {
     for (group, pair) in all.chunks_exact_mut(LIGHT_STRIDE).zip(few.windows(2)) {
         for (step, value) in group.iter_mut().enumerate() {
             let part = step as f32 / LIGHT_STRIDE as f32;
@@ -356,22 +373,28 @@ fn fill_between(few: &[f32; RUN], all: &mut [f32; RUN]) {
 
 impl Scratch {
     pub(super) fn new() -> Self {
-        let zero = [0.0; RUN];
+        let zero = [0.0; RUN_PIXELS];
         Scratch {
             count: 0,
-            white: Vec::new(),
+            marking_coverage: Vec::new(),
             x: zero,
             y: zero,
-            found: zero,
-            part_x: zero,
-            part_y: zero,
-            cell: [0; RUN],
+            values: zero,
+            fraction_x: zero,
+            fraction_y: zero,
+            cell: [0; RUN_PIXELS],
         }
     }
 
     /// Takes points of the robot frame to the field.
-    fn place(&mut self, pose: Pose, (sin, cos): (f32, f32), x: &[f32], y: &[f32]) -> &mut Self {
-        self.count = x.len().min(y.len()).min(RUN);
+    fn transform_to_field(
+        &mut self,
+        pose: Pose,
+        (sin, cos): (f32, f32),
+        x: &[f32],
+        y: &[f32],
+    ) -> &mut Self {
+        self.count = x.len().min(y.len()).min(RUN_PIXELS);
         let count = self.count;
         let (x, y) = (&x[..count], &y[..count]);
         let (out_x, out_y) = (&mut self.x[..count], &mut self.y[..count]);
@@ -383,23 +406,23 @@ impl Scratch {
     }
 
     /// As `place`, for every `LIGHT_STRIDE`th point and one beyond the last.
-    fn place_few(&mut self, pose: Pose, turn: (f32, f32), x: &[f32], y: &[f32]) {
-        let last = x.len().min(y.len()).min(RUN) - 1;
+    fn transform_strided(&mut self, pose: Pose, turn: (f32, f32), x: &[f32], y: &[f32]) {
+        let last = x.len().min(y.len()).min(RUN_PIXELS) - 1;
         let count = last / LIGHT_STRIDE + 2;
-        let (mut few_x, mut few_y) = ([0.0; RUN], [0.0; RUN]);
+        let (mut few_x, mut few_y) = ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
         for number in 0..count {
             let ray = (number * LIGHT_STRIDE).min(last);
             (few_x[number], few_y[number]) = (x[ray], y[ray]);
         }
-        self.place(pose, turn, &few_x[..count], &few_y[..count]);
+        self.transform_to_field(pose, turn, &few_x[..count], &few_y[..count]);
     }
 
     /// Bilinear values at the points; beyond the texture its border goes on.
-    fn look_up(&mut self, texture: &Texture) {
+    fn sample_texture(&mut self, texture: &Texture) {
         // Adding 1.5·2²³ leaves the rounded number in the lowest bits: a floor that vectorises.
         const ROUND: f32 = 12_582_912.0;
         const BITS: u32 = 0x3f_ffff;
-        let count = self.count.min(RUN);
+        let count = self.count.min(RUN_PIXELS);
         let (most_x, most_y) = ((texture.columns - 1) as f32, (texture.rows - 1) as f32);
         let blocks = texture.blocks();
         let (per_metre, left, bottom) = (texture.per_metre, texture.left, texture.bottom);
@@ -407,16 +430,16 @@ impl Scratch {
             let across = ((self.x[i] - left) * per_metre).clamp(0.0, most_x);
             let up = ((self.y[i] - bottom) * per_metre).clamp(0.0, most_y);
             let (column, row) = (across - 0.5 + ROUND, up - 0.5 + ROUND);
-            self.part_x[i] = across - (column - ROUND);
-            self.part_y[i] = up - (row - ROUND);
+            self.fraction_x[i] = across - (column - ROUND);
+            self.fraction_y[i] = up - (row - ROUND);
             self.cell[i] = index_of(column.to_bits() & BITS, row.to_bits() & BITS, blocks);
         }
         let cells = &texture.cells[..];
         for cell in &mut self.cell[..count] {
             *cell = cells[*cell as usize];
         }
-        let out = &mut self.found;
-        let parts = self.part_x.iter().zip(&self.part_y).zip(&self.cell);
+        let out = &mut self.values;
+        let parts = self.fraction_x.iter().zip(&self.fraction_y).zip(&self.cell);
         for (out, ((part_x, part_y), cell)) in out[..count].iter_mut().zip(parts) {
             let corner = |shift: u32| ((cell >> shift) & 255) as i32 as f32;
             let low = corner(0) + part_x * (corner(8) - corner(0));
@@ -427,7 +450,7 @@ impl Scratch {
 }
 
 /// Horizontal way of a ray to the ground, metres; endless where it never comes down.
-fn way_to_ground(rays: &Rays, ray: usize) -> f32 {
+fn distance_to_ground(rays: &SortedRays, ray: usize) -> f32 {
     let slope = rays.slope[ray];
     if slope < 0.0 {
         rays.origin_z[ray] / -slope
@@ -436,31 +459,31 @@ fn way_to_ground(rays: &Rays, ray: usize) -> f32 {
     }
 }
 
-fn footprint(rays: &Rays, ray: usize) -> Footprint {
-    let way = way_to_ground(rays, ray).min(FARTHEST);
+fn footprint(rays: &SortedRays, ray: usize) -> Footprint {
+    let way = distance_to_ground(rays, ray).min(RANGE_MAX);
     let steep = rays.origin_z[ray] / way;
-    let across = way * rays.spacing[ray];
+    let across = way * rays.azimuth_spacing[ray];
     let along = rays.origin_z[ray] / (steep * steep) * rays.slope_spacing[ray];
     // The spacing's root of two squares counts a diagonal step: both ways are equally far off.
-    let (towards_x, towards_y) = (rays.towards_x[ray], rays.towards_y[ray]);
-    let along = along.min(FARTHEST);
+    let (towards_x, towards_y) = (rays.direction_x[ray], rays.direction_y[ray]);
+    let along = along.min(RANGE_MAX);
     if along >= across {
         Footprint {
             short: across.max(1e-4),
             long: along,
-            towards: (towards_x, towards_y),
+            direction: (towards_x, towards_y),
         }
     } else {
         Footprint {
             short: along.max(1e-4),
             long: across,
-            towards: (-towards_y, towards_x),
+            direction: (-towards_y, towards_x),
         }
     }
 }
 
 /// Light and dark of the carpet itself: strips, and slow stains.
-fn weave(x: f32, y: f32) -> f32 {
+fn carpet_albedo(x: f32, y: f32) -> f32 {
     let strip = if (y / STRIP).floor() as i32 % 2 == 0 {
         1.0
     } else {

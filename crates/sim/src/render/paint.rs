@@ -6,17 +6,17 @@ use localize::frame::At;
 /// From a level to the next footprints grow by this.
 const LEVEL_STEP: f32 = std::f32::consts::SQRT_2;
 /// The narrowest footprint worth a texture of its own, metres: lines are five times as wide.
-pub(super) const FINEST: f32 = 0.02;
+pub(super) const FOOTPRINT_MIN: f32 = 0.02;
 /// Beyond this footprint a line is a faint veil, metres.
-const COARSEST: f32 = 1.0;
+const FOOTPRINT_MAX: f32 = 1.0;
 
 /// A texture's cell over the footprint it serves: between cells bilinear values blur no more than the footprint does.
-const CELL: f32 = 0.7;
+const CELL_PER_FOOTPRINT: f32 = 0.7;
 
 /// Coverage by white paint, averaged over square footprints.
-pub(super) struct Paint {
+pub(super) struct MarkingTextures {
     pub(super) levels: Vec<Texture>,
-    finest: f32,
+    footprint_min: f32,
 }
 
 /// A grid of bytes over the field; each entry holds the four bytes of its cell's corners, so that one load suffices.
@@ -31,7 +31,7 @@ pub(super) struct Texture {
     /// Corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1); see `index` for their order.
     pub(super) cells: Vec<u32>,
     /// How many blocks of cells left of and below each corner of blocks are not all nought.
-    filled: Vec<u32>,
+    nonzero_blocks: Vec<u32>,
 }
 
 impl Texture {
@@ -46,7 +46,7 @@ impl Texture {
             columns,
             rows,
             cells: Vec::new(),
-            filled: Vec::new(),
+            nonzero_blocks: Vec::new(),
         };
         let grid: Vec<u8> = (0..rows * columns)
             .map(|index| {
@@ -76,23 +76,23 @@ impl Texture {
                     u32::from_le_bytes(corners);
             }
         }
-        self.count_filled();
+        self.sum_nonzero_blocks();
     }
 
-    fn count_filled(&mut self) {
+    fn sum_nonzero_blocks(&mut self) {
         let stride = self.blocks() as usize + 1;
-        self.filled = vec![0; stride * (self.rows.div_ceil(4) + 1)];
+        self.nonzero_blocks = vec![0; stride * (self.rows.div_ceil(4) + 1)];
         for (index, block) in self.cells.chunks_exact(16).enumerate() {
             let (column, row) = (index % (stride - 1), index / (stride - 1));
             let corner = row * stride + column;
-            let left = self.filled[corner + stride] + self.filled[corner + 1];
-            self.filled[corner + stride + 1] =
-                left - self.filled[corner] + u32::from(block.iter().any(|&cell| cell != 0));
+            let left = self.nonzero_blocks[corner + stride] + self.nonzero_blocks[corner + 1];
+            self.nonzero_blocks[corner + stride + 1] =
+                left - self.nonzero_blocks[corner] + u32::from(block.iter().any(|&cell| cell != 0));
         }
     }
 
     /// Whether any lookup within ± half of a point of the field may be other than nought.
-    pub(super) fn any_within(&self, centre: [f32; 2], half: [f32; 2]) -> bool {
+    pub(super) fn any_nonzero_within(&self, centre: [f32; 2], half: [f32; 2]) -> bool {
         let stride = self.blocks() as usize + 1;
         // A cell to spare: lookups round.
         let block = |metres: f32, spare: f32, most: usize| {
@@ -103,8 +103,8 @@ impl Texture {
         let right = block(x + half[0], 1.0, self.columns) + 1;
         let bottom = block(y - half[1], -1.0, self.rows) * stride;
         let top = (block(y + half[1], 1.0, self.rows) + 1) * stride;
-        let below = self.filled[bottom + right] - self.filled[bottom + left];
-        self.filled[top + right] - self.filled[top + left] > below
+        let below = self.nonzero_blocks[bottom + right] - self.nonzero_blocks[bottom + left];
+        self.nonzero_blocks[top + right] - self.nonzero_blocks[top + left] > below
     }
 
     /// Blocks of four columns in a row of blocks.
@@ -128,22 +128,25 @@ pub(super) fn index_of(column: u32, row: u32, blocks: u32) -> u32 {
     (((row >> 2) * blocks + (column >> 2)) << 4) + ((row & 3) << 2) + (column & 3)
 }
 
-impl Paint {
+impl MarkingTextures {
     /// Lays the markings out for footprints from `finest` (metres) up.
     pub(super) fn new(field: &Field, finest: f32) -> Self {
-        let finest = finest.clamp(FINEST, COARSEST / 2.0);
+        let finest = finest.clamp(FOOTPRINT_MIN, FOOTPRINT_MAX / 2.0);
         let mut levels = Vec::new();
         let mut width = finest;
-        while width < COARSEST {
+        while width < FOOTPRINT_MAX {
             levels.push(level(field, width));
             width *= LEVEL_STEP;
         }
-        Paint { levels, finest }
+        MarkingTextures {
+            levels,
+            footprint_min: finest,
+        }
     }
 
     /// The level for a footprint, metres.
     pub(super) fn level(&self, footprint: f32) -> usize {
-        let steps = (footprint / self.finest).max(1.0).log(LEVEL_STEP);
+        let steps = (footprint / self.footprint_min).max(1.0).log(LEVEL_STEP);
         (steps.round() as usize).min(self.levels.len() - 1)
     }
 }
@@ -152,11 +155,11 @@ fn level(field: &Field, width: f32) -> Texture {
     // Markings end within the carpet; a frame of zeros around them is what lies beyond.
     let (half_x, half_y) = field.carpet_half_extent();
     let (half_x, half_y) = (half_x + 2.0 * width, half_y + 2.0 * width);
-    let cell = width * CELL;
+    let cell = width * CELL_PER_FOOTPRINT;
     let mut texture = Texture::new(half_x, half_y, cell, |_, _| 0);
     let mut grid = vec![0u8; texture.columns * texture.rows];
-    for marking in painted(field) {
-        stamp(&mut grid, &texture, field, &marking, width);
+    for marking in painted_markings(field) {
+        rasterise(&mut grid, &texture, field, &marking, width);
     }
     for column in 0..texture.columns {
         grid[column] = 0;
@@ -171,7 +174,7 @@ fn level(field: &Field, width: f32) -> Texture {
 }
 
 /// The markings that are paint: of a field with walls, the boundary is where these stand, and painted but in the goals' mouths.
-fn painted(field: &Field) -> Vec<Marking> {
+fn painted_markings(field: &Field) -> Vec<Marking> {
     if !field.config.walls {
         return field.markings.clone();
     }
@@ -190,7 +193,7 @@ fn painted(field: &Field) -> Vec<Marking> {
 }
 
 /// Adds a marking to the grid; where markings meet, the whiter one counts.
-fn stamp(grid: &mut [u8], texture: &Texture, field: &Field, marking: &Marking, width: f32) {
+fn rasterise(grid: &mut [u8], texture: &Texture, field: &Field, marking: &Marking, width: f32) {
     let half_line = field.config.line_width / 2.0;
     let (x0, y0, x1, y1) = bounds(marking);
     let margin = half_line + width;
@@ -239,7 +242,8 @@ pub(super) fn coverage(marking: &Marking, half_line: f32, x: f32, y: f32, width:
             let along = dx * ux + dy * uy - length / 2.0;
             let across = dy * ux - dx * uy;
             // Lines meet in full corners: each end reaches half a line beyond its centre's end.
-            band(across, half_line, width) * band(along, length / 2.0 + half_line, width)
+            interval_coverage(across, half_line, width)
+                * interval_coverage(along, length / 2.0 + half_line, width)
         }
         Marking::Arc {
             centre,
@@ -255,17 +259,17 @@ pub(super) fn coverage(marking: &Marking, half_line: f32, x: f32, y: f32, width:
             } else {
                 (0.5 - beyond / width).max(0.0)
             };
-            band(dx.hypot(dy) - radius, half_line, width) * inside
+            interval_coverage(dx.hypot(dy) - radius, half_line, width) * inside
         }
         Marking::Spot { centre, radius } => {
             let (dx, dy) = (x - centre.x, y - centre.y);
-            band(dx.hypot(dy), radius, width)
+            interval_coverage(dx.hypot(dy), radius, width)
         }
     }
 }
 
 /// The part of [offset − width/2, offset + width/2] that lies within ± half.
-fn band(offset: f32, half: f32, width: f32) -> f32 {
+fn interval_coverage(offset: f32, half: f32, width: f32) -> f32 {
     let from = (offset - width / 2.0).max(-half);
     let to = (offset + width / 2.0).min(half);
     ((to - from) / width).clamp(0.0, 1.0)
@@ -276,19 +280,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn carpet_is_painted_up_to_a_wall_and_in_goals_mouths() {
+    fn walls_replace_boundary_lines_except_at_goal_mouths() {
         let text = include_str!("../../../../config/fields/msl_2001.toml");
         let field = Field::new(toml::from_str(text).expect("a field")).expect("a field");
         let white = |x, y| {
             let of = |marking: &Marking| coverage(marking, 0.025, x, y, 0.01);
-            painted(&field).iter().map(of).fold(0.0, f32::max)
+            painted_markings(&field).iter().map(of).fold(0.0, f32::max)
         };
         assert_eq!([white(2.0, 2.24), white(4.49, 2.0)], [0.0, 0.0]);
         assert!(white(4.5, 0.5) > 0.999 && white(0.0, 2.2) > 0.999);
     }
 
     #[test]
-    fn a_line_narrower_than_the_footprint_covers_its_share() {
+    fn narrow_line_covers_its_fraction_of_the_footprint() {
         let line = Marking::Line {
             from: At::new(-5.0, 0.0),
             to: At::new(5.0, 0.0),

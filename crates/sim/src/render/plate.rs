@@ -3,27 +3,27 @@
 use super::rays::Tile;
 
 /// Linear light of one tile's rays, one plane a colour.
-pub(super) struct Plate {
+pub(super) struct LightBuffer {
     first: usize,
     planes: [Vec<f32>; 3],
 }
 
-impl Plate {
+impl LightBuffer {
     /// For tiles of at most so many rays.
     pub(super) fn new(most_rays: usize) -> Self {
-        Plate {
+        LightBuffer {
             first: 0,
             planes: [0; 3].map(|_| vec![0.0; most_rays]),
         }
     }
 
     /// From now on it holds this tile.
-    pub(super) fn hold(&mut self, tile: &Tile) {
+    pub(super) fn set_tile(&mut self, tile: &Tile) {
         self.first = tile.rays.start;
     }
 
     /// The three planes of a run of rays.
-    pub(super) fn run(&mut self, run: &std::ops::Range<usize>) -> [&mut [f32]; 3] {
+    pub(super) fn planes(&mut self, run: &std::ops::Range<usize>) -> [&mut [f32]; 3] {
         let first = self.first;
         self.planes
             .each_mut()

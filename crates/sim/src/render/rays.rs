@@ -11,13 +11,13 @@ use vision::{Ray, RayTable};
 /// Azimuth bins in a turn: about as wide as a pixel at the rim of a 480 × 480 image is at half its radius.
 const BINS: usize = 720;
 /// A tile takes bins until it has so many rays: their light fills half a near cache of 512 KiB with all that it needs.
-const TILE: usize = 4096;
+const TILE_RAYS: usize = 4096;
 /// Rays steeper than this (height over way) go straight down for all that matters here.
-const STEEPEST: f32 = 1e4;
+const SLOPE_MAX: f32 = 1e4;
 
 /// Rays in bin order, one array each, robot frame. A ray is at `origin + s·(towards, slope)` after s horizontal metres.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Rays {
+pub(crate) struct SortedRays {
     /// Where each bin starts; the last entry is the number of rays.
     starts: Vec<usize>,
     /// Which pixel of the image (row by row).
@@ -26,12 +26,12 @@ pub(crate) struct Rays {
     pub(crate) origin_y: Vec<f32>,
     pub(crate) origin_z: Vec<f32>,
     /// Horizontal direction, unit length.
-    pub(crate) towards_x: Vec<f32>,
-    pub(crate) towards_y: Vec<f32>,
+    pub(crate) direction_x: Vec<f32>,
+    pub(crate) direction_y: Vec<f32>,
     /// Height gained per horizontal metre; rises within a bin.
     pub(crate) slope: Vec<f32>,
     /// Azimuth between this ray and the next pixel's, blurred, radians.
-    pub(crate) spacing: Vec<f32>,
+    pub(crate) azimuth_spacing: Vec<f32>,
     /// Slope between this ray and the next pixel's, blurred.
     pub(crate) slope_spacing: Vec<f32>,
     /// Bins in groups, each of a few thousand rays.
@@ -39,11 +39,11 @@ pub(crate) struct Rays {
     /// Pixels without a ray.
     pub(crate) blank: Vec<u32>,
     /// Largest horizontal distance of an origin from the axis, metres.
-    pub(super) reach: f32,
+    pub(super) origin_radius_max: f32,
     /// Largest distance at which a ray's line passes the axis, metres: nought for an upright mirror.
-    aside: f32,
-    lowest: f32,
-    pub(super) highest: f32,
+    axis_offset_max: f32,
+    origin_height_min: f32,
+    pub(super) origin_height_max: f32,
 }
 
 /// Neighbouring bins that are rendered together.
@@ -58,28 +58,28 @@ pub(super) struct Tile {
 
 /// Which rays may meet an object: some bins, counter-clockwise from the first, and in each a run of slopes.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Reach {
+pub(super) struct RayRange {
     first: usize,
     count: usize,
-    low: f32,
-    high: f32,
+    slope_min: f32,
+    slope_max: f32,
 }
 
 /// A run of `Rays`; every slice has the run's length.
 #[derive(Clone, Copy)]
 pub(super) struct RayRun<'a> {
     pub(super) origin: [&'a [f32]; 3],
-    pub(super) towards: [&'a [f32]; 2],
+    pub(super) direction: [&'a [f32]; 2],
     pub(super) slope: &'a [f32],
-    pub(super) spacing: &'a [f32],
+    pub(super) azimuth_spacing: &'a [f32],
     pub(super) slope_spacing: &'a [f32],
 }
 
-impl Rays {
+impl SortedRays {
     /// Sorts a table of rays; the optics' blur widens every ray.
     pub(crate) fn new(table: &RayTable, blur_px: f32) -> Self {
         let mut keyed: Vec<(usize, f32, u32)> = Vec::new();
-        let mut rays = Rays::default();
+        let mut rays = SortedRays::default();
         for (pixel, ray) in table.rays.iter().enumerate() {
             match ray {
                 Some(ray) => keyed.push((bin_of(azimuth(ray)), slope(ray), pixel as u32)),
@@ -87,7 +87,7 @@ impl Rays {
             }
         }
         keyed.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
-        rays.lowest = f32::MAX;
+        rays.origin_height_min = f32::MAX;
         rays.starts = (0..=BINS)
             .map(|bin| keyed.partition_point(|key| key.0 < bin))
             .collect();
@@ -96,27 +96,29 @@ impl Rays {
                 continue;
             };
             let (sin, cos) = azimuth(&ray).sin_cos();
-            let (spacing, slope_spacing) = spacing(table, pixel as usize, &ray);
+            let (spacing, slope_spacing) = pixel_spacing(table, pixel as usize, &ray);
             rays.pixel.push(pixel);
             rays.origin_x.push(ray.origin[0]);
             rays.origin_y.push(ray.origin[1]);
             rays.origin_z.push(ray.origin[2]);
-            rays.towards_x.push(cos);
-            rays.towards_y.push(sin);
+            rays.direction_x.push(cos);
+            rays.direction_y.push(sin);
             rays.slope.push(slope);
-            rays.spacing.push(spacing * blur_px);
+            rays.azimuth_spacing.push(spacing * blur_px);
             rays.slope_spacing.push(slope_spacing * blur_px);
-            rays.aside = rays
-                .aside
+            rays.axis_offset_max = rays
+                .axis_offset_max
                 .max((ray.origin[0] * sin - ray.origin[1] * cos).abs());
-            rays.reach = rays.reach.max(ray.origin[0].hypot(ray.origin[1]));
-            rays.lowest = rays.lowest.min(ray.origin[2]);
-            rays.highest = rays.highest.max(ray.origin[2]);
+            rays.origin_radius_max = rays
+                .origin_radius_max
+                .max(ray.origin[0].hypot(ray.origin[1]));
+            rays.origin_height_min = rays.origin_height_min.min(ray.origin[2]);
+            rays.origin_height_max = rays.origin_height_max.max(ray.origin[2]);
         }
         let mut first = 0;
         for bin in 1..=BINS {
             let count = rays.starts[bin] - rays.starts[first];
-            if count >= TILE || bin == BINS {
+            if count >= TILE_RAYS || bin == BINS {
                 rays.tiles.push(rays.tile(first..bin));
                 first = bin;
             }
@@ -128,9 +130,9 @@ impl Rays {
     pub(super) fn run(&self, run: &Range<usize>) -> RayRun<'_> {
         RayRun {
             origin: [&self.origin_x, &self.origin_y, &self.origin_z].map(|of| &of[run.clone()]),
-            towards: [&self.towards_x, &self.towards_y].map(|of| &of[run.clone()]),
+            direction: [&self.direction_x, &self.direction_y].map(|of| &of[run.clone()]),
             slope: &self.slope[run.clone()],
-            spacing: &self.spacing[run.clone()],
+            azimuth_spacing: &self.azimuth_spacing[run.clone()],
             slope_spacing: &self.slope_spacing[run.clone()],
         }
     }
@@ -153,7 +155,7 @@ impl Rays {
     }
 
     /// All rays as one tile.
-    pub(super) fn whole(&self) -> Tile {
+    pub(super) fn single_tile(&self) -> Tile {
         self.tile(0..BINS)
     }
 
@@ -165,16 +167,16 @@ impl Rays {
     }
 
     /// The runs of a tile's rays that are within reach.
-    pub(super) fn within(
+    pub(super) fn runs_in(
         &self,
-        reach: &Reach,
+        reach: &RayRange,
         tile: &Tile,
     ) -> impl Iterator<Item = Range<usize>> + '_ {
-        let Reach {
+        let RayRange {
             first,
             count,
-            low,
-            high,
+            slope_min: low,
+            slope_max: high,
         } = *reach;
         let bins = tile.bins.clone();
         // The reach may run past the last bin and on from bin nought.
@@ -195,40 +197,47 @@ impl Rays {
     }
 
     /// The rays that may meet what lies within `radius` of (x, y) and between two heights; some beside it too.
-    pub(super) fn around(&self, x: f32, y: f32, radius: f32, bottom: f32, top: f32) -> Reach {
+    pub(super) fn range_of_cylinder(
+        &self,
+        x: f32,
+        y: f32,
+        radius: f32,
+        bottom: f32,
+        top: f32,
+    ) -> RayRange {
         let distance = x.hypot(y);
         // A ray may pass up to `aside` beside what its azimuth says.
-        let wide = radius + self.aside;
+        let wide = radius + self.axis_offset_max;
         let half = if distance > wide * 1.01 {
             (wide / distance).asin()
         } else {
             PI
         };
         let middle = y.atan2(x);
-        let near = (distance - radius - self.reach).max(1e-3);
-        let far = distance + radius + self.reach;
+        let near = (distance - radius - self.origin_radius_max).max(1e-3);
+        let far = distance + radius + self.origin_radius_max;
         // From the highest origin to the bottom near us, from the lowest to the top; a pixel's width to spare.
-        let down = bottom - self.highest;
-        let up = top - self.lowest;
+        let down = bottom - self.origin_height_max;
+        let up = top - self.origin_height_min;
         let low = if down < 0.0 { down / near } else { down / far };
         let high = if up < 0.0 { up / far } else { up / near };
-        Reach {
-            low: low - 0.02 - 0.02 * low.abs(),
-            high: high + 0.02 + 0.02 * high.abs(),
-            ..self.sector(middle - half, middle + half)
+        RayRange {
+            slope_min: low - 0.02 - 0.02 * low.abs(),
+            slope_max: high + 0.02 + 0.02 * high.abs(),
+            ..self.range_of_sector(middle - half, middle + half)
         }
     }
 
     /// All rays between two azimuths (counter-clockwise), and the bins on either side.
-    pub(super) fn sector(&self, from: f32, to: f32) -> Reach {
+    pub(super) fn range_of_sector(&self, from: f32, to: f32) -> RayRange {
         let width = TAU / BINS as f32;
         let first = (from / width).floor() as i64 - 1;
         let count = ((to - from) / width).ceil().max(0.0) as usize + 3;
-        Reach {
+        RayRange {
             first: first.rem_euclid(BINS as i64) as usize,
             count: count.min(BINS),
-            low: f32::NEG_INFINITY,
-            high: f32::INFINITY,
+            slope_min: f32::NEG_INFINITY,
+            slope_max: f32::INFINITY,
         }
     }
 }
@@ -239,7 +248,7 @@ fn azimuth(ray: &Ray) -> f32 {
 
 fn slope(ray: &Ray) -> f32 {
     let across = ray.direction[0].hypot(ray.direction[1]);
-    (ray.direction[2] / across.max(1e-9)).clamp(-STEEPEST, STEEPEST)
+    (ray.direction[2] / across.max(1e-9)).clamp(-SLOPE_MAX, SLOPE_MAX)
 }
 
 fn bin_of(azimuth: f32) -> usize {
@@ -247,7 +256,7 @@ fn bin_of(azimuth: f32) -> usize {
 }
 
 /// By how much azimuth and slope change from a pixel to the next, whichever way they change most.
-fn spacing(table: &RayTable, pixel: usize, ray: &Ray) -> (f32, f32) {
+fn pixel_spacing(table: &RayTable, pixel: usize, ray: &Ray) -> (f32, f32) {
     let (column, row) = (pixel % table.width_px, pixel / table.width_px);
     let (mut turn2, mut rise2) = (0.0, 0.0);
     for (from, to) in [

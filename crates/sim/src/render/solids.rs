@@ -1,8 +1,8 @@
 //! What stands in the view? Cylinders, boxes, balls and nets, drawn over what lies behind them with soft edges.
 
 use super::ground::Ground;
-use super::plate::Plate;
-use super::rays::{RayRun, Rays, Reach, Tile};
+use super::plate::LightBuffer;
+use super::rays::{RayRange, RayRun, SortedRays, Tile};
 
 /// Something upright: the same outline from bottom to top; robot frame.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +42,7 @@ pub(super) struct Sphere {
 
 /// An upright screen between two points, robot frame: a net, or a wall.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Screen {
+pub(super) struct Panel {
     pub(super) from: [f32; 2],
     pub(super) to: [f32; 2],
     pub(super) top: f32,
@@ -53,27 +53,27 @@ pub(super) struct Screen {
 
 /// What has a place in the order from far to near.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Piece {
+pub(super) enum Primitive {
     Solid(Solid),
     Sphere(Sphere),
-    Screen(Screen),
+    Panel(Panel),
 }
 
 /// Where a lamp's light comes from, for the shading of sides: a unit vector in the robot frame.
-pub(super) type Lamp = [f32; 2];
+pub(super) type LightDirection = [f32; 2];
 
 /// How a ray meets an outline: the covered part of the pixel, the ways in and out, and the face's brightness.
 #[derive(Clone, Copy)]
 struct Chord {
     covered: f32,
-    enters: f32,
-    leaves: f32,
-    facing: f32,
+    entry: f32,
+    exit: f32,
+    shading: f32,
 }
 
 /// A ray beside a solid: the way to the centre and the distance to its left, and the ray's direction.
 #[derive(Clone, Copy)]
-struct Beside {
+struct RayOffset {
     dx: f32,
     dy: f32,
     tx: f32,
@@ -84,38 +84,40 @@ struct Beside {
 }
 
 /// Where and through which rays a piece is drawn.
-pub(super) struct Brush<'a> {
-    pub(super) rays: &'a Rays,
+pub(super) struct DrawContext<'a> {
+    pub(super) rays: &'a SortedRays,
     pub(super) tile: &'a Tile,
-    pub(super) lamp: Lamp,
+    pub(super) light_direction: LightDirection,
 }
 
-impl Piece {
+impl Primitive {
     /// The rays that may meet it.
-    pub(super) fn reach(&self, rays: &Rays) -> Reach {
+    pub(super) fn ray_range(&self, rays: &SortedRays) -> RayRange {
         match self {
-            Piece::Solid(solid) => {
+            Primitive::Solid(solid) => {
                 let radius = match solid.outline {
                     Outline::Circle { radius } => radius,
                     Outline::Box { half, .. } => half[0].hypot(half[1]),
                 };
-                rays.around(solid.x, solid.y, radius, solid.bottom, solid.top)
+                rays.range_of_cylinder(solid.x, solid.y, radius, solid.bottom, solid.top)
             }
-            Piece::Sphere(ball) => rays.around(ball.x, ball.y, ball.radius, 0.0, 2.0 * ball.radius),
-            Piece::Screen(Screen { from, to, top, .. }) => {
+            Primitive::Sphere(ball) => {
+                rays.range_of_cylinder(ball.x, ball.y, ball.radius, 0.0, 2.0 * ball.radius)
+            }
+            Primitive::Panel(Panel { from, to, top, .. }) => {
                 let (mx, my) = ((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
                 let half = (to[0] - from[0]).hypot(to[1] - from[1]) / 2.0;
-                rays.around(mx, my, half, 0.0, *top)
+                rays.range_of_cylinder(mx, my, half, 0.0, *top)
             }
         }
     }
 
     /// Draws it over what is behind it.
-    pub(super) fn draw(&self, reach: &Reach, brush: &Brush, plate: &mut Plate) {
+    pub(super) fn draw(&self, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
         match self {
-            Piece::Solid(solid) => draw_solid(solid, reach, brush, plate),
-            Piece::Sphere(sphere) => draw_sphere(sphere, reach, brush, plate),
-            Piece::Screen(screen) => draw_screen(screen, reach, brush, plate),
+            Primitive::Solid(solid) => draw_solid(solid, reach, brush, plate),
+            Primitive::Sphere(sphere) => draw_sphere(sphere, reach, brush, plate),
+            Primitive::Panel(screen) => draw_panel(screen, reach, brush, plate),
         }
     }
 }
@@ -126,16 +128,16 @@ fn edge(inside: f32, width: f32) -> f32 {
     (inside / width + 0.5).clamp(0.0, 1.0)
 }
 
-fn draw_solid(solid: &Solid, reach: &Reach, brush: &Brush, plate: &mut Plate) {
-    let lamp = brush.lamp;
+fn draw_solid(solid: &Solid, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
+    let lamp = brush.light_direction;
     match solid.outline {
-        Outline::Circle { radius } => draw_runs(solid, reach, brush, plate, |beside| {
+        Outline::Circle { radius } => draw_solid_runs(solid, reach, brush, plate, |beside| {
             chord_of_circle(radius, lamp, beside)
         }),
         Outline::Box { half, cos, sin } => {
             // The lamp in the box's own axes.
             let lamp = [cos * lamp[0] + sin * lamp[1], cos * lamp[1] - sin * lamp[0]];
-            draw_runs(solid, reach, brush, plate, |beside| {
+            draw_solid_runs(solid, reach, brush, plate, |beside| {
                 chord_of_box(half, (sin, cos), lamp, beside)
             });
         }
@@ -144,26 +146,26 @@ fn draw_solid(solid: &Solid, reach: &Reach, brush: &Brush, plate: &mut Plate) {
 
 /// Draws a solid over every ray that may meet it; without branches, so that eight rays go at once.
 #[inline(always)]
-fn draw_runs(
+fn draw_solid_runs(
     solid: &Solid,
-    reach: &Reach,
-    brush: &Brush,
-    plate: &mut Plate,
-    chord: impl Fn(Beside) -> Chord,
+    reach: &RayRange,
+    brush: &DrawContext,
+    plate: &mut LightBuffer,
+    chord: impl Fn(RayOffset) -> Chord,
 ) {
-    for run in brush.rays.within(reach, brush.tile) {
-        let [red, green, blue] = plate.run(&run);
+    for run in brush.rays.runs_in(reach, brush.tile) {
+        let [red, green, blue] = plate.planes(&run);
         let RayRun {
             origin: [ox, oy, oz],
-            towards: [tx, ty],
+            direction: [tx, ty],
             slope,
-            spacing,
+            azimuth_spacing: spacing,
             slope_spacing,
         } = brush.rays.run(&run);
         for i in 0..slope.len() {
             let (dx, dy) = (solid.x - ox[i], solid.y - oy[i]);
             let along = dx * tx[i] + dy * ty[i];
-            let chord = chord(Beside {
+            let chord = chord(RayOffset {
                 dx,
                 dy,
                 tx: tx[i],
@@ -173,19 +175,19 @@ fn draw_runs(
                 width: along.max(0.05) * spacing[i] + 1e-4,
             });
             let (z_in, z_out) = (
-                oz[i] + slope[i] * chord.enters,
-                oz[i] + slope[i] * chord.leaves,
+                oz[i] + slope[i] * chord.entry,
+                oz[i] + slope[i] * chord.exit,
             );
             // How far apart neighbouring rays are in height, where they go in and where they come out.
             let per_way = slope_spacing[i];
-            let (w_in, w_out) = (chord.enters * per_way + 1e-4, chord.leaves * per_way + 1e-4);
+            let (w_in, w_out) = (chord.entry * per_way + 1e-4, chord.exit * per_way + 1e-4);
             let falls = slope[i] < 0.0;
             let (low, w_low) = if falls { (z_out, w_out) } else { (z_in, w_in) };
             let (high, w_high) = if falls { (z_in, w_in) } else { (z_out, w_out) };
             let under_top = edge(solid.top - low, w_low);
             let covered = chord.covered * under_top * edge(high - solid.bottom, w_high);
             let cap = edge(z_in - solid.top, w_in);
-            let side = chord.facing * (1.0 - cap);
+            let side = chord.shading * (1.0 - cap);
             red[i] += covered * (side * solid.side[0] + cap * solid.cap[0] - red[i]);
             green[i] += covered * (side * solid.side[1] + cap * solid.cap[1] - green[i]);
             blue[i] += covered * (side * solid.side[2] + cap * solid.cap[2] - blue[i]);
@@ -194,8 +196,8 @@ fn draw_runs(
 }
 
 #[inline(always)]
-fn chord_of_circle(radius: f32, lamp: Lamp, beside: Beside) -> Chord {
-    let Beside {
+fn chord_of_circle(radius: f32, lamp: LightDirection, beside: RayOffset) -> Chord {
+    let RayOffset {
         tx,
         ty,
         along,
@@ -209,16 +211,21 @@ fn chord_of_circle(radius: f32, lamp: Lamp, beside: Beside) -> Chord {
     let (nx, ny) = (-half * tx - across * ty, -half * ty + across * tx);
     Chord {
         covered: edge(radius - across.abs(), width) * ahead,
-        enters: (along - half).max(0.0),
-        leaves: (along + half).max(0.0),
-        facing: 0.72 + (0.22 * (nx * lamp[0] + ny * lamp[1]) + 0.1 * half) / radius,
+        entry: (along - half).max(0.0),
+        exit: (along + half).max(0.0),
+        shading: 0.72 + (0.22 * (nx * lamp[0] + ny * lamp[1]) + 0.1 * half) / radius,
     }
 }
 
 /// `axes`: sine and cosine of the box's direction; `lamp`: in the box's own axes.
 #[inline(always)]
-fn chord_of_box(half: [f32; 2], (sin, cos): (f32, f32), lamp: Lamp, beside: Beside) -> Chord {
-    let Beside {
+fn chord_of_box(
+    half: [f32; 2],
+    (sin, cos): (f32, f32),
+    lamp: LightDirection,
+    beside: RayOffset,
+) -> Chord {
+    let RayOffset {
         dx,
         dy,
         tx,
@@ -250,21 +257,21 @@ fn chord_of_box(half: [f32; 2], (sin, cos): (f32, f32), lamp: Lamp, beside: Besi
             half[0] * ry.abs() + half[1] * rx.abs() - across.abs(),
             width,
         ) * ahead,
-        enters: enters.max(0.0),
-        leaves: leaves.max(0.0),
-        facing: 0.77 + 0.22 * facing,
+        entry: enters.max(0.0),
+        exit: leaves.max(0.0),
+        shading: 0.77 + 0.22 * facing,
     }
 }
 
-fn draw_sphere(ball: &Sphere, reach: &Reach, brush: &Brush, plate: &mut Plate) {
+fn draw_sphere(ball: &Sphere, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
     let rays = brush.rays;
-    for run in rays.within(reach, brush.tile) {
+    for run in rays.runs_in(reach, brush.tile) {
         for ray in run {
             let slope = rays.slope[ray];
             let scale = 1.0 / (1.0 + slope * slope).sqrt();
             let direction = [
-                rays.towards_x[ray] * scale,
-                rays.towards_y[ray] * scale,
+                rays.direction_x[ray] * scale,
+                rays.direction_y[ray] * scale,
                 slope * scale,
             ];
             let to = [
@@ -279,7 +286,7 @@ fn draw_sphere(ball: &Sphere, reach: &Reach, brush: &Brush, plate: &mut Plate) {
             let square = (to[0] * to[0] + to[1] * to[1] + to[2] * to[2] - along * along).max(0.0);
             let miss = square.sqrt();
             // The pixel's width across the ray: between its spacings in azimuth and in slope.
-            let turn = rays.spacing[ray] * scale;
+            let turn = rays.azimuth_spacing[ray] * scale;
             let rise = rays.slope_spacing[ray] * scale * scale;
             let width = along * (turn * rise).sqrt().max(1e-4);
             let covered = edge(ball.radius - miss, width);
@@ -301,36 +308,36 @@ fn draw_sphere(ball: &Sphere, reach: &Reach, brush: &Brush, plate: &mut Plate) {
     }
 }
 
-fn draw_screen(screen: &Screen, reach: &Reach, brush: &Brush, plate: &mut Plate) {
+fn draw_panel(screen: &Panel, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
     match screen.mesh {
-        Some([mesh, cord]) => draw_screen_runs(screen, reach, brush, plate, |at, width| {
-            1.0 - (1.0 - cords(at[0], mesh, cord, width[0]))
-                * (1.0 - cords(at[1], mesh, cord, width[1]))
+        Some([mesh, cord]) => draw_panel_runs(screen, reach, brush, plate, |at, width| {
+            1.0 - (1.0 - net_coverage(at[0], mesh, cord, width[0]))
+                * (1.0 - net_coverage(at[1], mesh, cord, width[1]))
         }),
-        None => draw_screen_runs(screen, reach, brush, plate, |_, _| 1.0),
+        None => draw_panel_runs(screen, reach, brush, plate, |_, _| 1.0),
     }
 }
 
 /// Draws a screen over every ray that may meet it; without branches, so that eight rays go at once. `solid`: how much
 /// of a footprint the screen fills, by its place along and up the screen and by its sides.
 #[inline(always)]
-fn draw_screen_runs(
-    screen: &Screen,
-    reach: &Reach,
-    brush: &Brush,
-    plate: &mut Plate,
+fn draw_panel_runs(
+    screen: &Panel,
+    reach: &RayRange,
+    brush: &DrawContext,
+    plate: &mut LightBuffer,
     solid: impl Fn([f32; 2], [f32; 2]) -> f32,
 ) {
     let (ex, ey) = (screen.to[0] - screen.from[0], screen.to[1] - screen.from[1]);
     let length = ex.hypot(ey).max(1e-6);
     let colour = screen.colour;
-    for run in brush.rays.within(reach, brush.tile) {
-        let [red, green, blue] = plate.run(&run);
+    for run in brush.rays.runs_in(reach, brush.tile) {
+        let [red, green, blue] = plate.planes(&run);
         let RayRun {
             origin: [ox, oy, oz],
-            towards: [tx, ty],
+            direction: [tx, ty],
             slope,
-            spacing,
+            azimuth_spacing: spacing,
             slope_spacing,
         } = brush.rays.run(&run);
         for i in 0..slope.len() {
@@ -358,7 +365,7 @@ fn draw_screen_runs(
 
 /// The part of a footprint that cords of a net cover.
 #[inline(always)]
-fn cords(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
+fn net_coverage(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
     let meshes = at / mesh;
     let off = (meshes - meshes.round_ties_even()).abs() * mesh;
     let fine = ((cord / 2.0 + width / 2.0 - off) / width).clamp(0.0, (cord / width).min(1.0));
@@ -372,21 +379,21 @@ pub(super) struct Shadow {
     pub(super) y: f32,
     pub(super) radius: f32,
     /// What stands this low above the floor takes the light from beneath itself too.
-    pub(super) under: Under,
+    pub(super) underbody: Underbody,
 }
 
 /// A square that hangs above the floor: half its side, its direction, and its height above the floor, metres.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Under {
+pub(super) struct Underbody {
     pub(super) half: f32,
     pub(super) cos: f32,
     pub(super) sin: f32,
     pub(super) height: f32,
 }
 
-impl Under {
+impl Underbody {
     /// A ball rolls on a point.
-    pub(super) const NOTHING: Under = Under {
+    pub(super) const NONE: Underbody = Underbody {
         half: 0.0,
         cos: 1.0,
         sin: 0.0,
@@ -396,17 +403,23 @@ impl Under {
 
 impl Shadow {
     /// The rays that may meet it.
-    pub(super) fn reach(&self, rays: &Rays) -> Reach {
-        rays.around(self.x, self.y, 2.0 * self.radius, 0.0, 0.0)
+    pub(super) fn ray_range(&self, rays: &SortedRays) -> RayRange {
+        rays.range_of_cylinder(self.x, self.y, 2.0 * self.radius, 0.0, 0.0)
     }
 
     /// Darkens the floor.
-    pub(super) fn draw(&self, reach: &Reach, brush: &Brush, ground: &Ground, plate: &mut Plate) {
+    pub(super) fn draw(
+        &self,
+        reach: &RayRange,
+        brush: &DrawContext,
+        ground: &Ground,
+        plate: &mut LightBuffer,
+    ) {
         let per_square = 0.25 / (self.radius * self.radius);
-        let under = self.under;
+        let under = self.underbody;
         let height2 = under.height * under.height;
-        for run in brush.rays.within(reach, brush.tile) {
-            let [red, green, blue] = plate.run(&run);
+        for run in brush.rays.runs_in(reach, brush.tile) {
+            let [red, green, blue] = plate.planes(&run);
             let (at_x, at_y) = (&ground.x[run.clone()], &ground.y[run]);
             for i in 0..at_x.len() {
                 let (dx, dy) = (at_x[i] - self.x, at_y[i] - self.y);

@@ -1,19 +1,19 @@
 use std::path::Path;
 
 use super::*;
-use crate::film::decode;
-use crate::scenario::Team;
+use crate::film::linear_from_srgb;
+use crate::scenario::TeamColour;
 use localize::robot::RobotConfig;
 use vision::RayTable;
 
-struct Studio {
+struct RenderFixture {
     renderer: Renderer,
     table: RayTable,
-    film: FilmConfig,
+    sensor_config: FilmConfig,
 }
 
 /// A full-size camera on an 18 × 12 m field, nearly without noise and vignetting.
-fn studio(mount: Mount) -> Studio {
+fn render_fixture(mount: Mount) -> RenderFixture {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     let robot = RobotConfig::load(&folder.join("robots/default.toml")).expect("a robot");
     let field = Field::load(&folder.join("fields/msl_18x12.toml")).expect("a field");
@@ -27,7 +27,7 @@ fn studio(mount: Mount) -> Studio {
         blur_px: 1.0,
         ..FilmConfig::default()
     };
-    let renderer = Renderer::new(&Setting {
+    let renderer = Renderer::new(&RendererConfig {
         camera: &camera,
         profile: &profile,
         mount,
@@ -38,40 +38,40 @@ fn studio(mount: Mount) -> Studio {
         seed: 1,
     })
     .expect("a renderer");
-    Studio {
+    RenderFixture {
         renderer,
         table: trace_rays(&camera, &profile, &mount).expect("rays"),
-        film,
+        sensor_config: film,
     }
 }
 
-impl Studio {
-    fn shoot(&mut self, pose: Pose, robots: &[RobotState], occlusions: &[(f32, f32)]) -> Vec<u8> {
+impl RenderFixture {
+    fn render(&mut self, pose: Pose, robots: &[RobotState], occlusions: &[(f32, f32)]) -> Vec<u8> {
         let scene = Scene {
             pose,
             robots,
             ball: None,
-            lamp: [1.0; 3],
+            light_colour: [1.0; 3],
             occlusions,
         };
         let mut rgb = Vec::new();
-        self.renderer.render(&scene, &self.film, &mut rgb);
+        self.renderer.render(&scene, &self.sensor_config, &mut rgb);
         rgb
     }
 
     /// Where a pixel's ray meets the ground.
-    fn ground(&self, column: usize, row: usize) -> Option<At<localize::RobotFrame>> {
+    fn ground_point(&self, column: usize, row: usize) -> Option<At<localize::RobotFrame>> {
         self.table.rays[row * self.table.width_px + column]?.at_height(0.0)
     }
 }
 
 /// Across a line, the middle of the white is where the traced rays put the line's centre.
-fn line_centre_error(studio: &mut Studio, pose: Pose, row: usize, line_y: f32) -> Vec<f32> {
-    let rgb = studio.shoot(pose, &[], &[]);
-    let red = |column: usize| decode(rgb[3 * (row * studio.table.width_px + column)]);
+fn line_centre_error(studio: &mut RenderFixture, pose: Pose, row: usize, line_y: f32) -> Vec<f32> {
+    let rgb = studio.render(pose, &[], &[]);
+    let red = |column: usize| linear_from_srgb(rgb[3 * (row * studio.table.width_px + column)]);
     let mut errors = Vec::new();
     // The row crosses the line once on either side of the image; look where it is near.
-    let field_point = |column: usize| studio.ground(column, row).map(|ground| pose * ground);
+    let field_point = |column: usize| studio.ground_point(column, row).map(|ground| pose * ground);
     let near: Vec<usize> = (0..studio.table.width_px)
         .filter(|&column| {
             field_point(column).is_some_and(|at| (at.y - line_y).abs() < 0.3 && at.x.abs() < 6.0)
@@ -95,7 +95,7 @@ fn line_centre_error(studio: &mut Studio, pose: Pose, row: usize, line_y: f32) -
 }
 
 #[test]
-fn a_touch_line_lies_where_the_rays_put_it_also_under_a_tilted_mirror() {
+fn touch_line_is_rendered_where_rays_meet_it_also_with_tilted_mirror() {
     let mounts = [
         Mount::default(),
         Mount {
@@ -106,7 +106,7 @@ fn a_touch_line_lies_where_the_rays_put_it_also_under_a_tilted_mirror() {
         },
     ];
     for mount in mounts {
-        let mut studio = studio(mount);
+        let mut studio = render_fixture(mount);
         // The line's centre lies half a line inside 12 m. Heading along y: the touch line crosses the image upright.
         let errors = line_centre_error(&mut studio, Pose::new(3.0, 4.0, 0.0), 180, 6.0 - 0.0625);
         assert!(!errors.is_empty());
@@ -117,14 +117,14 @@ fn a_touch_line_lies_where_the_rays_put_it_also_under_a_tilted_mirror() {
 }
 
 #[test]
-fn paint_is_bright_and_carpet_green_wherever_a_pixel_is_wholly_one_of_them() {
-    let mut studio = studio(Mount::default());
+fn markings_are_white_and_carpet_is_green() {
+    let mut studio = render_fixture(Mount::default());
     let pose = Pose::new(-2.0, 1.0, 0.7);
-    let rgb = studio.shoot(pose, &[], &[]);
+    let rgb = studio.render(pose, &[], &[]);
     let (mut painted, mut bare) = (0, 0);
     for row in 0..480 {
         for column in 0..480 {
-            let Some(ground) = studio.ground(column, row) else {
+            let Some(ground) = studio.ground_point(column, row) else {
                 continue;
             };
             let at = pose * ground;
@@ -155,18 +155,18 @@ fn paint_is_bright_and_carpet_green_wherever_a_pixel_is_wholly_one_of_them() {
 }
 
 #[test]
-fn a_robot_changes_the_image_in_its_own_direction_alone() {
-    let mut studio = studio(Mount::default());
+fn robot_changes_only_pixels_in_its_direction() {
+    let mut studio = render_fixture(Mount::default());
     let pose = Pose::new(0.0, 0.0, 0.4);
     let other = RobotState {
         pose: Pose::new(2.0, 2.0, 0.0),
         velocity: [0.0; 2],
         omega: 0.0,
-        team: Team::Magenta,
+        team: TeamColour::Magenta,
     };
     // Both images draw the same noise, which is next to none.
-    let without = studio.shoot(pose, &[], &[]);
-    let with = studio.shoot(pose, &[other], &[]);
+    let without = studio.render(pose, &[], &[]);
+    let with = studio.render(pose, &[other], &[]);
     let seen = pose.inverse() * other.pose.origin();
     let half = (0.36f32 / seen.distance()).asin();
     let (mut inside, mut magenta) = (0, 0);
@@ -187,11 +187,11 @@ fn a_robot_changes_the_image_in_its_own_direction_alone() {
 }
 
 #[test]
-fn an_occluded_sector_is_black_and_the_rest_is_not() {
-    let mut studio = studio(Mount::default());
+fn occlusion_blackens_only_its_sector() {
+    let mut studio = render_fixture(Mount::default());
     let pose = Pose::new(0.0, 0.0, 0.0);
-    let clear = studio.shoot(pose, &[], &[]);
-    let covered = studio.shoot(pose, &[], &[(1.0, 0.8)]);
+    let clear = studio.render(pose, &[], &[]);
+    let covered = studio.render(pose, &[], &[(1.0, 0.8)]);
     for (pixel, ray) in studio.table.rays.iter().enumerate() {
         let Some(ray) = ray else { continue };
         let off = localize::frame::wrap_angle(ray.direction[1].atan2(ray.direction[0]) - 1.0).abs();
@@ -209,19 +209,21 @@ fn an_occluded_sector_is_black_and_the_rest_is_not() {
 }
 
 #[test]
-fn twice_the_light_at_half_the_exposure_looks_the_same() {
-    let mut studio = studio(Mount::default());
+fn doubled_light_at_half_exposure_gives_the_same_image() {
+    let mut studio = render_fixture(Mount::default());
     let pose = Pose::new(1.0, 1.0, 0.0);
-    let usual = studio.shoot(pose, &[], &[]);
-    studio.film.exposure = 0.5;
+    let usual = studio.render(pose, &[], &[]);
+    studio.sensor_config.exposure = 0.5;
     let scene = Scene {
         pose,
         robots: &[],
         ball: None,
-        lamp: [2.0; 3],
+        light_colour: [2.0; 3],
         occlusions: &[],
     };
     let mut bright = Vec::new();
-    studio.renderer.render(&scene, &studio.film, &mut bright);
+    studio
+        .renderer
+        .render(&scene, &studio.sensor_config, &mut bright);
     assert!(usual.iter().zip(&bright).all(|(a, b)| a.abs_diff(*b) <= 1));
 }

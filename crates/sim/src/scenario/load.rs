@@ -52,10 +52,10 @@ impl ScenarioError {
 }
 
 /// Places and headings beyond this (metres, degrees) are slips of the pen.
-const FAR: f32 = 1000.0;
+const COORDINATE_MAX: f32 = 1000.0;
 
 /// More than five against five and a referee is no game.
-const MOST_OTHERS: usize = 10;
+const OTHERS_MAX: usize = 10;
 
 impl Scenario {
     /// Reads and checks a scenario file and its robot file; paths come back relative to the working folder.
@@ -66,7 +66,7 @@ impl Scenario {
         })?;
         toml::from_str::<Scenario>(&text)
             .map_err(|source| ScenarioError::parse(path, source))?
-            .resolved(path, &text)
+            .check_and_resolve(path, &text)
     }
 
     /// From a scenario file's table, single values of which may have been changed; `path` is that file.
@@ -77,11 +77,15 @@ impl Scenario {
         let scenario: Scenario = table
             .try_into()
             .map_err(|source| ScenarioError::parse(path, source))?;
-        scenario.resolved(path, "")
+        scenario.check_and_resolve(path, "")
     }
 
     /// Checks it and reads its robot; `text`: what the file says, for the line of what is refused.
-    fn resolved(self, path: &Path, text: &str) -> Result<(Self, RobotConfig), ScenarioError> {
+    fn check_and_resolve(
+        self,
+        path: &Path,
+        text: &str,
+    ) -> Result<(Self, RobotConfig), ScenarioError> {
         let mut scenario = self;
         scenario
             .check()
@@ -138,8 +142,11 @@ impl Scenario {
             ("ball.position", ball_x),
             ("ball.position", ball_y),
         ] {
-            if !(value.abs() <= FAR) {
-                return refuse(key, format!("{value} must be a number up to ±{FAR}"));
+            if !(value.abs() <= COORDINATE_MAX) {
+                return refuse(
+                    key,
+                    format!("{value} must be a number up to ±{COORDINATE_MAX}"),
+                );
             }
         }
         if !(0.0..=1.0).contains(&self.ball.restitution) {
@@ -164,10 +171,10 @@ impl Scenario {
                     .to_owned(),
             );
         }
-        if others > MOST_OTHERS {
+        if others > OTHERS_MAX {
             return refuse(
                 "others",
-                format!("{others} robots: at most {MOST_OTHERS} are simulated"),
+                format!("{others} robots: at most {OTHERS_MAX} are simulated"),
             );
         }
         let radius_ok = |scale: &f32| scale.is_finite() && *scale > 0.0;

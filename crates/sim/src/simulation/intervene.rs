@@ -10,13 +10,13 @@ use crate::world::{BallState, RobotState};
 
 impl Sim {
     /// Takes over from the scenario's path; `None` gives it back.
-    pub fn command(&mut self, twist: Option<Twist>) {
-        self.commanded = twist;
+    pub fn set_command(&mut self, twist: Option<Twist>) {
+        self.command_override = twist;
     }
 
     /// How far each wheel has turned since the start, radians: what encoders count.
-    pub fn wheels_turned(&self) -> impl Iterator<Item = f64> + '_ {
-        self.world.wheels_turned()
+    pub fn wheel_angles(&self) -> impl Iterator<Item = f64> + '_ {
+        self.world.wheel_angles()
     }
 
     /// Puts our robot elsewhere, standing.
@@ -25,8 +25,8 @@ impl Sim {
     }
 
     /// Puts another robot elsewhere, standing; they are numbered as in [`Truth::others`].
-    pub fn move_other(&mut self, index: usize, pose: Pose) {
-        self.world.move_other(index, pose);
+    pub fn place_other(&mut self, index: usize, pose: Pose) {
+        self.world.place_other(index, pose);
     }
 
     /// Makes a sensor fail from now on, or work again; `wheel` matters to a stuck wheel alone.
@@ -47,8 +47,8 @@ impl Sim {
     }
 
     /// Hits our robot with an impulse (N s, field frame).
-    pub fn push(&mut self, impulse: [f32; 2]) {
-        self.world.push(impulse);
+    pub fn apply_impulse(&mut self, impulse: [f32; 2]) {
+        self.world.apply_impulse(impulse);
     }
 
     /// Puts the ball somewhere with a velocity (m/s, field frame).
@@ -58,9 +58,9 @@ impl Sim {
 
     /// Moves the other robots, and the ball where there is one, to where they are in another world that is run beside
     /// this one: several of our robots share a field. `others`: in the order of [`Truth::others`].
-    pub fn follow(&mut self, others: &[RobotState], ball: Option<BallState>) {
+    pub fn synchronise_others(&mut self, others: &[RobotState], ball: Option<BallState>) {
         for (index, state) in others.iter().enumerate() {
-            self.world.put_other(index, state);
+            self.world.set_other_state(index, state);
         }
         if let Some(ball) = ball {
             self.world.place_ball(ball.at, ball.velocity);
@@ -68,34 +68,34 @@ impl Sim {
     }
 
     /// Sets the light's level by hand; `None` gives it back to the scenario.
-    pub fn set_light(&mut self, level: Option<f32>) {
-        self.light_level = level;
+    pub fn set_light_level(&mut self, level: Option<f32>) {
+        self.light_override = level;
     }
 
     /// Hangs something black in the view until further notice: middle and whole width, degrees; `None` takes it away.
-    pub fn occlude(&mut self, sector_deg: Option<(f32, f32)>) {
-        self.held_up = sector_deg;
+    pub fn set_occlusion(&mut self, sector_deg: Option<(f32, f32)>) {
+        self.occlusion_override = sector_deg;
     }
 
     /// The camera's settings.
-    pub fn film(&self) -> &FilmConfig {
-        &self.film
+    pub fn image_sensor(&self) -> &FilmConfig {
+        &self.image_sensor
     }
 
     /// Changes the camera's settings from the next image on.
-    pub fn set_film(&mut self, film: FilmConfig) {
-        self.film = film;
+    pub fn set_image_sensor(&mut self, film: FilmConfig) {
+        self.image_sensor = film;
     }
 
     /// Changes the camera's exposure and gain from an image on, counted from 0 (those that were dropped not).
     ///
     /// Must be called before that image is taken, in the order of the images; one that is past means the next.
-    pub fn expose_from(&mut self, image: u64, exposure: f32, gain: f32) {
+    pub fn schedule_exposure(&mut self, image: u64, exposure: f32, gain: f32) {
         let film = FilmConfig {
             exposure,
             gain,
-            ..self.film
+            ..self.image_sensor
         };
-        self.films_to_come.push_back((image, film));
+        self.pending_sensor_configs.push_back((image, film));
     }
 }

@@ -6,7 +6,7 @@ use super::*;
 use crate::scenario::Kidnap;
 
 /// The demo, shortened, under a small camera: what is true of 120 × 120 pixels is true of more.
-fn small(change: impl FnOnce(&mut Scenario)) -> Sim {
+fn small_simulation(change: impl FnOnce(&mut Scenario)) -> Sim {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml");
     let (mut scenario, mut robot) = Scenario::load(&path).expect("a scenario");
     let camera = robot.camera.as_mut().expect("a camera");
@@ -21,56 +21,59 @@ fn small(change: impl FnOnce(&mut Scenario)) -> Sim {
 }
 
 #[test]
-fn one_seed_gives_the_same_bits_twice_and_another_seed_does_not() {
-    let first: Vec<Sample> = small(|_| {}).collect();
-    let again: Vec<Sample> = small(|_| {}).collect();
-    let other: Vec<Sample> = small(|scenario| scenario.seed += 1).collect();
+fn samples_are_bit_reproducible_per_seed() {
+    let first: Vec<SimSample> = small_simulation(|_| {}).collect();
+    let again: Vec<SimSample> = small_simulation(|_| {}).collect();
+    let other: Vec<SimSample> = small_simulation(|scenario| scenario.seed += 1).collect();
     assert!(first == again);
     assert!(first != other);
 }
 
 #[test]
-fn samples_come_in_time_order_at_their_rates() {
-    let samples: Vec<Sample> = small(|_| {}).collect();
+fn samples_are_ordered_and_at_their_rates() {
+    let samples: Vec<SimSample> = small_simulation(|_| {}).collect();
     assert!(
         samples
             .windows(2)
             .all(|pair| pair[0].stamp() <= pair[1].stamp())
     );
     let count =
-        |wanted: fn(&Sample) -> bool| samples.iter().filter(|sample| wanted(sample)).count();
-    assert_eq!(count(|sample| matches!(sample, Sample::Odometry(_))), 101);
-    assert_eq!(count(|sample| matches!(sample, Sample::Imu(_))), 101);
-    assert_eq!(count(|sample| matches!(sample, Sample::Compass(_))), 31);
-    assert_eq!(count(|sample| matches!(sample, Sample::Image(_))), 31);
+        |wanted: fn(&SimSample) -> bool| samples.iter().filter(|sample| wanted(sample)).count();
+    assert_eq!(
+        count(|sample| matches!(sample, SimSample::Odometry(_))),
+        101
+    );
+    assert_eq!(count(|sample| matches!(sample, SimSample::Imu(_))), 101);
+    assert_eq!(count(|sample| matches!(sample, SimSample::Compass(_))), 31);
+    assert_eq!(count(|sample| matches!(sample, SimSample::Image(_))), 31);
     for pair in samples.windows(2) {
-        if let Sample::Image(image) = &pair[1] {
-            assert!(matches!(&pair[0], Sample::Truth(truth) if truth.stamp == image.stamp));
+        if let SimSample::Image(image) = &pair[1] {
+            assert!(matches!(&pair[0], SimSample::Truth(truth) if truth.stamp == image.stamp));
         }
     }
 }
 
 #[test]
-fn stamps_are_whole_steps_however_long_it_runs() {
-    let mut sim = small(|_| {});
+fn stamps_are_multiples_of_the_time_step() {
+    let mut sim = small_simulation(|_| {});
     sim.steps = 8_467;
     assert_eq!(sim.truth().stamp, Stamp(16_934_000_000));
     assert_eq!(sim.time(), 16.934);
-    let mut stamps = small(|scenario| scenario.frame_rate_hz = 1.0);
+    let mut stamps = small_simulation(|scenario| scenario.frame_rate_hz = 1.0);
     assert!(stamps.all(|sample| sample.stamp().0 % STEP_NANOSECONDS == 0));
 }
 
 #[test]
-fn a_kidnap_changes_our_pose_and_nobody_elses() {
+fn kidnap_moves_only_our_robot() {
     let kidnap = Kidnap {
         time: 0.5,
         x: 3.0,
         y: 2.0,
         theta_deg: 90.0,
     };
-    let truths = |sim: Sim| -> Vec<Truth> {
+    let truths = |sim: Sim| -> Vec<SimTruth> {
         sim.filter_map(|sample| match sample {
-            Sample::Truth(truth) => Some(truth),
+            SimSample::Truth(truth) => Some(truth),
             _ => None,
         })
         .collect()
@@ -79,8 +82,8 @@ fn a_kidnap_changes_our_pose_and_nobody_elses() {
         scenario.path.waypoints.clear();
         scenario.duration = 0.55;
     };
-    let stayed = truths(small(at_rest));
-    let taken = truths(small(|scenario| {
+    let stayed = truths(small_simulation(at_rest));
+    let taken = truths(small_simulation(|scenario| {
         at_rest(scenario);
         scenario.kidnaps.push(kidnap);
     }));
@@ -94,26 +97,26 @@ fn a_kidnap_changes_our_pose_and_nobody_elses() {
 }
 
 #[test]
-fn dropped_frames_are_missing_and_a_frozen_compass_repeats_itself() {
+fn dropped_images_are_missing_and_frozen_compass_repeats() {
     let fault = |kind| crate::scenario::Fault {
         kind,
         start: 0.3,
         stop: 0.7,
         wheel: 0,
     };
-    let samples: Vec<Sample> = small(|scenario| {
+    let samples: Vec<SimSample> = small_simulation(|scenario| {
         scenario.faults = vec![
             fault(FaultKind::FramesDropped),
             fault(FaultKind::CompassFrozen),
         ];
     })
     .collect();
-    let during = |sample: &&Sample| (0.31..0.69).contains(&sample.stamp().seconds());
+    let during = |sample: &&SimSample| (0.31..0.69).contains(&sample.stamp().seconds());
     let mut headings: Vec<f32> = Vec::new();
     for sample in samples.iter().filter(during) {
         match sample {
-            Sample::Image(image) => panic!("an image at {:?}", image.stamp),
-            Sample::Compass(compass) => headings.push(compass.heading),
+            SimSample::Image(image) => panic!("an image at {:?}", image.stamp),
+            SimSample::Compass(compass) => headings.push(compass.heading),
             _ => {}
         }
     }
@@ -121,12 +124,12 @@ fn dropped_frames_are_missing_and_a_frozen_compass_repeats_itself() {
     assert!(
         samples
             .iter()
-            .any(|sample| matches!(sample, Sample::Image(_)) && sample.stamp().seconds() > 0.7)
+            .any(|sample| matches!(sample, SimSample::Image(_)) && sample.stamp().seconds() > 0.7)
     );
 }
 
 #[test]
-fn every_scenario_of_the_repository_loads() {
+fn every_scenario_in_config_loads() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios");
     let mut loaded = 0;
     for entry in std::fs::read_dir(folder).expect("a folder") {
@@ -138,7 +141,7 @@ fn every_scenario_of_the_repository_loads() {
 }
 
 #[test]
-fn an_unknown_key_is_refused_with_file_and_line() {
+fn unknown_key_is_rejected_with_file_and_line() {
     let folder = std::env::temp_dir().join(format!("mirrorball-sim-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let path = folder.join("wrong.toml");
@@ -156,12 +159,12 @@ fn an_unknown_key_is_refused_with_file_and_line() {
 }
 
 #[test]
-fn a_commanded_exposure_is_in_force_from_the_image_it_names() {
-    let mut sim = small(|_| {});
-    sim.expose_from(2, 0.25, 1.0);
-    let level = |image: &Image| -> u64 { image.rgb.iter().map(|&byte| u64::from(byte)).sum() };
+fn scheduled_exposure_takes_effect_at_its_image() {
+    let mut sim = small_simulation(|_| {});
+    sim.schedule_exposure(2, 0.25, 1.0);
+    let level = |image: &SimImage| -> u64 { image.rgb.iter().map(|&byte| u64::from(byte)).sum() };
     let images = sim.filter_map(|sample| match sample {
-        Sample::Image(image) => Some(level(&image)),
+        SimSample::Image(image) => Some(level(&image)),
         _ => None,
     });
     let levels: Vec<u64> = images.take(4).collect();

@@ -7,19 +7,19 @@ fn field() -> Field {
     Field::load(&path).expect("a field")
 }
 
-fn world_with(scenario: &str) -> World {
+fn world_with(scenario: &str) -> SimWorld {
     let text = format!("robot = \"r\"\nduration = 1.0\n{scenario}");
     let scenario: Scenario = toml::from_str(&text).expect("a scenario");
     let (base, body) = (BaseConfig::default(), BodyConfig::default());
-    World::new(&field(), &base, &body, &scenario, &[]).expect("a world")
+    SimWorld::new(&field(), &base, &body, &scenario, &[]).expect("a world")
 }
 
-fn ball_world(ball: &str) -> World {
+fn ball_world(ball: &str) -> SimWorld {
     world_with(&format!("start = {{ x = -8.0, y = 5.0 }}\n[ball]\n{ball}"))
 }
 
 #[test]
-fn a_ball_at_12_m_per_s_never_passes_walls_nets_or_posts() {
+fn fast_ball_never_tunnels_through_walls_nets_or_posts() {
     let field = field();
     for direction_deg in 0..36 {
         let (sin, cos) = (10.0 * direction_deg as f32 + 3.0).to_radians().sin_cos();
@@ -52,7 +52,7 @@ fn a_ball_at_12_m_per_s_never_passes_walls_nets_or_posts() {
 }
 
 #[test]
-fn a_wall_gives_back_the_restitution_that_the_scenario_says() {
+fn wall_bounce_has_the_configured_restitution() {
     let mut world = ball_world(
         "position = [0.0, 6.0]\nvelocity = [0.0, 5.0]\nsliding_friction = 0.0001\nrolling_deceleration = 0.0\nrestitution = 0.7",
     );
@@ -64,7 +64,7 @@ fn a_wall_gives_back_the_restitution_that_the_scenario_says() {
 }
 
 #[test]
-fn a_kicked_ball_rolls_from_three_fifths_of_its_speed() {
+fn sliding_ball_rolls_at_three_fifths_of_its_speed() {
     let mut world = ball_world(
         "position = [0.0, 0.0]\nvelocity = [4.0, 0.0]\nsliding_friction = 0.4\nrolling_deceleration = 0.0",
     );
@@ -76,7 +76,7 @@ fn a_kicked_ball_rolls_from_three_fifths_of_its_speed() {
 }
 
 #[test]
-fn the_robot_reaches_the_wanted_twist_and_its_encoders_tell_the_way() {
+fn robot_reaches_commanded_twist_and_odometry_is_within_3_percent() {
     let mut world =
         world_with("start = { x = -6.0, y = -3.0, theta_deg = 30.0 }\n[ball]\npresent = false");
     let wanted = Twist {
@@ -89,7 +89,7 @@ fn the_robot_reaches_the_wanted_twist_and_its_encoders_tell_the_way() {
     for step in 1..=1500 {
         world.step(wanted);
         if step % 5 == 0 {
-            let Odometry { dx, dy, dtheta, .. } = world.count_wheels(Stamp(0), None);
+            let Odometry { dx, dy, dtheta, .. } = world.read_encoders(Stamp(0), None);
             counted = counted * localize::Tf::new(dx, dy, dtheta);
         }
     }
@@ -105,7 +105,7 @@ fn the_robot_reaches_the_wanted_twist_and_its_encoders_tell_the_way() {
 }
 
 #[test]
-fn wheels_that_accelerate_harder_than_they_grip_count_more_than_the_way() {
+fn wheel_slip_makes_odometry_overestimate() {
     let text =
         "robot = \"r\"\nduration = 1.0\nstart = { x = -6.0, y = 0.0 }\n[ball]\npresent = false";
     let scenario: Scenario = toml::from_str(text).expect("a scenario");
@@ -114,8 +114,8 @@ fn wheels_that_accelerate_harder_than_they_grip_count_more_than_the_way() {
             acceleration_max,
             ..BaseConfig::default()
         };
-        let mut world =
-            World::new(&field(), &base, &BodyConfig::default(), &scenario, &[]).expect("a world");
+        let mut world = SimWorld::new(&field(), &base, &BodyConfig::default(), &scenario, &[])
+            .expect("a world");
         let wanted = Twist {
             x: 3.0,
             ..Twist::default()
@@ -123,7 +123,7 @@ fn wheels_that_accelerate_harder_than_they_grip_count_more_than_the_way() {
         let mut counted = 0.0;
         for _ in 0..400 {
             world.step(wanted);
-            counted += world.count_wheels(Stamp(0), None).dx;
+            counted += world.read_encoders(Stamp(0), None).dx;
         }
         counted - (world.robot().pose.x + 6.0)
     };
@@ -136,23 +136,23 @@ fn wheels_that_accelerate_harder_than_they_grip_count_more_than_the_way() {
 }
 
 #[test]
-fn a_push_moves_the_robot_and_its_wheels_miss_most_of_it() {
+fn push_is_not_measured_by_encoders() {
     let mut world = world_with("start = { x = 0.0, y = 0.0 }\n[ball]\npresent = false");
-    world.push([90.0, 0.0]);
+    world.apply_impulse([90.0, 0.0]);
     let mut counted = 0.0;
     for _ in 0..500 {
         world.step(Twist::default());
-        counted += world.count_wheels(Stamp(0), None).dx;
+        counted += world.read_encoders(Stamp(0), None).dx;
     }
     assert!(world.robot().pose.x > 0.2, "{}", world.robot().pose.x);
     assert!(counted.abs() < 0.02, "{counted}");
 }
 
 #[test]
-fn a_push_is_felt_as_an_acceleration() {
+fn push_gives_an_acceleration_peak() {
     let mut world = world_with("start = { x = 0.0, y = 0.0 }\n[ball]\npresent = false");
     world.step(Twist::default());
-    world.push([30.0, 0.0]);
+    world.apply_impulse([30.0, 0.0]);
     world.step(Twist::default());
     // 30 N s on 30 kg: 1 m/s within a step of 2 ms, less what the wheels hold.
     let [ax, _] = world.acceleration();
@@ -160,7 +160,7 @@ fn a_push_is_felt_as_an_acceleration() {
 }
 
 #[test]
-fn a_kidnap_moves_our_robot_alone() {
+fn kidnap_moves_only_our_robot() {
     let mut world = world_with("start = { x = 0.0, y = 0.0 }\n[ball]\nposition = [2.0, 1.0]");
     let ball = world.ball();
     world.kidnap(Pose::new(5.0, -3.0, 1.0));
@@ -169,6 +169,6 @@ fn a_kidnap_moves_our_robot_alone() {
         pose.origin().distance_to(At::new(5.0, -3.0)) < 1e-6 && (pose.theta - 1.0).abs() < 1e-6
     );
     assert_eq!(world.ball(), ball);
-    let counted = world.count_wheels(Stamp(0), None);
+    let counted = world.read_encoders(Stamp(0), None);
     assert_eq!((counted.dx, counted.dy, counted.dtheta), (0.0, 0.0, 0.0));
 }

@@ -28,7 +28,7 @@ pub(super) fn fused(figures: &mut Vec<Figure>) -> Result<()> {
     let field = Field::load(&robot.field)?;
     let experiment = FusionExperiment {
         seeds: 1..4,
-        courses: vec![Course::All, Course::Late],
+        disturbances: vec![Course::All, Course::Late],
         estimators: vec![Estimator::Joint],
         ..FusionExperiment::default()
     };

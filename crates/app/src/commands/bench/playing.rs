@@ -9,8 +9,8 @@ use localize::robot::BodyConfig;
 use localize::robot::CameraConfig;
 use localize::{At, Field, Pose};
 use sim::Scenario;
-use sim::render::{Renderer, Scene, Setting};
-use sim::scenario::Team;
+use sim::render::{Renderer, RendererConfig, Scene};
+use sim::scenario::TeamColour;
 use sim::world::RobotState;
 use vision::Profile;
 
@@ -60,9 +60,9 @@ impl Demo {
                 let distance = 1.0 + f32::from(index);
                 let pose = Pose::new(4.0 - distance * cos, distance * sin * 0.8, f32::from(index));
                 let team = if index % 2 == 0 {
-                    Team::Cyan
+                    TeamColour::Cyan
                 } else {
-                    Team::Magenta
+                    TeamColour::Magenta
                 };
                 RobotState {
                     pose,
@@ -83,7 +83,7 @@ impl Demo {
     }
 
     pub(super) fn renderer(&self) -> Result<Renderer> {
-        Ok(Renderer::new(&Setting {
+        Ok(Renderer::new(&RendererConfig {
             camera: &self.camera,
             profile: &Profile::load(&self.mirror)?,
             mount: self.scenario.mount,
@@ -102,7 +102,7 @@ impl Demo {
             pose: Pose::new(4.0, 0.3, turn),
             robots: &self.robots,
             ball: Some((At::new(2.5, 1.5), ball.diameter, ball.colour)),
-            lamp: [1.0; 3],
+            light_colour: [1.0; 3],
             occlusions: &[],
         };
         renderer.render(&scene, &self.scenario.film, rgb);

@@ -103,7 +103,7 @@ impl SimWorker {
             duration: simulation.duration(),
             paused: false,
             pace: 1.0,
-            film: *simulation.sim().film(),
+            film: *simulation.sim().image_sensor(),
             refused: None,
         }));
         let (orders, received) = sync_channel(ORDERS);
@@ -247,15 +247,15 @@ impl Running {
         let sim = self.simulation.sim_mut();
         match order {
             Order::Kidnap(pose) => sim.kidnap(pose),
-            Order::MoveOther(number, pose) => sim.move_other(number, pose),
-            Order::Push(impulse) => sim.push(impulse),
+            Order::MoveOther(number, pose) => sim.place_other(number, pose),
+            Order::Push(impulse) => sim.apply_impulse(impulse),
             Order::Ball(at, velocity) => sim.place_ball(at, velocity),
-            Order::Light(level) => sim.set_light(level),
-            Order::Occlude(sector) => sim.occlude(sector),
-            Order::Drive(twist) => sim.command(twist),
+            Order::Light(level) => sim.set_light_level(level),
+            Order::Occlude(sector) => sim.set_occlusion(sector),
+            Order::Drive(twist) => sim.set_command(twist),
             Order::Fault(kind, wheel, fails) => sim.set_fault(kind, wheel, fails),
             Order::Film(film) => {
-                sim.set_film(film);
+                sim.set_image_sensor(film);
                 self.tell(|status| status.film = film);
             }
             Order::Pause(_)
@@ -282,7 +282,7 @@ impl Running {
             .and_then(|simulation| Ok((simulation, Spine::new(&self.setup, &self.config)?)));
         match fresh {
             Ok((simulation, spine)) => {
-                let film = *simulation.sim().film();
+                let film = *simulation.sim().image_sensor();
                 (self.simulation, self.spine) = (simulation, spine);
                 self.pause(false);
                 self.tell(|status| (status.seed, status.film, status.time) = (seed, film, 0.0));
