@@ -9,7 +9,7 @@ use rustix::net::addr::{SocketAddrArg, SocketAddrLen, SocketAddrOpaque};
 use rustix::net::{AddressFamily, Protocol, SocketFlags, SocketType, bind, netdevice, socket_with};
 
 use crate::error::HwError;
-use crate::serial::ready;
+use crate::serial::wait_ready;
 use crate::wire::CanFrame;
 
 /// A socket on one CAN interface.
@@ -48,16 +48,16 @@ unsafe impl SocketAddrArg for CanAddress {
 impl CanSocket {
     /// Opens a socket on an interface (`can0`), which must be up and have its bit rate set.
     pub fn open(interface: &str) -> Result<Self, HwError> {
-        let failed = |action| move |source| HwError::system(interface, action, source);
+        let failed = |action| move |source| HwError::from_errno(interface, action, source);
         let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
         let protocol = Some(Protocol::from_raw(CAN_RAW));
         let fd = socket_with(AddressFamily::CAN, SocketType::RAW, flags, protocol).map_err(
             |source| match source {
-                Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT => HwError::Unfit {
+                Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT => HwError::Unsupported {
                     device: interface.to_owned(),
                     reason: "this kernel has no CAN (modules can, can_raw)".to_owned(),
                 },
-                source => HwError::system(interface, "open", source),
+                source => HwError::from_errno(interface, "open", source),
             },
         )?;
         let index = netdevice::name_to_index(&fd, interface).map_err(failed("open"))?;
@@ -75,26 +75,26 @@ impl CanSocket {
 
     /// Reads one frame, waiting until the deadline at most; `None` if none came or it was an error frame.
     pub fn read(&self, deadline: Stamp) -> Result<Option<CanFrame>, HwError> {
-        if !ready(self.fd.as_fd(), PollFlags::IN, deadline) {
+        if !wait_ready(self.fd.as_fd(), PollFlags::IN, deadline) {
             return Ok(None);
         }
         let mut bytes = [0; 16];
         match rustix::io::read(&self.fd, &mut bytes[..]) {
-            Ok(16) => Ok(CanFrame::from_kernel(&bytes)),
+            Ok(16) => Ok(CanFrame::from_socketcan(&bytes)),
             Ok(_) | Err(Errno::WOULDBLOCK | Errno::INTR) => Ok(None),
-            Err(source) => Err(HwError::system(&self.interface, "read from", source)),
+            Err(source) => Err(HwError::from_errno(&self.interface, "read from", source)),
         }
     }
 
     /// Sends one frame; a full queue (no other node on the bus acknowledges) is a stall.
     pub fn write(&self, frame: &CanFrame) -> Result<(), HwError> {
-        match rustix::io::write(&self.fd, &frame.to_kernel()) {
+        match rustix::io::write(&self.fd, &frame.to_socketcan()) {
             Ok(_) => Ok(()),
             Err(Errno::WOULDBLOCK | Errno::NOBUFS) => Err(HwError::Stalled {
                 device: self.interface.clone(),
                 reason: "its queue is full: nobody on the bus acknowledges".to_owned(),
             }),
-            Err(source) => Err(HwError::system(&self.interface, "write to", source)),
+            Err(source) => Err(HwError::from_errno(&self.interface, "write to", source)),
         }
     }
 }

@@ -10,7 +10,7 @@ pub fn now() -> Stamp {
 }
 
 /// How long it is until `stamp`, not less than nothing.
-pub(crate) fn until(stamp: Stamp) -> Timespec {
+pub(crate) fn time_until(stamp: Stamp) -> Timespec {
     let left = stamp.0.saturating_sub(now().0).max(0);
     Timespec {
         tv_sec: left / 1_000_000_000,

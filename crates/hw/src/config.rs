@@ -11,23 +11,23 @@ use crate::error::HwError;
 #[serde(deny_unknown_fields)]
 pub struct HardwareConfig {
     /// The camera.
-    pub camera: Option<CameraDevice>,
+    pub camera: Option<CameraDeviceConfig>,
     /// The base: one board, or a VESC for each wheel.
-    pub base: Option<BaseDevice>,
+    pub base: Option<BaseDeviceConfig>,
     /// Inertial units and compasses on lines of their own.
     #[serde(default)]
-    pub inertial: Vec<InertialDevice>,
+    pub inertial: Vec<InertialDeviceConfig>,
 }
 
 /// `[camera]`; the size of its images is robot.toml's.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CameraDevice {
+pub struct CameraDeviceConfig {
     /// `/dev/video0`, better `/dev/v4l/by-id/...`; `unix:PATH` takes frames from another program (docs/wire.md);
     /// `genicam:NAME` is a GigE or USB3 Vision camera by Aravis' name of it (`genicam:` alone: the first found).
     pub device: String,
     /// Wanted frames per second.
-    #[serde(default = "thirty")]
+    #[serde(default = "default_camera_rate_hz")]
     pub rate_hz: f32,
     /// Wanted format as V4L2 names it (YUYV, UYVY, NV12, RGB3, BGR3, GREY, RGGB, GRBG, GBRG, BA81, MJPG); empty: the first
     /// of these that the camera has.
@@ -40,7 +40,7 @@ pub struct CameraDevice {
     /// White balance, kelvin; left out: the camera's own automatic.
     pub white_balance_k: Option<i32>,
     /// Silence that counts as a stall, seconds.
-    #[serde(default = "half")]
+    #[serde(default = "default_timeout")]
     pub stall: f32,
 }
 
@@ -61,16 +61,16 @@ pub enum Bus {
 /// `[base]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct BaseDevice {
+pub struct BaseDeviceConfig {
     /// board, vesc-uart, vesc-can or vesc-slcan.
     pub bus: Bus,
     /// Serial line (`/dev/serial/by-id/...`) or CAN interface (`can0`).
     pub port: String,
     /// Baud rate of a serial line.
-    #[serde(default = "baud")]
+    #[serde(default = "default_baud")]
     pub baud: u32,
     /// Bit rate of the CAN bus behind a serial adapter, bit/s.
-    #[serde(default = "bit_rate")]
+    #[serde(default = "default_can_bit_rate")]
     pub can_bit_rate: u32,
     /// VESC: number of each wheel's controller, in the order of robot.toml's wheels.
     #[serde(default)]
@@ -85,16 +85,16 @@ pub struct BaseDevice {
     #[serde(default)]
     pub send_twist: bool,
     /// Commands sent per second.
-    #[serde(default = "hundred")]
+    #[serde(default = "default_base_rate_hz")]
     pub rate_hz: f32,
     /// Age at which a command is stale and the wheels stop, seconds; never more than 0.1.
-    #[serde(default = "tenth")]
+    #[serde(default = "default_command_age_max")]
     pub command_age_max: f32,
     /// VESC: how long stopped wheels are braked before the motors are let go, seconds.
-    #[serde(default = "half")]
+    #[serde(default = "default_timeout")]
     pub brake_time: f32,
     /// Silence that counts as a stall, seconds.
-    #[serde(default = "half")]
+    #[serde(default = "default_timeout")]
     pub stall: f32,
     /// Board: take its inertial unit.
     #[serde(default)]
@@ -110,7 +110,7 @@ pub struct BaseDevice {
 /// Which sensor it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Sensor {
+pub enum InertialSensor {
     /// BNO085 in its UART-RVC mode.
     Bno085,
     /// WitMotion, normal protocol.
@@ -120,16 +120,16 @@ pub enum Sensor {
 /// `[[inertial]]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct InertialDevice {
+pub struct InertialDeviceConfig {
     /// bno085 or wit.
-    pub sensor: Sensor,
+    pub sensor: InertialSensor,
     /// Serial line.
     pub port: String,
     /// Baud rate.
-    #[serde(default = "baud")]
+    #[serde(default = "default_baud")]
     pub baud: u32,
     /// Take acceleration and rate of turn.
-    #[serde(default = "yes")]
+    #[serde(default = "default_true")]
     pub imu: bool,
     /// Take the yaw as a compass. A BNO085's yaw in this mode begins at 0 when it is switched on and drifts.
     #[serde(default)]
@@ -148,38 +148,38 @@ pub struct InertialDevice {
     #[serde(default)]
     pub north_deg: f32,
     /// Silence that counts as a stall, seconds.
-    #[serde(default = "half")]
+    #[serde(default = "default_timeout")]
     pub stall: f32,
     /// Time for which readings may be equal to the last bit before the sensor counts as stuck, seconds.
-    #[serde(default = "half")]
+    #[serde(default = "default_timeout")]
     pub stuck: f32,
 }
 
-fn yes() -> bool {
+fn default_true() -> bool {
     true
 }
-fn thirty() -> f32 {
+fn default_camera_rate_hz() -> f32 {
     30.0
 }
-fn hundred() -> f32 {
+fn default_base_rate_hz() -> f32 {
     100.0
 }
-fn half() -> f32 {
+fn default_timeout() -> f32 {
     0.5
 }
-fn tenth() -> f32 {
+fn default_command_age_max() -> f32 {
     0.1
 }
-fn baud() -> u32 {
+fn default_baud() -> u32 {
     115_200
 }
-fn bit_rate() -> u32 {
+fn default_can_bit_rate() -> u32 {
     500_000
 }
 
 /// Why there is no hardware configuration.
 #[derive(Debug, thiserror::Error)]
-pub enum ConfigError {
+pub enum HardwareConfigError {
     /// The file cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
@@ -208,28 +208,28 @@ pub enum ConfigError {
 
 impl HardwareConfig {
     /// Reads and checks a hardware file.
-    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+    pub fn load(path: &Path) -> Result<Self, HardwareConfigError> {
         let path = path.to_owned();
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
-            Err(source) => return Err(ConfigError::Read { path, source }),
+            Err(source) => return Err(HardwareConfigError::Read { path, source }),
         };
         let config: HardwareConfig = match toml::from_str(&text) {
             Ok(config) => config,
             Err(source) => {
                 let source = Box::new(source);
-                return Err(ConfigError::Parse { path, source });
+                return Err(HardwareConfigError::Parse { path, source });
             }
         };
-        let config = config.relative_to(path.parent().unwrap_or(Path::new("")));
+        let config = config.resolve_relative_paths(path.parent().unwrap_or(Path::new("")));
         match config.check() {
             Ok(()) => Ok(config),
-            Err(source) => Err(ConfigError::Value { path, source }),
+            Err(source) => Err(HardwareConfigError::Value { path, source }),
         }
     }
 
     /// Ports that begin with a dot lie relative to the file, as the virtual robot's do.
-    fn relative_to(mut self, folder: &Path) -> Self {
+    fn resolve_relative_paths(mut self, folder: &Path) -> Self {
         let base = self.base.iter_mut().map(|base| &mut base.port);
         let inertial = self.inertial.iter_mut().map(|one| &mut one.port);
         let camera = self.camera.iter_mut().map(|camera| &mut camera.device);
@@ -254,37 +254,37 @@ impl HardwareConfig {
             base.check()?;
         }
         for inertial in &self.inertial {
-            within("inertial.stall", inertial.stall, 0.02..=10.0)?;
-            within("inertial.stuck", inertial.stuck, 0.05..=60.0)?;
-            within("inertial.north_deg", inertial.north_deg, -360.0..=360.0)?;
+            check_range("inertial.stall", inertial.stall, 0.02..=10.0)?;
+            check_range("inertial.stuck", inertial.stuck, 0.05..=60.0)?;
+            check_range("inertial.north_deg", inertial.north_deg, -360.0..=360.0)?;
             for angle in inertial.mount_deg {
-                within("inertial.mount_deg", angle, -360.0..=360.0)?;
+                check_range("inertial.mount_deg", angle, -360.0..=360.0)?;
             }
         }
         Ok(())
     }
 }
 
-impl CameraDevice {
+impl CameraDeviceConfig {
     fn check(&self) -> Result<(), HwError> {
-        within("camera.rate_hz", self.rate_hz, 1.0..=1000.0)?;
-        within("camera.stall", self.stall, 0.05..=10.0)?;
-        within("camera.exposure", self.exposure.unwrap_or(0.01), 1e-5..=1.0)
+        check_range("camera.rate_hz", self.rate_hz, 1.0..=1000.0)?;
+        check_range("camera.stall", self.stall, 0.05..=10.0)?;
+        check_range("camera.exposure", self.exposure.unwrap_or(0.01), 1e-5..=1.0)
     }
 }
 
-impl BaseDevice {
+impl BaseDeviceConfig {
     /// Refuses the first value that cannot work.
     pub(crate) fn check(&self) -> Result<(), HwError> {
-        within("base.rate_hz", self.rate_hz, 20.0..=1000.0)?;
-        within("base.command_age_max", self.command_age_max, 0.01..=0.1)?;
-        within("base.brake_time", self.brake_time, 0.0..=10.0)?;
-        within("base.stall", self.stall, 0.05..=10.0)?;
-        within("base.north_deg", self.north_deg, -360.0..=360.0)
+        check_range("base.rate_hz", self.rate_hz, 20.0..=1000.0)?;
+        check_range("base.command_age_max", self.command_age_max, 0.01..=0.1)?;
+        check_range("base.brake_time", self.brake_time, 0.0..=10.0)?;
+        check_range("base.stall", self.stall, 0.05..=10.0)?;
+        check_range("base.north_deg", self.north_deg, -360.0..=360.0)
     }
 }
 
-fn within(
+fn check_range(
     key: &'static str,
     value: f32,
     range: std::ops::RangeInclusive<f32>,
@@ -304,7 +304,7 @@ fn within(
 mod tests {
     use super::*;
 
-    fn load(text: &str) -> Result<HardwareConfig, ConfigError> {
+    fn load(text: &str) -> Result<HardwareConfig, HardwareConfigError> {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("hardware.toml");
         std::fs::write(&path, text).expect("written");
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn the_example_of_the_docs_is_a_configuration() {
+    fn example_in_docs_is_a_valid_configuration() {
         let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/hardware.toml");
         let config = HardwareConfig::load(Path::new(example)).expect("a configuration");
         assert!(config.camera.is_some() && config.base.is_some());
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn a_base_needs_no_more_than_its_bus_and_port() {
+    fn base_requires_only_bus_and_port() {
         let text = "[base]\nbus = \"board\"\nport = \"/dev/ttyACM0\"\n[[inertial]]\nsensor = \"bno085\"\nport = \"/dev/ttyUSB0\"\n";
         let config = load(text).expect("a configuration");
         let base = config.base.expect("a base");
@@ -329,14 +329,14 @@ mod tests {
     }
 
     #[test]
-    fn stale_commands_cannot_be_allowed_for_longer_than_a_tenth_of_a_second() {
+    fn command_age_max_above_100_ms_is_rejected() {
         let text = "[base]\nbus = \"board\"\nport = \"p\"\ncommand_age_max = 0.2\n";
         let message = load(text).expect_err("too long").to_string();
         assert!(message.contains("hardware.toml") && message.contains("base.command_age_max"));
     }
 
     #[test]
-    fn unknown_keys_and_sensors_are_refused_with_their_line() {
+    fn unknown_keys_and_sensors_are_rejected_with_line_number() {
         for text in [
             "[base]\nbus = \"board\"\nport = \"p\"\nspeed = 1\n",
             "\n[[inertial]]\nport = \"p\"\nsensor = \"compass\"\n",

@@ -4,85 +4,85 @@ use localize::Stamp;
 
 /// How long the least delayed message sets the clock, seconds, and as long again: within a second a clock that was set back
 /// is believed anew, and in half of one some message of any device comes without delay.
-const WINDOW: f64 = 0.4;
+const OFFSET_WINDOW: f64 = 0.4;
 /// A step of a device's clock against ours that means it was restarted, seconds.
-const RESTART: f64 = 1.0;
+const RESTART_STEP_MIN: f64 = 1.0;
 /// Smallest step that is told, seconds: less may be a line that was busy.
-const STEP_TOLD: f64 = 0.05;
+const REPORTED_STEP_MIN: f64 = 0.05;
 
 /// A device's clock, set by the message that was least delayed on its way.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct DeviceClock {
-    last: Option<LastSeen>,
-    stepped: Option<f64>,
+    offset: Option<ClockOffset>,
+    step: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy)]
-struct LastSeen {
-    time_us: u32,
+struct ClockOffset {
+    device_us: u32,
     arrival: Stamp,
     /// The device's time since the first message, nanoseconds.
-    board_ns: i64,
-    window_began: Stamp,
+    device_ns: i64,
+    window_start: Stamp,
     /// Least of our time at the device's zero, nanoseconds: in this window, and in the one before.
-    least_ns: i64,
-    before_ns: i64,
+    min_offset_ns: i64,
+    previous_min_offset_ns: i64,
 }
 
-impl LastSeen {
-    fn first(time_us: u32, arrival: Stamp) -> Self {
-        LastSeen {
-            time_us,
+impl ClockOffset {
+    fn new(time_us: u32, arrival: Stamp) -> Self {
+        ClockOffset {
+            device_us: time_us,
             arrival,
-            board_ns: 0,
-            window_began: arrival,
-            least_ns: arrival.0,
-            before_ns: arrival.0,
+            device_ns: 0,
+            window_start: arrival,
+            min_offset_ns: arrival.0,
+            previous_min_offset_ns: arrival.0,
         }
     }
 
-    fn zero_ns(&self) -> i64 {
-        self.least_ns.min(self.before_ns)
+    fn offset_ns(&self) -> i64 {
+        self.min_offset_ns.min(self.previous_min_offset_ns)
     }
 }
 
 impl DeviceClock {
     /// Our time at the device's `time_us` (wrapping); never later than the arrival.
-    pub(crate) fn stamp(&mut self, time_us: u32, arrival: Stamp) -> Stamp {
-        let Some(last) = self.last else {
-            self.last = Some(LastSeen::first(time_us, arrival));
+    pub(crate) fn to_host_stamp(&mut self, time_us: u32, arrival: Stamp) -> Stamp {
+        let Some(last) = self.offset else {
+            self.offset = Some(ClockOffset::new(time_us, arrival));
             return arrival;
         };
-        let step_ns = i64::from(time_us.wrapping_sub(last.time_us) as i32) * 1000;
+        let step_ns = i64::from(time_us.wrapping_sub(last.device_us) as i32) * 1000;
         let astray = step_ns as f64 * 1e-9 - (arrival - last.arrival);
-        if astray.abs() > RESTART {
-            self.last = Some(LastSeen::first(time_us, arrival));
-            self.stepped = Some(astray);
+        if astray.abs() > RESTART_STEP_MIN {
+            self.offset = Some(ClockOffset::new(time_us, arrival));
+            self.step = Some(astray);
             return arrival;
         }
-        let mut next = LastSeen {
-            time_us,
+        let mut next = ClockOffset {
+            device_us: time_us,
             arrival,
-            board_ns: last.board_ns + step_ns,
+            device_ns: last.device_ns + step_ns,
             ..last
         };
-        if arrival - next.window_began > WINDOW {
-            next.window_began = arrival;
-            next.before_ns = last.least_ns;
-            next.least_ns = i64::MAX;
+        if arrival - next.window_start > OFFSET_WINDOW {
+            next.window_start = arrival;
+            next.previous_min_offset_ns = last.min_offset_ns;
+            next.min_offset_ns = i64::MAX;
         }
-        next.least_ns = next.least_ns.min(arrival.0 - next.board_ns);
-        let moved = (last.zero_ns() - next.zero_ns()) as f64 * 1e-9;
-        if moved.abs() > STEP_TOLD {
-            self.stepped = Some(moved);
+        next.min_offset_ns = next.min_offset_ns.min(arrival.0 - next.device_ns);
+        let moved = (last.offset_ns() - next.offset_ns()) as f64 * 1e-9;
+        if moved.abs() > REPORTED_STEP_MIN {
+            self.step = Some(moved);
         }
-        self.last = Some(next);
-        Stamp(next.board_ns + next.zero_ns())
+        self.offset = Some(next);
+        Stamp(next.device_ns + next.offset_ns())
     }
 
     /// By how much the device's clock stepped against ours, seconds, if it did since this was last asked.
     pub(crate) fn take_step(&mut self) -> Option<f64> {
-        self.stepped.take()
+        self.step.take()
     }
 }
 
@@ -91,20 +91,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn late_messages_are_stamped_when_they_were_made() {
+    fn transmission_jitter_does_not_affect_stamps() {
         let mut clock = DeviceClock::default();
         // Made each 10 ms, 1 ms on the way, every third held up by 6 ms; the board's clock wraps meanwhile.
         for index in 0..300u32 {
             let made = i64::from(index) * 10_000_000;
             let delay = if index % 3 == 2 { 6_000_000 } else { 1_000_000 };
             let time_us = (u32::MAX - 1_000_000).wrapping_add(index * 10_000);
-            let stamp = clock.stamp(time_us, Stamp(made + delay));
+            let stamp = clock.to_host_stamp(time_us, Stamp(made + delay));
             assert!((stamp.0 - made - 1_000_000).abs() < 20_000, "{index}");
         }
         assert_eq!(clock.take_step(), None);
         let later = Stamp(4_000_000_000);
         assert_eq!(
-            clock.stamp(12, later),
+            clock.to_host_stamp(12, later),
             later,
             "a restarted board begins anew"
         );
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_was_set_is_told_and_believed_again_within_a_second() {
+    fn clock_step_is_reported_and_tracked_within_one_second() {
         for step_us in [500_000i64, -500_000] {
             let mut clock = DeviceClock::default();
             let mut wrong_until = 0;
@@ -120,7 +120,7 @@ mod tests {
             for index in 0..400i64 {
                 let made = Stamp(index * 10_000_000);
                 let shift = if index < 100 { 0 } else { step_us };
-                let stamp = clock.stamp((2_000_000 + index * 10_000 + shift) as u32, made);
+                let stamp = clock.to_host_stamp((2_000_000 + index * 10_000 + shift) as u32, made);
                 if (stamp - made).abs() > 1e-3 {
                     wrong_until = index;
                 }

@@ -2,23 +2,23 @@
 
 use localize::robot::RobotConfig;
 
-use crate::base::Base;
-use crate::camera::{self, Camera};
+use crate::base::BaseDriver;
+use crate::camera::{self, CameraDriver};
 use crate::config::HardwareConfig;
 use crate::error::HwError;
-use crate::health::Health;
-use crate::inbox::Inbox;
-use crate::inertial::Inertial;
+use crate::health::HealthReport;
+use crate::inbox::EventQueue;
+use crate::inertial::InertialDriver;
 
 /// All devices of a robot, each with its thread. Dropping them stops the wheels first.
 #[derive(Debug)]
 pub struct Devices {
     /// The base, if there is one.
-    pub base: Option<Base>,
+    pub base: Option<BaseDriver>,
     /// The camera, if there is one.
-    pub camera: Option<Camera>,
+    pub camera: Option<CameraDriver>,
     /// Inertial units and compasses on lines of their own.
-    pub inertial: Vec<Inertial>,
+    pub inertial: Vec<InertialDriver>,
 }
 
 impl Devices {
@@ -26,18 +26,18 @@ impl Devices {
     pub fn start(
         hardware: &HardwareConfig,
         robot: &RobotConfig,
-        inbox: &Inbox,
+        inbox: &EventQueue,
     ) -> Result<Self, HwError> {
         hardware.check()?;
         let wheels = robot.base.clone().unwrap_or_default();
         let base = hardware
             .base
             .as_ref()
-            .map(|base| Base::start(base, &wheels, inbox));
+            .map(|base| BaseDriver::start(base, &wheels, inbox));
         let camera = match (&hardware.camera, &robot.camera) {
             (Some(device), Some(image)) => {
                 let size_px = [image.width_px as u32, image.height_px as u32];
-                Some(Camera::start(device, size_px, inbox)?)
+                Some(CameraDriver::start(device, size_px, inbox)?)
             }
             (Some(_), None) => {
                 let reason = "robot.toml has no [camera], so its image has no size".to_owned();
@@ -52,7 +52,7 @@ impl Devices {
                 0 => "imu".to_owned(),
                 _ => format!("imu {}", index + 1),
             };
-            Inertial::start(&name, device, inbox)
+            InertialDriver::start(&name, device, inbox)
         });
         Ok(Devices {
             base: base.transpose()?,
@@ -62,54 +62,57 @@ impl Devices {
     }
 
     /// How each device is.
-    pub fn health(&self) -> Vec<Health> {
-        let base = self.base.iter().map(Base::health);
-        let camera = self.camera.iter().map(Camera::health);
+    pub fn health(&self) -> Vec<HealthReport> {
+        let base = self.base.iter().map(BaseDriver::health);
+        let camera = self.camera.iter().map(CameraDriver::health);
         base.chain(camera)
-            .chain(self.inertial.iter().map(Inertial::health))
+            .chain(self.inertial.iter().map(InertialDriver::health))
             .collect()
     }
 }
 
 /// A device of this machine that could be configured.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
+pub struct DetectedDevice {
     /// What to write into hardware.toml.
     pub name: String,
     /// What it is, or why it cannot be used.
-    pub what: Result<String, HwError>,
+    pub description: Result<String, HwError>,
 }
 
 /// Cameras, serial lines and CAN interfaces of this machine, in the order of their names.
-pub fn list() -> Vec<Found> {
+pub fn list_devices() -> Vec<DetectedDevice> {
     let mut found: Vec<_> = camera::list()
         .into_iter()
-        .map(|(name, what)| Found { name, what })
+        .map(|(name, what)| DetectedDevice {
+            name,
+            description: what,
+        })
         .collect();
-    for path in entries("/dev/serial/by-id") {
+    for path in list_directory("/dev/serial/by-id") {
         let target = std::fs::canonicalize(&path)
             .map_or_else(|error| error.to_string(), |path| path.display().to_string());
-        found.push(Found {
+        found.push(DetectedDevice {
             name: path,
-            what: Ok(format!("serial line {target}")),
+            description: Ok(format!("serial line {target}")),
         });
     }
-    for path in entries("/sys/class/net") {
+    for path in list_directory("/sys/class/net") {
         // ARPHRD_CAN of linux/if_arp.h
         let is_can =
             std::fs::read_to_string(format!("{path}/type")).is_ok_and(|kind| kind.trim() == "280");
         if is_can {
             let state = std::fs::read_to_string(format!("{path}/operstate")).unwrap_or_default();
-            found.push(Found {
+            found.push(DetectedDevice {
                 name: path.rsplit('/').next().unwrap_or_default().to_owned(),
-                what: Ok(format!("CAN interface, {}", state.trim())),
+                description: Ok(format!("CAN interface, {}", state.trim())),
             });
         }
     }
     found
 }
 
-fn entries(folder: &str) -> Vec<String> {
+fn list_directory(folder: &str) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut paths: Vec<_> = entries
         .map(|entry| entry.path().display().to_string())

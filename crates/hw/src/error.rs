@@ -21,13 +21,13 @@ pub enum HwError {
     #[error(
         "{device} may not be opened by this user: a udev rule or the group that owns it (dialout, video) helps"
     )]
-    Forbidden {
+    PermissionDenied {
         /// The device's path or interface.
         device: String,
     },
     /// It was there and is gone.
     #[error("{device} was unplugged")]
-    Unplugged {
+    Disconnected {
         /// The device's path or interface.
         device: String,
     },
@@ -49,7 +49,7 @@ pub enum HwError {
     },
     /// It is there and is not what is wanted, or cannot do what is wanted.
     #[error("{device}: {reason}")]
-    Unfit {
+    Unsupported {
         /// The device's path or interface.
         device: String,
         /// What is wanted.
@@ -77,16 +77,16 @@ pub enum HwError {
 
 impl HwError {
     /// The word for what the system answered to `action` on `device`.
-    pub(crate) fn system(device: &str, action: &'static str, source: Errno) -> Self {
+    pub(crate) fn from_errno(device: &str, action: &'static str, source: Errno) -> Self {
         let device = device.to_owned();
         match source {
             Errno::NOENT | Errno::NXIO => HwError::Missing { device },
             Errno::NODEV | Errno::IO | Errno::NETDOWN if action != "open" => {
-                HwError::Unplugged { device }
+                HwError::Disconnected { device }
             }
             Errno::NODEV => HwError::Missing { device },
             Errno::BUSY | Errno::WOULDBLOCK => HwError::Busy { device },
-            Errno::ACCESS | Errno::PERM => HwError::Forbidden { device },
+            Errno::ACCESS | Errno::PERM => HwError::PermissionDenied { device },
             source => HwError::System {
                 device,
                 action,

@@ -5,13 +5,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
-use crate::inbox::{Event, Inbox};
-use crate::wire::Tally;
+use crate::inbox::{DeviceEvent, EventQueue};
+use crate::wire::DecoderStats;
 
 /// What a device is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum State {
+pub enum HealthState {
     /// It cannot be opened, or was unplugged, and is tried again and again.
     Absent,
     /// It delivers.
@@ -30,11 +30,11 @@ pub enum State {
 
 /// State and counts of one device since its thread began.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Health {
+pub struct HealthReport {
     /// What it is for: camera, base, imu...
     pub device: String,
     /// What it is doing.
-    pub state: State,
+    pub state: HealthState,
     /// Why it is not running.
     pub reason: Option<String>,
     /// Messages or frames per second, over the last whole second in which some came.
@@ -53,7 +53,7 @@ pub struct Health {
     pub faults: u64,
 }
 
-impl Health {
+impl HealthReport {
     /// Seconds since the last whole message; `None` before the first.
     pub fn age(&self, now: Stamp) -> Option<f64> {
         self.last.map(|last| now - last)
@@ -63,26 +63,26 @@ impl Health {
 /// A device's thread keeps its health here; a change of state is put into the inbox too.
 #[derive(Debug, Clone)]
 pub(crate) struct Monitor {
-    shared: Arc<Mutex<Shared>>,
-    inbox: Inbox,
+    shared: Arc<Mutex<MonitorState>>,
+    inbox: EventQueue,
 }
 
 #[derive(Debug)]
-struct Shared {
-    health: Health,
-    second_began: Option<Stamp>,
-    in_second: u32,
-    opened: bool,
+struct MonitorState {
+    health: HealthReport,
+    rate_window_start: Option<Stamp>,
+    rate_window_messages: u32,
+    was_opened: bool,
     /// What an earlier opening's decoder had counted.
-    before: (u64, u64),
-    decoder: (u64, u64),
+    previous_counters: (u64, u64),
+    decoder_counters: (u64, u64),
 }
 
 impl Monitor {
-    pub(crate) fn new(device: &str, inbox: &Inbox) -> Self {
-        let health = Health {
+    pub(crate) fn new(device: &str, inbox: &EventQueue) -> Self {
+        let health = HealthReport {
             device: device.to_owned(),
-            state: State::Absent,
+            state: HealthState::Absent,
             reason: Some("not opened yet".to_owned()),
             rate_hz: 0.0,
             last: None,
@@ -92,13 +92,13 @@ impl Monitor {
             reopened: 0,
             faults: 0,
         };
-        let shared = Shared {
+        let shared = MonitorState {
             health,
-            second_began: None,
-            in_second: 0,
-            opened: false,
-            before: (0, 0),
-            decoder: (0, 0),
+            rate_window_start: None,
+            rate_window_messages: 0,
+            was_opened: false,
+            previous_counters: (0, 0),
+            decoder_counters: (0, 0),
         };
         Monitor {
             shared: Arc::new(Mutex::new(shared)),
@@ -106,13 +106,13 @@ impl Monitor {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Shared> {
+    fn lock(&self) -> MutexGuard<'_, MonitorState> {
         // Counts stay usable whatever a thread that held them died of.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Health as of `now`.
-    pub(crate) fn health(&self, now: Stamp) -> Health {
+    pub(crate) fn health(&self, now: Stamp) -> HealthReport {
         let mut health = self.lock().health.clone();
         if health.age(now).is_none_or(|age| age > 1.5) {
             health.rate_hz = 0.0;
@@ -121,67 +121,67 @@ impl Monitor {
     }
 
     /// The device was opened: what its new decoder counts comes on top.
-    pub(crate) fn opened(&self) {
+    pub(crate) fn on_opened(&self) {
         let mut shared = self.lock();
-        shared.health.reopened += u64::from(shared.opened);
-        shared.opened = true;
-        shared.before.0 += shared.decoder.0;
-        shared.before.1 += shared.decoder.1;
-        shared.decoder = (0, 0);
+        shared.health.reopened += u64::from(shared.was_opened);
+        shared.was_opened = true;
+        shared.previous_counters.0 += shared.decoder_counters.0;
+        shared.previous_counters.1 += shared.decoder_counters.1;
+        shared.decoder_counters = (0, 0);
     }
 
     /// A whole message came.
-    pub(crate) fn message(&self, stamp: Stamp) {
+    pub(crate) fn count_message(&self, stamp: Stamp) {
         let mut shared = self.lock();
         shared.health.messages += 1;
         shared.health.last = Some(stamp);
-        shared.in_second += 1;
-        let began = *shared.second_began.get_or_insert(stamp);
+        shared.rate_window_messages += 1;
+        let began = *shared.rate_window_start.get_or_insert(stamp);
         let elapsed = stamp - began;
         if elapsed >= 1.0 {
             // The first message of a second is the last of the one before.
-            shared.health.rate_hz = (f64::from(shared.in_second - 1) / elapsed) as f32;
-            shared.second_began = Some(stamp);
-            shared.in_second = 1;
+            shared.health.rate_hz = (f64::from(shared.rate_window_messages - 1) / elapsed) as f32;
+            shared.rate_window_start = Some(stamp);
+            shared.rate_window_messages = 1;
         }
     }
 
     /// What the decoder has counted since the device was opened.
-    pub(crate) fn tally(&self, tally: Tally) {
+    pub(crate) fn set_decoder_stats(&self, tally: DecoderStats) {
         let mut shared = self.lock();
-        shared.decoder = (tally.garbage_bytes, tally.damaged);
-        shared.health.garbage_bytes = shared.before.0 + tally.garbage_bytes;
-        shared.health.damaged = shared.before.1 + tally.damaged;
+        shared.decoder_counters = (tally.garbage_bytes, tally.damaged);
+        shared.health.garbage_bytes = shared.previous_counters.0 + tally.garbage_bytes;
+        shared.health.damaged = shared.previous_counters.1 + tally.damaged;
     }
 
     /// A torn frame.
-    pub(crate) fn torn(&self) {
+    pub(crate) fn count_damaged(&self) {
         let mut shared = self.lock();
-        shared.decoder.1 += 1;
+        shared.decoder_counters.1 += 1;
         shared.health.damaged += 1;
     }
 
     /// Something that is over already, told once; the state stays as it is.
-    pub(crate) fn notice(&self, reason: String) {
+    pub(crate) fn report_event(&self, reason: String) {
         let mut shared = self.lock();
         shared.health.faults += 1;
-        let told = Health {
+        let told = HealthReport {
             reason: Some(reason),
             ..shared.health.clone()
         };
-        self.inbox.put(Event::Health(told));
+        self.inbox.push(DeviceEvent::Health(told));
     }
 
     /// The state is this; if it was another, that is news for the inbox.
-    pub(crate) fn state(&self, state: State, reason: Option<String>) {
+    pub(crate) fn set_state(&self, state: HealthState, reason: Option<String>) {
         let mut shared = self.lock();
         if shared.health.state == state && shared.health.reason == reason {
             return;
         }
-        let fault = !matches!(state, State::Running | State::Absent);
+        let fault = !matches!(state, HealthState::Running | HealthState::Absent);
         shared.health.faults += u64::from(fault && shared.health.state != state);
         shared.health.state = state;
         shared.health.reason = reason;
-        self.inbox.put(Event::Health(shared.health.clone()));
+        self.inbox.push(DeviceEvent::Health(shared.health.clone()));
     }
 }

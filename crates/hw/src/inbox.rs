@@ -7,14 +7,14 @@ use std::time::Duration;
 use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 
 use crate::base::{KickerReport, PowerReport, SwitchReport};
-use crate::camera::CameraFrame;
-use crate::health::Health;
+use crate::camera::CapturedImage;
+use crate::health::HealthReport;
 
 /// What a device delivers.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Event {
+pub enum DeviceEvent {
     /// A frame of the camera.
-    Frame(CameraFrame),
+    Image(CapturedImage),
     /// Motion by the wheels.
     Odometry(Odometry),
     /// What the wheels were told.
@@ -30,71 +30,71 @@ pub enum Event {
     /// Bumpers and emergency stop.
     Switches(SwitchReport),
     /// A device changed its state.
-    Health(Health),
+    Health(HealthReport),
 }
 
 /// How much was dropped because nobody took it in time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Dropped {
+pub struct DroppedInputs {
     /// Frames that a newer one replaced.
-    pub frames: u64,
+    pub images: u64,
     /// Samples that gave way to newer ones.
     pub samples: u64,
 }
 
 /// The queue between the devices' threads and the one that takes; clones are the same queue.
 #[derive(Debug, Clone)]
-pub struct Inbox {
-    shared: Arc<Shared>,
+pub struct EventQueue {
+    shared: Arc<SharedQueue>,
 }
 
 #[derive(Debug)]
-struct Shared {
-    queue: Mutex<Queue>,
-    filled: Condvar,
+struct SharedQueue {
+    state: Mutex<PendingInputs>,
+    not_empty: Condvar,
 }
 
 #[derive(Debug)]
-struct Queue {
-    samples: VecDeque<Event>,
+struct PendingInputs {
+    samples: VecDeque<DeviceEvent>,
     samples_max: usize,
-    frame: Option<CameraFrame>,
-    dropped: Dropped,
+    image: Option<CapturedImage>,
+    dropped: DroppedInputs,
 }
 
-impl Inbox {
+impl EventQueue {
     /// A queue of one frame and at most `samples_max` samples; the oldest give way.
     ///
     /// 1024 samples are more than a second of every device that is spoken to here.
     pub fn new(samples_max: usize) -> Self {
-        let queue = Queue {
+        let queue = PendingInputs {
             samples: VecDeque::with_capacity(samples_max),
             samples_max: samples_max.max(1),
-            frame: None,
-            dropped: Dropped::default(),
+            image: None,
+            dropped: DroppedInputs::default(),
         };
-        let shared = Shared {
-            queue: Mutex::new(queue),
-            filled: Condvar::new(),
+        let shared = SharedQueue {
+            state: Mutex::new(queue),
+            not_empty: Condvar::new(),
         };
-        Inbox {
+        EventQueue {
             shared: Arc::new(shared),
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Queue> {
+    fn lock(&self) -> MutexGuard<'_, PendingInputs> {
         self.shared
-            .queue
+            .state
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Puts something in; never waits for whoever takes it out.
-    pub fn put(&self, event: Event) {
+    pub fn push(&self, event: DeviceEvent) {
         let mut queue = self.lock();
-        if let Event::Frame(frame) = event {
-            let replaced = queue.frame.replace(frame);
-            queue.dropped.frames += u64::from(replaced.is_some());
+        if let DeviceEvent::Image(frame) = event {
+            let replaced = queue.image.replace(frame);
+            queue.dropped.images += u64::from(replaced.is_some());
         } else {
             if queue.samples.len() == queue.samples_max {
                 queue.samples.pop_front();
@@ -103,25 +103,25 @@ impl Inbox {
             queue.samples.push_back(event);
         }
         drop(queue);
-        self.shared.filled.notify_one();
+        self.shared.not_empty.notify_one();
     }
 
     /// Takes the oldest sample, or the frame when no sample is left; waits for either so long at most.
     ///
     /// Samples go first: a frame's exposure lies before the samples that arrived while it was read out.
-    pub fn take(&self, patience: Duration) -> Option<Event> {
-        let empty = |queue: &mut Queue| queue.samples.is_empty() && queue.frame.is_none();
+    pub fn pop_timeout(&self, patience: Duration) -> Option<DeviceEvent> {
+        let empty = |queue: &mut PendingInputs| queue.samples.is_empty() && queue.image.is_none();
         let (mut queue, _) = self
             .shared
-            .filled
+            .not_empty
             .wait_timeout_while(self.lock(), patience, empty)
             .unwrap_or_else(PoisonError::into_inner);
         let sample = queue.samples.pop_front();
-        sample.or_else(|| queue.frame.take().map(Event::Frame))
+        sample.or_else(|| queue.image.take().map(DeviceEvent::Image))
     }
 
     /// How much was dropped so far.
-    pub fn dropped(&self) -> Dropped {
+    pub fn drop_counts(&self) -> DroppedInputs {
         self.lock().dropped
     }
 }

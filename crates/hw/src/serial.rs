@@ -15,27 +15,27 @@ use crate::error::HwError;
 
 /// An open serial line.
 #[derive(Debug)]
-pub struct Serial {
+pub struct SerialPort {
     fd: OwnedFd,
     path: String,
 }
 
-impl Serial {
+impl SerialPort {
     /// Opens a tty for this process alone: eight bits, no parity, one stop bit, no flow control.
     ///
     /// A pseudo terminal is a tty too; no modem line is touched, which it would refuse. Bytes that arrived before are
     /// dropped, since nobody knows how old they are.
     pub fn open(path: &str, baud: u32) -> Result<Self, HwError> {
-        let failed = |action| move |source| HwError::system(path, action, source);
+        let failed = |action| move |source| HwError::from_errno(path, action, source);
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = open(path, flags, Mode::empty()).map_err(failed("open"))?;
         flock(&fd, FlockOperation::NonBlockingLockExclusive).map_err(failed("lock"))?;
         let mut settings = tcgetattr(&fd).map_err(|source| match source {
-            Errno::NOTTY => HwError::Unfit {
+            Errno::NOTTY => HwError::Unsupported {
                 device: path.to_owned(),
                 reason: "is no serial line".to_owned(),
             },
-            source => HwError::system(path, "read the settings of", source),
+            source => HwError::from_errno(path, "read the settings of", source),
         })?;
         settings.make_raw();
         settings.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
@@ -49,7 +49,7 @@ impl Serial {
             .map_err(failed("set the baud rate of"))?;
         tcsetattr(&fd, OptionalActions::Now, &settings).map_err(failed("set up"))?;
         tcflush(&fd, QueueSelector::IOFlush).map_err(failed("empty"))?;
-        Ok(Serial {
+        Ok(SerialPort {
             fd,
             path: path.to_owned(),
         })
@@ -57,17 +57,17 @@ impl Serial {
 
     /// Reads what has arrived, waiting for the first byte until the deadline at most; 0 bytes if none came.
     pub fn read(&self, buffer: &mut [u8], deadline: Stamp) -> Result<usize, HwError> {
-        if !ready(self.fd.as_fd(), PollFlags::IN, deadline) {
+        if !wait_ready(self.fd.as_fd(), PollFlags::IN, deadline) {
             return Ok(0);
         }
         match rustix::io::read(&self.fd, buffer) {
             // Readable without a byte: the other end is gone.
-            Ok(0) => Err(HwError::Unplugged {
+            Ok(0) => Err(HwError::Disconnected {
                 device: self.path.clone(),
             }),
             Ok(bytes) => Ok(bytes),
             Err(Errno::WOULDBLOCK | Errno::INTR) => Ok(0),
-            Err(source) => Err(HwError::system(&self.path, "read from", source)),
+            Err(source) => Err(HwError::from_errno(&self.path, "read from", source)),
         }
     }
 
@@ -79,14 +79,14 @@ impl Serial {
                 Ok(written) => rest = &rest[written..],
                 Err(Errno::INTR) => {}
                 Err(Errno::WOULDBLOCK) => {
-                    if !ready(self.fd.as_fd(), PollFlags::OUT, deadline) {
+                    if !wait_ready(self.fd.as_fd(), PollFlags::OUT, deadline) {
                         return Err(HwError::Stalled {
                             device: self.path.clone(),
                             reason: "takes no more bytes".to_owned(),
                         });
                     }
                 }
-                Err(source) => return Err(HwError::system(&self.path, "write to", source)),
+                Err(source) => return Err(HwError::from_errno(&self.path, "write to", source)),
             }
         }
         Ok(())
@@ -98,14 +98,14 @@ impl Serial {
     }
 }
 
-impl AsFd for Serial {
+impl AsFd for SerialPort {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.fd.as_fd()
     }
 }
 
 /// Waits until `fd` can be read or written, or has failed; false if the deadline came first.
-pub(crate) fn ready(fd: BorrowedFd<'_>, wanted: PollFlags, deadline: Stamp) -> bool {
+pub(crate) fn wait_ready(fd: BorrowedFd<'_>, wanted: PollFlags, deadline: Stamp) -> bool {
     let mut fds = [PollFd::from_borrowed_fd(fd, wanted)];
-    matches!(poll(&mut fds, Some(&clock::until(deadline))), Ok(1..))
+    matches!(poll(&mut fds, Some(&clock::time_until(deadline))), Ok(1..))
 }

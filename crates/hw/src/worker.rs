@@ -10,27 +10,27 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 
 use crate::clock;
 use crate::error::HwError;
-use crate::health::{Monitor, State};
+use crate::health::{HealthState, Monitor};
 
 /// Pauses between attempts to open a device, seconds: it is back well within a second of being plugged in again.
-const PAUSE_FIRST: f64 = 0.02;
-const PAUSE_LONGEST: f64 = 0.25;
+const RETRY_DELAY_MIN: f64 = 0.02;
+const RETRY_DELAY_MAX: f64 = 0.25;
 
 /// Wakes a device's thread, and tells it to stop.
 #[derive(Debug)]
-pub(crate) struct Bell {
+pub(crate) struct Waker {
     stop: AtomicBool,
     fd: OwnedFd,
 }
 
-impl Bell {
+impl Waker {
     /// Wakes the thread.
-    pub(crate) fn ring(&self) {
+    pub(crate) fn wake(&self) {
         // The count can only be full of unheard rings, and then the thread is awake.
         let _full = rustix::io::write(&self.fd, &1u64.to_ne_bytes());
     }
 
-    pub(crate) fn stopped(&self) -> bool {
+    pub(crate) fn stop_requested(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
@@ -38,7 +38,7 @@ impl Bell {
     pub(crate) fn wait(&self, fd: Option<BorrowedFd<'_>>, deadline: Stamp) -> bool {
         let mut fds = vec![PollFd::new(&self.fd, PollFlags::IN)];
         fds.extend(fd.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
-        let woken = poll(&mut fds, Some(&clock::until(deadline)));
+        let woken = poll(&mut fds, Some(&clock::time_until(deadline)));
         if woken.is_ok() && !fds[0].revents().is_empty() {
             let mut rings = [0; 8];
             let _none = rustix::io::read(&self.fd, &mut rings[..]);
@@ -50,7 +50,7 @@ impl Bell {
 /// A device's thread; dropping it stops the device and waits for the thread's end.
 #[derive(Debug)]
 pub(crate) struct Worker {
-    bell: Arc<Bell>,
+    waker: Arc<Waker>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -62,63 +62,63 @@ impl Worker {
         name: &str,
         monitor: &Monitor,
         mut open: impl FnMut() -> Result<D, HwError> + Send + 'static,
-        mut serve: impl FnMut(&mut D, &Bell) -> Result<(), HwError> + Send + 'static,
+        mut serve: impl FnMut(&mut D, &Waker) -> Result<(), HwError> + Send + 'static,
     ) -> Result<Self, HwError> {
         let flags = EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK;
-        let fd =
-            eventfd(0, flags).map_err(|source| HwError::system(name, "make a bell for", source))?;
-        let bell = Arc::new(Bell {
+        let fd = eventfd(0, flags)
+            .map_err(|source| HwError::from_errno(name, "make a bell for", source))?;
+        let bell = Arc::new(Waker {
             stop: AtomicBool::new(false),
             fd,
         });
         let (monitor, heard) = (monitor.clone(), Arc::clone(&bell));
         let run = move || {
-            let mut pause = PAUSE_FIRST;
-            while !heard.stopped() {
+            let mut pause = RETRY_DELAY_MIN;
+            while !heard.stop_requested() {
                 let served = open().and_then(|mut device| {
-                    monitor.opened();
-                    pause = PAUSE_FIRST;
+                    monitor.on_opened();
+                    pause = RETRY_DELAY_MIN;
                     serve(&mut device, &heard)
                 });
                 let Err(error) = served else { continue };
                 let state = match error {
-                    HwError::Stalled { .. } => State::Stalled,
-                    HwError::Garbage { .. } => State::Garbage,
-                    _ => State::Absent,
+                    HwError::Stalled { .. } => HealthState::Stalled,
+                    HwError::Garbage { .. } => HealthState::Garbage,
+                    _ => HealthState::Absent,
                 };
-                monitor.state(state, Some(error.to_string()));
+                monitor.set_state(state, Some(error.to_string()));
                 let again = clock::now() + pause;
-                while !heard.stopped() && clock::now() < again {
+                while !heard.stop_requested() && clock::now() < again {
                     heard.wait(None, again);
                 }
-                pause = (2.0 * pause).min(PAUSE_LONGEST);
+                pause = (2.0 * pause).min(RETRY_DELAY_MAX);
             }
         };
         let thread = std::thread::Builder::new()
             .name(name.to_owned())
             .spawn(run)
-            .map_err(|source| HwError::Unfit {
+            .map_err(|source| HwError::Unsupported {
                 device: name.to_owned(),
                 reason: format!("no thread for it: {source}"),
             })?;
         Ok(Worker {
-            bell,
+            waker: bell,
             thread: Some(thread),
         })
     }
 
-    pub(crate) fn bell(&self) -> Arc<Bell> {
-        Arc::clone(&self.bell)
+    pub(crate) fn waker(&self) -> Arc<Waker> {
+        Arc::clone(&self.waker)
     }
 
-    pub(crate) fn ring(&self) {
-        self.bell.ring();
+    pub(crate) fn wake(&self) {
+        self.waker.wake();
     }
 
     /// Tells the thread to stop and waits for its end.
     pub(crate) fn stop(&mut self) {
-        self.bell.stop.store(true, Ordering::Relaxed);
-        self.bell.ring();
+        self.waker.stop.store(true, Ordering::Relaxed);
+        self.waker.wake();
         if let Some(thread) = self.thread.take() {
             // A thread that panicked has ended too, and has said why on standard error.
             let _ended = thread.join();
@@ -134,40 +134,40 @@ impl Drop for Worker {
 
 /// How long has a device been silent, and what came instead of messages?
 #[derive(Debug)]
-pub(crate) struct Watch {
+pub(crate) struct StallDetector {
     device: String,
-    since: Stamp,
+    last_message: Stamp,
     garbage_bytes: u64,
-    limit: f64,
+    timeout: f64,
 }
 
-impl Watch {
+impl StallDetector {
     /// Begins now; a device silent for `limit` seconds is stalled.
     pub(crate) fn new(device: &str, limit: f32) -> Self {
-        Watch {
+        StallDetector {
             device: device.to_owned(),
-            since: clock::now(),
+            last_message: clock::now(),
             garbage_bytes: 0,
-            limit: f64::from(limit),
+            timeout: f64::from(limit),
         }
     }
 
     /// A whole message came.
-    pub(crate) fn message(&mut self, stamp: Stamp, garbage_bytes: u64) {
-        self.since = stamp;
+    pub(crate) fn on_message(&mut self, stamp: Stamp, garbage_bytes: u64) {
+        self.last_message = stamp;
         self.garbage_bytes = garbage_bytes;
     }
 
     /// Refuses a silence that is too long: as garbage if bytes came all the same, as a stall if none.
     pub(crate) fn check(&self, now: Stamp, garbage_bytes: u64) -> Result<(), HwError> {
-        if now - self.since <= self.limit {
+        if now - self.last_message <= self.timeout {
             return Ok(());
         }
         let device = self.device.clone();
         if garbage_bytes > self.garbage_bytes {
             return Err(HwError::Garbage { device });
         }
-        let reason = format!("silent for {:.1} s", self.limit);
+        let reason = format!("silent for {:.1} s", self.timeout);
         Err(HwError::Stalled { device, reason })
     }
 }

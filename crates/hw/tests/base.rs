@@ -5,18 +5,18 @@ mod bench_top;
 use std::f32::consts::TAU;
 use std::time::Duration;
 
-use bench_top::{Socket, event, until};
-use hw::base::{Drive, Kick};
-use hw::config::{BaseDevice, Bus};
+use bench_top::{PseudoSerialPort, wait_for_event, wait_until};
+use hw::base::{Kick, MotionCommand};
+use hw::config::{BaseDeviceConfig, Bus};
 use hw::wire::board::{Encoders, Message, Packet, Switches, WheelCommand};
 use hw::wire::vesc::{Request, Values};
-use hw::wire::{CanFrame, Stream, board, slcan, vesc_can};
-use hw::{Base, Event, HwError, Inbox, State};
+use hw::wire::{CanFrame, StreamDecoder, board, slcan, vesc_can};
+use hw::{BaseDriver, DeviceEvent, EventQueue, HealthState, HwError};
 use localize::omni::Twist;
 use localize::robot::BaseConfig;
 
-fn device(bus: Bus, port: String) -> BaseDevice {
-    BaseDevice {
+fn device(bus: Bus, port: String) -> BaseDeviceConfig {
+    BaseDeviceConfig {
         bus,
         port,
         baud: 115_200,
@@ -39,22 +39,22 @@ fn device(bus: Bus, port: String) -> BaseDevice {
 }
 
 /// A base board on the bench.
-struct Board {
-    socket: Socket,
-    commands: Stream<Packet>,
+struct FakeBoard {
+    socket: PseudoSerialPort,
+    commands: StreamDecoder<Packet>,
     sequence: u16,
 }
 
-impl Board {
-    fn new(socket: Socket) -> Self {
-        Board {
+impl FakeBoard {
+    fn new(socket: PseudoSerialPort) -> Self {
+        FakeBoard {
             socket,
-            commands: board::stream(),
+            commands: board::decoder(),
             sequence: 0,
         }
     }
 
-    fn say(&mut self, message: impl Into<Message>) {
+    fn send(&mut self, message: impl Into<Message>) {
         self.sequence += 1;
         let packet = Packet {
             sequence: self.sequence,
@@ -63,14 +63,14 @@ impl Board {
         self.socket.send(&packet.encode());
     }
 
-    fn say_counts(&mut self, count: u32) {
+    fn send_counts(&mut self, count: u32) {
         let time_us = (hw::now().0 / 1000) as u32;
         let count = [count, count, 0u32.wrapping_sub(count), 0];
-        self.say(Encoders { time_us, count });
+        self.send(Encoders { time_us, count });
     }
 
-    fn told(&mut self) -> Vec<Message> {
-        self.commands.extend(&self.socket.received());
+    fn received_messages(&mut self) -> Vec<Message> {
+        self.commands.extend(&self.socket.read());
         self.commands
             .by_ref()
             .map(|packet| packet.message)
@@ -78,8 +78,8 @@ impl Board {
     }
 
     /// The next wheel commands.
-    fn wheels(&mut self) -> Vec<WheelCommand> {
-        let told = self.told().into_iter();
+    fn received_wheel_commands(&mut self) -> Vec<WheelCommand> {
+        let told = self.received_messages().into_iter();
         told.filter_map(|message| match message {
             Message::WheelCommand(command) => Some(command),
             _ => None,
@@ -88,37 +88,37 @@ impl Board {
     }
 }
 
-fn soon() -> localize::Stamp {
+fn short_deadline() -> localize::Stamp {
     hw::now() + 0.08
 }
 
 #[test]
-fn a_board_that_appears_late_is_driven_and_its_counters_become_odometry() {
-    let mut socket = Socket::empty();
-    let inbox = Inbox::new(1024);
-    let base = Base::start(
-        &device(Bus::Board, socket.name()),
+fn board_connected_after_start_is_driven_and_yields_odometry() {
+    let mut socket = PseudoSerialPort::disconnected();
+    let inbox = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(Bus::Board, socket.path_string()),
         &BaseConfig::default(),
         &inbox,
     )
     .expect("a base");
-    let said = event(&inbox, "the word that it is missing", |event| match event {
-        Event::Health(health) => health.reason,
+    let said = wait_for_event(&inbox, "the word that it is missing", |event| match event {
+        DeviceEvent::Health(health) => health.reason,
         _ => None,
     });
     assert!(said.contains("is missing"), "{said}");
-    socket.plug();
-    let mut board = Board::new(socket);
+    socket.connect();
+    let mut board = FakeBoard::new(socket);
     let turn = Twist {
         theta: 1.0,
         ..Twist::default()
     };
-    let command = until("a wheel command", || {
-        base.helm()
-            .drive(Drive::Twist(turn), soon())
+    let command = wait_until("a wheel command", || {
+        base.handle()
+            .drive(MotionCommand::Twist(turn), short_deadline())
             .expect("driven");
         board
-            .wheels()
+            .received_wheel_commands()
             .into_iter()
             .find(|command| command.speed_crad[0] != 0)
     });
@@ -127,13 +127,13 @@ fn a_board_that_appears_late_is_driven_and_its_counters_become_odometry() {
     assert_eq!(command.wheels, 3);
     assert!((1..=80).contains(&command.valid_ms), "{}", command.valid_ms);
     let mut count = u32::MAX - 20;
-    let (odometry, slip) = until("odometry", || {
+    let (odometry, slip) = wait_until("odometry", || {
         count = count.wrapping_add(40);
-        board.say_counts(count);
+        board.send_counts(count);
         inbox
-            .take(Duration::from_millis(2))
+            .pop_timeout(Duration::from_millis(2))
             .and_then(|event| match event {
-                Event::Odometry(odometry) => Some((odometry, odometry.slip)),
+                DeviceEvent::Odometry(odometry) => Some((odometry, odometry.slip)),
                 _ => None,
             })
     });
@@ -144,28 +144,28 @@ fn a_board_that_appears_late_is_driven_and_its_counters_become_odometry() {
         "{odometry:?}"
     );
     assert!(odometry.dx.abs() + odometry.dy.abs() < 1e-6 && slip == 0.0);
-    until("the word that it runs", || {
-        board.say_counts(count);
-        (base.health().state == State::Running).then_some(())
+    wait_until("the word that it runs", || {
+        board.send_counts(count);
+        (base.health().state == HealthState::Running).then_some(())
     });
 }
 
 #[test]
-fn without_fresh_commands_the_wheels_stop_and_stay_stopped() {
-    let socket = Socket::plugged();
-    let inbox = Inbox::new(1024);
-    let base = Base::start(
-        &device(Bus::Board, socket.name()),
+fn wheels_stop_without_fresh_commands() {
+    let socket = PseudoSerialPort::connected();
+    let inbox = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(Bus::Board, socket.path_string()),
         &BaseConfig::default(),
         &inbox,
     )
     .expect("a base");
-    let mut board = Board::new(socket);
+    let mut board = FakeBoard::new(socket);
     let mut commands = Vec::new();
     // What is commanded before the line is there is forgotten.
-    until("the line", || {
-        board.say_counts(0);
-        commands.extend(board.wheels());
+    wait_until("the line", || {
+        board.send_counts(0);
+        commands.extend(board.received_wheel_commands());
         (!commands.is_empty()).then_some(())
     });
     let forward = Twist {
@@ -173,12 +173,12 @@ fn without_fresh_commands_the_wheels_stop_and_stay_stopped() {
         ..Twist::default()
     };
     let began = hw::now();
-    base.helm()
-        .drive(Drive::Twist(forward), began + 10.0)
+    base.handle()
+        .drive(MotionCommand::Twist(forward), began + 10.0)
         .expect("driven");
-    until("many zeros after the speeds", || {
-        board.say_counts(0);
-        commands.extend(board.wheels());
+    wait_until("many zeros after the speeds", || {
+        board.send_counts(0);
+        commands.extend(board.received_wheel_commands());
         let last = commands
             .iter()
             .rev()
@@ -204,106 +204,121 @@ fn without_fresh_commands_the_wheels_stop_and_stay_stopped() {
 }
 
 #[test]
-fn an_unplugged_board_comes_back_standing_still() {
-    let socket = Socket::plugged();
-    let inbox = Inbox::new(1024);
-    let base = Base::start(
-        &device(Bus::Board, socket.name()),
+fn first_command_after_reconnect_is_zero_speed() {
+    let socket = PseudoSerialPort::connected();
+    let inbox = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(Bus::Board, socket.path_string()),
         &BaseConfig::default(),
         &inbox,
     )
     .expect("a base");
-    let mut board = Board::new(socket);
+    let mut board = FakeBoard::new(socket);
     for round in 0..3 {
-        until("a running base that drives", || {
-            board.say_counts(round);
-            base.helm()
-                .drive(Drive::Wheels([9.0; 4]), soon())
+        wait_until("a running base that drives", || {
+            board.send_counts(round);
+            base.handle()
+                .drive(MotionCommand::WheelSpeeds([9.0; 4]), short_deadline())
                 .expect("driven");
             let moves = board
-                .wheels()
+                .received_wheel_commands()
                 .iter()
                 .any(|command| command.speed_crad[0] == 900);
-            (moves && base.health().state == State::Running).then_some(())
+            (moves && base.health().state == HealthState::Running).then_some(())
         });
-        board.socket.unplug();
-        until("the word that it is gone", || {
+        board.socket.disconnect();
+        wait_until("the word that it is gone", || {
             std::thread::sleep(Duration::from_millis(2));
-            (base.health().state == State::Absent).then_some(())
+            (base.health().state == HealthState::Absent).then_some(())
         });
         // By now the last command is stale.
         std::thread::sleep(Duration::from_millis(120));
-        board.socket.plug();
-        board.commands.clear();
-        let first = until("the first command", || board.wheels().first().copied());
+        board.socket.connect();
+        board.commands.reset();
+        let first = wait_until("the first command", || {
+            board.received_wheel_commands().first().copied()
+        });
         assert_eq!(first.speed_crad, [0; 4]);
     }
     assert_eq!(base.health().reopened, 3);
 }
 
 #[test]
-fn garbage_and_silence_are_told_apart_and_recovered_from() {
-    let socket = Socket::plugged();
-    let inbox = Inbox::new(1024);
-    let base = Base::start(
-        &device(Bus::Board, socket.name()),
+fn garbage_and_stall_are_distinguished_and_recovered_from() {
+    let socket = PseudoSerialPort::connected();
+    let inbox = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(Bus::Board, socket.path_string()),
         &BaseConfig::default(),
         &inbox,
     )
     .expect("a base");
-    let mut board = Board::new(socket);
-    let reach = |wanted: State, board: &mut Board, say: &mut dyn FnMut(&mut Board)| {
-        until(&format!("{wanted:?}"), || {
-            say(board);
-            board.told();
-            (base.health().state == wanted).then_some(())
-        });
-    };
-    reach(State::Running, &mut board, &mut |board| board.say_counts(1));
-    reach(State::Garbage, &mut board, &mut |board| {
+    let mut board = FakeBoard::new(socket);
+    let reach =
+        |wanted: HealthState, board: &mut FakeBoard, say: &mut dyn FnMut(&mut FakeBoard)| {
+            wait_until(&format!("{wanted:?}"), || {
+                say(board);
+                board.received_messages();
+                (base.health().state == wanted).then_some(())
+            });
+        };
+    reach(HealthState::Running, &mut board, &mut |board| {
+        board.send_counts(1)
+    });
+    reach(HealthState::Garbage, &mut board, &mut |board| {
         board.socket.send(&[0x55, 0xAA, 0, 1, 2, 3, 0]);
     });
-    reach(State::Running, &mut board, &mut |board| board.say_counts(1));
-    reach(State::Stalled, &mut board, &mut |_| {});
-    reach(State::Running, &mut board, &mut |board| board.say_counts(1));
+    reach(HealthState::Running, &mut board, &mut |board| {
+        board.send_counts(1)
+    });
+    reach(HealthState::Stalled, &mut board, &mut |_| {});
+    reach(HealthState::Running, &mut board, &mut |board| {
+        board.send_counts(1)
+    });
     // A board that speaks, but not of its wheels, is no running base.
     let switches = Switches {
         bumpers: 4,
         ..Switches::default()
     };
-    reach(State::Stalled, &mut board, &mut |board| board.say(switches));
+    reach(HealthState::Stalled, &mut board, &mut |board| {
+        board.send(switches)
+    });
     let health = base.health();
     assert!(health.reason.expect("a reason").contains("encoder"));
     assert!(health.garbage_bytes > 0 && health.faults >= 3);
 }
 
 #[test]
-fn commands_that_are_no_numbers_stop_the_wheels_and_a_kick_happens_once() {
-    let socket = Socket::plugged();
-    let inbox = Inbox::new(1024);
-    let base = Base::start(
-        &device(Bus::Board, socket.name()),
+fn non_finite_command_stops_the_wheels_and_kick_is_sent_once() {
+    let socket = PseudoSerialPort::connected();
+    let inbox = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(Bus::Board, socket.path_string()),
         &BaseConfig::default(),
         &inbox,
     )
     .expect("a base");
-    let mut board = Board::new(socket);
-    until("speed", || {
-        base.helm()
-            .drive(Drive::Wheels([2.0, 2.0, 2.0, 0.0]), soon())
+    let mut board = FakeBoard::new(socket);
+    wait_until("speed", || {
+        base.handle()
+            .drive(
+                MotionCommand::WheelSpeeds([2.0, 2.0, 2.0, 0.0]),
+                short_deadline(),
+            )
             .expect("driven");
         board
-            .wheels()
+            .received_wheel_commands()
             .into_iter()
             .find(|command| command.speed_crad[0] == 200)
     });
-    let refused = base
-        .helm()
-        .drive(Drive::Wheels([1.0, f32::NAN, 0.0, 0.0]), soon());
-    assert!(matches!(refused, Err(HwError::Unfit { .. })));
-    until("a stop", || {
+    let refused = base.handle().drive(
+        MotionCommand::WheelSpeeds([1.0, f32::NAN, 0.0, 0.0]),
+        short_deadline(),
+    );
+    assert!(matches!(refused, Err(HwError::Unsupported { .. })));
+    wait_until("a stop", || {
         board
-            .wheels()
+            .received_wheel_commands()
             .into_iter()
             .find(|command| command.speed_crad == [0; 4])
     });
@@ -311,11 +326,11 @@ fn commands_that_are_no_numbers_stop_the_wheels_and_a_kick_happens_once() {
         speed: 7.5,
         lofted: true,
     };
-    base.helm().kick(kick, soon()).expect("kicked");
+    base.handle().kick(kick, short_deadline()).expect("kicked");
     let mut kicks = Vec::new();
     let mut after = 0;
-    until("a kick and what follows", || {
-        for message in board.told() {
+    wait_until("a kick and what follows", || {
+        for message in board.received_messages() {
             match message {
                 Message::KickCommand(kick) => kicks.push(kick),
                 _ => after += usize::from(!kicks.is_empty()),
@@ -328,115 +343,121 @@ fn commands_that_are_no_numbers_stop_the_wheels_and_a_kick_happens_once() {
 }
 
 #[test]
-fn halt_and_drop_leave_the_wheels_told_to_stop() {
-    let socket = Socket::plugged();
-    let inbox = Inbox::new(1024);
-    let base = Base::start(
-        &device(Bus::Board, socket.name()),
+fn halt_and_drop_send_a_stop_command() {
+    let socket = PseudoSerialPort::connected();
+    let inbox = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(Bus::Board, socket.path_string()),
         &BaseConfig::default(),
         &inbox,
     )
     .expect("a base");
-    let mut board = Board::new(socket);
+    let mut board = FakeBoard::new(socket);
     let drive = || {
-        base.helm()
-            .drive(Drive::Wheels([2.0; 4]), soon())
+        base.handle()
+            .drive(MotionCommand::WheelSpeeds([2.0; 4]), short_deadline())
             .expect("driven")
     };
-    until("speed", || {
+    wait_until("speed", || {
         drive();
         board
-            .wheels()
+            .received_wheel_commands()
             .into_iter()
             .find(|command| command.speed_crad[0] == 200)
     });
     drive();
-    assert!(base.helm().halt(Duration::from_secs(5)));
-    until("a stop", || {
+    assert!(base.handle().halt(Duration::from_secs(5)));
+    wait_until("a stop", || {
         board
-            .wheels()
+            .received_wheel_commands()
             .last()
             .filter(|command| command.speed_crad == [0; 4])
             .copied()
     });
     drive();
     drop(base);
-    let last = until("the last word", || board.wheels().last().copied());
+    let last = wait_until("the last word", || {
+        board.received_wheel_commands().last().copied()
+    });
     assert_eq!(last.speed_crad, [0; 4]);
-    let missing = Socket::empty();
-    let base = Base::start(
-        &device(Bus::Board, missing.name()),
+    let missing = PseudoSerialPort::disconnected();
+    let base = BaseDriver::start(
+        &device(Bus::Board, missing.path_string()),
         &BaseConfig::default(),
         &inbox,
     )
     .expect("a base");
     assert!(
-        !base.helm().halt(Duration::from_millis(20)),
+        !base.handle().halt(Duration::from_millis(20)),
         "nobody was told"
     );
 }
 
 /// What a wheel is told: a speed or a current.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Told {
+enum VescSetpoint {
     Erpm(i32),
     CurrentMa(i32),
 }
 
 /// Runs the three VESCs at `answer` until the wheels were driven and let go again, and returns what each was told.
-fn drive_vescs(
+fn run_vesc_drive(
     bus: Bus,
-    socket: &Socket,
-    mut answer: impl FnMut(&Socket, &[u8], u32) -> Vec<(u8, Told)>,
-) -> Vec<(u8, Told)> {
-    let inbox = Inbox::new(1024);
-    let base =
-        Base::start(&device(bus, socket.name()), &BaseConfig::default(), &inbox).expect("a base");
-    let refused = base.helm().kick(
+    socket: &PseudoSerialPort,
+    mut answer: impl FnMut(&PseudoSerialPort, &[u8], u32) -> Vec<(u8, VescSetpoint)>,
+) -> Vec<(u8, VescSetpoint)> {
+    let inbox = EventQueue::new(1024);
+    let base = BaseDriver::start(
+        &device(bus, socket.path_string()),
+        &BaseConfig::default(),
+        &inbox,
+    )
+    .expect("a base");
+    let refused = base.handle().kick(
         Kick {
             speed: 1.0,
             lofted: false,
         },
-        soon(),
+        short_deadline(),
     );
-    assert!(matches!(refused, Err(HwError::Unfit { .. })));
+    assert!(matches!(refused, Err(HwError::Unsupported { .. })));
     let turn = Twist {
         theta: 1.0,
         ..Twist::default()
     };
     let (mut log, mut ticks) = (Vec::new(), 0u32);
-    let odometry = until("odometry", || {
-        base.helm()
-            .drive(Drive::Twist(turn), soon())
+    let odometry = wait_until("odometry", || {
+        base.handle()
+            .drive(MotionCommand::Twist(turn), short_deadline())
             .expect("driven");
         ticks = ticks.wrapping_add(3);
-        log.extend(answer(socket, &socket.received(), ticks));
-        let event = inbox.take(Duration::from_millis(1));
+        log.extend(answer(socket, &socket.read(), ticks));
+        let event = inbox.pop_timeout(Duration::from_millis(1));
         event.and_then(|event| match event {
-            Event::Odometry(odometry) if odometry.dtheta > 0.0 => Some(odometry),
+            DeviceEvent::Odometry(odometry) if odometry.dtheta > 0.0 => Some(odometry),
             _ => None,
         })
     });
     assert!(odometry.dtheta < 0.5);
-    until("let go", || {
-        log.extend(answer(socket, &socket.received(), ticks));
+    wait_until("let go", || {
+        log.extend(answer(socket, &socket.read(), ticks));
         let released = log.iter().rev().take(3);
         (log.len() > 30
             && released
                 .clone()
-                .all(|(_, told)| *told == Told::CurrentMa(0)))
+                .all(|(_, told)| *told == VescSetpoint::CurrentMa(0)))
         .then_some(())
     });
-    let power = event(&inbox, "power", |event| match event {
-        Event::Power(power) => Some(power),
+    let power = wait_for_event(&inbox, "power", |event| match event {
+        DeviceEvent::Power(power) => Some(power),
         _ => None,
     });
-    assert!((power.battery - 24.6).abs() < 1e-4);
+    assert!((power.battery_voltage - 24.6).abs() < 1e-4);
     log
 }
 
 /// Driven at 4 rad/s with 4096 steps a turn (the third the other way), then braked, then let go.
-fn assert_driven_braked_let_go(log: &[(u8, Told)]) {
+fn assert_drive_brake_release(log: &[(u8, VescSetpoint)]) {
     let erpm = (4.0 / TAU * 60.0 * 4096.0 / 6.0) as i32;
     for (node, wanted) in [(11, erpm), (12, erpm), (13, -erpm)] {
         let mut told: Vec<_> = log
@@ -446,24 +467,29 @@ fn assert_driven_braked_let_go(log: &[(u8, Told)]) {
             .collect();
         told.dedup();
         // Before the first command the motors are free.
-        if told.first() == Some(&Told::CurrentMa(0)) {
+        if told.first() == Some(&VescSetpoint::CurrentMa(0)) {
             told.remove(0);
         }
         // A line begins with wheels that stand.
-        let driven = Told::Erpm(wanted);
+        let driven = VescSetpoint::Erpm(wanted);
         assert_eq!(
             told,
-            [Told::Erpm(0), driven, Told::Erpm(0), Told::CurrentMa(0)],
+            [
+                VescSetpoint::Erpm(0),
+                driven,
+                VescSetpoint::Erpm(0),
+                VescSetpoint::CurrentMa(0)
+            ],
             "node {node}"
         );
     }
 }
 
 #[test]
-fn vescs_on_a_uart_are_driven_braked_and_let_go() {
-    let socket = Socket::plugged();
+fn vescs_over_uart_drive_brake_and_release() {
+    let socket = PseudoSerialPort::connected();
     let mut pending = Vec::new();
-    let log = drive_vescs(Bus::VescUart, &socket, |socket, bytes, ticks| {
+    let log = run_vesc_drive(Bus::VescUart, &socket, |socket, bytes, ticks| {
         pending.extend_from_slice(bytes);
         let mut told = Vec::new();
         // Packets are of known length: 02, length, payload, three bytes.
@@ -472,8 +498,10 @@ fn vescs_on_a_uart_are_driven_braked_and_let_go() {
             let (node, request) = Request::decode(&packet).expect("a request");
             let node = node.unwrap_or(11);
             match request {
-                Request::SetRpm(erpm) => told.push((node, Told::Erpm(erpm))),
-                Request::SetCurrentMa(current) => told.push((node, Told::CurrentMa(current))),
+                Request::SetRpm(erpm) => told.push((node, VescSetpoint::Erpm(erpm))),
+                Request::SetCurrentMa(current) => {
+                    told.push((node, VescSetpoint::CurrentMa(current)))
+                }
                 Request::GetValues => {
                     let sign = if node == 13 { -1 } else { 1 };
                     let values = Values {
@@ -488,15 +516,15 @@ fn vescs_on_a_uart_are_driven_braked_and_let_go() {
         }
         told
     });
-    assert_driven_braked_let_go(&log);
+    assert_drive_brake_release(&log);
 }
 
 #[test]
-fn vescs_behind_an_slcan_adapter_are_driven_braked_and_let_go() {
-    let socket = Socket::plugged();
-    let mut lines = slcan::stream();
+fn vescs_over_slcan_drive_brake_and_release() {
+    let socket = PseudoSerialPort::connected();
+    let mut lines = slcan::decoder();
     let mut setup = Vec::new();
-    let log = drive_vescs(Bus::VescSlcan, &socket, |socket, bytes, ticks| {
+    let log = run_vesc_drive(Bus::VescSlcan, &socket, |socket, bytes, ticks| {
         if setup.len() < 64 {
             setup.extend_from_slice(bytes);
         }
@@ -504,18 +532,20 @@ fn vescs_behind_an_slcan_adapter_are_driven_braked_and_let_go() {
         let told: Vec<_> = lines
             .by_ref()
             .filter_map(|line| match line {
-                slcan::Line::Frame(frame) => vesc_can::Order::decode(&frame),
+                slcan::SlcanMessage::Frame(frame) => vesc_can::VescCommand::decode(&frame),
                 _ => None,
             })
             .map(|(node, order)| match order {
-                vesc_can::Order::SetRpm(erpm) => (node, Told::Erpm(erpm)),
-                vesc_can::Order::SetCurrentMa(current) => (node, Told::CurrentMa(current)),
+                vesc_can::VescCommand::SetRpm(erpm) => (node, VescSetpoint::Erpm(erpm)),
+                vesc_can::VescCommand::SetCurrentMa(current) => {
+                    (node, VescSetpoint::CurrentMa(current))
+                }
             })
             .collect();
         let mut answer = Vec::new();
         for node in [11, 12, 13, 99] {
             let sign = if node == 13 { -1 } else { 1 };
-            let status = vesc_can::Status::Position {
+            let status = vesc_can::VescStatus::Position {
                 tachometer: sign * ticks as i32,
                 voltage_dv: 246,
             };
@@ -526,12 +556,12 @@ fn vescs_behind_an_slcan_adapter_are_driven_braked_and_let_go() {
         socket.send(&answer);
         told
     });
-    assert_driven_braked_let_go(&log);
+    assert_drive_brake_release(&log);
     assert!(setup.starts_with(b"\rC\rS6\rO\r"), "{setup:?}");
 }
 
 #[test]
-fn a_can_interface_that_is_not_there_is_named() {
+fn missing_can_interface_is_named_in_the_error() {
     let message = hw::CanSocket::open("can77")
         .expect_err("no such interface")
         .to_string();
@@ -539,10 +569,10 @@ fn a_can_interface_that_is_not_there_is_named() {
 }
 
 #[test]
-fn wheels_and_controllers_must_be_as_many() {
+fn wheel_and_controller_counts_must_match() {
     let mut wrong = device(Bus::VescCan, "can0".to_owned());
     wrong.nodes.pop();
-    let refused = Base::start(&wrong, &BaseConfig::default(), &Inbox::new(8));
+    let refused = BaseDriver::start(&wrong, &BaseConfig::default(), &EventQueue::new(8));
     let message = refused.expect_err("refused").to_string();
     assert!(
         message.contains("base.nodes") && message.contains("3 are wanted"),

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Compiles a program (the linker that Rust needs is a C compiler) and returns what it prints when given `input`.
-fn run_c(source: &Path, include: &Path, input: &str) -> String {
+fn compile_and_run(source: &Path, include: &Path, input: &str) -> String {
     let folder = tempfile::tempdir().expect("a folder");
     let program = folder.path().join("program");
     let compiled = Command::new("cc")
@@ -33,7 +33,7 @@ fn run_c(source: &Path, include: &Path, input: &str) -> String {
 }
 
 #[test]
-fn the_firmware_s_header_takes_apart_and_builds_every_vector() {
+fn c_header_decodes_and_encodes_every_test_vector() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let docs = root.join("../../docs");
     let table = std::fs::read_to_string(docs.join("wire_vectors.csv")).expect("the table");
@@ -49,7 +49,7 @@ fn the_firmware_s_header_takes_apart_and_builds_every_vector() {
         &("05".repeat(200) + "00"),
     ];
     let input = [&frames[..], &bad[..]].concat().join("\n") + "\n";
-    let said = run_c(&root.join("tests/c/base_frames.c"), &docs, &input);
+    let said = compile_and_run(&root.join("tests/c/base_frames.c"), &docs, &input);
     let said: Vec<_> = said.lines().collect();
     assert_eq!(said[..frames.len()], frames);
     assert_eq!(said[frames.len()..], ["refused"; 3]);

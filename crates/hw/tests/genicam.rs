@@ -11,11 +11,11 @@ use hw::config::CameraDevice;
 use hw::{Camera, Event, Inbox, State};
 
 /// The fake camera, switched on until it is dropped.
-struct Fake(Child);
+struct FakeGenICamCamera(Child);
 
 impl Fake {
     /// `None` where Aravis' tools are not installed.
-    fn switch_on() -> Option<Self> {
+    fn start() -> Option<Self> {
         Command::new("arv-fake-gv-camera-0.8")
             .args(["-i", "127.0.0.1"])
             .stdout(Stdio::null())
@@ -34,7 +34,7 @@ impl Drop for Fake {
 }
 
 #[test]
-fn a_genicam_camera_streams_and_comes_back() {
+fn genicam_camera_streams_and_reconnects() {
     let Some(fake) = Fake::switch_on() else {
         eprintln!("skipped: arv-fake-gv-camera-0.8 (aravis-tools) is not installed");
         return;

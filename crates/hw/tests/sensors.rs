@@ -6,20 +6,22 @@ use std::io::{Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::time::Duration;
 
-use bench_top::{Socket, event, until};
-use hw::config::{CameraDevice, InertialDevice, Sensor};
+use bench_top::{PseudoSerialPort, wait_for_event, wait_until};
+use hw::config::{CameraDeviceConfig, InertialDeviceConfig, InertialSensor};
 use hw::wire::bno085::Rvc;
-use hw::wire::frames::{FrameHeader, FrameSettings, SETTINGS_BYTES};
-use hw::{Camera, Event, HwError, Inbox, Inertial, Serial, State, camera};
+use hw::wire::frames::{ImageHeader, SETTINGS_BYTES, SettingsMessage};
+use hw::{
+    CameraDriver, DeviceEvent, EventQueue, HealthState, HwError, InertialDriver, SerialPort, camera,
+};
 
 #[test]
-fn a_serial_line_carries_every_byte_value_both_ways() {
-    let socket = Socket::plugged();
-    let serial = Serial::open(&socket.name(), 115_200).expect("open");
+fn serial_port_is_transparent_to_all_byte_values() {
+    let socket = PseudoSerialPort::connected();
+    let serial = SerialPort::open(&socket.path_string(), 115_200).expect("open");
     let all: Vec<u8> = (0..=255).collect();
     socket.send(&all);
     let mut found = Vec::new();
-    until("256 bytes", || {
+    wait_until("256 bytes", || {
         let mut buffer = [0; 64];
         let bytes = serial.read(&mut buffer, hw::now() + 0.01).expect("read");
         found.extend_from_slice(&buffer[..bytes]);
@@ -28,8 +30,8 @@ fn a_serial_line_carries_every_byte_value_both_ways() {
     assert_eq!(found, all);
     serial.write(&all, hw::now() + 5.0).expect("written");
     let mut back = Vec::new();
-    until("256 bytes back", || {
-        back.extend(socket.received());
+    wait_until("256 bytes back", || {
+        back.extend(socket.read());
         (back.len() == 256).then_some(())
     });
     assert_eq!(back, all);
@@ -37,36 +39,36 @@ fn a_serial_line_carries_every_byte_value_both_ways() {
 }
 
 #[test]
-fn busy_missing_stuck_and_unplugged_lines_are_told_apart() {
-    let mut socket = Socket::plugged();
-    let serial = Serial::open(&socket.name(), 1_000_000).expect("open");
-    let busy = Serial::open(&socket.name(), 115_200);
+fn busy_missing_stalled_and_disconnected_ports_are_distinguished() {
+    let mut socket = PseudoSerialPort::connected();
+    let serial = SerialPort::open(&socket.path_string(), 1_000_000).expect("open");
+    let busy = SerialPort::open(&socket.path_string(), 115_200);
     assert!(matches!(busy, Err(HwError::Busy { .. })), "{busy:?}");
-    let full = until("a full line", || {
+    let full = wait_until("a full line", || {
         serial.write(&[0; 4096], hw::now() + 0.01).err()
     });
     assert!(matches!(full, HwError::Stalled { .. }), "{full:?}");
-    socket.unplug();
-    let gone = until("an error", || {
+    socket.disconnect();
+    let gone = wait_until("an error", || {
         serial.read(&mut [0; 8], hw::now() + 0.01).err()
     });
-    assert!(matches!(gone, HwError::Unplugged { .. }), "{gone:?}");
-    let missing = Serial::open(&socket.name(), 115_200);
+    assert!(matches!(gone, HwError::Disconnected { .. }), "{gone:?}");
+    let missing = SerialPort::open(&socket.path_string(), 115_200);
     assert!(
         matches!(missing, Err(HwError::Missing { .. })),
         "{missing:?}"
     );
-    let file = Serial::open("/dev/null", 115_200).expect_err("no line");
+    let file = SerialPort::open("/dev/null", 115_200).expect_err("no line");
     assert_eq!(file.to_string(), "/dev/null: is no serial line");
 }
 
 #[test]
-fn a_stuck_inertial_unit_is_named_and_taken_back() {
-    let socket = Socket::plugged();
-    let inbox = Inbox::new(1024);
-    let device = InertialDevice {
-        sensor: Sensor::Bno085,
-        port: socket.name(),
+fn stuck_imu_is_detected_and_recovers() {
+    let socket = PseudoSerialPort::connected();
+    let inbox = EventQueue::new(1024);
+    let device = InertialDeviceConfig {
+        sensor: InertialSensor::Bno085,
+        port: socket.path_string(),
         baud: 115_200,
         imu: true,
         compass: false,
@@ -77,7 +79,7 @@ fn a_stuck_inertial_unit_is_named_and_taken_back() {
         stall: 0.3,
         stuck: 0.1,
     };
-    let imu = Inertial::start("imu", &device, &inbox).expect("started");
+    let imu = InertialDriver::start("imu", &device, &inbox).expect("started");
     let mut message = Rvc::default();
     let mut say = |moving: bool| {
         message.index = message.index.wrapping_add(1);
@@ -86,31 +88,31 @@ fn a_stuck_inertial_unit_is_named_and_taken_back() {
         std::thread::sleep(Duration::from_millis(3));
     };
     for (moving, wanted) in [
-        (true, State::Running),
-        (false, State::Stuck),
-        (true, State::Running),
+        (true, HealthState::Running),
+        (false, HealthState::Stuck),
+        (true, HealthState::Running),
     ] {
-        until(&format!("{wanted:?}"), || {
+        wait_until(&format!("{wanted:?}"), || {
             say(moving);
             (imu.health().state == wanted).then_some(())
         });
     }
-    event(&inbox, "a reading", |event| {
-        matches!(event, Event::Imu(_)).then_some(())
+    wait_for_event(&inbox, "a reading", |event| {
+        matches!(event, DeviceEvent::Imu(_)).then_some(())
     });
 }
 
 /// A program that sends frames.
-struct Sender {
+struct FakeCamera {
     listener: UnixListener,
     peer: Option<UnixStream>,
     sequence: u32,
 }
 
-impl Sender {
-    fn frame(&mut self, level: u8) -> Vec<u8> {
+impl FakeCamera {
+    fn encode_image(&mut self, level: u8) -> Vec<u8> {
         self.sequence += 1;
-        let header = FrameHeader {
+        let header = ImageHeader {
             fourcc: u32::from_le_bytes(*b"RGB3"),
             width_px: 8,
             height_px: 4,
@@ -122,12 +124,12 @@ impl Sender {
         [&header.encode()[..], &[level; 96]].concat()
     }
 
-    fn accept(&mut self) -> FrameSettings {
+    fn accept(&mut self) -> SettingsMessage {
         let (mut peer, _) = self.listener.accept().expect("connected");
         let mut bytes = [0; SETTINGS_BYTES];
         peer.read_exact(&mut bytes).expect("settings");
         self.peer = Some(peer);
-        FrameSettings::decode(&bytes).expect("settings")
+        SettingsMessage::decode(&bytes).expect("settings")
     }
 
     fn send(&mut self, bytes: &[u8]) {
@@ -136,8 +138,8 @@ impl Sender {
     }
 }
 
-fn camera_device(path: &std::path::Path) -> CameraDevice {
-    CameraDevice {
+fn camera_device(path: &std::path::Path) -> CameraDeviceConfig {
+    CameraDeviceConfig {
         device: format!("unix:{}", path.display()),
         rate_hz: 30.0,
         format: String::new(),
@@ -149,13 +151,13 @@ fn camera_device(path: &std::path::Path) -> CameraDevice {
 }
 
 #[test]
-fn frames_come_through_and_torn_frozen_and_lost_ones_are_told() {
+fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("camera");
-    let inbox = Inbox::new(64);
-    let camera = Camera::start(&camera_device(&path), [8, 4], &inbox).expect("started");
-    let state = |wanted: State| (camera.health().state == wanted).then_some(());
-    let mut sender = Sender {
+    let inbox = EventQueue::new(64);
+    let camera = CameraDriver::start(&camera_device(&path), [8, 4], &inbox).expect("started");
+    let state = |wanted: HealthState| (camera.health().state == wanted).then_some(());
+    let mut sender = FakeCamera {
         listener: UnixListener::bind(&path).expect("bound"),
         peer: None,
         sequence: 0,
@@ -163,50 +165,50 @@ fn frames_come_through_and_torn_frozen_and_lost_ones_are_told() {
     let settings = sender.accept();
     assert_eq!((settings.exposure_us, settings.gain), (10_000, -1));
     let mut level = 0u8;
-    let mut fresh = |sender: &mut Sender| {
+    let mut fresh = |sender: &mut FakeCamera| {
         level = level.wrapping_add(1);
-        let bytes = sender.frame(level);
+        let bytes = sender.encode_image(level);
         sender.send(&bytes);
         std::thread::sleep(Duration::from_millis(3));
     };
-    until("running", || {
+    wait_until("running", || {
         fresh(&mut sender);
-        state(State::Running)
+        state(HealthState::Running)
     });
-    let frame = event(&inbox, "a frame", |event| match event {
-        Event::Frame(frame) => Some(frame),
+    let frame = wait_for_event(&inbox, "a frame", |event| match event {
+        DeviceEvent::Image(frame) => Some(frame),
         _ => None,
     });
     assert_eq!(
         (frame.width_px, frame.height_px, frame.data.len()),
         (8, 4, 96)
     );
-    until("dropped frames", || {
+    wait_until("dropped frames", || {
         fresh(&mut sender);
-        (inbox.dropped().frames > 3).then_some(())
+        (inbox.drop_counts().images > 3).then_some(())
     });
-    until("stuck", || {
-        let bytes = sender.frame(77);
+    wait_until("stuck", || {
+        let bytes = sender.encode_image(77);
         sender.send(&bytes);
         std::thread::sleep(Duration::from_millis(3));
-        state(State::Stuck)
+        state(HealthState::Stuck)
     });
-    until("running again", || {
+    wait_until("running again", || {
         fresh(&mut sender);
-        state(State::Running)
+        state(HealthState::Running)
     });
     // Half a frame, then nothing.
-    let half = sender.frame(1);
+    let half = sender.encode_image(1);
     sender.send(&half[..60]);
-    until("stalled", || state(State::Stalled));
+    wait_until("stalled", || state(HealthState::Stalled));
     sender.accept();
-    until("running after the half frame", || {
+    wait_until("running after the half frame", || {
         fresh(&mut sender);
-        state(State::Running)
+        state(HealthState::Running)
     });
-    camera.set(camera::Settings {
+    camera.set_settings(camera::CameraSettings {
         gain: Some(7),
-        ..camera::Settings::default()
+        ..camera::CameraSettings::default()
     });
     let mut bytes = [0; SETTINGS_BYTES];
     sender
@@ -216,12 +218,12 @@ fn frames_come_through_and_torn_frozen_and_lost_ones_are_told() {
         .read_exact(&mut bytes)
         .expect("settings");
     assert_eq!(
-        FrameSettings::decode(&bytes).map(|settings| settings.gain),
+        SettingsMessage::decode(&bytes).map(|settings| settings.gain),
         Some(7)
     );
     // A camera that was pulled out and put in again is set as it was.
     sender.peer = None;
-    until("absent", || state(State::Absent));
+    wait_until("absent", || state(HealthState::Absent));
     sender.accept();
     let mut bytes = [0; SETTINGS_BYTES];
     sender
@@ -231,33 +233,33 @@ fn frames_come_through_and_torn_frozen_and_lost_ones_are_told() {
         .read_exact(&mut bytes)
         .expect("settings");
     assert_eq!(
-        FrameSettings::decode(&bytes).map(|settings| settings.gain),
+        SettingsMessage::decode(&bytes).map(|settings| settings.gain),
         Some(7)
     );
     sender.send(b"this is no frame, and certainly not the header of one");
-    until("garbage", || state(State::Garbage));
+    wait_until("garbage", || state(HealthState::Garbage));
 }
 
 #[test]
-fn the_queue_keeps_the_newest_of_a_bounded_number_and_hands_samples_out_before_a_frame() {
-    let inbox = Inbox::new(2);
+fn event_queue_drops_the_oldest_samples_when_full() {
+    let inbox = EventQueue::new(2);
     let compass = |at| {
-        Event::Compass(localize::sample::Compass {
+        DeviceEvent::Compass(localize::sample::Compass {
             stamp: localize::Stamp(at),
             heading: 0.0,
             magnetic_field: None,
         })
     };
-    (0..5).for_each(|at| inbox.put(compass(at)));
-    assert_eq!(inbox.take(Duration::ZERO), Some(compass(3)));
-    assert_eq!(inbox.take(Duration::ZERO), Some(compass(4)));
-    assert_eq!(inbox.take(Duration::ZERO), None);
-    assert_eq!(inbox.dropped().samples, 3);
+    (0..5).for_each(|at| inbox.push(compass(at)));
+    assert_eq!(inbox.pop_timeout(Duration::ZERO), Some(compass(3)));
+    assert_eq!(inbox.pop_timeout(Duration::ZERO), Some(compass(4)));
+    assert_eq!(inbox.pop_timeout(Duration::ZERO), None);
+    assert_eq!(inbox.drop_counts().samples, 3);
 }
 
 #[test]
-fn a_frame_header_with_a_flipped_bit_is_refused() {
-    let header = FrameHeader {
+fn image_header_with_a_flipped_bit_is_rejected() {
+    let header = ImageHeader {
         fourcc: 1,
         width_px: 640,
         height_px: 480,
@@ -267,10 +269,10 @@ fn a_frame_header_with_a_flipped_bit_is_refused() {
         stamp_ns: -5,
     };
     let bytes = header.encode();
-    assert_eq!(FrameHeader::decode(&bytes), Some(header));
+    assert_eq!(ImageHeader::decode(&bytes), Some(header));
     for bit in 0..bytes.len() * 8 {
         let mut flipped = bytes;
         flipped[bit / 8] ^= 1 << (bit % 8);
-        assert_eq!(FrameHeader::decode(&flipped), None, "bit {bit}");
+        assert_eq!(ImageHeader::decode(&flipped), None, "bit {bit}");
     }
 }

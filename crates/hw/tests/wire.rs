@@ -2,9 +2,9 @@
 
 mod oracle;
 
-use hw::wire::frames::{FRAME_BYTES_MAX, FrameHeader};
-use hw::wire::{CanFrame, Fault, bno085, board, slcan, vesc, vesc_can, wit};
-use oracle::messages;
+use hw::wire::frames::{IMAGE_BYTES_MAX, ImageHeader};
+use hw::wire::{CanFrame, DecodeError, bno085, board, slcan, vesc, vesc_can, wit};
+use oracle::decode_in_chunks;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -17,7 +17,7 @@ fn hex(text: &str) -> Vec<u8> {
 }
 
 #[test]
-fn the_example_of_the_bno085_is_read_and_written() {
+fn bno085_datasheet_example_round_trips() {
     let bytes = hex("AAAADE010092FF25088DFEECFFD103000000E7");
     let wanted = bno085::Rvc {
         index: 0xDE,
@@ -26,12 +26,12 @@ fn the_example_of_the_bno085_is_read_and_written() {
         roll_cdeg: 2085,
         acceleration_mg: [-371, -20, 977],
     };
-    assert_eq!(messages(bno085::stream(), &bytes, &[]), [wanted]);
+    assert_eq!(decode_in_chunks(bno085::decoder(), &bytes, &[]), [wanted]);
     assert_eq!(wanted.encode()[..], bytes);
 }
 
 #[test]
-fn vesc_packets_are_those_of_the_firmware() {
+fn vesc_packets_match_the_firmware() {
     assert_eq!(vesc::Request::GetValues.encode(), hex("02 01 04 40 84 03"));
     assert_eq!(
         vesc::Request::SetRpm(1000).encode(),
@@ -46,16 +46,16 @@ fn vesc_packets_are_those_of_the_firmware() {
 }
 
 #[test]
-fn vesc_frames_carry_command_and_node_in_their_identifier() {
-    let frame = vesc_can::Order::SetRpm(1000).encode(0x2A);
+fn vesc_can_identifier_holds_command_and_node() {
+    let frame = vesc_can::VescCommand::SetRpm(1000).encode(0x2A);
     assert!(frame.extended);
     assert_eq!((frame.id, frame.data()), (0x32A, &[0, 0, 3, 0xE8][..]));
     let status = CanFrame::new(0x92A, true, &[0, 0, 3, 0xE8, 0, 25, 0xFF, 0xFE]);
     assert_eq!(
-        vesc_can::Status::decode(&status.expect("a frame")),
+        vesc_can::VescStatus::decode(&status.expect("a frame")),
         Some((
             0x2A,
-            vesc_can::Status::Motion {
+            vesc_can::VescStatus::Motion {
                 erpm: 1000,
                 current_da: 25,
                 duty_permille: -2
@@ -65,44 +65,47 @@ fn vesc_frames_carry_command_and_node_in_their_identifier() {
 }
 
 #[test]
-fn wit_values_have_the_scale_of_its_protocol() {
+fn wit_values_use_the_protocol_scale() {
     let one_g = hex("55 51 00 00 00 00 00 08 00 00 AE");
-    let found = messages(wit::stream(), &one_g, &[]);
-    assert_eq!(found[0].kind, wit::Kind::Acceleration);
+    let found = decode_in_chunks(wit::decoder(), &one_g, &[]);
+    assert_eq!(found[0].kind, wit::DataType::Acceleration);
     assert!((found[0].si()[2] - 9.806_65).abs() < 1e-5);
     // 0x4000 of 0x8000 is half of 2000 °/s.
     let rate = hex("55 52 00 00 00 00 00 40 00 00 E7");
-    let found = messages(wit::stream(), &rate, &[]);
-    assert_eq!(found[0].kind, wit::Kind::Rate);
+    let found = decode_in_chunks(wit::decoder(), &rate, &[]);
+    assert_eq!(found[0].kind, wit::DataType::AngularRate);
     assert!((found[0].si()[2] - 1000_f32.to_radians()).abs() < 1e-3);
     let turn = wit::Wit {
-        kind: wit::Kind::Angle,
+        kind: wit::DataType::Angle,
         raw: [0, 0, -16384, 0],
     };
     assert!((turn.si()[2] + std::f32::consts::FRAC_PI_2).abs() < 1e-6);
 }
 
 #[test]
-fn slcan_lines_are_those_of_the_adapters() {
+fn slcan_lines_match_the_lawicel_format() {
     let frame = CanFrame::new(0x32A, true, &[0, 0, 3, 0xE8]).expect("a frame");
     let mut line = Vec::new();
     slcan::encode(&frame, &mut line);
     assert_eq!(line, b"T0000032A4000003E8\r");
     let stamped = b"T0000032A4000003e81234\r\x07z\rT0000032A4000003E\r";
     assert_eq!(
-        messages(slcan::stream(), stamped, &[]),
+        decode_in_chunks(slcan::decoder(), stamped, &[]),
         [
-            slcan::Line::Frame(frame),
-            slcan::Line::Refused,
-            slcan::Line::Done
+            slcan::SlcanMessage::Frame(frame),
+            slcan::SlcanMessage::Nack,
+            slcan::SlcanMessage::Ack
         ]
     );
-    assert_eq!(slcan::open(500_000), Some(b"\rC\rS6\rO\r".to_vec()));
-    assert_eq!(slcan::open(300_000), None);
+    assert_eq!(
+        slcan::open_channel_commands(500_000),
+        Some(b"\rC\rS6\rO\r".to_vec())
+    );
+    assert_eq!(slcan::open_channel_commands(300_000), None);
 }
 
 #[test]
-fn every_message_of_the_base_board_is_in_the_table_of_vectors_as_written_there() {
+fn base_board_messages_match_the_test_vectors() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/wire_vectors.csv");
     let table = std::fs::read_to_string(path).expect("the table");
     let mut kinds = Vec::new();
@@ -112,13 +115,13 @@ fn every_message_of_the_base_board_is_in_the_table_of_vectors_as_written_there()
             panic!("four cells: {row}");
         };
         let bytes = hex(frame);
-        let found = messages(board::stream(), &bytes, &[]);
+        let found = decode_in_chunks(board::decoder(), &bytes, &[]);
         assert_eq!(found.len(), 1, "{name}");
         assert_eq!(found[0].encode(), bytes, "{name}");
         let wanted = format!("{name}({name} {{ {} }})", fields.trim_matches('"'));
         assert_eq!(format!("{:?}", found[0].message), wanted);
         assert_eq!(found[0].sequence.to_string(), sequence, "{name}");
-        kinds.push(found[0].message.kind());
+        kinds.push(found[0].message.type_byte());
     }
     assert_eq!(
         kinds,
@@ -128,32 +131,35 @@ fn every_message_of_the_base_board_is_in_the_table_of_vectors_as_written_there()
 }
 
 #[test]
-fn another_version_and_unknown_types_are_named() {
+fn version_and_type_errors_are_reported() {
     for (frame, fault) in [
-        ("03 02 01 01 03 58 da 00", Fault::Version(2)),
-        ("07 01 7f 01 01 9d a1 00", Fault::Kind(0x7F)),
-        ("07 01 01 01 01 94 62 00", Fault::Length),
-        ("07 01 01 01 01 94 63 00", Fault::Checksum),
+        (
+            "03 02 01 01 03 58 da 00",
+            DecodeError::UnsupportedVersion(2),
+        ),
+        ("07 01 7f 01 01 9d a1 00", DecodeError::UnknownType(0x7F)),
+        ("07 01 01 01 01 94 62 00", DecodeError::Length),
+        ("07 01 01 01 01 94 63 00", DecodeError::Checksum),
     ] {
-        let mut stream = board::stream();
+        let mut stream = board::decoder();
         stream.extend(&hex(frame));
         assert_eq!(stream.next(), None);
-        assert_eq!(stream.tally().last_fault, Some(fault));
+        assert_eq!(stream.stats().last_error, Some(fault));
     }
 }
 
 #[test]
-fn can_frames_survive_the_kernel_s_layout() {
+fn can_frames_round_trip_through_socketcan_layout() {
     let frame = CanFrame::new(0x1234_5678, true, &[1, 2, 3]).expect("a frame");
-    assert_eq!(CanFrame::from_kernel(&frame.to_kernel()), Some(frame));
+    assert_eq!(CanFrame::from_socketcan(&frame.to_socketcan()), Some(frame));
     let asked = CanFrame::remote(0x123, false, 8).expect("a frame");
-    assert_eq!(CanFrame::from_kernel(&asked.to_kernel()), Some(asked));
-    let mut long = frame.to_kernel();
+    assert_eq!(CanFrame::from_socketcan(&asked.to_socketcan()), Some(asked));
+    let mut long = frame.to_socketcan();
     long[4] = 9;
-    assert_eq!(CanFrame::from_kernel(&long), None);
+    assert_eq!(CanFrame::from_socketcan(&long), None);
 }
 
-fn packet() -> impl Strategy<Value = board::Packet> {
+fn any_packet() -> impl Strategy<Value = board::Packet> {
     let message = prop_oneof![
         (any::<u16>(), 3u8..=4, any::<[i16; 4]>()).prop_map(|(valid_ms, wheels, speed_crad)| {
             board::WheelCommand {
@@ -187,9 +193,9 @@ fn packet() -> impl Strategy<Value = board::Packet> {
 }
 
 /// One true message of each protocol, as bytes.
-fn true_message() -> impl Strategy<Value = (usize, Vec<u8>)> {
+fn any_valid_message() -> impl Strategy<Value = (usize, Vec<u8>)> {
     prop_oneof![
-        packet().prop_map(|packet| (0, packet.encode())),
+        any_packet().prop_map(|packet| (0, packet.encode())),
         any::<(u8, [i16; 3], [i16; 3])>().prop_map(
             |(index, [yaw, pitch, roll], acceleration_mg)| {
                 let message = bno085::Rvc {
@@ -203,7 +209,7 @@ fn true_message() -> impl Strategy<Value = (usize, Vec<u8>)> {
             }
         ),
         (0x50u8..0x60, any::<[i16; 4]>()).prop_map(|(kind, raw)| {
-            let kind = wit::Kind::Other(kind);
+            let kind = wit::DataType::Other(kind);
             (2, wit::Wit { kind, raw }.encode().to_vec())
         }),
         any::<(u8, i32, i32, u8)>().prop_map(|(node, erpm, tachometer, fault)| {
@@ -227,7 +233,7 @@ fn true_message() -> impl Strategy<Value = (usize, Vec<u8>)> {
 /// A stream of true messages with noise between and bytes overwritten.
 fn damaged_stream() -> impl Strategy<Value = Vec<u8>> {
     let piece = prop_oneof![
-        4 => true_message().prop_map(|(_, bytes)| bytes),
+        4 => any_valid_message().prop_map(|(_, bytes)| bytes),
         1 => vec(any::<u8>(), 0..30),
         1 => vec(prop_oneof![Just(0xAA), Just(0x55), Just(2), Just(0), Just(3)], 0..30),
     ];
@@ -248,59 +254,59 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 1500, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn no_stream_makes_a_decoder_yield_what_is_not_in_it(
+    fn decoders_yield_only_messages_present_in_the_stream(
         bytes in prop_oneof![damaged_stream(), vec(any::<u8>(), 0..400)],
         cuts in vec(any::<u8>(), 0..6),
     ) {
-        oracle::board(&bytes, &cuts);
-        oracle::bno085(&bytes, &cuts);
-        oracle::wit(&bytes, &cuts);
-        oracle::vesc(&bytes, &cuts);
-        oracle::slcan(&bytes, &cuts);
+        oracle::check_board(&bytes, &cuts);
+        oracle::check_bno085(&bytes, &cuts);
+        oracle::check_wit(&bytes, &cuts);
+        oracle::check_vesc(&bytes, &cuts);
+        oracle::check_slcan(&bytes, &cuts);
     }
 
     #[test]
-    fn no_header_and_no_frame_is_taken_for_what_it_is_not(
+    fn corrupted_headers_and_can_frames_are_rejected(
         noise in vec(any::<u8>(), 0..60),
         numbers in any::<[u32; 6]>(), stamp_ns in any::<i64>(), at in 0..44usize, flip in any::<u8>(),
         id in any::<u32>(), command in prop_oneof![Just(1u32), Just(3), Just(9), Just(16), Just(27)], length in 0u8..10,
     ) {
-        oracle::frames(&noise);
-        oracle::can(&noise);
+        oracle::check_image_header(&noise);
+        oracle::check_can(&noise);
         let [fourcc, width_px, height_px, stride, sequence, bytes] = numbers;
-        let bytes = bytes % (2 * FRAME_BYTES_MAX);
-        let header = FrameHeader { fourcc, width_px, height_px, stride, sequence, bytes, stamp_ns };
+        let bytes = bytes % (2 * IMAGE_BYTES_MAX);
+        let header = ImageHeader { fourcc, width_px, height_px, stride, sequence, bytes, stamp_ns };
         let mut sent = header.encode();
-        prop_assert_eq!(FrameHeader::decode(&sent), (bytes <= FRAME_BYTES_MAX).then_some(header));
+        prop_assert_eq!(ImageHeader::decode(&sent), (bytes <= IMAGE_BYTES_MAX).then_some(header));
         sent[at] ^= flip;
-        oracle::frames(&sent);
-        prop_assert!(flip == 0 || FrameHeader::decode(&sent).is_none());
+        oracle::check_image_header(&sent);
+        prop_assert!(flip == 0 || ImageHeader::decode(&sent).is_none());
         let mut kernel = [0; 16];
         let id = (1 << 31) | (command << 8) | (id & 0x6000_00FF);
         kernel[..4].copy_from_slice(&id.to_ne_bytes());
         kernel[4] = length;
         kernel[8..].copy_from_slice(&stamp_ns.to_ne_bytes());
-        oracle::can(&kernel);
+        oracle::check_can(&kernel);
     }
 
     #[test]
-    fn where_a_stream_is_split_does_not_matter(bytes in damaged_stream(), cuts in vec(0u8..20, 1..6)) {
-        prop_assert_eq!(messages(board::stream(), &bytes, &[]), messages(board::stream(), &bytes, &cuts));
-        prop_assert_eq!(messages(bno085::stream(), &bytes, &[]), messages(bno085::stream(), &bytes, &cuts));
-        prop_assert_eq!(messages(wit::stream(), &bytes, &[]), messages(wit::stream(), &bytes, &cuts));
-        prop_assert_eq!(messages(vesc::stream(), &bytes, &[]), messages(vesc::stream(), &bytes, &cuts));
-        prop_assert_eq!(messages(slcan::stream(), &bytes, &[]), messages(slcan::stream(), &bytes, &cuts));
+    fn decoding_is_independent_of_chunk_boundaries(bytes in damaged_stream(), cuts in vec(0u8..20, 1..6)) {
+        prop_assert_eq!(decode_in_chunks(board::decoder(), &bytes, &[]), decode_in_chunks(board::decoder(), &bytes, &cuts));
+        prop_assert_eq!(decode_in_chunks(bno085::decoder(), &bytes, &[]), decode_in_chunks(bno085::decoder(), &bytes, &cuts));
+        prop_assert_eq!(decode_in_chunks(wit::decoder(), &bytes, &[]), decode_in_chunks(wit::decoder(), &bytes, &cuts));
+        prop_assert_eq!(decode_in_chunks(vesc::decoder(), &bytes, &[]), decode_in_chunks(vesc::decoder(), &bytes, &cuts));
+        prop_assert_eq!(decode_in_chunks(slcan::decoder(), &bytes, &[]), decode_in_chunks(slcan::decoder(), &bytes, &cuts));
     }
 
     #[test]
-    fn undamaged_messages_all_arrive(sent in vec(packet(), 1..20), cuts in vec(0u8..20, 0..4)) {
+    fn intact_messages_are_all_decoded(sent in vec(any_packet(), 1..20), cuts in vec(0u8..20, 0..4)) {
         let bytes: Vec<u8> = sent.iter().flat_map(board::Packet::encode).collect();
-        prop_assert_eq!(messages(board::stream(), &bytes, &cuts), sent);
+        prop_assert_eq!(decode_in_chunks(board::decoder(), &bytes, &cuts), sent);
     }
 
     #[test]
-    fn one_damaged_frame_costs_the_base_board_no_other(
-        before in packet(), hit in packet(), after in packet(),
+    fn damaged_board_frame_does_not_lose_its_neighbours(
+        before in any_packet(), hit in any_packet(), after in any_packet(),
         at in any::<prop::sample::Index>(), flip in 1u8..=255,
     ) {
         let mut frame = hit.encode();
@@ -308,7 +314,7 @@ proptest! {
         // A byte that became a zero ends the frame early: still no other frame may be lost.
         frame[at] ^= flip;
         let bytes = [before.encode(), frame, after.encode()].concat();
-        let found = messages(board::stream(), &bytes, &[]);
+        let found = decode_in_chunks(board::decoder(), &bytes, &[]);
         prop_assert!(found.first() == Some(&before) && found.last() == Some(&after), "{:?}", found);
         prop_assert!(!found.contains(&hit) || hit == before || hit == after);
     }

@@ -3,28 +3,28 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use hw::base::{Drive, Kick};
+use hw::base::{Kick, MotionCommand};
 use localize::{Pose, Stamp};
 
 /// A pose older than this is none for whoever needs one to drive, seconds: four frames at 30 Hz.
 const POSE_AGE_MAX: f64 = 0.15;
 /// How long a command keeps lesser drivers from the wheels, seconds.
-const HOLD: f64 = 0.5;
+const SOURCE_HOLD_TIME: f64 = 0.5;
 
 /// Who commands; a later one of this list takes over from an earlier one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Driver {
+pub enum CommandSource {
     /// A path of this program's own.
     Path,
     /// Another program.
     Program,
     /// A hand at keyboard or game pad.
-    Hand,
+    Operator,
 }
 
 /// Why a command was not taken.
 #[derive(Debug, thiserror::Error)]
-pub enum Refused {
+pub enum CommandError {
     /// The robot has no base.
     #[error("this robot has no base")]
     NoBase,
@@ -33,7 +33,7 @@ pub enum Refused {
     Base(#[from] hw::HwError),
     /// Another drives.
     #[error("{0:?} drives")]
-    Taken(Driver),
+    Preempted(CommandSource),
     /// The command needs a pose and there is none, or an old one: the wheels stop.
     #[error("there is no fresh pose")]
     NoPose,
@@ -41,28 +41,28 @@ pub enum Refused {
 
 /// Where everyone who drives commands the robot; clones are the same.
 #[derive(Clone, Default)]
-pub struct Helm {
-    shared: Arc<Mutex<Shared>>,
+pub struct CommandArbiter {
+    state: Arc<Mutex<ArbiterState>>,
 }
 
 #[derive(Default)]
-struct Shared {
-    base: Option<hw::Helm>,
+struct ArbiterState {
+    base: Option<hw::BaseHandle>,
     pose: Option<(Stamp, Pose)>,
     /// Who commanded last, and when.
-    driver: Option<(Driver, Stamp)>,
+    active_source: Option<(CommandSource, Stamp)>,
     /// The last command is good only with a pose.
     needs_pose: bool,
 }
 
-impl Helm {
+impl CommandArbiter {
     /// A helm that commands nothing yet.
     pub fn new() -> Self {
-        Helm::default()
+        CommandArbiter::default()
     }
 
     /// From now on this base is commanded, if there is one.
-    pub fn attach(&self, base: Option<hw::Helm>) {
+    pub fn attach_base(&self, base: Option<hw::BaseHandle>) {
         self.lock().base = base;
     }
 
@@ -71,22 +71,22 @@ impl Helm {
     /// With `needs_pose` no command outlives the pose by more than 0.15 s, and the wheels stop as soon as there is none.
     pub fn drive(
         &self,
-        driver: Driver,
-        drive: Drive,
+        driver: CommandSource,
+        drive: MotionCommand,
         deadline: Stamp,
         needs_pose: bool,
-    ) -> Result<(), Refused> {
+    ) -> Result<(), CommandError> {
         let now = hw::now();
         let mut shared = self.lock();
-        let base = shared.base.clone().ok_or(Refused::NoBase)?;
-        shared.take(driver, now)?;
+        let base = shared.base.clone().ok_or(CommandError::NoBase)?;
+        shared.acquire(driver, now)?;
         shared.needs_pose = needs_pose;
         let mut deadline = deadline;
         if needs_pose {
             let pose_until = shared.pose.map(|(stamp, _)| stamp + POSE_AGE_MAX);
             let Some(until) = pose_until.filter(|until| *until > now) else {
                 base.halt(Duration::ZERO);
-                return Err(Refused::NoPose);
+                return Err(CommandError::NoPose);
             };
             deadline = deadline.min(until);
         }
@@ -94,25 +94,30 @@ impl Helm {
     }
 
     /// Kicks once, unless that cannot be done before the deadline.
-    pub fn kick(&self, driver: Driver, kick: Kick, deadline: Stamp) -> Result<(), Refused> {
-        Ok(self.taken(driver)?.kick(kick, deadline)?)
+    pub fn kick(
+        &self,
+        driver: CommandSource,
+        kick: Kick,
+        deadline: Stamp,
+    ) -> Result<(), CommandError> {
+        Ok(self.acquire_base(driver)?.kick(kick, deadline)?)
     }
 
     /// Turns the left and right dribbling wheel (rad/s, positive pulls the ball in) until the deadline.
     pub fn dribble(
         &self,
-        driver: Driver,
+        driver: CommandSource,
         speeds: [f32; 2],
         deadline: Stamp,
-    ) -> Result<(), Refused> {
-        Ok(self.taken(driver)?.dribble(speeds, deadline)?)
+    ) -> Result<(), CommandError> {
+        Ok(self.acquire_base(driver)?.dribble(speeds, deadline)?)
     }
 
     /// The base, if this driver may command it now.
-    fn taken(&self, driver: Driver) -> Result<hw::Helm, Refused> {
+    fn acquire_base(&self, driver: CommandSource) -> Result<hw::BaseHandle, CommandError> {
         let mut shared = self.lock();
-        let base = shared.base.clone().ok_or(Refused::NoBase)?;
-        shared.take(driver, hw::now())?;
+        let base = shared.base.clone().ok_or(CommandError::NoBase)?;
+        shared.acquire(driver, hw::now())?;
         Ok(base)
     }
 
@@ -136,7 +141,7 @@ impl Helm {
     }
 
     /// The spine's word, once a cycle.
-    pub fn publish(&self, stamp: Stamp, pose: Option<Pose>) {
+    pub fn set_pose(&self, stamp: Stamp, pose: Option<Pose>) {
         let mut shared = self.lock();
         shared.pose = pose.map(|pose| (stamp, pose));
         let blind = pose.is_none() && std::mem::take(&mut shared.needs_pose);
@@ -146,20 +151,20 @@ impl Helm {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Shared> {
+    fn lock(&self) -> MutexGuard<'_, ArbiterState> {
         // Plain values: true whatever happened to a thread that held them.
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Shared {
-    fn take(&mut self, driver: Driver, now: Stamp) -> Result<(), Refused> {
-        match self.driver {
-            Some((other, since)) if other > driver && now - since < HOLD => {
-                Err(Refused::Taken(other))
+impl ArbiterState {
+    fn acquire(&mut self, driver: CommandSource, now: Stamp) -> Result<(), CommandError> {
+        match self.active_source {
+            Some((other, since)) if other > driver && now - since < SOURCE_HOLD_TIME => {
+                Err(CommandError::Preempted(other))
             }
             _ => {
-                self.driver = Some((driver, now));
+                self.active_source = Some((driver, now));
                 Ok(())
             }
         }
@@ -171,24 +176,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_hand_keeps_programs_from_the_wheels_until_it_lets_go() {
-        let mut shared = Shared::default();
+    fn operator_preempts_programs_until_hold_time_expires() {
+        let mut shared = ArbiterState::default();
         let at = |seconds| Stamp::from_seconds(seconds);
-        assert!(shared.take(Driver::Program, at(0.0)).is_ok());
-        assert!(shared.take(Driver::Hand, at(0.1)).is_ok());
+        assert!(shared.acquire(CommandSource::Program, at(0.0)).is_ok());
+        assert!(shared.acquire(CommandSource::Operator, at(0.1)).is_ok());
         assert!(matches!(
-            shared.take(Driver::Program, at(0.5)),
-            Err(Refused::Taken(Driver::Hand))
+            shared.acquire(CommandSource::Program, at(0.5)),
+            Err(CommandError::Preempted(CommandSource::Operator))
         ));
-        assert!(shared.take(Driver::Program, at(0.61)).is_ok());
+        assert!(shared.acquire(CommandSource::Program, at(0.61)).is_ok());
     }
 
     #[test]
-    fn without_a_base_or_a_pose_nothing_drives() {
-        let helm = Helm::new();
+    fn drive_without_a_base_is_rejected() {
+        let helm = CommandArbiter::new();
         let soon = hw::now() + 1.0;
-        let refused = helm.drive(Driver::Hand, Drive::default(), soon, false);
-        assert!(matches!(refused, Err(Refused::NoBase)));
+        let refused = helm.drive(
+            CommandSource::Operator,
+            MotionCommand::default(),
+            soon,
+            false,
+        );
+        assert!(matches!(refused, Err(CommandError::NoBase)));
         assert!(helm.close(Duration::ZERO));
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use hw::realtime::stand_back as lower_priority;
+use hw::realtime::lower_priority;
 use localize::{Field, Stamp};
 use serde::Serialize;
 
@@ -12,11 +12,11 @@ use pipeline::feed::Pace;
 use pipeline::log::{Header, LogConfig, Recorder};
 
 /// Time between attempts to begin a log after one failed, seconds.
-const AGAIN: f64 = 0.5;
+const RETRY_PERIOD: f64 = 0.5;
 
 /// What became of the logs of a run.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct Kept {
+pub struct LogSummary {
     /// The files, in order; more than one after a disk was full.
     pub files: Vec<PathBuf>,
     /// Cycles written.
@@ -30,17 +30,17 @@ pub struct Kept {
 }
 
 /// Keeps the log of a run.
-pub struct Keeper {
+pub struct LogRotation {
     path: PathBuf,
     header: Header,
     field: Field,
     config: LogConfig,
     recorder: Option<Recorder>,
-    again: Stamp,
-    kept: Kept,
+    next_attempt: Stamp,
+    summary: LogSummary,
 }
 
-impl Keeper {
+impl LogRotation {
     /// Begins the log; that it cannot be begun is an error here, and none later.
     pub fn start(
         path: &Path,
@@ -50,36 +50,36 @@ impl Keeper {
     ) -> anyhow::Result<Self> {
         let recorder =
             Recorder::create_with(path, &header, field, (Pace::Live, config), lower_priority)?;
-        Ok(Keeper {
+        Ok(LogRotation {
             path: path.to_owned(),
             header,
             field: field.clone(),
             config: config.clone(),
             recorder: Some(recorder),
-            again: Stamp(0),
-            kept: Kept {
+            next_attempt: Stamp(0),
+            summary: LogSummary {
                 files: vec![path.to_owned()],
-                ..Kept::default()
+                ..LogSummary::default()
             },
         })
     }
 
     /// Takes a cycle; returns what there is to say: that the log failed, or that another was begun.
-    pub fn cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
+    pub fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
         let now = hw::now();
         let mut said = None;
-        if self.recorder.is_none() && now > self.again {
-            self.again = now + AGAIN;
-            said = self.begin();
+        if self.recorder.is_none() && now > self.next_attempt {
+            self.next_attempt = now + RETRY_PERIOD;
+            said = self.open_next_file();
         }
         let Some(recorder) = &mut self.recorder else {
-            self.kept.cycles_dropped += 1;
+            self.summary.cycles_dropped += 1;
             return said;
         };
         if let Err(error) = recorder.cycle(cycle) {
-            self.kept.cycles_dropped += 1;
-            self.end();
-            self.again = now + AGAIN;
+            self.summary.cycles_dropped += 1;
+            self.close_file();
+            self.next_attempt = now + RETRY_PERIOD;
             return Some(format!(
                 "the log cannot be written, the robot plays on: {error:#}"
             ));
@@ -88,34 +88,34 @@ impl Keeper {
     }
 
     /// A line for people into the log.
-    pub fn note(&self, stamp: Stamp, text: &str) {
+    pub fn write_note(&self, stamp: Stamp, text: &str) {
         if let Some(recorder) = &self.recorder {
             recorder.note(stamp, text);
         }
     }
 
     /// Writes what waits and closes the log; an error that only shows now is said.
-    pub fn finish(mut self) -> (Kept, Option<String>) {
-        let said = self.end();
-        (self.kept, said)
+    pub fn finish(mut self) -> (LogSummary, Option<String>) {
+        let said = self.close_file();
+        (self.summary, said)
     }
 
     /// Ends the log that is written now, as far as it can be; one that holds nothing is taken away again.
-    fn end(&mut self) -> Option<String> {
+    fn close_file(&mut self) -> Option<String> {
         let recorder = self.recorder.take()?;
         let safe = recorder.safe();
         match recorder.finish() {
             Ok(written) => {
-                self.kept.cycles += written.cycles;
-                self.kept.images += written.images;
-                self.kept.cycles_dropped += written.dropped.cycles;
-                self.kept.images_dropped += written.dropped.images;
+                self.summary.cycles += written.cycles;
+                self.summary.images += written.images;
+                self.summary.cycles_dropped += written.dropped.cycles;
+                self.summary.images_dropped += written.dropped.images;
                 None
             }
             Err(error) => {
-                self.kept.cycles += safe;
+                self.summary.cycles += safe;
                 if safe == 0
-                    && let Some(path) = self.kept.files.pop()
+                    && let Some(path) = self.summary.files.pop()
                 {
                     let _gone = std::fs::remove_file(path);
                 }
@@ -124,8 +124,8 @@ impl Keeper {
         }
     }
 
-    fn begin(&mut self) -> Option<String> {
-        let path = match self.kept.files.len() {
+    fn open_next_file(&mut self) -> Option<String> {
+        let path = match self.summary.files.len() {
             0 => self.path.clone(),
             files => numbered(&self.path, files + 1),
         };
@@ -138,7 +138,7 @@ impl Keeper {
         ) {
             Ok(recorder) => {
                 self.recorder = Some(recorder);
-                self.kept.files.push(path.clone());
+                self.summary.files.push(path.clone());
                 Some(format!("the log goes on in {}", path.display()))
             }
             Err(_) => {

@@ -9,7 +9,7 @@ const BINS: usize = 10_000;
 
 /// A distribution of times.
 #[derive(Debug, Clone)]
-pub struct Times {
+pub struct LatencyHistogram {
     bins: Vec<u32>,
     count: u64,
     max_ms: f64,
@@ -17,7 +17,7 @@ pub struct Times {
 
 /// A distribution in three numbers, milliseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Quantiles {
+pub struct LatencySummary {
     /// Half are below.
     pub median: f64,
     /// 99 % are below.
@@ -26,9 +26,9 @@ pub struct Quantiles {
     pub max: f64,
 }
 
-impl Default for Times {
+impl Default for LatencyHistogram {
     fn default() -> Self {
-        Times {
+        LatencyHistogram {
             bins: vec![0; BINS],
             count: 0,
             max_ms: 0.0,
@@ -36,7 +36,7 @@ impl Default for Times {
     }
 }
 
-impl Times {
+impl LatencyHistogram {
     /// Counts one, milliseconds.
     pub fn add(&mut self, time_ms: f64) {
         let bin = (time_ms.max(0.0) / BIN_MS) as usize;
@@ -46,16 +46,16 @@ impl Times {
     }
 
     /// The distribution so far; zeros if nothing was counted.
-    pub fn quantiles(&self) -> Quantiles {
-        Quantiles {
-            median: self.below(0.5),
-            p99: self.below(0.99),
+    pub fn summary(&self) -> LatencySummary {
+        LatencySummary {
+            median: self.quantile(0.5),
+            p99: self.quantile(0.99),
             max: self.max_ms,
         }
     }
 
     /// The upper end of the bin that holds the given share's last.
-    fn below(&self, share: f64) -> f64 {
+    fn quantile(&self, share: f64) -> f64 {
         let wanted = (share * self.count as f64).ceil() as u64;
         let mut counted = 0;
         for (bin, count) in self.bins.iter().enumerate() {
@@ -73,14 +73,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_slow_frame_in_a_hundred_is_the_longest_and_not_the_99th_percentile() {
-        let mut times = Times::default();
+    fn single_outlier_in_100_sets_max_but_not_p99() {
+        let mut times = LatencyHistogram::default();
         (0..99).for_each(|step| times.add(1.0 + f64::from(step) * 0.01));
         times.add(900.0);
-        let quantiles = times.quantiles();
+        let quantiles = times.summary();
         assert!((quantiles.median - 1.5).abs() < 0.03, "{quantiles:?}");
         assert!((quantiles.p99 - 1.98).abs() < 0.03, "{quantiles:?}");
         assert_eq!(quantiles.max, 900.0);
-        assert_eq!(Times::default().quantiles(), Quantiles::default());
+        assert_eq!(
+            LatencyHistogram::default().summary(),
+            LatencySummary::default()
+        );
     }
 }

@@ -27,11 +27,11 @@ use patrol::Patrol;
 use pipeline::cycle::SpineConfig;
 use pipeline::feed::Feed;
 use pipeline::log::ImageMode;
-use play::Play;
-use robot::Robot;
-use stop::Stop;
+use play::RunLoop;
+use robot::RobotFolder;
+use stop::StopFlag;
 
-pub use helm::{Driver, Helm, Refused};
+pub use helm::{CommandArbiter, CommandError, CommandSource};
 
 /// Play on the robot: devices in, poses out, until SIGTERM or Ctrl-C; the wheels stop first.
 #[derive(clap::Args)]
@@ -95,29 +95,29 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     };
     arguments::distinct([args.record.as_deref(), args.out.as_deref()])?;
     let patrol = args.patrol.as_deref().map(Patrol::load).transpose()?;
-    let robot = Robot::load(robot)?;
-    let stop = Stop::on_signals()?;
+    let robot = RobotFolder::load(robot)?;
+    let stop = StopFlag::on_signals()?;
     #[cfg(feature = "view")]
     if args.view {
-        let shown = Robot::load(&robot.folder)?.setup;
+        let shown = RobotFolder::load(&robot.folder)?.setup;
         let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
         let name = format!("run {}", robot.folder.display());
-        let play = |feed| play(args, robot, patrol, feed, &stop, json);
+        let play = |feed| run_robot(args, robot, patrol, feed, &stop, json);
         return view::beside(&name, (shown, config), AfterRun::Leave, play);
     }
-    play(args, robot, patrol, Feed::new(), &stop, json)
+    run_robot(args, robot, patrol, Feed::new(), &stop, json)
 }
 
 /// Plays until the end and says how it went.
-fn play(
+fn run_robot(
     args: &Args,
-    robot: Robot,
+    robot: RobotFolder,
     patrol: Option<Patrol>,
     feed: Feed,
-    stop: &Stop,
+    stop: &StopFlag,
     json: bool,
 ) -> Result<()> {
-    let report = Play::new(args, robot, patrol, feed)?.run(stop)?;
+    let report = RunLoop::new(args, robot, patrol, feed)?.run(stop)?;
     if json {
         println!("{}", serde_json::to_string(&report)?);
     } else {
@@ -128,19 +128,19 @@ fn play(
 
 /// One device of `--list`.
 #[derive(Serialize)]
-struct Listed {
+struct ListedDevice {
     name: String,
     usable: bool,
     what: String,
 }
 
 fn list(json: bool) -> Result<()> {
-    let found = hw::list().into_iter().map(|found| Listed {
+    let found = hw::list_devices().into_iter().map(|found| ListedDevice {
         name: found.name,
-        usable: found.what.is_ok(),
-        what: found.what.unwrap_or_else(|error| error.to_string()),
+        usable: found.description.is_ok(),
+        what: found.description.unwrap_or_else(|error| error.to_string()),
     });
-    let found: Vec<Listed> = found.collect();
+    let found: Vec<ListedDevice> = found.collect();
     if json {
         println!("{}", serde_json::json!({ "devices": found }));
         return Ok(());

@@ -4,12 +4,12 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, ensure};
-use hw::base::{Drive, Kick};
+use hw::base::{Kick, MotionCommand};
 use localize::omni::Twist;
 use localize::team::TeamReport;
 use localize::{Field, Stamp};
 
-use super::helm::{Driver, Helm, Refused};
+use super::helm::{CommandArbiter, CommandError, CommandSource};
 use crate::net::commands::Counts;
 use crate::net::{Network, NetworkConfig, Order};
 use crate::stream::StreamConfig;
@@ -20,7 +20,7 @@ use pipeline::log::Header;
 pub const NETWORK_FILE: &str = "network.toml";
 
 /// The network's part of a run; dropping it ends it.
-pub(super) struct Outside {
+pub(super) struct RunNetwork {
     network: Network,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct Outside {
 ///
 /// `live`: where the live stream is offered in place of what the file says. `number`: ours by the settings
 /// (`team.number`), by which our own words are known when they come back; the team must know us by the same.
-pub(super) fn configured(
+pub(super) fn load_config(
     file: Option<&Path>,
     robot: &Path,
     live: Option<std::net::SocketAddr>,
@@ -55,30 +55,30 @@ pub(super) fn configured(
     Ok(config)
 }
 
-impl Outside {
+impl RunNetwork {
     /// Starts what is configured: cycles of `feed` go out, commands go to `helm`.
     pub(super) fn start(
         config: &NetworkConfig,
         feed: &Feed,
         about: (&Header, &Field),
-        helm: &Helm,
+        helm: &CommandArbiter,
     ) -> Result<Self> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH);
         let session = since.map_or(0, |since| since.as_nanos() as u64);
         let helm = helm.clone();
         // Why not is counted by whoever sent it: the wheels do not turn.
-        let obey = move |order: Order| obey(&helm, order, hw::now()).is_ok();
+        let obey = move |order: Order| execute_command(&helm, order, hw::now()).is_ok();
         let network = config.start(feed, about, session, hw::now, obey)?;
-        Ok(Outside { network })
+        Ok(RunNetwork { network })
     }
 
     /// What team-mates said since the last call.
-    pub(super) fn reports(&self) -> impl Iterator<Item = TeamReport> {
+    pub(super) fn team_reports(&self) -> impl Iterator<Item = TeamReport> {
         self.network.team.iter().flat_map(crate::net::Link::reports)
     }
 
     /// What became of commands; none if nobody may command.
-    pub(super) fn commands(&self) -> Option<Counts> {
+    pub(super) fn command_counts(&self) -> Option<Counts> {
         self.network
             .commands
             .as_ref()
@@ -87,14 +87,14 @@ impl Outside {
 }
 
 /// Carries out another program's command that came `now`.
-fn obey(helm: &Helm, order: Order, now: Stamp) -> Result<(), Refused> {
+fn execute_command(helm: &CommandArbiter, order: Order, now: Stamp) -> Result<(), CommandError> {
     let deadline = now + order.valid.as_secs_f64();
     if let Some(kick) = order.kick {
         let kick = Kick {
             speed: kick.speed,
             lofted: kick.lofted,
         };
-        helm.kick(Driver::Program, kick, deadline)?;
+        helm.kick(CommandSource::Program, kick, deadline)?;
     }
     if let Some(drive) = order.drive {
         let twist = Twist {
@@ -102,8 +102,8 @@ fn obey(helm: &Helm, order: Order, now: Stamp) -> Result<(), Refused> {
             y: drive.y,
             theta: drive.theta,
         };
-        let drive = Drive::Twist(twist);
-        helm.drive(Driver::Program, drive, deadline, order.needs_pose)?;
+        let drive = MotionCommand::Twist(twist);
+        helm.drive(CommandSource::Program, drive, deadline, order.needs_pose)?;
     }
     Ok(())
 }
@@ -113,13 +113,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_robot_of_two_numbers_is_refused_with_the_file_and_both() {
+    fn conflicting_robot_numbers_are_rejected_with_file_and_values() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join(NETWORK_FILE);
         std::fs::write(&file, "[team]\nrobot = 3\n").expect("written");
-        let config = configured(None, folder.path(), None, 3).expect("one number");
+        let config = load_config(None, folder.path(), None, 3).expect("one number");
         assert_eq!(config.team.map(|team| team.robot), Some(3));
-        let error = configured(None, folder.path(), None, 1).expect_err("two numbers");
+        let error = load_config(None, folder.path(), None, 1).expect_err("two numbers");
         let told = error.to_string();
         assert!(told.contains(&file.display().to_string()), "{told}");
         assert!(
@@ -128,6 +128,6 @@ mod tests {
         );
         // Who speaks to no team needs no number.
         std::fs::write(&file, "").expect("written");
-        assert!(configured(None, folder.path(), None, 7).is_ok());
+        assert!(load_config(None, folder.path(), None, 7).is_ok());
     }
 }

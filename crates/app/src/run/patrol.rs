@@ -4,23 +4,23 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use hw::base::Drive;
+use hw::base::MotionCommand;
 use localize::Pose;
 use localize::frame::wrap_angle;
 use localize::omni::Twist;
 use serde::Deserialize;
 
-use super::helm::{Driver, Helm};
-use super::stop::Stop;
+use super::helm::{CommandArbiter, CommandSource};
+use super::stop::StopFlag;
 
 /// Commands are good for so long, seconds: two of them may be lost.
-const COMMAND: f64 = 0.06;
+const COMMAND_VALIDITY: f64 = 0.06;
 /// Time between commands.
 const PERIOD: Duration = Duration::from_millis(20);
 /// Braking is planned with this deceleration, m/s².
-const BRAKING: f32 = 1.0;
+const DECELERATION: f32 = 1.0;
 /// How fast an error of heading is turned away, 1/s.
-const TURN_GAIN: f32 = 2.0;
+const HEADING_GAIN: f32 = 2.0;
 
 /// A patrol file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -29,23 +29,23 @@ pub struct Patrol {
     /// Places to pass in turn, over and over.
     waypoints: Vec<Waypoint>,
     /// Top speed, m/s.
-    #[serde(default = "half")]
+    #[serde(default = "default_speed")]
     speed: f32,
     /// Top rate of turn, degrees/s.
-    #[serde(default = "sixty")]
+    #[serde(default = "default_turn_rate_deg")]
     turn_rate_deg: f32,
     /// A place counts as passed at this distance, metres.
-    #[serde(default = "near")]
+    #[serde(default = "default_passed")]
     passed: f32,
 }
 
-fn half() -> f32 {
+fn default_speed() -> f32 {
     0.5
 }
-fn sixty() -> f32 {
+fn default_turn_rate_deg() -> f32 {
     60.0
 }
-fn near() -> f32 {
+fn default_passed() -> f32 {
     0.25
 }
 
@@ -88,21 +88,26 @@ impl Patrol {
     }
 
     /// Drives until the end is asked for.
-    pub fn drive(&self, helm: &Helm, stop: &Stop) {
+    pub fn drive(&self, helm: &CommandArbiter, stop: &StopFlag) {
         let mut next = 0;
         while !stop.is_raised() {
             if let Some((_, pose)) = helm.pose() {
-                let twist = self.wanted(&mut next, pose);
-                let deadline = hw::now() + COMMAND;
+                let twist = self.velocity_command(&mut next, pose);
+                let deadline = hw::now() + COMMAND_VALIDITY;
                 // A refusal stops the wheels, or another drives; the next command tries again.
-                let _refused = helm.drive(Driver::Path, Drive::Twist(twist), deadline, true);
+                let _refused = helm.drive(
+                    CommandSource::Path,
+                    MotionCommand::Twist(twist),
+                    deadline,
+                    true,
+                );
             }
             std::thread::sleep(PERIOD);
         }
     }
 
     /// The velocity towards the next waypoint.
-    fn wanted(&self, next: &mut usize, pose: Pose) -> Twist {
+    fn velocity_command(&self, next: &mut usize, pose: Pose) -> Twist {
         let mut target = self.waypoints[*next];
         let way = |target: Waypoint| (target.x - pose.x, target.y - pose.y);
         let (x, y) = way(target);
@@ -112,7 +117,7 @@ impl Patrol {
         }
         let (x, y) = way(target);
         let distance = x.hypot(y);
-        let speed = (2.0 * BRAKING * distance).sqrt().min(self.speed);
+        let speed = (2.0 * DECELERATION * distance).sqrt().min(self.speed);
         let share = if distance > 0.0 {
             speed / distance
         } else {
@@ -120,7 +125,7 @@ impl Patrol {
         };
         let (sin, cos) = pose.theta.sin_cos();
         let turn_max = self.turn_rate_deg.to_radians();
-        let turn = wrap_angle(target.theta_deg.to_radians() - pose.theta) * TURN_GAIN;
+        let turn = wrap_angle(target.theta_deg.to_radians() - pose.theta) * HEADING_GAIN;
         Twist {
             x: share * (cos * x + sin * y),
             y: share * (cos * y - sin * x),
@@ -141,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_that_moves_as_told_comes_round() {
+    fn ideal_robot_passes_all_waypoints() {
         let patrol = patrol(
             "speed = 1.0\nwaypoints = [{ x = 2.0, y = 0.0 }, { x = 0.0, y = 1.0, theta_deg = 90.0 }]",
         )
@@ -149,7 +154,7 @@ mod tests {
         let (mut pose, mut next, mut passed) = (Pose::new(0.0, 0.0, 1.0), 0, 0);
         for _ in 0..1000 {
             let before = next;
-            let twist = patrol.wanted(&mut next, pose);
+            let twist = patrol.velocity_command(&mut next, pose);
             passed += usize::from(before != next);
             assert!(twist.x.hypot(twist.y) < 1.0 + 1e-5);
             let (sin, cos) = pose.theta.sin_cos();
@@ -163,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_of_nothing_or_at_no_speed_is_refused() {
+    fn empty_path_or_non_finite_speed_is_rejected() {
         for text in [
             "waypoints = []",
             "speed = nan\nwaypoints = [{ x = 0.0, y = 0.0 }]",

@@ -7,17 +7,17 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use hw::camera::CameraFrame;
-use hw::{Base, Devices, Event, HardwareConfig, Inbox};
+use hw::camera::CapturedImage;
+use hw::{BaseDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
 use localize::Stamp;
 
-use super::helm::Helm;
-use super::keeper::Keeper;
-use super::outside::{self, Outside};
+use super::helm::CommandArbiter;
+use super::keeper::LogRotation;
+use super::outside::{self, RunNetwork};
 use super::patrol::Patrol;
-use super::robot::Robot;
-use super::status::{Remarks, Report, Status};
-use super::stop::Stop;
+use super::robot::RobotFolder;
+use super::status::{OperatorNotices, RunReport, RunStatus};
+use super::stop::StopFlag;
 use super::{Args, teleop};
 use crate::run::raw_image::raw_image;
 use pipeline::cycle::{Cycle, SPINE_FILE, Spine, SpineConfig};
@@ -27,38 +27,38 @@ use pipeline::result_files::Outputs;
 use pipeline::sample::{Content, Frame, Picture, Sample};
 
 /// Samples that may wait for the spine: more than a second of every device.
-const WAITING_MAX: usize = 1024;
+const EVENT_QUEUE_CAPACITY: usize = 1024;
 /// Longest wait for something to arrive: how soon a stop is noticed.
-const PATIENCE: Duration = Duration::from_millis(20);
+const EVENT_TIMEOUT: Duration = Duration::from_millis(20);
 /// Without a frame for so long the spine goes on without sight, seconds, and again after as long: six frames at 30 Hz.
-const BLIND: f64 = 0.2;
+const IMAGE_TIMEOUT: f64 = 0.2;
 /// How long the bus has to take the last stop.
-const LAST_WORD: Duration = Duration::from_millis(300);
+const STOP_TIMEOUT: Duration = Duration::from_millis(300);
 /// Freed memory that is kept for the next frames, bytes: some images and a log's chunks.
-const KEPT_BYTES: i32 = 32 << 20;
+const RETAINED_BYTES: i32 = 32 << 20;
 /// Cycles that may wait to be written as poses.
-const POSES_WAITING: usize = 300;
+const POSE_QUEUE_CAPACITY: usize = 300;
 
 /// A run that is set up.
-pub(super) struct Play {
-    robot: Robot,
-    spine: Spine,
-    keeper: Option<Keeper>,
-    poses: Option<Poses>,
+pub(super) struct RunLoop {
+    robot: RobotFolder,
+    pipeline: Spine,
+    log: Option<LogRotation>,
+    pose_writer: Option<PoseWriter>,
     feed: Feed,
-    helm: Helm,
-    outside: Outside,
+    arbiter: CommandArbiter,
+    network: RunNetwork,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
     duration: f64,
 }
 
-impl Play {
+impl RunLoop {
     /// Reads and builds everything; whatever cannot be is an error now.
     pub(super) fn new(
         args: &Args,
-        robot: Robot,
+        robot: RobotFolder,
         patrol: Option<Patrol>,
         feed: Feed,
     ) -> Result<Self> {
@@ -70,25 +70,25 @@ impl Play {
         };
         let header = header(&robot, &config)?;
         let field = &robot.setup.field;
-        let keep = |path: &Path| Keeper::start(path, header.clone(), field, &log_config);
+        let keep = |path: &Path| LogRotation::start(path, header.clone(), field, &log_config);
         let keeper = args.record.as_deref().map(keep).transpose()?;
-        let helm = Helm::new();
-        let network = outside::configured(
+        let helm = CommandArbiter::new();
+        let network = outside::load_config(
             args.network.as_deref(),
             &robot.folder,
             args.live,
             config.team.number,
         )?;
-        let outside = Outside::start(&network, &feed, (&header, field), &helm)?;
-        let poses = args.out.as_deref().map(Poses::start).transpose()?;
-        Ok(Play {
+        let outside = RunNetwork::start(&network, &feed, (&header, field), &helm)?;
+        let poses = args.out.as_deref().map(PoseWriter::start).transpose()?;
+        Ok(RunLoop {
             robot,
-            spine,
-            keeper,
-            poses,
+            pipeline: spine,
+            log: keeper,
+            pose_writer: poses,
             feed,
-            helm,
-            outside,
+            arbiter: helm,
+            network: outside,
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -97,34 +97,35 @@ impl Play {
     }
 
     /// Plays until the end is asked for.
-    pub(super) fn run(mut self, stop: &Stop) -> Result<Report> {
-        let mut status = Status::new();
+    pub(super) fn run(mut self, stop: &StopFlag) -> Result<RunReport> {
+        let mut status = RunStatus::new();
         // Threads take over the priority of the one that starts them: those of log and network were started before.
-        hw::realtime::be_prompt();
-        hw::realtime::keep_memory(KEPT_BYTES);
+        hw::realtime::request_low_latency();
+        hw::realtime::retain_freed_memory(RETAINED_BYTES);
         if let Some(priority) = self.realtime {
-            let _told = hw::realtime::set_priority(priority)
-                .inspect_err(|error| status.say(&format!("no real-time priority: {error}")));
+            let _told = hw::realtime::set_realtime_priority(priority)
+                .inspect_err(|error| status.print_line(&format!("no real-time priority: {error}")));
             let _told = hw::realtime::lock_memory()
-                .inspect_err(|error| status.say(&format!("memory is not locked: {error}")));
+                .inspect_err(|error| status.print_line(&format!("memory is not locked: {error}")));
         }
-        let inbox = Inbox::new(WAITING_MAX);
+        let inbox = EventQueue::new(EVENT_QUEUE_CAPACITY);
         let devices = Devices::start(&self.robot.hardware, &self.robot.setup.robot, &inbox)?;
-        self.helm.attach(devices.base.as_ref().map(Base::helm));
-        let driver = self.start_driver(stop)?;
-        status.say(&welcome(&self.robot.hardware, self.teleop));
-        let mut watch = Watch::new();
+        self.arbiter
+            .attach_base(devices.base.as_ref().map(BaseDriver::handle));
+        let driver = self.start_motion_thread(stop)?;
+        status.print_line(&start_message(&self.robot.hardware, self.teleop));
+        let mut watch = RunState::new();
         while !stop.is_raised() && status.elapsed() < self.duration {
-            if let Some(event) = inbox.take(PATIENCE) {
-                self.take(event, &mut watch, &mut status);
+            if let Some(event) = inbox.pop_timeout(EVENT_TIMEOUT) {
+                self.handle_event(event, &mut watch, &mut status);
             }
-            if let Some(frame) = watch.blind(hw::now()) {
-                self.turn(Sample::Frame(frame), &mut watch, &mut status);
+            if let Some(frame) = watch.missing_image(hw::now()) {
+                self.process_sample(Sample::Frame(frame), &mut watch, &mut status);
             }
-            status.glance(watch.last.as_deref(), || devices.health());
+            status.update_status_line(watch.last_cycle.as_deref(), || devices.health());
         }
-        let wheels_stopped = self.helm.close(LAST_WORD);
-        let commands = self.outside.commands();
+        let wheels_stopped = self.arbiter.close(STOP_TIMEOUT);
+        let commands = self.network.command_counts();
         stop.raise();
         let health = devices.health();
         drop(devices);
@@ -132,22 +133,22 @@ impl Play {
             // A driver that panicked has said why; its wheels stand.
             let _ended = driver.join();
         }
-        if let Some(fault) = self.poses.and_then(Poses::finish) {
-            status.log(&fault);
+        if let Some(fault) = self.pose_writer.and_then(PoseWriter::finish) {
+            status.report_log_change(&fault);
         }
-        let kept = self.keeper.map(|keeper| {
+        let kept = self.log.map(|keeper| {
             let (kept, fault) = keeper.finish();
             if let Some(fault) = fault {
-                status.log(&fault);
+                status.report_log_change(&fault);
             }
             kept
         });
-        let lost = (inbox.dropped(), watch.refused);
-        Ok(status.report(lost, (wheels_stopped, commands), health, kept))
+        let lost = (inbox.drop_counts(), watch.samples_refused);
+        Ok(status.into_report(lost, (wheels_stopped, commands), health, kept))
     }
 
-    fn start_driver(&mut self, stop: &Stop) -> Result<Option<JoinHandle<()>>> {
-        let (helm, stop) = (self.helm.clone(), stop.clone());
+    fn start_motion_thread(&mut self, stop: &StopFlag) -> Result<Option<JoinHandle<()>>> {
+        let (helm, stop) = (self.arbiter.clone(), stop.clone());
         let name = |name: &str| std::thread::Builder::new().name(name.to_owned());
         let started = match (self.patrol.take(), self.teleop) {
             (Some(patrol), _) => name("patrol").spawn(move || patrol.drive(&helm, &stop)),
@@ -164,70 +165,70 @@ impl Play {
             .context("cannot start the driver's thread")
     }
 
-    fn take(&mut self, event: Event, watch: &mut Watch, status: &mut Status) {
+    fn handle_event(&mut self, event: DeviceEvent, watch: &mut RunState, status: &mut RunStatus) {
         let sample = match event {
-            Event::Frame(frame) => Sample::Frame(watch.frame(frame)),
-            Event::Odometry(odometry) => Sample::Odometry(odometry),
-            Event::Command(command) => Sample::Command(command),
-            Event::Imu(imu) => Sample::Imu(imu),
-            Event::Compass(compass) => Sample::Compass(compass),
-            Event::Health(health) => {
-                let text = status.device(&health);
-                self.note(&text);
+            DeviceEvent::Image(frame) => Sample::Frame(watch.camera_image(frame)),
+            DeviceEvent::Odometry(odometry) => Sample::Odometry(odometry),
+            DeviceEvent::Command(command) => Sample::Command(command),
+            DeviceEvent::Imu(imu) => Sample::Imu(imu),
+            DeviceEvent::Compass(compass) => Sample::Compass(compass),
+            DeviceEvent::Health(health) => {
+                let text = status.report_device(&health);
+                self.write_note(&text);
                 return;
             }
             event => {
-                if let Some(text) = watch.remarks.of(&event) {
-                    status.say(&text);
-                    self.note(&text);
+                if let Some(text) = watch.notices.update(&event) {
+                    status.print_line(&text);
+                    self.write_note(&text);
                 }
                 return;
             }
         };
-        if is_number(&sample) {
-            self.turn(sample, watch, status);
+        if is_finite(&sample) {
+            self.process_sample(sample, watch, status);
         } else {
-            watch.refused += 1;
+            watch.samples_refused += 1;
         }
     }
 
-    fn turn(&mut self, sample: Sample, watch: &mut Watch, status: &mut Status) {
+    fn process_sample(&mut self, sample: Sample, watch: &mut RunState, status: &mut RunStatus) {
         let taken = hw::now();
         if matches!(sample, Sample::Frame(_)) {
-            for report in self.outside.reports() {
-                self.spine.take(Sample::Report(report));
+            for report in self.network.team_reports() {
+                self.pipeline.take(Sample::Report(report));
             }
         }
-        let Some(cycle) = self.spine.take(sample) else {
+        let Some(cycle) = self.pipeline.take(sample) else {
             return;
         };
-        self.helm.publish(cycle.stamp, cycle.estimate.pose);
+        self.arbiter.set_pose(cycle.stamp, cycle.estimate.pose);
         let published = hw::now();
-        status.cycle(&cycle, taken, published);
+        status.count_cycle(&cycle, taken, published);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
-        if let Some(poses) = &self.poses {
-            poses.cycle(&cycle);
+        if let Some(poses) = &self.pose_writer {
+            poses.write_cycle(&cycle);
         }
         if let Some(text) = self
-            .keeper
+            .log
             .as_mut()
-            .and_then(|keeper| keeper.cycle(cycle.clone()))
+            .and_then(|keeper| keeper.write_cycle(cycle.clone()))
         {
-            status.log(&text);
+            status.report_log_change(&text);
         }
-        watch.last = Some(cycle);
+        watch.last_cycle = Some(cycle);
     }
 
-    fn note(&self, text: &str) {
-        if let Some(keeper) = &self.keeper {
-            keeper.note(hw::now(), text);
+    fn write_note(&self, text: &str) {
+        if let Some(keeper) = &self.log {
+            keeper.write_note(hw::now(), text);
         }
     }
 }
 
 /// What log and stream say of this run before its first cycle.
-fn header(robot: &Robot, config: &SpineConfig) -> Result<Header> {
+fn header(robot: &RobotFolder, config: &SpineConfig) -> Result<Header> {
     let setup = &robot.setup;
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new(&format!("run {}", robot.folder.display()), None)
@@ -237,7 +238,7 @@ fn header(robot: &Robot, config: &SpineConfig) -> Result<Header> {
     Ok(header)
 }
 
-fn welcome(hardware: &HardwareConfig, teleop: bool) -> String {
+fn start_message(hardware: &HardwareConfig, teleop: bool) -> String {
     let mut names: Vec<&str> = Vec::new();
     names.extend(
         hardware
@@ -256,27 +257,27 @@ fn welcome(hardware: &HardwareConfig, teleop: bool) -> String {
 }
 
 /// What the loop remembers from event to event.
-struct Watch {
-    last: Option<Arc<Cycle>>,
+struct RunState {
+    last_cycle: Option<Arc<Cycle>>,
     /// When the last frame came, or its absence was last made up for.
-    framed: Stamp,
-    remarks: Remarks,
+    last_image: Stamp,
+    notices: OperatorNotices,
     /// Samples that were no numbers.
-    refused: u64,
+    samples_refused: u64,
 }
 
-impl Watch {
+impl RunState {
     fn new() -> Self {
-        Watch {
-            last: None,
-            framed: hw::now(),
-            remarks: Remarks::default(),
-            refused: 0,
+        RunState {
+            last_cycle: None,
+            last_image: hw::now(),
+            notices: OperatorNotices::default(),
+            samples_refused: 0,
         }
     }
 
-    fn frame(&mut self, frame: CameraFrame) -> Frame {
-        self.framed = hw::now();
+    fn camera_image(&mut self, frame: CapturedImage) -> Frame {
+        self.last_image = hw::now();
         let stamp = frame.stamp;
         // A picture of the past says nothing about where the robot is now.
         let content = if frame.repeated {
@@ -288,11 +289,11 @@ impl Watch {
     }
 
     /// In place of a frame that does not come: odometry carries the pose on.
-    fn blind(&mut self, now: Stamp) -> Option<Frame> {
-        if now - self.framed < BLIND {
+    fn missing_image(&mut self, now: Stamp) -> Option<Frame> {
+        if now - self.last_image < IMAGE_TIMEOUT {
             return None;
         }
-        self.framed = now;
+        self.last_image = now;
         Some(Frame {
             stamp: now,
             content: Content::Unreadable("no frame from the camera".to_owned()),
@@ -300,7 +301,7 @@ impl Watch {
     }
 }
 
-fn is_number(sample: &Sample) -> bool {
+fn is_finite(sample: &Sample) -> bool {
     match sample {
         Sample::Odometry(odometry) => (odometry.dx + odometry.dy + odometry.dtheta).is_finite(),
         Sample::Compass(compass) => compass.heading.is_finite(),
@@ -314,15 +315,15 @@ fn is_number(sample: &Sample) -> bool {
 }
 
 /// The table of poses, written by a thread of its own.
-struct Poses {
-    waiting: SyncSender<Arc<Cycle>>,
+struct PoseWriter {
+    queue: SyncSender<Arc<Cycle>>,
     thread: JoinHandle<Result<()>>,
 }
 
-impl Poses {
+impl PoseWriter {
     fn start(path: &Path) -> Result<Self> {
         let mut outputs = Outputs::create(Some(path), None, None)?;
-        let (waiting, cycles): (_, Receiver<Arc<Cycle>>) = sync_channel(POSES_WAITING);
+        let (waiting, cycles): (_, Receiver<Arc<Cycle>>) = sync_channel(POSE_QUEUE_CAPACITY);
         let write = move || {
             for cycle in cycles {
                 outputs.write(&cycle)?;
@@ -332,16 +333,19 @@ impl Poses {
         let thread = std::thread::Builder::new()
             .name("poses".to_owned())
             .spawn(write)?;
-        Ok(Poses { waiting, thread })
+        Ok(PoseWriter {
+            queue: waiting,
+            thread,
+        })
     }
 
-    fn cycle(&self, cycle: &Arc<Cycle>) {
+    fn write_cycle(&self, cycle: &Arc<Cycle>) {
         // A disk too slow for a line of text a frame costs the line.
-        let _full = self.waiting.try_send(Arc::clone(cycle));
+        let _full = self.queue.try_send(Arc::clone(cycle));
     }
 
     fn finish(self) -> Option<String> {
-        drop(self.waiting);
+        drop(self.queue);
         match self.thread.join() {
             Ok(Ok(())) => None,
             Ok(Err(error)) => Some(format!("the poses were not written: {error:#}")),

@@ -1,11 +1,11 @@
 //! A camera driver's frame as the pipeline takes it: the same bytes, without a copy.
 
-use hw::camera::{CameraFrame, Encoding};
+use hw::camera::{CapturedImage, Encoding};
 use pipeline::sample::RawImage;
 use vision::image::PixelFormat;
 
 /// The driver's frame with its buffer; JPEG must have been decoded.
-pub fn raw_image(frame: CameraFrame) -> RawImage {
+pub fn raw_image(frame: CapturedImage) -> RawImage {
     RawImage {
         width_px: frame.width_px,
         height_px: frame.height_px,

@@ -8,7 +8,7 @@ use hw::HardwareConfig;
 use pipeline::setup::Setup;
 
 /// A robot and its devices, read and checked.
-pub struct Robot {
+pub struct RobotFolder {
     /// Its folder.
     pub folder: PathBuf,
     /// Field, map and eyes.
@@ -17,10 +17,10 @@ pub struct Robot {
     pub hardware: HardwareConfig,
 }
 
-impl Robot {
+impl RobotFolder {
     /// Reads robot.toml and hardware.toml of a folder; robot.toml's own path does as well.
     pub fn load(path: &Path) -> Result<Self> {
-        let (folder, robot_file) = files(path)?;
+        let (folder, robot_file) = resolve_robot_path(path)?;
         let setup = Setup::load(&robot_file, None)?;
         let hardware = HardwareConfig::load(&folder.join("hardware.toml"))?;
         if hardware.camera.is_some() && setup.robot.camera.is_none() {
@@ -29,7 +29,7 @@ impl Robot {
                 folder.display()
             );
         }
-        Ok(Robot {
+        Ok(RobotFolder {
             folder,
             setup,
             hardware,
@@ -38,7 +38,7 @@ impl Robot {
 }
 
 /// The folder and the robot file that a path names.
-pub fn files(path: &Path) -> Result<(PathBuf, PathBuf)> {
+pub fn resolve_robot_path(path: &Path) -> Result<(PathBuf, PathBuf)> {
     if path.is_dir() {
         return Ok((path.to_owned(), path.join("robot.toml")));
     }

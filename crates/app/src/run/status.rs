@@ -2,29 +2,29 @@
 
 use std::io::IsTerminal;
 
-use hw::{Event, Health, State};
+use hw::{DeviceEvent, HealthReport, HealthState};
 use localize::Stamp;
 use serde::Serialize;
 
-use super::keeper::Kept;
-use super::latency::{Quantiles, Times};
-use super::teller::Teller;
+use super::keeper::LogSummary;
+use super::latency::{LatencyHistogram, LatencySummary};
+use super::teller::StderrWriter;
 use crate::net::commands::Counts;
 use pipeline::cycle::Cycle;
 use pipeline::result_files::mode_name;
 
 /// Time between two looks of a terminal's status line, seconds.
-const GLANCE: f64 = 0.5;
+const TERMINAL_PERIOD: f64 = 0.5;
 /// Time between two status lines where no terminal is (a journal), seconds.
-const ENTRY: f64 = 60.0;
+const JOURNAL_PERIOD: f64 = 60.0;
 /// Changes that are kept for the result; a device that comes and goes all day is not kept for ever.
 const CHANGES_MAX: usize = 10_000;
 /// When memory is first measured, seconds after the start: every table and buffer is there by then.
-const WARM: f64 = 60.0;
+const MEMORY_BASELINE_TIME: f64 = 60.0;
 
 /// What `--json` prints at the end.
 #[derive(Debug, Clone, Serialize)]
-pub struct Report {
+pub struct RunReport {
     /// How long it played, seconds.
     pub seconds: f64,
     /// Frames that were looked at.
@@ -38,13 +38,13 @@ pub struct Report {
     /// Cycles without a pose.
     pub lost: u64,
     /// From the frame's exposure until its pose was published, milliseconds.
-    pub latency_ms: Quantiles,
+    pub latency_ms: LatencySummary,
     /// From the exposure until the spine took the frame, milliseconds.
-    pub arrival_ms: Quantiles,
+    pub arrival_ms: LatencySummary,
     /// Image to features, milliseconds.
-    pub see_ms: Quantiles,
+    pub see_ms: LatencySummary,
     /// Features and motion to a pose, milliseconds.
-    pub localize_ms: Quantiles,
+    pub localize_ms: LatencySummary,
     /// Frames that a newer one replaced before they were looked at.
     pub frames_replaced: u64,
     /// Samples that gave way to newer ones.
@@ -62,16 +62,16 @@ pub struct Report {
     /// Commands of other programs, if they may command.
     pub commands: Option<Counts>,
     /// Every device.
-    pub devices: Vec<Health>,
+    pub devices: Vec<HealthReport>,
     /// Every change of a device, in order.
-    pub changes: Vec<Change>,
+    pub changes: Vec<StateChange>,
     /// The log, if there was one.
-    pub log: Option<Kept>,
+    pub log: Option<LogSummary>,
 }
 
 /// A device, or the log, became something else.
 #[derive(Debug, Clone, Serialize)]
-pub struct Change {
+pub struct StateChange {
     /// CLOCK_MONOTONIC, seconds.
     pub stamp_s: f64,
     /// Which.
@@ -83,46 +83,46 @@ pub struct Change {
 }
 
 /// Watches a run and tells about it.
-pub struct Status {
+pub struct RunStatus {
     began: Stamp,
-    teller: Teller,
+    stderr: StderrWriter,
     terminal: bool,
     next_line: Stamp,
     line_shown: bool,
     frames: u64,
-    blind: u64,
+    cycles_without_image: u64,
     modes: [u64; 3],
-    latency: Times,
-    arrival: Times,
-    see: Times,
-    localize: Times,
-    changes: Vec<Change>,
+    latency: LatencyHistogram,
+    arrival: LatencyHistogram,
+    vision_time: LatencyHistogram,
+    localize: LatencyHistogram,
+    changes: Vec<StateChange>,
     memory_first_mb: Option<f64>,
     memory_max_mb: Option<f64>,
     next_memory: Stamp,
 }
 
-impl Status {
+impl RunStatus {
     /// Begins now.
     pub fn new() -> Self {
         let began = hw::now();
-        Status {
+        RunStatus {
             began,
-            teller: Teller::start(),
+            stderr: StderrWriter::start(),
             terminal: std::io::stderr().is_terminal(),
-            next_line: began + GLANCE,
+            next_line: began + TERMINAL_PERIOD,
             line_shown: false,
             frames: 0,
-            blind: 0,
+            cycles_without_image: 0,
             modes: [0; 3],
-            latency: Times::default(),
-            arrival: Times::default(),
-            see: Times::default(),
-            localize: Times::default(),
+            latency: LatencyHistogram::default(),
+            arrival: LatencyHistogram::default(),
+            vision_time: LatencyHistogram::default(),
+            localize: LatencyHistogram::default(),
             changes: Vec::new(),
             memory_first_mb: None,
             memory_max_mb: None,
-            next_memory: began + WARM,
+            next_memory: began + MEMORY_BASELINE_TIME,
         }
     }
 
@@ -132,40 +132,40 @@ impl Status {
     }
 
     /// Counts a cycle; `taken` and `published`: when the spine took its frame, and when its pose was out.
-    pub fn cycle(&mut self, cycle: &Cycle, taken: Stamp, published: Stamp) {
+    pub fn count_cycle(&mut self, cycle: &Cycle, taken: Stamp, published: Stamp) {
         self.modes[cycle.estimate.mode as usize] += 1;
         if cycle.seen.is_none() {
-            self.blind += 1;
+            self.cycles_without_image += 1;
             return;
         }
         self.frames += 1;
         self.arrival.add((taken - cycle.stamp) * 1e3);
         self.latency.add((published - cycle.stamp) * 1e3);
-        self.see.add(f64::from(cycle.timings.see_ms));
+        self.vision_time.add(f64::from(cycle.timings.see_ms));
         self.localize.add(f64::from(cycle.timings.localize_ms));
     }
 
     /// A device changed; returns the words for the log.
-    pub fn device(&mut self, health: &Health) -> String {
+    pub fn report_device(&mut self, health: &HealthReport) -> String {
         let state = state_name(health.state);
         let text = match &health.reason {
             Some(reason) => format!("{}: {state}: {reason}", health.device),
             None => format!("{}: {state}", health.device),
         };
-        self.change(&health.device, state, health.reason.clone());
-        self.say(&text);
+        self.record_change(&health.device, state, health.reason.clone());
+        self.print_line(&text);
         text
     }
 
     /// Something happened to the log.
-    pub fn log(&mut self, text: &str) {
-        self.change("log", "changed", Some(text.to_owned()));
-        self.say(text);
+    pub fn report_log_change(&mut self, text: &str) {
+        self.record_change("log", "changed", Some(text.to_owned()));
+        self.print_line(text);
     }
 
-    fn change(&mut self, device: &str, state: &str, reason: Option<String>) {
+    fn record_change(&mut self, device: &str, state: &str, reason: Option<String>) {
         if self.changes.len() < CHANGES_MAX {
-            self.changes.push(Change {
+            self.changes.push(StateChange {
                 stamp_s: hw::now().seconds(),
                 device: device.to_owned(),
                 state: state.to_owned(),
@@ -175,30 +175,39 @@ impl Status {
     }
 
     /// A line of its own on standard error.
-    pub fn say(&mut self, text: &str) {
-        self.wipe();
+    pub fn print_line(&mut self, text: &str) {
+        self.clear_status_line();
         let elapsed = self.elapsed();
-        self.teller.tell(format!("[{elapsed:9.3}] {text}\n"));
+        self.stderr.write(format!("[{elapsed:9.3}] {text}\n"));
     }
 
     /// Shows the status line when its time has come.
-    pub fn glance(&mut self, last: Option<&Cycle>, devices: impl FnOnce() -> Vec<Health>) {
+    pub fn update_status_line(
+        &mut self,
+        last: Option<&Cycle>,
+        devices: impl FnOnce() -> Vec<HealthReport>,
+    ) {
         let now = hw::now();
-        self.watch_memory(now);
+        self.sample_memory(now);
         if now < self.next_line {
             return;
         }
-        self.next_line = now + if self.terminal { GLANCE } else { ENTRY };
-        let line = self.line(last, &devices());
+        self.next_line = now
+            + if self.terminal {
+                TERMINAL_PERIOD
+            } else {
+                JOURNAL_PERIOD
+            };
+        let line = self.format_status_line(last, &devices());
         if self.terminal {
-            self.teller.tell(format!("\r\x1b[2K{line}"));
+            self.stderr.write(format!("\r\x1b[2K{line}"));
             self.line_shown = true;
         } else {
-            self.teller.tell(format!("{line}\n"));
+            self.stderr.write(format!("{line}\n"));
         }
     }
 
-    fn line(&self, last: Option<&Cycle>, devices: &[Health]) -> String {
+    fn format_status_line(&self, last: Option<&Cycle>, devices: &[HealthReport]) -> String {
         let place = match last.map(|cycle| (cycle.estimate.mode, cycle.estimate.pose)) {
             Some((mode, Some(pose))) => format!(
                 "{} x {:.2} y {:.2} {:.0}°",
@@ -213,12 +222,12 @@ impl Status {
         let mut line = format!(
             "{:8.1} s  {place}  latency {:.1} ms (99 %: {:.1})",
             self.elapsed(),
-            self.latency.quantiles().median,
-            self.latency.quantiles().p99
+            self.latency.summary().median,
+            self.latency.summary().p99
         );
         for health in devices {
             let state = match health.state {
-                State::Running => format!("{:.0} Hz", health.rate_hz),
+                HealthState::Running => format!("{:.0} Hz", health.rate_hz),
                 other => state_name(other).to_uppercase(),
             };
             line += &format!("  {} {state}", health.device);
@@ -226,13 +235,13 @@ impl Status {
         line
     }
 
-    fn wipe(&mut self) {
+    fn clear_status_line(&mut self) {
         if std::mem::take(&mut self.line_shown) {
-            self.teller.tell("\r\x1b[2K".to_owned());
+            self.stderr.write("\r\x1b[2K".to_owned());
         }
     }
 
-    fn watch_memory(&mut self, now: Stamp) {
+    fn sample_memory(&mut self, now: Stamp) {
         if now < self.next_memory {
             return;
         }
@@ -243,27 +252,27 @@ impl Status {
     }
 
     /// The result; with what was lost (given way, and no numbers), and what became of wheels and commands.
-    pub fn report(
+    pub fn into_report(
         mut self,
-        (inbox, samples_refused): (hw::Dropped, u64),
+        (inbox, samples_refused): (hw::DroppedInputs, u64),
         (wheels_stopped, commands): (bool, Option<Counts>),
-        devices: Vec<Health>,
-        log: Option<Kept>,
-    ) -> Report {
-        self.wipe();
+        devices: Vec<HealthReport>,
+        log: Option<LogSummary>,
+    ) -> RunReport {
+        self.clear_status_line();
         let [tracking, global, lost] = self.modes;
-        Report {
+        RunReport {
             seconds: self.elapsed(),
             frames: self.frames,
-            blind: self.blind,
+            blind: self.cycles_without_image,
             tracking,
             global,
             lost,
-            latency_ms: self.latency.quantiles(),
-            arrival_ms: self.arrival.quantiles(),
-            see_ms: self.see.quantiles(),
-            localize_ms: self.localize.quantiles(),
-            frames_replaced: inbox.frames,
+            latency_ms: self.latency.summary(),
+            arrival_ms: self.arrival.summary(),
+            see_ms: self.vision_time.summary(),
+            localize_ms: self.localize.summary(),
+            frames_replaced: inbox.images,
             samples_dropped: inbox.samples,
             samples_refused,
             memory_first_mb: self.memory_first_mb,
@@ -278,20 +287,20 @@ impl Status {
     }
 }
 
-impl Default for Status {
+impl Default for RunStatus {
     fn default() -> Self {
-        Status::new()
+        RunStatus::new()
     }
 }
 
-impl Report {
+impl RunReport {
     /// The result in a few lines for people.
     pub fn print(&self) {
         println!(
             "{:.1} s: {} frames ({} tracked, {} found anew, {} lost; {} cycles without a frame)",
             self.seconds, self.frames, self.tracking, self.global, self.lost, self.blind
         );
-        let times = |name: &str, times: Quantiles| {
+        let times = |name: &str, times: LatencySummary| {
             println!(
                 "{name}: median {:.2} ms, 99 % below {:.2} ms, longest {:.2} ms",
                 times.median, times.p99, times.max
@@ -330,15 +339,15 @@ impl Report {
 }
 
 /// The state's name, as JSON has it.
-pub fn state_name(state: State) -> &'static str {
+pub fn state_name(state: HealthState) -> &'static str {
     match state {
-        State::Absent => "absent",
-        State::Running => "running",
-        State::Stalled => "stalled",
-        State::Garbage => "garbage",
-        State::Stuck => "stuck",
-        State::Range => "range",
-        State::Clock => "clock",
+        HealthState::Absent => "absent",
+        HealthState::Running => "running",
+        HealthState::Stalled => "stalled",
+        HealthState::Garbage => "garbage",
+        HealthState::Stuck => "stuck",
+        HealthState::Range => "range",
+        HealthState::Clock => "clock",
     }
 }
 
@@ -353,17 +362,17 @@ fn memory_mb() -> f64 {
 
 /// What battery, kicker and switches say that a person must know, told once each time it begins and ends.
 #[derive(Debug, Default)]
-pub struct Remarks {
+pub struct OperatorNotices {
     emergency_stop: bool,
     kicker_broken: bool,
     motor_fault: [u8; 4],
 }
 
-impl Remarks {
+impl OperatorNotices {
     /// What is new in an event.
-    pub fn of(&mut self, event: &Event) -> Option<String> {
+    pub fn update(&mut self, event: &DeviceEvent) -> Option<String> {
         match event {
-            Event::Switches(said) if said.emergency_stop != self.emergency_stop => {
+            DeviceEvent::Switches(said) if said.emergency_stop != self.emergency_stop => {
                 self.emergency_stop = said.emergency_stop;
                 let verb = if said.emergency_stop {
                     "pressed"
@@ -372,16 +381,16 @@ impl Remarks {
                 };
                 Some(format!("the emergency stop was {verb}"))
             }
-            Event::Kicker(said) if said.broken != self.kicker_broken => {
-                self.kicker_broken = said.broken;
-                let verb = if said.broken { "cannot" } else { "can" };
+            DeviceEvent::Kicker(said) if said.charge_fault != self.kicker_broken => {
+                self.kicker_broken = said.charge_fault;
+                let verb = if said.charge_fault { "cannot" } else { "can" };
                 Some(format!("the kicker {verb} charge"))
             }
-            Event::Power(said) if said.fault != self.motor_fault => {
-                self.motor_fault = said.fault;
+            DeviceEvent::Power(said) if said.motor_fault != self.motor_fault => {
+                self.motor_fault = said.motor_fault;
                 Some(format!(
                     "fault codes of the motors' drivers: {:?}",
-                    said.fault
+                    said.motor_fault
                 ))
             }
             _ => None,

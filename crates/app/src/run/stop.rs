@@ -7,14 +7,14 @@ use anyhow::{Context, Result};
 
 /// Raised by a signal, or by whoever has seen enough; clones are the same.
 #[derive(Debug, Clone, Default)]
-pub struct Stop {
+pub struct StopFlag {
     raised: Arc<AtomicBool>,
 }
 
-impl Stop {
+impl StopFlag {
     /// Listens for signals; once a process.
     pub fn on_signals() -> Result<Self> {
-        let stop = Stop::default();
+        let stop = StopFlag::default();
         let heard = stop.clone();
         ctrlc::set_handler(move || heard.raise()).context("cannot listen for signals")?;
         Ok(stop)

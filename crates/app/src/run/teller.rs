@@ -6,20 +6,20 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Lines that may wait; beyond it new ones are lost.
-const WAITING_MAX: usize = 256;
+const QUEUE_CAPACITY: usize = 256;
 /// How long the end waits for a slow reader.
-const PATIENCE: Duration = Duration::from_millis(300);
+const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// Writes to standard error, and never waits for it.
-pub struct Teller {
+pub struct StderrWriter {
     lines: Option<SyncSender<String>>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Teller {
+impl StderrWriter {
     /// Starts the thread; without one nothing is told.
     pub fn start() -> Self {
-        let (lines, waiting) = sync_channel::<String>(WAITING_MAX);
+        let (lines, waiting) = sync_channel::<String>(QUEUE_CAPACITY);
         let write = move || {
             let mut out = std::io::stderr();
             for text in waiting {
@@ -31,27 +31,27 @@ impl Teller {
             .name("tell".to_owned())
             .spawn(write)
             .ok();
-        Teller {
+        StderrWriter {
             lines: Some(lines),
             thread,
         }
     }
 
     /// Writes the text as it is, sooner or later.
-    pub fn tell(&self, text: String) {
+    pub fn write(&self, text: String) {
         if let Some(lines) = &self.lines {
             let _full = lines.try_send(text);
         }
     }
 }
 
-impl Drop for Teller {
+impl Drop for StderrWriter {
     fn drop(&mut self) {
         self.lines = None;
         let Some(thread) = self.thread.take() else {
             return;
         };
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + SHUTDOWN_TIMEOUT;
         while !thread.is_finished() && Instant::now() < until {
             std::thread::sleep(Duration::from_millis(1));
         }

@@ -73,7 +73,7 @@ pub(crate) fn show(session: Session, wishes: Wishes) -> Result<Outcome> {
     rayon::broadcast(|_| ());
     // Where it cannot step back (a stricter system), the view merely runs beside the others.
     let _ = rustix::process::setpriority_process(None, NICE);
-    hw::realtime::keep_memory(KEPT_BYTES);
+    hw::realtime::retain_freed_memory(KEPT_BYTES);
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title(format!("Mirrorball: {}", session.name))

@@ -5,77 +5,79 @@ use localize::Stamp;
 use localize::omni::{OmniKinematics, Twist};
 use localize::sample::{Compass, Imu};
 
-use super::board::Board;
-use super::orders::{Audit, Orders};
-use super::vescs::{Reach, Vescs};
+use super::board::VirtualBoard;
+use super::orders::{CommandStats, DriveCommand};
+use super::vescs::{VescBus, VirtualVescs};
 
 /// Either.
-pub(super) enum Base {
-    Board(Board),
-    Vescs(Vescs),
+pub(super) enum VirtualBase {
+    Board(VirtualBoard),
+    Vescs(VirtualVescs),
 }
 
-impl Base {
+impl VirtualBase {
     pub(super) fn new(bus: Bus, omni: OmniKinematics, ticks_per_turn: f32) -> Self {
         match bus {
-            Bus::Board => Base::Board(Board::new(omni, ticks_per_turn)),
-            Bus::VescUart => Base::Vescs(Vescs::new(omni, ticks_per_turn, Reach::Uart)),
+            Bus::Board => VirtualBase::Board(VirtualBoard::new(omni, ticks_per_turn)),
+            Bus::VescUart => {
+                VirtualBase::Vescs(VirtualVescs::new(omni, ticks_per_turn, VescBus::Uart))
+            }
             Bus::VescCan | Bus::VescSlcan => {
-                let reach = Reach::Slcan { open: false };
-                Base::Vescs(Vescs::new(omni, ticks_per_turn, reach))
+                let reach = VescBus::Slcan { open: false };
+                VirtualBase::Vescs(VirtualVescs::new(omni, ticks_per_turn, reach))
             }
         }
     }
 
     /// The line was pulled out or put in.
-    pub(super) fn plugged_anew(&mut self) {
+    pub(super) fn on_reconnect(&mut self) {
         match self {
-            Base::Board(board) => board.plugged_anew(),
-            Base::Vescs(vescs) => vescs.plugged_anew(),
+            VirtualBase::Board(board) => board.on_reconnect(),
+            VirtualBase::Vescs(vescs) => vescs.on_reconnect(),
         }
     }
 
     /// Takes what was sent; returns the answers.
-    pub(super) fn hear(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
+    pub(super) fn receive(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
         match self {
-            Base::Board(board) => {
-                board.hear(bytes, now);
+            VirtualBase::Board(board) => {
+                board.receive(bytes, now);
                 Vec::new()
             }
-            Base::Vescs(vescs) => vescs.hear(bytes, now),
+            VirtualBase::Vescs(vescs) => vescs.receive(bytes, now),
         }
     }
 
     /// What the wheels are to do now.
-    pub(super) fn wanted(&mut self, now: Stamp) -> Twist {
-        self.orders().wanted(now)
+    pub(super) fn commanded_twist(&mut self, now: Stamp) -> Twist {
+        self.drive_command().twist(now)
     }
 
     /// What it was told.
-    pub(super) fn audit(&mut self) -> Audit {
-        self.orders().audit
+    pub(super) fn command_stats(&mut self) -> CommandStats {
+        self.drive_command().stats
     }
 
-    fn orders(&mut self) -> &mut Orders {
+    fn drive_command(&mut self) -> &mut DriveCommand {
         match self {
-            Base::Board(board) => &mut board.orders,
-            Base::Vescs(vescs) => &mut vescs.orders,
+            VirtualBase::Board(board) => &mut board.drive_command,
+            VirtualBase::Vescs(vescs) => &mut vescs.drive_command,
         }
     }
 
     /// The inertial unit's message; VESCs have none.
-    pub(super) fn inertia(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
+    pub(super) fn encode_imu(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
         match self {
-            Base::Board(board) => board.inertia(imu, time_us),
-            Base::Vescs(_) => Vec::new(),
+            VirtualBase::Board(board) => board.encode_imu(imu, time_us),
+            VirtualBase::Vescs(_) => Vec::new(),
         }
     }
 
     /// The compass's message; VESCs have none.
-    pub(super) fn heading(&mut self, compass: &Compass, time_us: u32) -> Vec<u8> {
+    pub(super) fn encode_heading(&mut self, compass: &Compass, time_us: u32) -> Vec<u8> {
         match self {
-            Base::Board(board) => board.heading(compass, time_us),
-            Base::Vescs(_) => Vec::new(),
+            VirtualBase::Board(board) => board.encode_heading(compass, time_us),
+            VirtualBase::Vescs(_) => Vec::new(),
         }
     }
 }

@@ -1,75 +1,75 @@
 //! What does the virtual base board do? It counts wheels and tells of them, and turns them only for a fresh command.
 
-use hw::wire::Stream;
+use hw::wire::StreamDecoder;
 use hw::wire::board::{self, Encoders, Heading, Inertia, Kicker, Message, Packet, Power, Switches};
 use localize::Stamp;
 use localize::omni::{OmniKinematics, Twist};
 use localize::sample::{Compass, Imu};
 
-use super::orders::Orders;
+use super::orders::DriveCommand;
 
 /// Time between reports of battery, kicker and switches, seconds.
-const SLOW: f64 = 0.1;
+const STATUS_PERIOD: f64 = 0.1;
 /// What a charged battery and capacitor show.
 const BATTERY_MV: u16 = 25_200;
 const CAPACITOR_DV: u16 = 2_400;
 
 /// The board's firmware.
-pub(super) struct Board {
+pub(super) struct VirtualBoard {
     omni: OmniKinematics,
     ticks_per_turn: f32,
-    commands: Stream<Packet>,
+    decoder: StreamDecoder<Packet>,
     sequence: u16,
-    pub(super) orders: Orders,
+    pub(super) drive_command: DriveCommand,
     last_kick: u16,
     /// Counts at the last restart.
-    zero: [u32; 4],
-    next_slow: f64,
+    count_offset: [u32; 4],
+    next_status: f64,
 }
 
-impl Board {
+impl VirtualBoard {
     pub(super) fn new(omni: OmniKinematics, ticks_per_turn: f32) -> Self {
-        Board {
+        VirtualBoard {
             omni,
             ticks_per_turn,
-            commands: board::stream(),
+            decoder: board::decoder(),
             sequence: 0,
-            orders: Orders::default(),
+            drive_command: DriveCommand::default(),
             last_kick: 0,
-            zero: [0; 4],
-            next_slow: 0.0,
+            count_offset: [0; 4],
+            next_status: 0.0,
         }
     }
 
     /// The line was pulled out or put in: what was half received is forgotten.
-    pub(super) fn plugged_anew(&mut self) {
-        self.commands.clear();
-        self.orders.plugged_anew();
+    pub(super) fn on_reconnect(&mut self) {
+        self.decoder.reset();
+        self.drive_command.on_reconnect();
     }
 
     /// Takes what was sent to the board.
-    pub(super) fn hear(&mut self, bytes: &[u8], now: Stamp) {
-        self.commands.extend(bytes);
-        for packet in self.commands.by_ref() {
+    pub(super) fn receive(&mut self, bytes: &[u8], now: Stamp) {
+        self.decoder.extend(bytes);
+        for packet in self.decoder.by_ref() {
             match packet.message {
                 Message::WheelCommand(command) => {
                     let speeds = command.speed_crad.map(|speed| f32::from(speed) * 0.01);
                     if usize::from(command.wheels) == self.omni.wheel_count() {
                         let (twist, _) = self.omni.twist(&speeds[..self.omni.wheel_count()]);
                         let drives = command.speed_crad != [0; 4];
-                        self.orders.obey(twist, drives, command.valid_ms, now);
+                        self.drive_command.set(twist, drives, command.valid_ms, now);
                     }
                 }
                 Message::TwistCommand(command) => {
                     let [x, y, theta] = [command.forward_mm, command.left_mm, command.turn_mrad]
                         .map(|value| f32::from(value) * 1e-3);
                     let twist = Twist { x, y, theta };
-                    self.orders
-                        .obey(twist, twist != Twist::default(), command.valid_ms, now);
+                    self.drive_command
+                        .set(twist, twist != Twist::default(), command.valid_ms, now);
                 }
                 Message::KickCommand(_) => {
                     self.last_kick = packet.sequence;
-                    self.orders.audit.kicks += 1;
+                    self.drive_command.stats.kicks += 1;
                 }
                 _ => {}
             }
@@ -77,7 +77,7 @@ impl Board {
     }
 
     /// The encoders' message, and battery, kicker and switches when they are due.
-    pub(super) fn report(
+    pub(super) fn encode_status(
         &mut self,
         time: f64,
         time_us: u32,
@@ -91,39 +91,39 @@ impl Board {
             *count = (ticks.floor() as i64 as u32).wrapping_add(offset);
         }
         if restarted {
-            self.zero = count;
+            self.count_offset = count;
         }
-        for (count, zero) in count.iter_mut().zip(self.zero) {
+        for (count, zero) in count.iter_mut().zip(self.count_offset) {
             *count = count.wrapping_sub(zero);
         }
-        let mut bytes = self.say(Encoders { time_us, count });
-        if time >= self.next_slow {
-            self.next_slow = time + SLOW;
-            bytes.extend(self.say(Power {
+        let mut bytes = self.encode(Encoders { time_us, count });
+        if time >= self.next_status {
+            self.next_status = time + STATUS_PERIOD;
+            bytes.extend(self.encode(Power {
                 time_us,
                 battery_mv: BATTERY_MV,
                 temperature_ddeg: 350,
                 current_ca: [0; 4],
             }));
-            bytes.extend(self.say(Kicker {
+            bytes.extend(self.encode(Kicker {
                 time_us,
                 charge_dv: CAPACITOR_DV,
                 flags: 1,
                 reserved: 0,
                 last_kick: self.last_kick,
             }));
-            bytes.extend(self.say(Switches {
+            bytes.extend(self.encode(Switches {
                 time_us,
                 bumpers: 0,
-                flags: u8::from(self.orders.stale()) << 1,
+                flags: u8::from(self.drive_command.is_expired()) << 1,
             }));
         }
         bytes
     }
 
     /// The inertial unit's message.
-    pub(super) fn inertia(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
-        self.say(Inertia {
+    pub(super) fn encode_imu(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
+        self.encode(Inertia {
             time_us,
             acceleration_2mm: imu.acceleration.map(|value| (value * 500.0).round() as i16),
             rate_mrad: imu.rate.map(|value| (value * 1000.0).round() as i16),
@@ -131,14 +131,14 @@ impl Board {
     }
 
     /// The compass's message.
-    pub(super) fn heading(&mut self, compass: &Compass, time_us: u32) -> Vec<u8> {
-        self.say(Heading {
+    pub(super) fn encode_heading(&mut self, compass: &Compass, time_us: u32) -> Vec<u8> {
+        self.encode(Heading {
             time_us,
             heading_dmrad: (compass.heading * 1e4).round() as i16,
         })
     }
 
-    fn say(&mut self, message: impl Into<Message>) -> Vec<u8> {
+    fn encode(&mut self, message: impl Into<Message>) -> Vec<u8> {
         self.sequence = self.sequence.wrapping_add(1);
         Packet {
             sequence: self.sequence,

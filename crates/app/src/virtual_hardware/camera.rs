@@ -10,18 +10,18 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
-use hw::wire::frames::{FrameHeader, HEADER_BYTES, SETTINGS_BYTES};
+use hw::wire::frames::{HEADER_BYTES, ImageHeader, SETTINGS_BYTES};
 
 /// How long a reader may take for a frame before it is hung up on: a dead one must not hold the thread.
-const WRITE_TIME: Duration = Duration::from_millis(500);
+const IO_TIMEOUT: Duration = Duration::from_millis(500);
 /// Wanted room for a frame on its way, bytes: 480 × 480 pixels in three bytes each, and the system's own.
 const SEND_BUFFER_BYTES: usize = 1 << 20;
 /// Longest wait for a reader or a frame before the thread looks whether it is to end.
-const LOOK: Duration = Duration::from_millis(20);
+const POLL_PERIOD: Duration = Duration::from_millis(20);
 
 /// A frame ready to be sent.
 #[derive(Debug, Clone)]
-pub(super) struct Shot {
+pub(super) struct QueuedImage {
     /// When it was taken, CLOCK_MONOTONIC, nanoseconds.
     pub(super) stamp_ns: i64,
     /// Columns and rows.
@@ -29,40 +29,40 @@ pub(super) struct Shot {
     /// Red, green, blue.
     pub(super) rgb: Arc<Vec<u8>>,
     /// Only this share of it is sent, and then nothing.
-    pub(super) cut: Option<f32>,
+    pub(super) truncated_to: Option<f32>,
 }
 
 /// The camera's socket and thread.
 #[derive(Debug)]
-pub(super) struct Camera {
-    shared: Arc<Shared>,
+pub(super) struct VirtualCamera {
+    shared: Arc<CameraState>,
     thread: Option<JoinHandle<()>>,
     path: PathBuf,
 }
 
 #[derive(Debug, Default)]
-struct Shared {
-    newest: Mutex<Option<Shot>>,
-    changed: Condvar,
+struct CameraState {
+    newest: Mutex<Option<QueuedImage>>,
+    image_queued: Condvar,
     unplugged: AtomicBool,
-    ended: AtomicBool,
+    stop_requested: AtomicBool,
 }
 
-impl Camera {
+impl VirtualCamera {
     /// Listens at `path`; frames go out in the given encoding (RGB3 or YUYV).
-    pub(super) fn plugged(path: &Path, encoding: Encoding) -> Result<Self> {
-        let shared = Arc::new(Shared::default());
+    pub(super) fn start(path: &Path, encoding: Encoding) -> Result<Self> {
+        let shared = Arc::new(CameraState::default());
         let (own, at) = (Arc::clone(&shared), path.to_owned());
         // The first listener is made here, so that a path that cannot be is an error at once.
         let mut listener = Some(listen(path)?);
         let serve = move || {
-            super::be_hardware();
+            super::raise_thread_priority();
             let mut sequence = 0;
-            while !own.ended.load(Ordering::Relaxed) {
+            while !own.stop_requested.load(Ordering::Relaxed) {
                 if own.unplugged.load(Ordering::Relaxed) {
                     listener = None;
                     let _gone = std::fs::remove_file(&at);
-                    std::thread::sleep(LOOK);
+                    std::thread::sleep(POLL_PERIOD);
                     continue;
                 }
                 if listener.is_none() {
@@ -70,14 +70,14 @@ impl Camera {
                 }
                 match listener.as_ref().map(UnixListener::accept) {
                     Some(Ok((peer, _))) => own.serve(peer, encoding, &mut sequence),
-                    _ => std::thread::sleep(LOOK),
+                    _ => std::thread::sleep(POLL_PERIOD),
                 }
             }
         };
         let thread = std::thread::Builder::new()
             .name("camera".to_owned())
             .spawn(serve)?;
-        Ok(Camera {
+        Ok(VirtualCamera {
             shared,
             thread: Some(thread),
             path: path.to_owned(),
@@ -85,9 +85,9 @@ impl Camera {
     }
 
     /// Sends this frame next; one that waits still is lost.
-    pub(super) fn shoot(&self, shot: Shot) {
+    pub(super) fn send(&self, shot: QueuedImage) {
         *self.shared.newest() = Some(shot);
-        self.shared.changed.notify_all();
+        self.shared.image_queued.notify_all();
     }
 
     /// Pulls the camera out, or puts it in again.
@@ -96,9 +96,9 @@ impl Camera {
     }
 }
 
-impl Drop for Camera {
+impl Drop for VirtualCamera {
     fn drop(&mut self) {
-        self.shared.ended.store(true, Ordering::Relaxed);
+        self.shared.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // A thread that panicked has said why.
             let _ended = thread.join();
@@ -115,8 +115,8 @@ fn listen(path: &Path) -> Result<UnixListener> {
     Ok(listener)
 }
 
-impl Shared {
-    fn newest(&self) -> MutexGuard<'_, Option<Shot>> {
+impl CameraState {
+    fn newest(&self) -> MutexGuard<'_, Option<QueuedImage>> {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -126,8 +126,8 @@ impl Shared {
         let _less = socket2::SockRef::from(&peer).set_send_buffer_size(SEND_BUFFER_BYTES);
         let ready = peer
             .set_nonblocking(false)
-            .and_then(|()| peer.set_read_timeout(Some(WRITE_TIME)))
-            .and_then(|()| peer.set_write_timeout(Some(WRITE_TIME)));
+            .and_then(|()| peer.set_read_timeout(Some(IO_TIMEOUT)))
+            .and_then(|()| peer.set_write_timeout(Some(IO_TIMEOUT)));
         // A reader says first how it wants its frames taken.
         let mut settings = [0; SETTINGS_BYTES];
         if ready.is_err() || peer.read_exact(&mut settings).is_err() {
@@ -136,18 +136,19 @@ impl Shared {
         let mut bytes = Vec::new();
         loop {
             let (mut newest, _) = self
-                .changed
-                .wait_timeout_while(self.newest(), LOOK, |newest| newest.is_none())
+                .image_queued
+                .wait_timeout_while(self.newest(), POLL_PERIOD, |newest| newest.is_none())
                 .unwrap_or_else(PoisonError::into_inner);
             let shot = newest.take();
             drop(newest);
-            if self.ended.load(Ordering::Relaxed) || self.unplugged.load(Ordering::Relaxed) {
+            if self.stop_requested.load(Ordering::Relaxed) || self.unplugged.load(Ordering::Relaxed)
+            {
                 return;
             }
             let Some(shot) = shot else { continue };
             *sequence = sequence.wrapping_add(1);
             let pixels = encode(&shot, encoding, &mut bytes);
-            let pixels = match shot.cut {
+            let pixels = match shot.truncated_to {
                 Some(share) => &pixels[..(pixels.len() as f32 * share) as usize],
                 None => pixels,
             };
@@ -155,10 +156,10 @@ impl Shared {
             if peer.write_all(&header).is_err() || peer.write_all(pixels).is_err() {
                 return;
             }
-            if shot.cut.is_some() {
+            if shot.truncated_to.is_some() {
                 // The rest never comes, and nothing after it, until the reader hangs up.
                 let mut nothing = [0; 16];
-                while !self.ended.load(Ordering::Relaxed) {
+                while !self.stop_requested.load(Ordering::Relaxed) {
                     match peer.read(&mut nothing) {
                         Ok(1..) => {}
                         Ok(0) | Err(_) => return,
@@ -170,10 +171,10 @@ impl Shared {
 }
 
 /// What goes before a frame.
-fn header(shot: &Shot, encoding: Encoding, sequence: u32) -> [u8; HEADER_BYTES] {
+fn header(shot: &QueuedImage, encoding: Encoding, sequence: u32) -> [u8; HEADER_BYTES] {
     let [width_px, height_px] = shot.size_px;
     let stride = encoding.row_bytes(width_px);
-    let header = FrameHeader {
+    let header = ImageHeader {
         fourcc: encoding.fourcc(),
         width_px: width_px as u32,
         height_px: height_px as u32,
@@ -186,7 +187,7 @@ fn header(shot: &Shot, encoding: Encoding, sequence: u32) -> [u8; HEADER_BYTES] 
 }
 
 /// A frame's bytes; `yuyv` holds those of another encoding than the shot's own.
-fn encode<'a>(shot: &'a Shot, encoding: Encoding, yuyv: &'a mut Vec<u8>) -> &'a [u8] {
+fn encode<'a>(shot: &'a QueuedImage, encoding: Encoding, yuyv: &'a mut Vec<u8>) -> &'a [u8] {
     if encoding != Encoding::Yuyv {
         return &shot.rgb;
     }

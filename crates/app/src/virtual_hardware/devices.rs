@@ -8,44 +8,44 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use sim::Sim;
 
-use super::base::Base;
-use super::camera::{Camera, Shot};
-use super::faults::{Fault, Kind, Plan};
-use super::inertial::{Damage, Units};
-use super::line::Line;
-use super::world::Due;
-use super::{Happened, Options, folder};
+use super::base::VirtualBase;
+use super::camera::{QueuedImage, VirtualCamera};
+use super::faults::{FaultPlan, HardwareFault, HardwareFaultKind};
+use super::inertial::{ImuEncoder, ImuFault};
+use super::line::VirtualSerialPort;
+use super::world::ScheduledSample;
+use super::{FaultInterval, Options, folder};
 use pipeline::csv_table::{Written, seconds};
 
 /// Where the wheels' counters stand at the start: they wrap in every run, after five turns of a wheel.
-const COUNT_FIRST: u32 = 0u32.wrapping_sub(20_000);
+const INITIAL_COUNT: u32 = 0u32.wrapping_sub(20_000);
 /// Bytes of noise for one message of a line that carries nothing else.
 const NOISE_BYTES: usize = 23;
 /// One byte in so many is wrong on a noisy line.
 const BYTES_PER_ERROR: u32 = 200;
 
 /// All devices of the virtual robot.
-pub(super) struct Devices {
-    base: Line,
-    wit: Line,
-    bno085: Line,
-    camera: Camera,
-    pub(super) wheels: Base,
-    units: Units,
-    plan: Plan,
-    pub(super) truth: Option<Written>,
+pub(super) struct VirtualDevices {
+    base_port: VirtualSerialPort,
+    wit_port: VirtualSerialPort,
+    bno085_port: VirtualSerialPort,
+    camera: VirtualCamera,
+    pub(super) base_firmware: VirtualBase,
+    imu_encoder: ImuEncoder,
+    faults: FaultPlan,
+    pub(super) ground_truth: Option<Written>,
     /// What the inertial unit said last, for one that is stuck.
-    last_inertia: Vec<u8>,
-    last_image: Option<Shot>,
-    halves_sent: usize,
-    restarts: usize,
-    chance: ChaCha8Rng,
+    last_imu_bytes: Vec<u8>,
+    last_image: Option<QueuedImage>,
+    partial_images_sent: usize,
+    base_restarts: usize,
+    rng: ChaCha8Rng,
 }
 
-impl Devices {
+impl VirtualDevices {
     pub(super) fn new(
         sim: &Sim,
-        plan: Plan,
+        plan: FaultPlan,
         options: &Options<'_>,
         truth: Option<Written>,
     ) -> Result<Self> {
@@ -62,46 +62,52 @@ impl Devices {
             "YUYV" => Encoding::Yuyv,
             _ => Encoding::Rgb8,
         };
-        Ok(Devices {
-            base: Line::plugged(&at.join(folder::BASE))?,
-            wit: Line::plugged(&at.join(folder::WIT))?,
-            bno085: Line::plugged(&at.join(folder::BNO085))?,
-            camera: Camera::plugged(&at.join(folder::CAMERA), encoding)?,
-            wheels: Base::new(options.bus, omni, base.ticks_per_turn),
-            units: Units::default(),
-            plan,
-            truth,
-            last_inertia: Vec::new(),
+        Ok(VirtualDevices {
+            base_port: VirtualSerialPort::connected(&at.join(folder::BASE))?,
+            wit_port: VirtualSerialPort::connected(&at.join(folder::WIT))?,
+            bno085_port: VirtualSerialPort::connected(&at.join(folder::BNO085))?,
+            camera: VirtualCamera::start(&at.join(folder::CAMERA), encoding)?,
+            base_firmware: VirtualBase::new(options.bus, omni, base.ticks_per_turn),
+            imu_encoder: ImuEncoder::default(),
+            faults: plan,
+            ground_truth: truth,
+            last_imu_bytes: Vec::new(),
             last_image: None,
-            halves_sent: 0,
-            restarts: 0,
-            chance: ChaCha8Rng::seed_from_u64(sim.scenario().seed),
+            partial_images_sent: 0,
+            base_restarts: 0,
+            rng: ChaCha8Rng::seed_from_u64(sim.scenario().seed),
         })
     }
 
     /// Lets a device say what is due; `time` is since the start.
-    pub(super) fn pass(&mut self, due: Due, time: f64) -> Result<()> {
-        self.plug(time)?;
-        let answers = self.wheels.hear(&self.base.received(), hw::now());
-        self.say_base(&answers, time);
-        let at = due.at;
+    pub(super) fn deliver(&mut self, due: ScheduledSample, time: f64) -> Result<()> {
+        self.update_connections(time)?;
+        let answers = self
+            .base_firmware
+            .receive(&self.base_port.read(), hw::now());
+        self.send_base(&answers, time);
+        let at = due.stamp;
         match due.sample {
-            sim::SimSample::Odometry(_) => self.encoders(&due.turned, at, time),
+            sim::SimSample::Odometry(_) => self.send_encoders(&due.wheel_angles, at, time),
             sim::SimSample::Imu(imu) => {
-                let inertia = self.wheels.inertia(&imu, self.board_time(at, time));
-                self.say_base(&inertia, time);
-                self.inertia(&imu, time);
+                let inertia = self
+                    .base_firmware
+                    .encode_imu(&imu, self.board_time_us(at, time));
+                self.send_base(&inertia, time);
+                self.send_imu(&imu, time);
             }
             sim::SimSample::Compass(compass) => {
-                let heading = self.wheels.heading(&compass, self.board_time(at, time));
-                self.say_base(&heading, time);
-                if !self.plan.is_on(Kind::ImuGarbage, time) {
-                    self.wit.send(&Units::wit_angle(&compass));
+                let heading = self
+                    .base_firmware
+                    .encode_heading(&compass, self.board_time_us(at, time));
+                self.send_base(&heading, time);
+                if !self.faults.is_active(HardwareFaultKind::ImuGarbage, time) {
+                    self.wit_port.send(&ImuEncoder::encode_wit_angle(&compass));
                 }
             }
-            sim::SimSample::Image(image) => self.image(image, at, time),
+            sim::SimSample::Image(image) => self.send_image(image, at, time),
             sim::SimSample::Truth(truth) => {
-                if let Some(file) = &mut self.truth {
+                if let Some(file) = &mut self.ground_truth {
                     let (stamp, pose) = (seconds(at), truth.robot.pose);
                     file.row(format_args!(
                         "{stamp},{:.5},{:.5},{:.6}",
@@ -115,117 +121,134 @@ impl Devices {
     }
 
     /// Pulls out and puts in what the plan says.
-    fn plug(&mut self, time: f64) -> Result<()> {
-        if self.plan.is_on(Kind::BaseUnplugged, time) {
-            self.base.unplug()?;
-            self.wheels.plugged_anew();
+    fn update_connections(&mut self, time: f64) -> Result<()> {
+        if self
+            .faults
+            .is_active(HardwareFaultKind::BaseUnplugged, time)
+        {
+            self.base_port.disconnect()?;
+            self.base_firmware.on_reconnect();
         } else {
-            self.base.plug()?;
+            self.base_port.connect()?;
         }
-        if self.plan.is_on(Kind::ImuUnplugged, time) {
-            self.wit.unplug()?;
+        if self.faults.is_active(HardwareFaultKind::ImuUnplugged, time) {
+            self.wit_port.disconnect()?;
         } else {
-            self.wit.plug()?;
+            self.wit_port.connect()?;
         }
-        self.camera
-            .set_unplugged(self.plan.is_on(Kind::CameraUnplugged, time));
+        self.camera.set_unplugged(
+            self.faults
+                .is_active(HardwareFaultKind::CameraUnplugged, time),
+        );
         Ok(())
     }
 
     /// The board's clock, µs.
-    fn board_time(&self, at: Stamp, time: f64) -> u32 {
-        let step = self.plan.on(Kind::BaseClock, time);
+    fn board_time_us(&self, at: Stamp, time: f64) -> u32 {
+        let step = self.faults.active(HardwareFaultKind::BaseClock, time);
         let stamp = at + step.map_or(0.0, |fault| fault.step);
         // Wraps after 71 minutes, as the board's does.
         (stamp.0 / 1000) as u32
     }
 
-    fn encoders(&mut self, turned: &[f64], at: Stamp, time: f64) {
-        let restarts = self.plan.begun(Kind::BaseRestarts, time);
-        let restarted = restarts > std::mem::replace(&mut self.restarts, restarts);
-        let time_us = self.board_time(at, time);
-        let said = match &mut self.wheels {
-            Base::Board(board) => board.report(time, time_us, turned, COUNT_FIRST, restarted),
-            Base::Vescs(vescs) => vescs.report(turned, COUNT_FIRST, at),
+    fn send_encoders(&mut self, turned: &[f64], at: Stamp, time: f64) {
+        let restarts = self
+            .faults
+            .started_count(HardwareFaultKind::BaseRestarts, time);
+        let restarted = restarts > std::mem::replace(&mut self.base_restarts, restarts);
+        let time_us = self.board_time_us(at, time);
+        let said = match &mut self.base_firmware {
+            VirtualBase::Board(board) => {
+                board.encode_status(time, time_us, turned, INITIAL_COUNT, restarted)
+            }
+            VirtualBase::Vescs(vescs) => vescs.encode_status(turned, INITIAL_COUNT, at),
         };
-        self.say_base(&said, time);
+        self.send_base(&said, time);
     }
 
-    fn say_base(&mut self, message: &[u8], time: f64) {
-        if message.is_empty() || self.plan.is_on(Kind::BaseSilent, time) {
+    fn send_base(&mut self, message: &[u8], time: f64) {
+        if message.is_empty() || self.faults.is_active(HardwareFaultKind::BaseSilent, time) {
             return;
         }
         let mut bytes = message.to_vec();
-        if self.plan.is_on(Kind::BaseGarbage, time) {
-            bytes = self.noise();
+        if self.faults.is_active(HardwareFaultKind::BaseGarbage, time) {
+            bytes = self.random_bytes();
         }
-        if self.plan.is_on(Kind::BaseNoise, time) {
+        if self.faults.is_active(HardwareFaultKind::BaseNoise, time) {
             for byte in &mut bytes {
-                if self.chance.random_range(0..BYTES_PER_ERROR) == 0 {
-                    *byte ^= 1 << self.chance.random_range(0..8u32);
+                if self.rng.random_range(0..BYTES_PER_ERROR) == 0 {
+                    *byte ^= 1 << self.rng.random_range(0..8u32);
                 }
             }
         }
-        self.base.send(&bytes);
+        self.base_port.send(&bytes);
     }
 
-    fn noise(&mut self) -> Vec<u8> {
+    fn random_bytes(&mut self) -> Vec<u8> {
         let mut bytes = vec![0; NOISE_BYTES];
-        self.chance.fill_bytes(&mut bytes);
+        self.rng.fill_bytes(&mut bytes);
         bytes
     }
 
-    fn inertia(&mut self, imu: &localize::sample::Imu, time: f64) {
-        let said = self.units.bno085(imu);
-        self.bno085.send(&said);
-        if self.plan.is_on(Kind::ImuGarbage, time) {
-            let noise = self.noise();
-            return self.wit.send(&noise);
+    fn send_imu(&mut self, imu: &localize::sample::Imu, time: f64) {
+        let said = self.imu_encoder.encode_bno085(imu);
+        self.bno085_port.send(&said);
+        if self.faults.is_active(HardwareFaultKind::ImuGarbage, time) {
+            let noise = self.random_bytes();
+            return self.wit_port.send(&noise);
         }
-        if !self.plan.is_on(Kind::ImuStuck, time) {
-            let damage = if self.plan.is_on(Kind::ImuNan, time) {
-                Damage::Range
+        if !self.faults.is_active(HardwareFaultKind::ImuStuck, time) {
+            let damage = if self.faults.is_active(HardwareFaultKind::ImuNan, time) {
+                ImuFault::Saturated
             } else {
-                Damage::None
+                ImuFault::None
             };
-            self.last_inertia = Units::wit(imu, damage);
+            self.last_imu_bytes = ImuEncoder::encode_wit_imu(imu, damage);
         }
-        self.wit.send(&self.last_inertia);
+        self.wit_port.send(&self.last_imu_bytes);
     }
 
-    fn image(&mut self, image: sim::simulation::SimImage, at: Stamp, time: f64) {
-        let off = self.plan.on(Kind::CameraClock, time);
-        let mut shot = Shot {
+    fn send_image(&mut self, image: sim::simulation::SimImage, at: Stamp, time: f64) {
+        let off = self.faults.active(HardwareFaultKind::CameraClock, time);
+        let mut shot = QueuedImage {
             stamp_ns: (at + off.map_or(0.0, |fault| fault.step)).0,
             size_px: [image.width_px, image.height_px],
             rgb: std::sync::Arc::new(image.rgb),
-            cut: None,
+            truncated_to: None,
         };
-        if self.plan.is_on(Kind::CameraSilent, time) {
+        if self.faults.is_active(HardwareFaultKind::CameraSilent, time) {
             return;
         }
-        if self.plan.is_on(Kind::CameraHalfFrame, time) {
-            let begun = self.plan.begun(Kind::CameraHalfFrame, time);
-            if begun == self.halves_sent {
+        if self
+            .faults
+            .is_active(HardwareFaultKind::CameraHalfFrame, time)
+        {
+            let begun = self
+                .faults
+                .started_count(HardwareFaultKind::CameraHalfFrame, time);
+            if begun == self.partial_images_sent {
                 return;
             }
-            self.halves_sent = begun;
-            shot.cut = Some(0.5);
+            self.partial_images_sent = begun;
+            shot.truncated_to = Some(0.5);
         }
-        if self.plan.is_on(Kind::CameraFreezes, time) {
+        if self
+            .faults
+            .is_active(HardwareFaultKind::CameraFreezes, time)
+        {
             let frozen = self.last_image.as_ref().unwrap_or(&shot);
             shot.rgb = frozen.rgb.clone();
         }
         self.last_image = Some(shot.clone());
-        self.camera.shoot(shot);
+        self.camera.send(shot);
     }
 
-    pub(super) fn happened(&self, began: Stamp) -> Vec<Happened> {
-        let happened = |fault: &Fault| Happened {
+    pub(super) fn fault_intervals(&self, began: Stamp) -> Vec<FaultInterval> {
+        let happened = |fault: &HardwareFault| FaultInterval {
             kind: fault.kind,
             from_s: (began + fault.at).seconds(),
-            until_s: (began + fault.at + fault.lasts).seconds(),
+            until_s: (began + fault.at + fault.duration).seconds(),
         };
-        self.plan.faults.iter().map(happened).collect()
+        self.faults.faults.iter().map(happened).collect()
     }
 }

@@ -8,36 +8,36 @@ use serde::{Deserialize, Serialize};
 /// A plan: what fails, from when, for how long.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Plan {
+pub(super) struct FaultPlan {
     /// The faults; they may overlap.
     #[serde(default, rename = "fault")]
-    pub(super) faults: Vec<Fault>,
+    pub(super) faults: Vec<HardwareFault>,
 }
 
 /// One fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Fault {
+pub(super) struct HardwareFault {
     /// What fails.
-    pub(super) kind: Kind,
+    pub(super) kind: HardwareFaultKind,
     /// When it begins, seconds after the start.
     pub(super) at: f64,
     /// How long it lasts, seconds.
     #[serde(rename = "for")]
-    pub(super) lasts: f64,
+    pub(super) duration: f64,
     /// Of a clock's step: how far, seconds.
-    #[serde(default = "step")]
+    #[serde(default = "default_clock_step")]
     pub(super) step: f64,
 }
 
-fn step() -> f64 {
+fn default_clock_step() -> f64 {
     0.6
 }
 
 /// What can fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Kind {
+pub(super) enum HardwareFaultKind {
     /// The camera sends the same image again and again.
     CameraFreezes,
     /// The camera sends nothing.
@@ -70,17 +70,17 @@ pub(super) enum Kind {
     ImuGarbage,
 }
 
-impl Plan {
+impl FaultPlan {
     /// Reads a plan.
     pub(super) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
-        let plan: Plan = toml::from_str(&text).with_context(|| path.display().to_string())?;
+        let plan: FaultPlan = toml::from_str(&text).with_context(|| path.display().to_string())?;
         for fault in &plan.faults {
             ensure!(
                 fault.at >= 0.0
-                    && fault.lasts > 0.0
-                    && (fault.at + fault.lasts).is_finite()
+                    && fault.duration > 0.0
+                    && (fault.at + fault.duration).is_finite()
                     && fault.step.abs() <= 1000.0,
                 "{}: {:?}: at and step must be seconds, for above zero",
                 path.display(),
@@ -91,19 +91,19 @@ impl Plan {
     }
 
     /// The fault of this kind that is on at a time.
-    pub(super) fn on(&self, kind: Kind, time: f64) -> Option<&Fault> {
-        self.faults
-            .iter()
-            .find(|fault| fault.kind == kind && fault.at <= time && time < fault.at + fault.lasts)
+    pub(super) fn active(&self, kind: HardwareFaultKind, time: f64) -> Option<&HardwareFault> {
+        self.faults.iter().find(|fault| {
+            fault.kind == kind && fault.at <= time && time < fault.at + fault.duration
+        })
     }
 
     /// True while the fault is on.
-    pub(super) fn is_on(&self, kind: Kind, time: f64) -> bool {
-        self.on(kind, time).is_some()
+    pub(super) fn is_active(&self, kind: HardwareFaultKind, time: f64) -> bool {
+        self.active(kind, time).is_some()
     }
 
     /// How many faults of this kind have begun.
-    pub(super) fn begun(&self, kind: Kind, time: f64) -> usize {
+    pub(super) fn started_count(&self, kind: HardwareFaultKind, time: f64) -> usize {
         self.faults
             .iter()
             .filter(|fault| fault.kind == kind && fault.at <= time)

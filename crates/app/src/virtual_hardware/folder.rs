@@ -15,7 +15,7 @@ pub(super) const WIT: &str = "wit";
 pub(super) const BNO085: &str = "bno085";
 pub(super) const CAMERA: &str = "camera";
 /// Writes robot.toml and hardware.toml beside the devices: the folder is a robot that `run` plays with.
-pub(super) fn write(sim: &Sim, options: &Options<'_>) -> Result<()> {
+pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()> {
     let mut robot = sim.robot().clone();
     if let Some(field) = &sim.scenario().field {
         robot.field.clone_from(field);
@@ -47,7 +47,7 @@ pub(super) fn write(sim: &Sim, options: &Options<'_>) -> Result<()> {
          [camera]\ndevice = \"unix:./{CAMERA}\"\nrate_hz = {rate_hz:?}\n\n\
          [base]\n{}port = \"./{BASE}\"\n\n\
          [[inertial]]\nsensor = \"wit\"\nport = \"./{WIT}\"\nimu = true\ncompass = {}\n",
-        bus(options.bus, wheels),
+        base_keys(options.bus, wheels),
         robot.compass.is_some()
     );
     for (name, text) in [
@@ -61,7 +61,7 @@ pub(super) fn write(sim: &Sim, options: &Options<'_>) -> Result<()> {
 }
 
 /// The keys that say how the base is spoken to.
-fn bus(bus: Bus, wheels: usize) -> String {
+fn base_keys(bus: Bus, wheels: usize) -> String {
     let nodes = &NODES[..wheels.min(NODES.len())];
     match bus {
         Bus::Board => "bus = \"board\"\n".to_owned(),

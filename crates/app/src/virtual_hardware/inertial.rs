@@ -2,51 +2,51 @@
 
 use hw::wire::STANDARD_GRAVITY;
 use hw::wire::bno085::Rvc;
-use hw::wire::wit::{Kind, Wit};
+use hw::wire::wit::{DataType, Wit};
 use localize::frame::wrap_angle;
 use localize::sample::{Compass, Imu};
 
 /// A sensor of each kind.
 #[derive(Debug, Default)]
-pub(super) struct Units {
+pub(super) struct ImuEncoder {
     /// Yaw that the BNO085 has summed up since it was switched on, radians.
-    yaw: f32,
+    bno085_yaw: f32,
     index: u8,
     last: Option<localize::Stamp>,
 }
 
 /// What a reading is made into by a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Damage {
+pub(super) enum ImuFault {
     None,
     /// Every value at the end of its range.
-    Range,
+    Saturated,
 }
 
-impl Units {
+impl ImuEncoder {
     /// A WitMotion's attitude.
-    pub(super) fn wit_angle(compass: &Compass) -> Vec<u8> {
+    pub(super) fn encode_wit_angle(compass: &Compass) -> Vec<u8> {
         let yaw = wrap_angle(compass.heading) / std::f32::consts::PI * 32_768.0;
         let raw = [0, 0, yaw.round() as i16, 0];
-        let kind = Kind::Angle;
+        let kind = DataType::Angle;
         Wit { kind, raw }.encode().to_vec()
     }
 
     /// A WitMotion's acceleration and rate.
-    pub(super) fn wit(imu: &Imu, damage: Damage) -> Vec<u8> {
+    pub(super) fn encode_wit_imu(imu: &Imu, damage: ImuFault) -> Vec<u8> {
         let raw = |values: [f32; 3], full_scale: f32| {
             let scaled = values.map(|value| (value / full_scale * 32_768.0).round() as i16);
             match damage {
-                Damage::None => [scaled[0], scaled[1], scaled[2], 0],
-                Damage::Range => [i16::MIN; 4],
+                ImuFault::None => [scaled[0], scaled[1], scaled[2], 0],
+                ImuFault::Saturated => [i16::MIN; 4],
             }
         };
         [
             (
-                Kind::Acceleration,
+                DataType::Acceleration,
                 raw(imu.acceleration, 16.0 * STANDARD_GRAVITY),
             ),
-            (Kind::Rate, raw(imu.rate, 2000_f32.to_radians())),
+            (DataType::AngularRate, raw(imu.rate, 2000_f32.to_radians())),
         ]
         .into_iter()
         .flat_map(|(kind, raw)| Wit { kind, raw }.encode())
@@ -54,16 +54,16 @@ impl Units {
     }
 
     /// A BNO085's message.
-    pub(super) fn bno085(&mut self, imu: &Imu) -> Vec<u8> {
+    pub(super) fn encode_bno085(&mut self, imu: &Imu) -> Vec<u8> {
         let elapsed = self
             .last
             .replace(imu.stamp)
             .map_or(0.0, |last| imu.stamp - last);
-        self.yaw = wrap_angle(self.yaw + imu.rate[2] * elapsed as f32);
+        self.bno085_yaw = wrap_angle(self.bno085_yaw + imu.rate[2] * elapsed as f32);
         self.index = self.index.wrapping_add(1);
         Rvc {
             index: self.index,
-            yaw_cdeg: (self.yaw.to_degrees() * 100.0).round() as i16,
+            yaw_cdeg: (self.bno085_yaw.to_degrees() * 100.0).round() as i16,
             pitch_cdeg: 0,
             roll_cdeg: 0,
             acceleration_mg: imu

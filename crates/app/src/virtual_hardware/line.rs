@@ -11,52 +11,52 @@ use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
 /// A serial line with this program as the device at its far end.
 #[derive(Debug)]
-pub(super) struct Line {
+pub(super) struct VirtualSerialPort {
     path: PathBuf,
-    plugged: Option<OwnedFd>,
+    master: Option<OwnedFd>,
 }
 
-impl Line {
+impl VirtualSerialPort {
     /// Plugs a device in at `path`.
-    pub(super) fn plugged(path: &Path) -> Result<Self> {
-        let mut line = Line {
+    pub(super) fn connected(path: &Path) -> Result<Self> {
+        let mut line = VirtualSerialPort {
             path: path.to_owned(),
-            plugged: None,
+            master: None,
         };
-        line.plug()?;
+        line.connect()?;
         Ok(line)
     }
 
     /// Plugs it in, unless it is.
-    pub(super) fn plug(&mut self) -> Result<()> {
-        if self.plugged.is_some() {
+    pub(super) fn connect(&mut self) -> Result<()> {
+        if self.master.is_some() {
             return Ok(());
         }
         let (device, name) = pseudo_terminal().context("cannot make a pseudo terminal")?;
         remove(&self.path)?;
         std::os::unix::fs::symlink(&name, &self.path)
             .with_context(|| format!("cannot link {}", self.path.display()))?;
-        self.plugged = Some(device);
+        self.master = Some(device);
         Ok(())
     }
 
     /// Pulls it out: the name is gone, and whoever has it open hears of it.
-    pub(super) fn unplug(&mut self) -> Result<()> {
-        self.plugged = None;
+    pub(super) fn disconnect(&mut self) -> Result<()> {
+        self.master = None;
         remove(&self.path)
     }
 
     /// Sends bytes; what does not fit because nobody reads is lost, as on a wire.
     pub(super) fn send(&self, bytes: &[u8]) {
-        if let Some(device) = &self.plugged {
+        if let Some(device) = &self.master {
             let _nobody_reads = rustix::io::write(device, bytes);
         }
     }
 
     /// What was sent to the device.
-    pub(super) fn received(&self) -> Vec<u8> {
+    pub(super) fn read(&self) -> Vec<u8> {
         let mut all = Vec::new();
-        let Some(device) = &self.plugged else {
+        let Some(device) = &self.master else {
             return all;
         };
         let mut buffer = [0; 4096];
@@ -68,10 +68,10 @@ impl Line {
     }
 }
 
-impl Drop for Line {
+impl Drop for VirtualSerialPort {
     fn drop(&mut self) {
         // The folder may be gone already.
-        let _gone = self.unplug();
+        let _gone = self.disconnect();
     }
 }
 

@@ -21,12 +21,12 @@ use localize::Stamp;
 use serde::Serialize;
 use sim::Sim;
 
-use crate::run::stop::Stop;
-use devices::Devices;
-use faults::{Kind, Plan};
-use orders::Audit;
+use crate::run::stop::StopFlag;
+use devices::VirtualDevices;
+use faults::{FaultPlan, HardwareFaultKind};
+use orders::CommandStats;
 use pipeline::csv_table::Written;
-use world::World;
+use world::RealTimeSim;
 
 /// What the devices are made from.
 pub struct Options<'a> {
@@ -46,52 +46,56 @@ pub struct Options<'a> {
 
 /// What `--json` prints at the end.
 #[derive(Serialize)]
-struct Outcome {
+struct VirtualHardwareResult {
     folder: PathBuf,
     seconds: f64,
     /// Time that the simulation was too slow for, seconds: the world stood still meanwhile.
     slipped_s: f64,
-    commands: Audit,
-    faults: Vec<Happened>,
+    commands: CommandStats,
+    faults: Vec<FaultInterval>,
 }
 
 /// A fault as it happened, CLOCK_MONOTONIC, seconds.
 #[derive(Serialize)]
-struct Happened {
-    kind: Kind,
+struct FaultInterval {
+    kind: HardwareFaultKind,
     from_s: f64,
     until_s: f64,
 }
 
 /// Plays the scenario's hardware until its end, or until a signal.
 pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
-    let plan = options.faults.map(Plan::load).transpose()?;
+    let plan = options.faults.map(FaultPlan::load).transpose()?;
     let header = "stamp_s,x_m,y_m,theta_rad";
     let truth = options.truth.map(|path| Written::create(path, header));
-    let mut devices = Devices::new(&sim, plan.unwrap_or_default(), options, truth.transpose()?)?;
-    folder::write(&sim, options)?;
-    let stop = Stop::on_signals()?;
+    let mut devices =
+        VirtualDevices::new(&sim, plan.unwrap_or_default(), options, truth.transpose()?)?;
+    folder::write_robot_folder(&sim, options)?;
+    let stop = StopFlag::on_signals()?;
     let folder = options.folder.display();
     eprintln!("the devices are there: mirrorball run --robot {folder}");
-    let mut world = World::start(sim, options.own_path)?;
-    be_hardware();
-    let began = world.began();
+    let mut world = RealTimeSim::start(sim, options.own_path)?;
+    raise_thread_priority();
+    let began = world.start_stamp();
     while !stop.is_raised() && hw::now() - began < duration {
-        let Some(due) = world.next(|now| devices.wheels.wanted(now))? else {
+        let Some(due) = world.next_sample(|now| devices.base_firmware.commanded_twist(now))? else {
             break;
         };
-        sleep_until(due.at);
-        devices.pass(due, hw::now() - began)?;
+        sleep_until(due.stamp);
+        devices.deliver(due, hw::now() - began)?;
     }
-    let outcome = Outcome {
+    let outcome = VirtualHardwareResult {
         folder: options.folder.to_owned(),
         seconds: hw::now() - began,
-        slipped_s: world.slipped(),
-        commands: devices.wheels.audit(),
-        faults: devices.happened(began),
+        slipped_s: world.lag(),
+        commands: devices.base_firmware.command_stats(),
+        faults: devices.fault_intervals(began),
     };
     drop(world);
-    devices.truth.take().map_or(Ok(()), Written::finish)?;
+    devices
+        .ground_truth
+        .take()
+        .map_or(Ok(()), Written::finish)?;
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
     } else {
@@ -105,9 +109,9 @@ pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result
 }
 
 /// Devices do not wait for a processor: where it may, the calling thread comes before all that merely compute.
-fn be_hardware() {
+fn raise_thread_priority() {
     // What may not is late now and then, and works all the same.
-    let _may = hw::realtime::set_priority(1);
+    let _may = hw::realtime::set_realtime_priority(1);
 }
 
 fn sleep_until(stamp: Stamp) {

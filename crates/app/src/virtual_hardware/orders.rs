@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// What the base was told, for whoever wants to know whether the robot was ever driven without a fresh command.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
-pub(super) struct Audit {
+pub(super) struct CommandStats {
     /// Commands that turn a wheel.
     pub(super) driving: u64,
     /// Commands to stand.
@@ -29,44 +29,44 @@ pub(super) struct Audit {
 
 /// The command that holds, and the account of all.
 #[derive(Debug, Default)]
-pub(super) struct Orders {
+pub(super) struct DriveCommand {
     /// What is commanded, and until when it holds.
-    wanted: Option<(Twist, Stamp)>,
-    told_since_plugged: bool,
-    pub(super) audit: Audit,
+    active: Option<(Twist, Stamp)>,
+    received_since_reconnect: bool,
+    pub(super) stats: CommandStats,
 }
 
-impl Orders {
+impl DriveCommand {
     /// The line was pulled out or put in.
-    pub(super) fn plugged_anew(&mut self) {
-        self.told_since_plugged = false;
+    pub(super) fn on_reconnect(&mut self) {
+        self.received_since_reconnect = false;
     }
 
     /// Takes a command that wants to hold for so long; `drives`: it turns a wheel.
-    pub(super) fn obey(&mut self, twist: Twist, drives: bool, valid_ms: u16, now: Stamp) {
-        let audit = &mut self.audit;
+    pub(super) fn set(&mut self, twist: Twist, drives: bool, valid_ms: u16, now: Stamp) {
+        let audit = &mut self.stats;
         audit.last_s = now.seconds();
         audit.stands_last = !drives;
         audit.too_long += u64::from(valid_ms > 100);
         if drives {
             audit.driving += 1;
             audit.last_driving_s = now.seconds();
-            audit.driven_at_once += u64::from(!self.told_since_plugged);
+            audit.driven_at_once += u64::from(!self.received_since_reconnect);
         } else {
             audit.standing += 1;
         }
-        self.told_since_plugged = true;
+        self.received_since_reconnect = true;
         let until = now + f64::from(valid_ms) * 1e-3;
-        self.wanted = drives.then_some((twist, until));
+        self.active = drives.then_some((twist, until));
     }
 
     /// What the wheels are to do now: nothing once the command has run out.
-    pub(super) fn wanted(&mut self, now: Stamp) -> Twist {
-        match self.wanted {
+    pub(super) fn twist(&mut self, now: Stamp) -> Twist {
+        match self.active {
             Some((twist, until)) if now < until => twist,
             Some(_) => {
-                self.wanted = None;
-                self.audit.ran_out += 1;
+                self.active = None;
+                self.stats.ran_out += 1;
                 Twist::default()
             }
             None => Twist::default(),
@@ -74,7 +74,7 @@ impl Orders {
     }
 
     /// The wheels stand for want of a command.
-    pub(super) fn stale(&self) -> bool {
-        self.wanted.is_none()
+    pub(super) fn is_expired(&self) -> bool {
+        self.active.is_none()
     }
 }

@@ -1,29 +1,29 @@
 //! What do virtual VESCs do? One for each wheel: on a serial line with the others behind it, or on a CAN bus behind an adapter.
 
 use hw::wire::vesc::{Request, Values};
-use hw::wire::vesc_can::{Order, Status};
-use hw::wire::{Step, slcan};
+use hw::wire::vesc_can::{VescCommand, VescStatus};
+use hw::wire::{ParseStep, slcan};
 use localize::Stamp;
 use localize::omni::OmniKinematics;
 
-use super::orders::Orders;
+use super::orders::DriveCommand;
 
 /// Numbers of the wheels' controllers; the first is the one at the serial line.
 pub(super) const NODES: [u8; 4] = [11, 12, 13, 14];
 /// Without a command the controllers stop after so long, milliseconds: what `timeout` in their settings must be.
 const TIMEOUT_MS: u16 = 100;
 /// Steps of a tachometer in one electrical revolution.
-const STEPS_PER_ELECTRICAL_TURN: f32 = 6.0;
+const TACHOMETER_STEPS_PER_REVOLUTION: f32 = 6.0;
 /// What a charged battery shows, 0.1 V, and cool transistors, 0.1 °C.
 const BATTERY_DV: i16 = 252;
 const TEMPERATURE_DDEG: i16 = 350;
 /// First byte of a packet, and the bytes around its payload: start, length, checksum, stop.
 const START: u8 = 2;
-const AROUND: usize = 5;
+const PACKET_OVERHEAD_BYTES: usize = 5;
 
 /// How they are reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Reach {
+pub(super) enum VescBus {
     /// The first one's UART.
     Uart,
     /// A CAN bus behind an adapter, once its channel is open.
@@ -31,56 +31,56 @@ pub(super) enum Reach {
 }
 
 /// The controllers.
-pub(super) struct Vescs {
+pub(super) struct VirtualVescs {
     omni: OmniKinematics,
-    reach: Reach,
+    bus: VescBus,
     ticks_per_turn: f32,
     received: Vec<u8>,
     /// What each wheel is to do, rad/s.
     speeds: [f32; 4],
     /// Tachometers, and the turns they stand for.
     counts: [i32; 4],
-    turned: Vec<f64>,
+    wheel_angles: Vec<f64>,
     erpm: [i32; 4],
-    said: Option<Stamp>,
-    pub(super) orders: Orders,
+    last_report: Option<Stamp>,
+    pub(super) drive_command: DriveCommand,
 }
 
-impl Vescs {
-    pub(super) fn new(omni: OmniKinematics, ticks_per_turn: f32, reach: Reach) -> Self {
-        Vescs {
+impl VirtualVescs {
+    pub(super) fn new(omni: OmniKinematics, ticks_per_turn: f32, reach: VescBus) -> Self {
+        VirtualVescs {
             omni,
-            reach,
+            bus: reach,
             ticks_per_turn,
             received: Vec::new(),
             speeds: [0.0; 4],
             counts: [0; 4],
-            turned: Vec::new(),
+            wheel_angles: Vec::new(),
             erpm: [0; 4],
-            said: None,
-            orders: Orders::default(),
+            last_report: None,
+            drive_command: DriveCommand::default(),
         }
     }
 
     /// The line was pulled out or put in: what was half received is forgotten, and an adapter's channel is closed.
-    pub(super) fn plugged_anew(&mut self) {
+    pub(super) fn on_reconnect(&mut self) {
         self.received.clear();
-        self.orders.plugged_anew();
-        if let Reach::Slcan { open } = &mut self.reach {
+        self.drive_command.on_reconnect();
+        if let VescBus::Slcan { open } = &mut self.bus {
             *open = false;
         }
     }
 
     /// Takes what was sent; returns the answers.
-    pub(super) fn hear(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
+    pub(super) fn receive(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
         self.received.extend_from_slice(bytes);
-        match self.reach {
-            Reach::Uart => self.hear_uart(now),
-            Reach::Slcan { .. } => self.hear_adapter(now),
+        match self.bus {
+            VescBus::Uart => self.receive_uart(now),
+            VescBus::Slcan { .. } => self.receive_slcan(now),
         }
     }
 
-    fn hear_uart(&mut self, now: Stamp) -> Vec<u8> {
+    fn receive_uart(&mut self, now: Stamp) -> Vec<u8> {
         let mut answers = Vec::new();
         let received = std::mem::take(&mut self.received);
         let mut rest = received.as_slice();
@@ -89,7 +89,9 @@ impl Vescs {
                 rest = more;
                 continue;
             }
-            let length = more.first().map(|length| usize::from(*length) + AROUND);
+            let length = more
+                .first()
+                .map(|length| usize::from(*length) + PACKET_OVERHEAD_BYTES);
             let Some(packet) = length.and_then(|length| rest.get(..length)) else {
                 break;
             };
@@ -100,30 +102,34 @@ impl Vescs {
             rest = &rest[packet.len()..];
             let node = node.unwrap_or(NODES[0]);
             match request {
-                Request::GetValues => answers.extend(self.values(node)),
-                Request::SetRpm(erpm) => self.turn(node, erpm, now),
-                Request::SetCurrentMa(_) => self.turn(node, 0, now),
+                Request::GetValues => answers.extend(self.encode_values(node)),
+                Request::SetRpm(erpm) => self.set_wheel_speed(node, erpm, now),
+                Request::SetCurrentMa(_) => self.set_wheel_speed(node, 0, now),
             }
         }
         self.received = rest.to_vec();
         answers
     }
 
-    fn hear_adapter(&mut self, now: Stamp) -> Vec<u8> {
+    fn receive_slcan(&mut self, now: Stamp) -> Vec<u8> {
         let mut answers = Vec::new();
         while let Some(end) = self.received.iter().position(|byte| *byte == b'\r') {
             let line: Vec<u8> = self.received.drain(..=end).collect();
-            let Reach::Slcan { open } = &mut self.reach else {
+            let VescBus::Slcan { open } = &mut self.bus else {
                 break;
             };
             match (line[0], slcan::parse(&line)) {
                 (b'C', _) => *open = false,
                 (b'O', _) => *open = true,
                 (b'S' | b'\r', _) => {}
-                (_, Step::Take(_, slcan::Line::Frame(frame))) if *open => {
-                    match Order::decode(&frame) {
-                        Some((node, Order::SetRpm(erpm))) => self.turn(node, erpm, now),
-                        Some((node, Order::SetCurrentMa(_))) => self.turn(node, 0, now),
+                (_, ParseStep::Message(_, slcan::SlcanMessage::Frame(frame))) if *open => {
+                    match VescCommand::decode(&frame) {
+                        Some((node, VescCommand::SetRpm(erpm))) => {
+                            self.set_wheel_speed(node, erpm, now)
+                        }
+                        Some((node, VescCommand::SetCurrentMa(_))) => {
+                            self.set_wheel_speed(node, 0, now)
+                        }
                         None => {}
                     }
                     // An extended frame went out (LAWICEL, CANUSB manual).
@@ -140,50 +146,50 @@ impl Vescs {
     }
 
     /// A round of commands is over with the last wheel's.
-    fn turn(&mut self, node: u8, erpm: i32, now: Stamp) {
+    fn set_wheel_speed(&mut self, node: u8, erpm: i32, now: Stamp) {
         let wheels = self.omni.wheel_count();
         let Some(wheel) = NODES[..wheels].iter().position(|own| *own == node) else {
             return;
         };
-        self.speeds[wheel] = erpm as f32 / self.erpm_per_speed();
+        self.speeds[wheel] = erpm as f32 / self.erpm_per_rad_s();
         if wheel + 1 == wheels {
             let speeds = &self.speeds[..wheels];
             let (twist, _) = self.omni.twist(speeds);
             let drives = speeds.iter().any(|speed| *speed != 0.0);
-            self.orders.obey(twist, drives, TIMEOUT_MS, now);
+            self.drive_command.set(twist, drives, TIMEOUT_MS, now);
         }
     }
 
     /// Electrical revolutions per minute at a wheel's speed of 1 rad/s.
-    fn erpm_per_speed(&self) -> f32 {
-        60.0 / std::f32::consts::TAU * self.ticks_per_turn / STEPS_PER_ELECTRICAL_TURN
+    fn erpm_per_rad_s(&self) -> f32 {
+        60.0 / std::f32::consts::TAU * self.ticks_per_turn / TACHOMETER_STEPS_PER_REVOLUTION
     }
 
     /// Follows the wheels, whose turns are radians since the start; what is said by itself (CAN).
-    pub(super) fn report(&mut self, turned: &[f64], offset: u32, stamp: Stamp) -> Vec<u8> {
-        let elapsed = self.said.replace(stamp).map(|said| stamp - said);
+    pub(super) fn encode_status(&mut self, turned: &[f64], offset: u32, stamp: Stamp) -> Vec<u8> {
+        let elapsed = self.last_report.replace(stamp).map(|said| stamp - said);
         for (wheel, turned) in turned.iter().enumerate().take(self.omni.wheel_count()) {
             let ticks = turned / std::f64::consts::TAU * f64::from(self.ticks_per_turn);
             self.counts[wheel] = (ticks.floor() as i64 as u32).wrapping_add(offset) as i32;
-            let before = self.turned.get(wheel).copied().unwrap_or(*turned);
+            let before = self.wheel_angles.get(wheel).copied().unwrap_or(*turned);
             let speed = elapsed.map_or(0.0, |elapsed| (turned - before) / elapsed.max(1e-3));
-            self.erpm[wheel] = (speed as f32 * self.erpm_per_speed()) as i32;
+            self.erpm[wheel] = (speed as f32 * self.erpm_per_rad_s()) as i32;
         }
-        self.turned = turned.to_vec();
+        self.wheel_angles = turned.to_vec();
         let mut lines = Vec::new();
-        if self.reach != (Reach::Slcan { open: true }) {
+        if self.bus != (VescBus::Slcan { open: true }) {
             return lines;
         }
         for (wheel, node) in NODES.into_iter().enumerate().take(self.omni.wheel_count()) {
-            let motion = Status::Motion {
+            let motion = VescStatus::Motion {
                 erpm: self.erpm[wheel],
                 current_da: 0,
                 duty_permille: 0,
             };
-            let heat = Status::Heat {
+            let heat = VescStatus::Temperature {
                 temperature_ddeg: TEMPERATURE_DDEG,
             };
-            let position = Status::Position {
+            let position = VescStatus::Position {
                 tachometer: self.counts[wheel],
                 voltage_dv: BATTERY_DV,
             };
@@ -194,7 +200,7 @@ impl Vescs {
         lines
     }
 
-    fn values(&self, node: u8) -> Vec<u8> {
+    fn encode_values(&self, node: u8) -> Vec<u8> {
         let wheels = &NODES[..self.omni.wheel_count()];
         let Some(wheel) = wheels.iter().position(|own| *own == node) else {
             return Vec::new();

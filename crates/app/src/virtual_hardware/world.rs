@@ -13,49 +13,49 @@ use localize::omni::Twist;
 use sim::{Sim, SimSample};
 
 /// How far the world runs ahead, seconds: longer than an image takes to render. The wheels obey as much later.
-const LEAD: f64 = 0.03;
+const LEAD_TIME: f64 = 0.03;
 /// Time until the first sample, seconds: the devices' readers may open them meanwhile.
-const START: f64 = 0.2;
+const START_DELAY: f64 = 0.2;
 /// Samples that may wait: more than come in the lead.
-const WAITING_MAX: usize = 64;
+const SAMPLE_CHANNEL_CAPACITY: usize = 64;
 
 /// A sample and when it is to be delivered.
-pub(super) struct Due {
+pub(super) struct ScheduledSample {
     /// CLOCK_MONOTONIC.
-    pub(super) at: Stamp,
+    pub(super) stamp: Stamp,
     pub(super) sample: SimSample,
     /// How far each wheel had turned then, radians; of odometry.
-    pub(super) turned: Vec<f64>,
+    pub(super) wheel_angles: Vec<f64>,
 }
 
 /// The simulation in a thread of its own.
-pub(super) struct World {
+pub(super) struct RealTimeSim {
     began: Stamp,
-    due: Option<Receiver<Due>>,
-    shared: Arc<Shared>,
+    samples: Option<Receiver<ScheduledSample>>,
+    shared: Arc<RealTimeSimState>,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
-struct Shared {
-    wanted: Mutex<Twist>,
-    slipped: Mutex<f64>,
-    ended: AtomicBool,
+struct RealTimeSimState {
+    commanded_twist: Mutex<Twist>,
+    lag: Mutex<f64>,
+    stop_requested: AtomicBool,
 }
 
-impl World {
+impl RealTimeSim {
     /// Starts it; with `own_path` the scenario's path moves the robot.
     pub(super) fn start(sim: Sim, own_path: bool) -> Result<Self> {
-        let (deliver, due) = sync_channel(WAITING_MAX);
-        let shared = Arc::new(Shared::default());
-        let began = hw::now() + START;
+        let (deliver, due) = sync_channel(SAMPLE_CHANNEL_CAPACITY);
+        let shared = Arc::new(RealTimeSimState::default());
+        let began = hw::now() + START_DELAY;
         let own = Arc::clone(&shared);
         let mut sim = sim;
         let play = move || {
             let mut zero = began;
-            while !own.ended.load(Ordering::Relaxed) {
+            while !own.stop_requested.load(Ordering::Relaxed) {
                 if !own_path {
-                    sim.set_command(Some(*lock(&own.wanted)));
+                    sim.set_command(Some(*lock(&own.commanded_twist)));
                 }
                 let sample = sim.next_sample();
                 let mut at = zero + sample.stamp().seconds();
@@ -64,43 +64,53 @@ impl World {
                     // A machine too slow for this world: better a pause than stamps of the past.
                     zero = zero + late;
                     at = at + late;
-                    *lock(&own.slipped) += late;
+                    *lock(&own.lag) += late;
                 }
                 let turned = match &sample {
                     SimSample::Odometry(_) => sim.wheel_angles().collect(),
                     _ => Vec::new(),
                 };
-                if deliver.send(Due { at, sample, turned }).is_err() {
+                if deliver
+                    .send(ScheduledSample {
+                        stamp: at,
+                        sample,
+                        wheel_angles: turned,
+                    })
+                    .is_err()
+                {
                     return;
                 }
-                super::sleep_until(at + -LEAD);
+                super::sleep_until(at + -LEAD_TIME);
             }
         };
         let thread = std::thread::Builder::new()
             .name("world".to_owned())
             .spawn(play)?;
-        Ok(World {
+        Ok(RealTimeSim {
             began,
-            due: Some(due),
+            samples: Some(due),
             shared,
             thread: Some(thread),
         })
     }
 
     /// When its time began.
-    pub(super) fn began(&self) -> Stamp {
+    pub(super) fn start_stamp(&self) -> Stamp {
         self.began
     }
 
     /// How long the world had to stand still, seconds.
-    pub(super) fn slipped(&self) -> f64 {
-        *lock(&self.shared.slipped)
+    pub(super) fn lag(&self) -> f64 {
+        *lock(&self.shared.lag)
     }
 
     /// The next sample; none if the world broke off. `wanted` is asked what the wheels do meanwhile.
-    pub(super) fn next(&mut self, wanted: impl FnOnce(Stamp) -> Twist) -> Result<Option<Due>> {
-        *lock(&self.shared.wanted) = wanted(hw::now());
-        let Some(due) = &self.due else {
+    pub(super) fn next_sample(
+        &mut self,
+        wanted: impl FnOnce(Stamp) -> Twist,
+    ) -> Result<Option<ScheduledSample>> {
+        *lock(&self.shared.commanded_twist) = wanted(hw::now());
+        let Some(due) = &self.samples else {
             return Ok(None);
         };
         // Some sensor says something a hundred times a second.
@@ -112,10 +122,10 @@ impl World {
     }
 }
 
-impl Drop for World {
+impl Drop for RealTimeSim {
     fn drop(&mut self) {
-        self.shared.ended.store(true, Ordering::Relaxed);
-        self.due = None;
+        self.shared.stop_requested.store(true, Ordering::Relaxed);
+        self.samples = None;
         if let Some(thread) = self.thread.take() {
             // A thread that panicked has said why.
             let _ended = thread.join();

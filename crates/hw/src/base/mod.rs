@@ -13,56 +13,60 @@ use localize::Stamp;
 use localize::omni::OmniKinematics;
 use localize::robot::BaseConfig;
 
-pub use orders::{Drive, Kick};
+pub use orders::{Kick, MotionCommand};
 pub use report::{KickerReport, PowerReport, SwitchReport};
 
 use crate::clock;
-use crate::config::{BaseDevice, Bus};
+use crate::config::{BaseDeviceConfig, Bus};
 use crate::error::HwError;
-use crate::health::{Health, Monitor};
-use crate::inbox::Inbox;
-use crate::worker::{Bell, Worker};
-use link::Link;
+use crate::health::{HealthReport, Monitor};
+use crate::inbox::EventQueue;
+use crate::worker::{Waker, Worker};
+use link::BaseLink;
 use odometer::Odometer;
-use orders::Orders;
-use server::Server;
+use orders::CommandBuffer;
+use server::ControlLoop;
 
 /// The base of the robot. Dropping it stops the wheels.
 #[derive(Debug)]
-pub struct Base {
-    helm: Helm,
+pub struct BaseDriver {
+    handle: BaseHandle,
     _worker: Worker,
     monitor: Monitor,
 }
 
 /// Where the base is commanded from; clones command the same base, for as long as it is there.
 #[derive(Debug, Clone)]
-pub struct Helm {
-    desk: Arc<Desk>,
-    bell: Arc<Bell>,
+pub struct BaseHandle {
+    commands: Arc<SharedCommands>,
+    waker: Arc<Waker>,
     command_age_max: f64,
-    kicks: bool,
+    has_kicker: bool,
 }
 
 /// Where commands lie until the thread takes them.
 #[derive(Debug, Default)]
-struct Desk {
-    orders: Mutex<Orders>,
-    stopped: Condvar,
+struct SharedCommands {
+    buffer: Mutex<CommandBuffer>,
+    stop_sent: Condvar,
 }
 
-impl Desk {
-    fn orders(&self) -> MutexGuard<'_, Orders> {
-        self.orders.lock().unwrap_or_else(PoisonError::into_inner)
+impl SharedCommands {
+    fn lock(&self) -> MutexGuard<'_, CommandBuffer> {
+        self.buffer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Base {
+impl BaseDriver {
     /// Starts the base's thread, which opens the bus now or whenever it appears; what it says goes into the inbox.
     ///
     /// `wheels` is robot.toml's `[base]`. Refuses a configuration that cannot work; a missing device is no error here but
     /// a state of [`Base::health`].
-    pub fn start(device: &BaseDevice, wheels: &BaseConfig, inbox: &Inbox) -> Result<Self, HwError> {
+    pub fn start(
+        device: &BaseDeviceConfig,
+        wheels: &BaseConfig,
+        inbox: &EventQueue,
+    ) -> Result<Self, HwError> {
         device.check()?;
         let angles: Vec<f32> = wheels
             .wheel_angles_deg
@@ -94,7 +98,7 @@ impl Base {
             }
         }
         let monitor = Monitor::new("base", inbox);
-        let desk = Arc::new(Desk::default());
+        let desk = Arc::new(SharedCommands::default());
         let signs = (0..4).map(|wheel| {
             let reversed = device.reversed.get(wheel).copied().unwrap_or(false);
             if reversed { -1.0 } else { 1.0 }
@@ -107,14 +111,14 @@ impl Base {
             wheels.speed_max / wheels.wheel_radius,
             device.stall,
         );
-        let mut server = Server {
+        let mut server = ControlLoop {
             device: device.clone(),
             omni,
-            signs,
+            motor_signs: signs,
             speed_max: wheels.speed_max,
             wheel_radius: wheels.wheel_radius,
             odometer,
-            desk: Arc::clone(&desk),
+            commands: Arc::clone(&desk),
             monitor: monitor.clone(),
             inbox: inbox.clone(),
         };
@@ -122,71 +126,71 @@ impl Base {
         let worker = Worker::start(
             "base",
             &monitor,
-            move || Link::open(&opened, count, ticks),
-            move |link, bell| server.serve(link, bell),
+            move || BaseLink::open(&opened, count, ticks),
+            move |link, bell| server.run(link, bell),
         )?;
-        let helm = Helm {
-            desk,
-            bell: worker.bell(),
+        let helm = BaseHandle {
+            commands: desk,
+            waker: worker.waker(),
             command_age_max: f64::from(device.command_age_max),
-            kicks: device.bus == Bus::Board,
+            has_kicker: device.bus == Bus::Board,
         };
-        Ok(Base {
-            helm,
+        Ok(BaseDriver {
+            handle: helm,
             _worker: worker,
             monitor,
         })
     }
 
     /// Where it is commanded from.
-    pub fn helm(&self) -> Helm {
-        self.helm.clone()
+    pub fn handle(&self) -> BaseHandle {
+        self.handle.clone()
     }
 
     /// How the base is.
-    pub fn health(&self) -> Health {
+    pub fn health(&self) -> HealthReport {
         self.monitor.health(clock::now())
     }
 }
 
-impl Helm {
+impl BaseHandle {
     /// Drives until the deadline (CLOCK_MONOTONIC), or for `command_age_max` from now if that is sooner.
     ///
     /// A command that is no number stops the wheels and is refused.
-    pub fn drive(&self, drive: Drive, deadline: Stamp) -> Result<(), HwError> {
+    pub fn drive(&self, drive: MotionCommand, deadline: Stamp) -> Result<(), HwError> {
         let now = clock::now();
         self.check_open()?;
         let finite = match drive {
-            Drive::Twist(twist) => [twist.x, twist.y, twist.theta]
+            MotionCommand::Twist(twist) => [twist.x, twist.y, twist.theta]
                 .iter()
                 .all(|part| part.is_finite()),
-            Drive::Wheels(speeds) => speeds.iter().all(|speed| speed.is_finite()),
+            MotionCommand::WheelSpeeds(speeds) => speeds.iter().all(|speed| speed.is_finite()),
         };
         if finite {
             let deadline = deadline.min(now + self.command_age_max);
-            self.desk.orders().drive(drive, deadline);
+            self.commands.lock().set_drive(drive, deadline);
         } else {
-            self.desk.orders().halt(now);
+            self.commands.lock().halt(now);
         }
-        self.bell.ring();
+        self.waker.wake();
         if finite {
             return Ok(());
         }
-        Err(self.unfit(format!("{drive:?} is no speed: the wheels stop")))
+        Err(self.rejection(format!("{drive:?} is no speed: the wheels stop")))
     }
 
     /// Kicks once, unless that cannot be done before the deadline.
     pub fn kick(&self, kick: Kick, deadline: Stamp) -> Result<(), HwError> {
         self.check_open()?;
-        if !self.kicks {
-            return Err(self.unfit("VESCs have no kicker".to_owned()));
+        if !self.has_kicker {
+            return Err(self.rejection("VESCs have no kicker".to_owned()));
         }
         if !(0.0..=30.0).contains(&kick.speed) {
             let reason = format!("{} m/s is no speed of a kick", kick.speed);
-            return Err(self.unfit(reason));
+            return Err(self.rejection(reason));
         }
-        self.desk.orders().kick(kick, deadline);
-        self.bell.ring();
+        self.commands.lock().set_kick(kick, deadline);
+        self.waker.wake();
         Ok(())
     }
 
@@ -194,28 +198,28 @@ impl Helm {
     /// `command_age_max` from now if that is sooner.
     pub fn dribble(&self, speeds: [f32; 2], deadline: Stamp) -> Result<(), HwError> {
         self.check_open()?;
-        if !self.kicks {
-            return Err(self.unfit("VESCs have no dribbling wheels".to_owned()));
+        if !self.has_kicker {
+            return Err(self.rejection("VESCs have no dribbling wheels".to_owned()));
         }
         if !speeds.iter().all(|speed| speed.abs() <= 3000.0) {
-            return Err(self.unfit(format!("{speeds:?} rad/s are no speeds")));
+            return Err(self.rejection(format!("{speeds:?} rad/s are no speeds")));
         }
         let deadline = deadline.min(clock::now() + self.command_age_max);
-        self.desk.orders().dribble(speeds, deadline);
-        self.bell.ring();
+        self.commands.lock().set_dribble(speeds, deadline);
+        self.waker.wake();
         Ok(())
     }
 
     /// Stops the wheels, and waits until the bus has been told, so long at most; false if it was not told.
     pub fn halt(&self, patience: Duration) -> bool {
-        let mut orders = self.desk.orders();
+        let mut orders = self.commands.lock();
         let sent = orders.stops_sent;
         orders.halt(clock::now());
-        self.bell.ring();
-        let waiting = |orders: &mut Orders| orders.stops_sent == sent;
+        self.waker.wake();
+        let waiting = |orders: &mut CommandBuffer| orders.stops_sent == sent;
         let (orders, timeout) = self
-            .desk
-            .stopped
+            .commands
+            .stop_sent
             .wait_timeout_while(orders, patience, waiting)
             .unwrap_or_else(PoisonError::into_inner);
         drop(orders);
@@ -224,19 +228,19 @@ impl Helm {
 
     /// Stops the wheels as [`Helm::halt`] does, and takes no command from then on.
     pub fn close(&self, patience: Duration) -> bool {
-        self.desk.orders().closed = true;
+        self.commands.lock().closed = true;
         self.halt(patience)
     }
 
     fn check_open(&self) -> Result<(), HwError> {
-        if self.desk.orders().closed {
-            return Err(self.unfit("takes no more commands".to_owned()));
+        if self.commands.lock().closed {
+            return Err(self.rejection("takes no more commands".to_owned()));
         }
         Ok(())
     }
 
-    fn unfit(&self, reason: String) -> HwError {
+    fn rejection(&self, reason: String) -> HwError {
         let device = "base".to_owned();
-        HwError::Unfit { device, reason }
+        HwError::Unsupported { device, reason }
     }
 }

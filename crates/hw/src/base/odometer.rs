@@ -5,19 +5,19 @@ use localize::omni::OmniKinematics;
 use localize::sample::Odometry;
 
 /// How much faster than its top speed a wheel may seem to turn before its counter is taken to have jumped.
-const SPEED_MARGIN: f32 = 2.0;
+const WHEEL_SPEED_MARGIN: f32 = 2.0;
 /// Shortest time that is believed between two readings, seconds: a burst of late messages arrives all at once.
-const BURST: f64 = 0.05;
+const INTERVAL_MIN: f64 = 0.05;
 
 /// What came of a reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Moved {
+pub(crate) enum OdometryUpdate {
     /// Not every wheel has been heard since the last odometry.
-    Waiting,
+    Incomplete,
     /// Motion since the last reading.
-    By(Odometry),
+    Motion(Odometry),
     /// The first reading, or the first after a gap or a jump of a counter: counting begins here.
-    Began,
+    Restarted,
 }
 
 /// Turns readings of the wheels' counters into odometry.
@@ -25,17 +25,17 @@ pub(crate) enum Moved {
 pub(crate) struct Odometer {
     omni: OmniKinematics,
     /// Radians per tick, negative for a motor that turns the other way.
-    wheel_per_tick: Vec<f32>,
+    radians_per_tick: Vec<f32>,
     /// Fastest believable turn of a wheel, rad/s.
-    turn_max: f32,
+    wheel_speed_max: f32,
     /// Longest time between readings that are still connected, seconds.
     gap_max: f64,
-    latest: Vec<Option<(u32, Stamp)>>,
+    latest_counts: Vec<Option<(u32, Stamp)>>,
     /// Which wheels were heard since the last odometry.
-    heard: Vec<bool>,
-    counted: Option<(Vec<u32>, Stamp)>,
+    updated: Vec<bool>,
+    previous_counts: Option<(Vec<u32>, Stamp)>,
     /// Jumps of a counter so far.
-    pub(crate) jumps: u64,
+    pub(crate) counter_jumps: u64,
 }
 
 impl Odometer {
@@ -49,81 +49,87 @@ impl Odometer {
         let wheels = omni.wheel_count();
         Odometer {
             omni,
-            wheel_per_tick,
-            turn_max,
+            radians_per_tick: wheel_per_tick,
+            wheel_speed_max: turn_max,
             gap_max: f64::from(gap_max),
-            latest: vec![None; wheels],
-            heard: vec![false; wheels],
-            counted: None,
-            jumps: 0,
+            latest_counts: vec![None; wheels],
+            updated: vec![false; wheels],
+            previous_counts: None,
+            counter_jumps: 0,
         }
     }
 
     /// Counters of all wheels, read at one time.
-    pub(crate) fn read_all(&mut self, counts: &[u32], stamp: Stamp) -> Moved {
-        for (latest, count) in self.latest.iter_mut().zip(counts) {
+    pub(crate) fn update_all(&mut self, counts: &[u32], stamp: Stamp) -> OdometryUpdate {
+        for (latest, count) in self.latest_counts.iter_mut().zip(counts) {
             *latest = Some((*count, stamp));
         }
-        self.heard.fill(true);
-        self.count(stamp)
+        self.updated.fill(true);
+        self.integrate(stamp)
     }
 
     /// The counter of one wheel; controllers on a bus report one by one, so that the wheels' readings lie up to one period
     /// of theirs apart. Counters forget nothing: what comes late in one odometry is in the next.
-    pub(crate) fn read_one(&mut self, wheel: usize, count: u32, stamp: Stamp) -> Moved {
-        if wheel < self.latest.len() {
-            self.latest[wheel] = Some((count, stamp));
-            self.heard[wheel] = true;
+    pub(crate) fn update_wheel(
+        &mut self,
+        wheel: usize,
+        count: u32,
+        stamp: Stamp,
+    ) -> OdometryUpdate {
+        if wheel < self.latest_counts.len() {
+            self.latest_counts[wheel] = Some((count, stamp));
+            self.updated[wheel] = true;
         }
-        self.count(stamp)
+        self.integrate(stamp)
     }
 
     /// The first wheel that was not heard for so many seconds (one that never was, counts from `began`).
-    pub(crate) fn silent(&self, now: Stamp, began: Stamp, limit: f32) -> Option<usize> {
-        self.latest.iter().position(|latest| {
+    pub(crate) fn silent_wheel(&self, now: Stamp, began: Stamp, limit: f32) -> Option<usize> {
+        self.latest_counts.iter().position(|latest| {
             let last = latest.map_or(began, |(_, stamp)| stamp.max(began));
             now - last > f64::from(limit)
         })
     }
 
     /// True if every wheel was heard since then.
-    pub(crate) fn heard_all_since(&self, began: Stamp) -> bool {
-        self.latest
+    pub(crate) fn all_updated_since(&self, began: Stamp) -> bool {
+        self.latest_counts
             .iter()
             .all(|latest| latest.is_some_and(|(_, stamp)| stamp >= began))
     }
 
-    fn count(&mut self, stamp: Stamp) -> Moved {
-        if !self.heard.iter().all(|heard| *heard) {
-            return Moved::Waiting;
+    fn integrate(&mut self, stamp: Stamp) -> OdometryUpdate {
+        if !self.updated.iter().all(|heard| *heard) {
+            return OdometryUpdate::Incomplete;
         }
-        self.heard.fill(false);
+        self.updated.fill(false);
         let counts: Vec<u32> = self
-            .latest
+            .latest_counts
             .iter()
             .flatten()
             .map(|(count, _)| *count)
             .collect();
-        let Some((before, when)) = self.counted.replace((counts.clone(), stamp)) else {
-            return Moved::Began;
+        let Some((before, when)) = self.previous_counts.replace((counts.clone(), stamp)) else {
+            return OdometryUpdate::Restarted;
         };
         let elapsed = stamp - when;
         if elapsed > self.gap_max {
-            return Moved::Began;
+            return OdometryUpdate::Restarted;
         }
         let turned: Vec<f32> = counts
             .iter()
             .zip(&before)
-            .zip(&self.wheel_per_tick)
+            .zip(&self.radians_per_tick)
             .map(|((now, before), radians)| now.wrapping_sub(*before) as i32 as f32 * radians)
             .collect();
-        let believable = SPEED_MARGIN * self.turn_max * elapsed.max(BURST) as f32;
+        let believable =
+            WHEEL_SPEED_MARGIN * self.wheel_speed_max * elapsed.max(INTERVAL_MIN) as f32;
         if turned.iter().any(|turn| turn.abs() > believable) {
-            self.jumps += 1;
-            return Moved::Began;
+            self.counter_jumps += 1;
+            return OdometryUpdate::Restarted;
         }
         let (motion, slip) = self.omni.twist(&turned);
-        Moved::By(motion.integrate(stamp, slip))
+        OdometryUpdate::Motion(motion.integrate(stamp, slip))
     }
 }
 
@@ -139,13 +145,16 @@ mod tests {
     }
 
     #[test]
-    fn counters_wrap_without_a_trace() {
+    fn counter_wraparound_does_not_affect_odometry() {
         let mut odometer = odometer(&[0.0, 90.0, 180.0, 270.0]);
         // Each wheel turns half round: 0.05·π metres of rim on a circle of 0.2 m.
         let start = [u32::MAX - 100, 5, u32::MAX, i32::MAX as u32];
         let end = start.map(|count| count.wrapping_add(2048));
-        assert_eq!(odometer.read_all(&start, Stamp(0)), Moved::Began);
-        let Moved::By(odometry) = odometer.read_all(&end, Stamp(100_000_000)) else {
+        assert_eq!(
+            odometer.update_all(&start, Stamp(0)),
+            OdometryUpdate::Restarted
+        );
+        let OdometryUpdate::Motion(odometry) = odometer.update_all(&end, Stamp(100_000_000)) else {
             panic!("no motion");
         };
         assert!((odometry.dtheta - 0.05 * TAU / 2.0 / 0.2).abs() < 1e-5);
@@ -153,34 +162,47 @@ mod tests {
     }
 
     #[test]
-    fn a_restarted_board_does_not_throw_the_robot_across_the_field() {
+    fn counter_jump_restarts_odometry_without_motion() {
         let mut odometer = odometer(&[60.0, 180.0, 300.0]);
-        odometer.read_all(&[1_000_000; 3], Stamp(0));
-        assert_eq!(odometer.read_all(&[3; 3], Stamp(10_000_000)), Moved::Began);
-        assert_eq!(odometer.jumps, 1);
-        let Moved::By(odometry) = odometer.read_all(&[13; 3], Stamp(20_000_000)) else {
+        odometer.update_all(&[1_000_000; 3], Stamp(0));
+        assert_eq!(
+            odometer.update_all(&[3; 3], Stamp(10_000_000)),
+            OdometryUpdate::Restarted
+        );
+        assert_eq!(odometer.counter_jumps, 1);
+        let OdometryUpdate::Motion(odometry) = odometer.update_all(&[13; 3], Stamp(20_000_000))
+        else {
             panic!("no motion");
         };
         assert!(odometry.dtheta > 0.0 && odometry.dtheta < 0.01);
     }
 
     #[test]
-    fn controllers_that_report_one_by_one_make_odometry_when_all_have_and_a_silent_one_is_named() {
+    fn per_wheel_counts_yield_odometry_once_complete_and_silent_wheel_is_identified() {
         let mut odometer = odometer(&[60.0, 180.0, 300.0]);
         for wheel in 0..3 {
-            odometer.read_one(wheel, 7, Stamp(0));
+            odometer.update_wheel(wheel, 7, Stamp(0));
         }
-        assert_eq!(odometer.read_one(2, 17, Stamp(5_000_000)), Moved::Waiting);
-        assert_eq!(odometer.read_one(0, 17, Stamp(9_000_000)), Moved::Waiting);
-        assert_eq!(odometer.read_one(9, 17, Stamp(9_000_000)), Moved::Waiting);
+        assert_eq!(
+            odometer.update_wheel(2, 17, Stamp(5_000_000)),
+            OdometryUpdate::Incomplete
+        );
+        assert_eq!(
+            odometer.update_wheel(0, 17, Stamp(9_000_000)),
+            OdometryUpdate::Incomplete
+        );
+        assert_eq!(
+            odometer.update_wheel(9, 17, Stamp(9_000_000)),
+            OdometryUpdate::Incomplete
+        );
         assert!(matches!(
-            odometer.read_one(1, 17, Stamp(10_000_000)),
-            Moved::By(..)
+            odometer.update_wheel(1, 17, Stamp(10_000_000)),
+            OdometryUpdate::Motion(..)
         ));
-        odometer.read_one(0, 18, Stamp(900_000_000));
-        odometer.read_one(2, 18, Stamp(900_000_000));
+        odometer.update_wheel(0, 18, Stamp(900_000_000));
+        odometer.update_wheel(2, 18, Stamp(900_000_000));
         let now = Stamp(900_000_000);
-        assert_eq!(odometer.silent(now, Stamp(0), 0.5), Some(1));
-        assert_eq!(odometer.silent(now, Stamp(600_000_000), 0.5), None);
+        assert_eq!(odometer.silent_wheel(now, Stamp(0), 0.5), Some(1));
+        assert_eq!(odometer.silent_wheel(now, Stamp(600_000_000), 0.5), None);
     }
 }

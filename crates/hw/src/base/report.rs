@@ -8,18 +8,18 @@ pub struct PowerReport {
     /// When it was measured.
     pub stamp: Stamp,
     /// Battery, volts.
-    pub battery: f32,
+    pub battery_voltage: f32,
     /// Hottest motor driver, °C.
     pub temperature_c: f32,
     /// Current of each motor, amperes.
-    pub current: [f32; 4],
+    pub motor_current: [f32; 4],
     /// Fault code of each motor's driver, 0 for none (VESC).
-    pub fault: [u8; 4],
+    pub motor_fault: [u8; 4],
 }
 
 impl PowerReport {
     /// One driver's temperature, 0.1 °C; the first wheel's begins a new round.
-    pub(super) fn heat(&mut self, wheel: usize, temperature_ddeg: i16) {
+    pub(super) fn update_temperature(&mut self, wheel: usize, temperature_ddeg: i16) {
         let temperature_c = f32::from(temperature_ddeg) * 0.1;
         self.temperature_c = if wheel == 0 {
             temperature_c
@@ -35,15 +35,15 @@ pub struct KickerReport {
     /// When it was measured.
     pub stamp: Stamp,
     /// Voltage of its capacitor, volts.
-    pub charge: f32,
+    pub capacitor_voltage: f32,
     /// It can kick now.
     pub ready: bool,
     /// It is charging.
     pub charging: bool,
     /// It cannot charge.
-    pub broken: bool,
+    pub charge_fault: bool,
     /// The ball is before it.
-    pub ball: bool,
+    pub ball_present: bool,
     /// Sequence number of the last kick that was carried out.
     pub last_kick: u16,
 }

@@ -6,109 +6,109 @@ use localize::Stamp;
 use localize::omni::{OmniKinematics, Twist};
 use localize::sample::VelocityCommand;
 
-use super::link::{Link, Said, Wheels};
-use super::odometer::{Moved, Odometer};
-use super::orders::Order;
-use super::{Desk, Drive};
+use super::link::{BaseLink, BaseReport, MotorCommand};
+use super::odometer::{Odometer, OdometryUpdate};
+use super::orders::BaseRequest;
+use super::{MotionCommand, SharedCommands};
 use crate::clock;
-use crate::config::BaseDevice;
+use crate::config::BaseDeviceConfig;
 use crate::error::HwError;
-use crate::health::{Monitor, State};
-use crate::inbox::{Event, Inbox};
-use crate::worker::{Bell, Watch};
+use crate::health::{HealthState, Monitor};
+use crate::inbox::{DeviceEvent, EventQueue};
+use crate::worker::{StallDetector, Waker};
 
 /// What the thread works with.
-pub(super) struct Server {
-    pub(super) device: BaseDevice,
+pub(super) struct ControlLoop {
+    pub(super) device: BaseDeviceConfig,
     pub(super) omni: OmniKinematics,
-    pub(super) signs: Vec<f32>,
+    pub(super) motor_signs: Vec<f32>,
     pub(super) speed_max: f32,
     pub(super) wheel_radius: f32,
     pub(super) odometer: Odometer,
-    pub(super) desk: Arc<Desk>,
+    pub(super) commands: Arc<SharedCommands>,
     pub(super) monitor: Monitor,
-    pub(super) inbox: Inbox,
+    pub(super) inbox: EventQueue,
 }
 
-impl Server {
+impl ControlLoop {
     /// Speaks and listens until the bus fails (an error) or the bell stops it.
-    pub(super) fn serve(&mut self, link: &mut Link, bell: &Bell) -> Result<(), HwError> {
+    pub(super) fn run(&mut self, link: &mut BaseLink, bell: &Waker) -> Result<(), HwError> {
         let period = 1.0 / f64::from(self.device.rate_hz);
         let began = clock::now();
-        let mut watch = Watch::new(&self.device.port, self.device.stall);
+        let mut watch = StallDetector::new(&self.device.port, self.device.stall);
         let mut said = Vec::new();
         let mut next = began;
         // Whatever was commanded before the line was there: it begins with wheels that stand.
-        self.desk.orders().halt(began);
-        link.send(Wheels::Release, began)?;
-        while !bell.stopped() {
+        self.commands.lock().halt(began);
+        link.send_motor_command(MotorCommand::Release, began)?;
+        while !bell.stop_requested() {
             let now = clock::now();
-            let news = self.desk.orders().news;
+            let news = self.commands.lock().pending;
             if news || now >= next {
-                self.speak(link, now)?;
+                self.send_commands(link, now)?;
                 // A new command moves the rhythm along with it: the bus is not told twice in a row.
                 next = now + period;
             }
             if bell.wait(Some(link.fd()), next) {
                 let arrival = clock::now();
                 link.receive(arrival, &mut said)?;
-                let tally = link.tally();
-                self.monitor.tally(tally);
-                let jumps = self.odometer.jumps;
+                let tally = link.stats();
+                self.monitor.set_decoder_stats(tally);
+                let jumps = self.odometer.counter_jumps;
                 for said in said.drain(..) {
-                    watch.message(arrival, tally.garbage_bytes);
-                    self.hear(said, arrival);
+                    watch.on_message(arrival, tally.garbage_bytes);
+                    self.receive(said, arrival);
                 }
                 if let Some(step) = link.take_clock_step() {
                     let reason = format!("the board's clock stepped by {step:.2} s");
-                    self.monitor.notice(reason);
+                    self.monitor.report_event(reason);
                 }
-                if self.odometer.jumps > jumps {
+                if self.odometer.counter_jumps > jumps {
                     let reason = "a wheel's counter jumped: odometry begins anew".to_owned();
-                    self.monitor.notice(reason);
+                    self.monitor.report_event(reason);
                 }
             }
             let now = clock::now();
-            watch.check(now, link.tally().garbage_bytes)?;
-            self.judge(now, began);
+            watch.check(now, link.stats().garbage_bytes)?;
+            self.update_health(now, began);
         }
-        self.desk.orders().halt(clock::now());
-        self.speak(link, clock::now())
+        self.commands.lock().halt(clock::now());
+        self.send_commands(link, clock::now())
     }
 
     /// Tells the bus what is wanted now.
-    fn speak(&self, link: &mut Link, now: Stamp) -> Result<(), HwError> {
+    fn send_commands(&self, link: &mut BaseLink, now: Stamp) -> Result<(), HwError> {
         let (order, kick, dribble) = {
-            let mut orders = self.desk.orders();
-            orders.news = false;
+            let mut orders = self.commands.lock();
+            orders.pending = false;
             (
-                orders.order(now, self.device.brake_time),
+                orders.current_request(now, self.device.brake_time),
                 orders.take_kick(now),
-                orders.dribbling(now),
+                orders.current_dribble(now),
             )
         };
         let told = match order {
-            Order::Drive(drive, left) => {
-                let wheels = self.wheels(drive, left);
-                link.send(wheels, now)?;
+            BaseRequest::Drive(drive, left) => {
+                let wheels = self.motor_command(drive, left);
+                link.send_motor_command(wheels, now)?;
                 match wheels {
-                    Wheels::Turn(_, twist, _) => twist,
-                    Wheels::Brake | Wheels::Release => Twist::default(),
+                    MotorCommand::Speeds(_, twist, _) => twist,
+                    MotorCommand::Brake | MotorCommand::Release => Twist::default(),
                 }
             }
-            Order::Brake | Order::Release => {
-                let wheels = if order == Order::Brake {
-                    Wheels::Brake
+            BaseRequest::Brake | BaseRequest::Release => {
+                let wheels = if order == BaseRequest::Brake {
+                    MotorCommand::Brake
                 } else {
-                    Wheels::Release
+                    MotorCommand::Release
                 };
-                link.send(wheels, now)?;
-                self.desk.orders().stops_sent += 1;
-                self.desk.stopped.notify_all();
+                link.send_motor_command(wheels, now)?;
+                self.commands.lock().stops_sent += 1;
+                self.commands.stop_sent.notify_all();
                 Twist::default()
             }
         };
-        self.inbox.put(Event::Command(VelocityCommand {
+        self.inbox.push(DeviceEvent::Command(VelocityCommand {
             stamp: now,
             twist: told,
         }));
@@ -122,9 +122,9 @@ impl Server {
     }
 
     /// Speeds of the motors, no rim faster than the robot's top speed.
-    fn wheels(&self, drive: Drive, left: f64) -> Wheels {
+    fn motor_command(&self, drive: MotionCommand, left: f64) -> MotorCommand {
         let (mut speeds, twist) = match drive {
-            Drive::Twist(twist) => {
+            MotionCommand::Twist(twist) => {
                 let twist = self.omni.limit_twist(twist, self.speed_max);
                 let mut speeds = [0.0; 4];
                 for (speed, wanted) in speeds.iter_mut().zip(self.omni.wheel_speeds(twist)) {
@@ -132,7 +132,7 @@ impl Server {
                 }
                 (speeds, twist)
             }
-            Drive::Wheels(speeds) => {
+            MotionCommand::WheelSpeeds(speeds) => {
                 let fastest = speeds
                     .iter()
                     .fold(0.0_f32, |most, speed| most.max(speed.abs()));
@@ -144,46 +144,48 @@ impl Server {
                 (speeds, twist)
             }
         };
-        for (speed, sign) in speeds.iter_mut().zip(&self.signs) {
+        for (speed, sign) in speeds.iter_mut().zip(&self.motor_signs) {
             *speed *= sign;
         }
-        Wheels::Turn(speeds, twist, left)
+        MotorCommand::Speeds(speeds, twist, left)
     }
 
-    fn hear(&mut self, said: Said, arrival: Stamp) {
+    fn receive(&mut self, said: BaseReport, arrival: Stamp) {
         let moved = match said {
-            Said::Counts(counts, stamp) => self
+            BaseReport::WheelCounts(counts, stamp) => self
                 .odometer
-                .read_all(&counts[..self.omni.wheel_count()], stamp),
-            Said::Count(wheel, count, stamp) => self.odometer.read_one(wheel, count, stamp),
-            Said::Power(report) => return self.inbox.put(Event::Power(report)),
-            Said::Kicker(report) => return self.inbox.put(Event::Kicker(report)),
-            Said::Switches(report) => return self.inbox.put(Event::Switches(report)),
-            Said::Imu(imu) => return self.inbox.put(Event::Imu(imu)),
-            Said::Compass(compass) => return self.inbox.put(Event::Compass(compass)),
+                .update_all(&counts[..self.omni.wheel_count()], stamp),
+            BaseReport::WheelCount(wheel, count, stamp) => {
+                self.odometer.update_wheel(wheel, count, stamp)
+            }
+            BaseReport::Power(report) => return self.inbox.push(DeviceEvent::Power(report)),
+            BaseReport::Kicker(report) => return self.inbox.push(DeviceEvent::Kicker(report)),
+            BaseReport::Switches(report) => return self.inbox.push(DeviceEvent::Switches(report)),
+            BaseReport::Imu(imu) => return self.inbox.push(DeviceEvent::Imu(imu)),
+            BaseReport::Compass(compass) => return self.inbox.push(DeviceEvent::Compass(compass)),
         };
         // The base's rate is that of its odometry.
-        if moved != Moved::Waiting {
-            self.monitor.message(arrival);
+        if moved != OdometryUpdate::Incomplete {
+            self.monitor.count_message(arrival);
         }
-        if let Moved::By(odometry) = moved {
-            self.inbox.put(Event::Odometry(odometry));
+        if let OdometryUpdate::Motion(odometry) = moved {
+            self.inbox.push(DeviceEvent::Odometry(odometry));
         }
     }
 
     /// Running, unless a wheel is not heard; before the first word of all it is what it was.
-    fn judge(&self, now: Stamp, began: Stamp) {
+    fn update_health(&self, now: Stamp, began: Stamp) {
         let limit = self.device.stall;
-        match self.odometer.silent(now, began, limit) {
+        match self.odometer.silent_wheel(now, began, limit) {
             Some(wheel) => {
                 let reason = match self.device.nodes.get(wheel) {
                     Some(node) => format!("controller {node} of wheel {wheel} is silent"),
                     None => "the board sends no encoder counts".to_owned(),
                 };
-                self.monitor.state(State::Stalled, Some(reason));
+                self.monitor.set_state(HealthState::Stalled, Some(reason));
             }
-            None if self.odometer.heard_all_since(began) => {
-                self.monitor.state(State::Running, None)
+            None if self.odometer.all_updated_since(began) => {
+                self.monitor.set_state(HealthState::Running, None)
             }
             None => {}
         }

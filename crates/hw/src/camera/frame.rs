@@ -49,7 +49,7 @@ const FOURCCS: [(Encoding, &[u8; 4]); 11] = [
 
 impl Encoding {
     /// The encoding of a V4L2 code.
-    pub fn of_fourcc(code: u32) -> Option<Self> {
+    pub fn from_fourcc(code: u32) -> Option<Self> {
         let found = FOURCCS
             .iter()
             .find(|(_, name)| **name == code.to_le_bytes());
@@ -82,7 +82,7 @@ impl Encoding {
     }
 
     /// Bytes of a whole frame with rows `stride` bytes apart.
-    pub fn frame_bytes(self, width_px: usize, height_px: usize, stride: usize) -> usize {
+    pub fn image_bytes(self, width_px: usize, height_px: usize, stride: usize) -> usize {
         let rows = match self {
             Encoding::Nv12 => height_px + height_px / 2,
             Encoding::Mjpeg => return 1,
@@ -94,12 +94,12 @@ impl Encoding {
 
 /// Bytes of a frame that go back to their pool when the last one who holds them lets go.
 #[derive(Debug, Default)]
-pub struct FrameBytes {
+pub struct PooledBytes {
     bytes: Vec<u8>,
     pool: Weak<Mutex<Vec<Vec<u8>>>>,
 }
 
-impl Deref for FrameBytes {
+impl Deref for PooledBytes {
     type Target = [u8];
 
     fn deref(&self) -> &[u8] {
@@ -107,18 +107,18 @@ impl Deref for FrameBytes {
     }
 }
 
-impl PartialEq for FrameBytes {
+impl PartialEq for PooledBytes {
     fn eq(&self, other: &Self) -> bool {
         self.bytes == other.bytes
     }
 }
 
-impl Drop for FrameBytes {
+impl Drop for PooledBytes {
     fn drop(&mut self) {
         if let Some(pool) = self.pool.upgrade() {
             let bytes = std::mem::take(&mut self.bytes);
             let mut free = pool.lock().unwrap_or_else(PoisonError::into_inner);
-            if free.len() < FREE_MAX {
+            if free.len() < FREE_BUFFERS_MAX {
                 free.push(bytes);
             }
         }
@@ -127,34 +127,34 @@ impl Drop for FrameBytes {
 
 /// Buffers that wait to be used again: one that is filled, one in the inbox, one looked at, some in the log's queue. What a slow
 /// disk needed beyond them is given back.
-const FREE_MAX: usize = 8;
+const FREE_BUFFERS_MAX: usize = 8;
 
 /// Where frames' bytes come from: buffers that were used before, if there are some.
 #[derive(Debug, Default)]
-pub(crate) struct Pool {
+pub(crate) struct BufferPool {
     free: Arc<Mutex<Vec<Vec<u8>>>>,
 }
 
-impl Pool {
+impl BufferPool {
     /// Bytes as `fill` appends them to an empty buffer.
     pub(crate) fn fill<E>(
         &self,
         fill: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
-    ) -> Result<Arc<FrameBytes>, E> {
+    ) -> Result<Arc<PooledBytes>, E> {
         let mut free = self.free.lock().unwrap_or_else(PoisonError::into_inner);
         let mut bytes = free.pop().unwrap_or_default();
         drop(free);
         bytes.clear();
         let filled = fill(&mut bytes);
         let pool = Arc::downgrade(&self.free);
-        let bytes = Arc::new(FrameBytes { bytes, pool });
+        let bytes = Arc::new(PooledBytes { bytes, pool });
         filled.map(|()| bytes)
     }
 }
 
 /// A frame as the camera sent it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct CameraFrame {
+pub struct CapturedImage {
     /// When it was taken, as the driver says (CLOCK_MONOTONIC).
     pub stamp: Stamp,
     /// Counted by the driver; a step of more than one tells of lost frames.
@@ -170,5 +170,5 @@ pub struct CameraFrame {
     /// It is the frame before it, to the last bit of a sample of its bytes: no sight of what is there now.
     pub repeated: bool,
     /// The bytes.
-    pub data: Arc<FrameBytes>,
+    pub data: Arc<PooledBytes>,
 }

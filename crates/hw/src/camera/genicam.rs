@@ -16,10 +16,10 @@ use crate::error::HwError;
 /// Buffers that a frame can be received into.
 const BUFFERS: usize = 4;
 /// Longest wait for a frame, µs.
-const WAIT_US: u64 = 50_000;
+const BUFFER_TIMEOUT_US: u64 = 50_000;
 
 /// GenICam's names of the encodings (Standard Features Naming Convention), the most welcome first.
-const NAMES: [(&str, Encoding); 9] = [
+const PIXEL_FORMATS: [(&str, Encoding); 9] = [
     ("RGB8", Encoding::Rgb8),
     ("RGB8Packed", Encoding::Rgb8),
     ("BGR8", Encoding::Bgr8),
@@ -118,7 +118,7 @@ impl GenICam {
     }
 
     /// Sets exposure and gain; white balance is left to vision, whose cameras send raw colours.
-    pub(super) fn set(&self, settings: &Settings) -> Result<(), HwError> {
+    pub(super) fn apply_settings(&self, settings: &Settings) -> Result<(), HwError> {
         let failed = |error: glib::Error| refused(&self.device, &error);
         let camera = &self.camera;
         // A camera without an automatic refuses to have it switched, and need not be told.
@@ -136,7 +136,7 @@ impl GenICam {
     }
 
     /// Waits a little for a frame; the newest whole one, and how many torn ones lay before it.
-    pub(super) fn take(&mut self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
+    pub(super) fn capture(&mut self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
         let (mut newest, mut torn) = (None, 0);
         let mut next = self.stream.timeout_pop_buffer(WAIT_US);
         while let Some(buffer) = next {
@@ -150,7 +150,7 @@ impl GenICam {
         Ok((newest, torn))
     }
 
-    fn frame(&mut self, buffer: &aravis::Buffer, pool: &Pool) -> Option<CameraFrame> {
+    fn copy_image(&mut self, buffer: &aravis::Buffer, pool: &Pool) -> Option<CameraFrame> {
         if buffer.status() != BufferStatus::Success {
             return None;
         }
@@ -181,7 +181,7 @@ impl GenICam {
     }
 
     /// Our time at the camera's own (ns); 0 from a camera without a clock.
-    fn stamp(&mut self, camera_ns: u64, arrival: Stamp) -> Stamp {
+    fn host_stamp(&mut self, camera_ns: u64, arrival: Stamp) -> Stamp {
         if camera_ns == 0 {
             return arrival;
         }
@@ -210,12 +210,12 @@ fn bytes_of(buffer: &aravis::Buffer) -> &[u8] {
     unsafe { std::slice::from_raw_parts(start, length) }
 }
 
-fn automatic(on: bool) -> Auto {
+fn auto_mode(on: bool) -> Auto {
     if on { Auto::Continuous } else { Auto::Off }
 }
 
 /// The word for what Aravis answered.
-fn refused(device: &str, error: &glib::Error) -> HwError {
+fn error_from_aravis(device: &str, error: &glib::Error) -> HwError {
     let device = device.to_owned();
     match error.kind::<DeviceError>() {
         Some(DeviceError::NotFound) => HwError::Missing { device },

@@ -1,10 +1,10 @@
 //! Which pixels does a JPEG hold? Frames of cameras that compress, decoded before anyone looks at them.
 
-use super::frame::{CameraFrame, Encoding, Pool};
+use super::frame::{BufferPool, CapturedImage, Encoding};
 
-impl CameraFrame {
+impl CapturedImage {
     /// A JPEG as red, green, blue; any other frame as it is. `None` of a JPEG that is broken or of another size.
-    pub(super) fn unpacked(self, pool: &Pool) -> Option<Self> {
+    pub(super) fn decompress(self, pool: &BufferPool) -> Option<Self> {
         if self.encoding != Encoding::Mjpeg {
             return Some(self);
         }
@@ -22,7 +22,7 @@ impl CameraFrame {
             bytes.extend_from_slice(rgb.as_raw());
             Ok::<(), ()>(())
         });
-        Some(CameraFrame {
+        Some(CapturedImage {
             encoding: Encoding::Rgb8,
             stride: Encoding::Rgb8.row_bytes(self.width_px),
             data: data.ok()?,
@@ -36,12 +36,12 @@ mod tests {
     use super::*;
     use localize::Stamp;
 
-    fn frame(encoding: Encoding, width_px: usize, height_px: usize, data: &[u8]) -> CameraFrame {
-        let filled = Pool::default().fill(|bytes| {
+    fn frame(encoding: Encoding, width_px: usize, height_px: usize, data: &[u8]) -> CapturedImage {
+        let filled = BufferPool::default().fill(|bytes| {
             bytes.extend_from_slice(data);
             Ok::<(), ()>(())
         });
-        CameraFrame {
+        CapturedImage {
             stamp: Stamp(0),
             sequence: 0,
             width_px,
@@ -54,19 +54,19 @@ mod tests {
     }
 
     #[test]
-    fn a_jpeg_is_decoded_and_a_cut_one_is_none() {
+    fn jpeg_is_decoded_and_truncated_jpeg_is_rejected() {
         let mut jpeg = Vec::new();
         let mut encoder = image::codecs::jpeg::JpegEncoder::new(&mut jpeg);
         encoder
             .encode(&[128; 3 * 16 * 8], 16, 8, image::ExtendedColorType::Rgb8)
             .expect("encoded");
-        let pool = Pool::default();
-        let unpacked = |bytes: &[u8]| frame(Encoding::Mjpeg, 16, 8, bytes).unpacked(&pool);
+        let pool = BufferPool::default();
+        let unpacked = |bytes: &[u8]| frame(Encoding::Mjpeg, 16, 8, bytes).decompress(&pool);
         assert!(unpacked(&jpeg[..jpeg.len() - 9]).is_none());
         assert!(unpacked(&[0xFF, 0xD8, 1, 2]).is_none());
         assert!(
             frame(Encoding::Mjpeg, 8, 8, &jpeg)
-                .unpacked(&pool)
+                .decompress(&pool)
                 .is_none()
         );
         // Drivers pad with zeros.
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wanted_format_or_the_most_welcome_is_chosen() {
+    fn configured_or_preferred_encoding_is_selected() {
         let offered = [Encoding::Grey8, Encoding::Mjpeg, Encoding::Yuyv].map(Encoding::fourcc);
         assert_eq!(Encoding::choose("", &offered), Some(Encoding::Yuyv));
         assert_eq!(Encoding::choose("GREY", &offered), Some(Encoding::Grey8));

@@ -15,22 +15,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use localize::Stamp;
 
-pub use frame::{CameraFrame, Encoding, FrameBytes};
+pub use frame::{CapturedImage, Encoding, PooledBytes};
 
 use crate::clock;
-use crate::config::CameraDevice;
+use crate::config::CameraDeviceConfig;
 use crate::error::HwError;
-use crate::health::{Health, Monitor, State};
-use crate::inbox::{Event, Inbox};
-use crate::worker::{Bell, Watch, Worker};
-use frame::Pool;
-use socket::FrameSocket;
-use stamps::Stamps;
+use crate::health::{HealthReport, HealthState, Monitor};
+use crate::inbox::{DeviceEvent, EventQueue};
+use crate::worker::{StallDetector, Waker, Worker};
+use frame::BufferPool;
+use socket::ImageSocket;
+use stamps::StampValidator;
 use v4l2::V4l2;
 
 /// How frames are taken; what is left out is left to the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Settings {
+pub struct CameraSettings {
     /// Exposure, seconds.
     pub exposure: Option<f32>,
     /// Gain, the driver's own unit.
@@ -39,9 +39,9 @@ pub struct Settings {
     pub white_balance_k: Option<i32>,
 }
 
-impl Settings {
-    fn of(device: &CameraDevice) -> Self {
-        Settings {
+impl CameraSettings {
+    fn from_config(device: &CameraDeviceConfig) -> Self {
+        CameraSettings {
             exposure: device.exposure,
             gain: device.gain,
             white_balance_k: device.white_balance_k,
@@ -51,57 +51,58 @@ impl Settings {
 
 /// A camera whose thread puts each newest frame into the inbox.
 #[derive(Debug)]
-pub struct Camera {
+pub struct CameraDriver {
     worker: Worker,
     monitor: Monitor,
-    wanted: Arc<Mutex<Option<Settings>>>,
+    pending_settings: Arc<Mutex<Option<CameraSettings>>>,
 }
 
 /// Where frames come from.
 #[derive(Debug)]
-enum Source {
+enum CameraBackend {
     V4l2(V4l2),
-    Socket(FrameSocket),
+    Socket(ImageSocket),
     #[cfg(feature = "aravis")]
     GenICam(genicam::GenICam),
 }
 
-impl Source {
-    fn open(device: &CameraDevice, size_px: [u32; 2]) -> Result<Self, HwError> {
+impl CameraBackend {
+    fn open(device: &CameraDeviceConfig, size_px: [u32; 2]) -> Result<Self, HwError> {
         if let Some(path) = device.device.strip_prefix("unix:") {
-            return FrameSocket::open(path, &Settings::of(device)).map(Source::Socket);
+            return ImageSocket::open(path, &CameraSettings::from_config(device))
+                .map(CameraBackend::Socket);
         }
         if let Some(name) = device.device.strip_prefix("genicam:") {
             return open_genicam(name, device, size_px);
         }
-        V4l2::open(device, size_px).map(Source::V4l2)
+        V4l2::open(device, size_px).map(CameraBackend::V4l2)
     }
 
     /// Waits until a frame may be there; false if none came by the deadline or the bell rang.
-    fn wait(&self, bell: &Bell, deadline: Stamp) -> bool {
+    fn wait(&self, bell: &Waker, deadline: Stamp) -> bool {
         match self {
-            Source::V4l2(camera) => bell.wait(Some(camera.as_fd()), deadline),
-            Source::Socket(socket) => bell.wait(Some(socket.as_fd()), deadline),
+            CameraBackend::V4l2(camera) => bell.wait(Some(camera.as_fd()), deadline),
+            CameraBackend::Socket(socket) => bell.wait(Some(socket.as_fd()), deadline),
             // Has nothing that can be waited for together with the bell; `take` waits itself.
             #[cfg(feature = "aravis")]
             Source::GenICam(_) => true,
         }
     }
 
-    fn set(&self, settings: &Settings) -> Result<(), HwError> {
+    fn apply_settings(&self, settings: &CameraSettings) -> Result<(), HwError> {
         match self {
-            Source::V4l2(camera) => camera.set(settings),
-            Source::Socket(socket) => socket.set(settings),
+            CameraBackend::V4l2(camera) => camera.apply_settings(settings),
+            CameraBackend::Socket(socket) => socket.send_settings(settings),
             #[cfg(feature = "aravis")]
             Source::GenICam(camera) => camera.set(settings),
         }
     }
 
     /// The newest whole frame, and how many torn ones came before it.
-    fn take(&mut self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
+    fn capture(&mut self, pool: &BufferPool) -> Result<(Option<CapturedImage>, u32), HwError> {
         match self {
-            Source::V4l2(camera) => camera.take(pool),
-            Source::Socket(socket) => socket.take(pool).map(|frame| (Some(frame), 0)),
+            CameraBackend::V4l2(camera) => camera.capture(pool),
+            CameraBackend::Socket(socket) => socket.receive(pool).map(|frame| (Some(frame), 0)),
             #[cfg(feature = "aravis")]
             Source::GenICam(camera) => camera.take(pool),
         }
@@ -114,25 +115,33 @@ fn open_genicam(name: &str, device: &CameraDevice, size_px: [u32; 2]) -> Result<
 }
 
 #[cfg(not(feature = "aravis"))]
-fn open_genicam(_: &str, device: &CameraDevice, _: [u32; 2]) -> Result<Source, HwError> {
-    Err(HwError::Unfit {
+fn open_genicam(
+    _: &str,
+    device: &CameraDeviceConfig,
+    _: [u32; 2],
+) -> Result<CameraBackend, HwError> {
+    Err(HwError::Unsupported {
         device: device.device.clone(),
         reason: "this program was built without GenICam cameras (feature aravis)".to_owned(),
     })
 }
 
-impl Camera {
+impl CameraDriver {
     /// Starts the camera's thread, which opens the device now or whenever it appears; `size_px` is columns and rows of the
     /// wanted image. A socket's images have the size that their sender gives them.
-    pub fn start(device: &CameraDevice, size_px: [u32; 2], inbox: &Inbox) -> Result<Self, HwError> {
+    pub fn start(
+        device: &CameraDeviceConfig,
+        size_px: [u32; 2],
+        inbox: &EventQueue,
+    ) -> Result<Self, HwError> {
         let monitor = Monitor::new("camera", inbox);
         let wanted = Arc::new(Mutex::new(None));
-        let mut server = Server {
+        let mut server = CaptureLoop {
             device: device.clone(),
             // A camera that is plugged in again gets what was set last.
             settings: None,
-            wanted: Arc::clone(&wanted),
-            pool: Pool::default(),
+            pending_settings: Arc::clone(&wanted),
+            pool: BufferPool::default(),
             monitor: monitor.clone(),
             inbox: inbox.clone(),
         };
@@ -140,78 +149,83 @@ impl Camera {
         let worker = Worker::start(
             "camera",
             &monitor,
-            move || Source::open(&opened, size_px),
-            move |source, bell| server.serve(source, bell),
+            move || CameraBackend::open(&opened, size_px),
+            move |source, bell| server.run(source, bell),
         )?;
-        Ok(Camera {
+        Ok(CameraDriver {
             worker,
             monitor,
-            wanted,
+            pending_settings: wanted,
         })
     }
 
     /// Has the following frames taken with these settings.
-    pub fn set(&self, settings: Settings) {
-        *self.wanted.lock().unwrap_or_else(PoisonError::into_inner) = Some(settings);
-        self.worker.ring();
+    pub fn set_settings(&self, settings: CameraSettings) {
+        *self
+            .pending_settings
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner) = Some(settings);
+        self.worker.wake();
     }
 
     /// How the camera is.
-    pub fn health(&self) -> Health {
+    pub fn health(&self) -> HealthReport {
         self.monitor.health(clock::now())
     }
 }
 
 /// Longest wait before a thread looks at silence again, seconds.
-const LOOK: f64 = 0.05;
+const POLL_PERIOD: f64 = 0.05;
 /// Bytes compared to tell one frame from the next; the noise of a sensor shows in any hundred.
-const COMPARED: usize = 4096;
+const COMPARED_BYTES: usize = 4096;
 
-struct Server {
-    device: CameraDevice,
-    settings: Option<Settings>,
-    wanted: Arc<Mutex<Option<Settings>>>,
-    pool: Pool,
+struct CaptureLoop {
+    device: CameraDeviceConfig,
+    settings: Option<CameraSettings>,
+    pending_settings: Arc<Mutex<Option<CameraSettings>>>,
+    pool: BufferPool,
     monitor: Monitor,
-    inbox: Inbox,
+    inbox: EventQueue,
 }
 
-impl Server {
-    fn serve(&mut self, source: &mut Source, bell: &Bell) -> Result<(), HwError> {
-        let mut watch = Watch::new(&self.device.device, self.device.stall);
-        let mut repeated = Repeated::default();
-        let mut stamps = Stamps::default();
+impl CaptureLoop {
+    fn run(&mut self, source: &mut CameraBackend, bell: &Waker) -> Result<(), HwError> {
+        let mut watch = StallDetector::new(&self.device.device, self.device.stall);
+        let mut repeated = RepeatDetector::default();
+        let mut stamps = StampValidator::default();
         if let Some(settings) = &self.settings {
-            source.set(settings)?;
+            source.apply_settings(settings)?;
         }
-        while !bell.stopped() {
-            let ready = source.wait(bell, clock::now() + LOOK);
+        while !bell.stop_requested() {
+            let ready = source.wait(bell, clock::now() + POLL_PERIOD);
             let wanted = self
-                .wanted
+                .pending_settings
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .take();
             if let Some(settings) = wanted {
-                source.set(&settings)?;
+                source.apply_settings(&settings)?;
                 self.settings = Some(settings);
             }
             if ready {
-                let (frame, torn) = source.take(&self.pool)?;
-                (0..torn).for_each(|_| self.monitor.torn());
+                let (frame, torn) = source.capture(&self.pool)?;
+                (0..torn).for_each(|_| self.monitor.count_damaged());
                 let now = clock::now();
-                let same_since = frame.as_ref().map(|frame| repeated.since(frame, now));
+                let same_since = frame
+                    .as_ref()
+                    .map(|frame| repeated.unchanged_since(frame, now));
                 if let (Some(frame), Some(same_since)) = (frame, same_since) {
-                    watch.message(now, 0);
-                    let Some(mut frame) = frame.unpacked(&self.pool) else {
-                        self.monitor.torn();
+                    watch.on_message(now, 0);
+                    let Some(mut frame) = frame.decompress(&self.pool) else {
+                        self.monitor.count_damaged();
                         continue;
                     };
-                    let (stamp, own_stamp) = stamps.judge(frame.stamp, now);
+                    let (stamp, own_stamp) = stamps.validate(frame.stamp, now);
                     frame.stamp = stamp;
                     frame.repeated = same_since < now;
-                    self.monitor.message(now);
-                    self.judge(same_since, own_stamp, now);
-                    self.inbox.put(Event::Frame(frame));
+                    self.monitor.count_message(now);
+                    self.update_health(same_since, own_stamp, now);
+                    self.inbox.push(DeviceEvent::Image(frame));
                 }
             }
             watch.check(clock::now(), 0)?;
@@ -219,36 +233,36 @@ impl Server {
         Ok(())
     }
 
-    fn judge(&self, same_since: Stamp, own_stamp: bool, now: Stamp) {
+    fn update_health(&self, same_since: Stamp, own_stamp: bool, now: Stamp) {
         if now - same_since > f64::from(self.device.stall) {
             let reason = "the image does not change by a single bit".to_owned();
-            self.monitor.state(State::Stuck, Some(reason));
+            self.monitor.set_state(HealthState::Stuck, Some(reason));
         } else if !own_stamp {
             let reason = "its stamps cannot be true: frames are stamped as they arrive".to_owned();
-            self.monitor.state(State::Clock, Some(reason));
+            self.monitor.set_state(HealthState::Clock, Some(reason));
         } else {
-            self.monitor.state(State::Running, None);
+            self.monitor.set_state(HealthState::Running, None);
         }
     }
 }
 
 /// Since when has the image been the same?
 #[derive(Debug, Default)]
-struct Repeated {
+struct RepeatDetector {
     sample: Vec<u8>,
-    since: Stamp,
+    first_seen: Stamp,
 }
 
-impl Repeated {
-    fn since(&mut self, frame: &CameraFrame, now: Stamp) -> Stamp {
-        let step = (frame.data.len() / COMPARED).max(1);
+impl RepeatDetector {
+    fn unchanged_since(&mut self, frame: &CapturedImage, now: Stamp) -> Stamp {
+        let step = (frame.data.len() / COMPARED_BYTES).max(1);
         let sample = || frame.data.iter().step_by(step);
         if !sample().eq(self.sample.iter()) {
             self.sample.clear();
             self.sample.extend(sample());
-            self.since = now;
+            self.first_seen = now;
         }
-        self.since
+        self.first_seen
     }
 }
 

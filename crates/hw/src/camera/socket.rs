@@ -7,28 +7,28 @@ use std::time::Duration;
 
 use localize::Stamp;
 
-use super::Settings;
-use super::frame::{CameraFrame, Encoding, Pool};
+use super::CameraSettings;
+use super::frame::{BufferPool, CapturedImage, Encoding};
 use crate::error::HwError;
-use crate::wire::frames::{FrameHeader, FrameSettings, HEADER_BYTES};
+use crate::wire::frames::{HEADER_BYTES, ImageHeader, SettingsMessage};
 
 /// Longest pause within a frame that was begun.
-const PAUSE_MAX: Duration = Duration::from_millis(250);
+const IO_TIMEOUT: Duration = Duration::from_millis(250);
 
 /// A connection to a program that sends frames.
 #[derive(Debug)]
-pub(super) struct FrameSocket {
+pub(super) struct ImageSocket {
     stream: UnixStream,
     path: String,
 }
 
-impl FrameSocket {
+impl ImageSocket {
     /// Connects to the socket at `path`, on which the other program listens, and tells it the settings.
-    pub(super) fn open(path: &str, settings: &Settings) -> Result<Self, HwError> {
+    pub(super) fn open(path: &str, settings: &CameraSettings) -> Result<Self, HwError> {
         let device = || format!("unix:{path}");
         let connected = UnixStream::connect(path).and_then(|stream| {
-            stream.set_read_timeout(Some(PAUSE_MAX))?;
-            stream.set_write_timeout(Some(PAUSE_MAX))?;
+            stream.set_read_timeout(Some(IO_TIMEOUT))?;
+            stream.set_write_timeout(Some(IO_TIMEOUT))?;
             Ok(stream)
         });
         let stream = connected.map_err(|source| match source.kind() {
@@ -36,23 +36,23 @@ impl FrameSocket {
             ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
                 HwError::Missing { device: device() }
             }
-            ErrorKind::PermissionDenied => HwError::Forbidden { device: device() },
-            _ => HwError::Unfit {
+            ErrorKind::PermissionDenied => HwError::PermissionDenied { device: device() },
+            _ => HwError::Unsupported {
                 device: device(),
                 reason: source.to_string(),
             },
         })?;
-        let socket = FrameSocket {
+        let socket = ImageSocket {
             stream,
             path: device(),
         };
-        socket.set(settings)?;
+        socket.send_settings(settings)?;
         Ok(socket)
     }
 
     /// Tells the other program how to take its frames.
-    pub(super) fn set(&self, settings: &Settings) -> Result<(), HwError> {
-        let message = FrameSettings {
+    pub(super) fn send_settings(&self, settings: &CameraSettings) -> Result<(), HwError> {
+        let message = SettingsMessage {
             exposure_us: settings
                 .exposure
                 .map_or(-1, |seconds| (seconds * 1e6) as i32),
@@ -61,21 +61,21 @@ impl FrameSocket {
         };
         (&self.stream)
             .write_all(&message.encode())
-            .map_err(|source| self.broken(&source))
+            .map_err(|source| self.io_error(&source))
     }
 
     /// The frame that has arrived, or is arriving.
-    pub(super) fn take(&self, pool: &Pool) -> Result<CameraFrame, HwError> {
+    pub(super) fn receive(&self, pool: &BufferPool) -> Result<CapturedImage, HwError> {
         let mut bytes = [0; HEADER_BYTES];
         self.read(&mut bytes)?;
         let garbage = || HwError::Garbage {
             device: self.path.clone(),
         };
-        let header = FrameHeader::decode(&bytes).ok_or_else(garbage)?;
-        let encoding = Encoding::of_fourcc(header.fourcc).ok_or_else(garbage)?;
+        let header = ImageHeader::decode(&bytes).ok_or_else(garbage)?;
+        let encoding = Encoding::from_fourcc(header.fourcc).ok_or_else(garbage)?;
         let [width_px, height_px, stride] =
             [header.width_px, header.height_px, header.stride].map(|size| size as usize);
-        let whole = encoding.frame_bytes(width_px, height_px, stride);
+        let whole = encoding.image_bytes(width_px, height_px, stride);
         let length = header.bytes as usize;
         if !(1..=8192).contains(&width_px)
             || !(1..=8192).contains(&height_px)
@@ -88,7 +88,7 @@ impl FrameSocket {
             frame.resize(length, 0);
             self.read(frame)
         })?;
-        Ok(CameraFrame {
+        Ok(CapturedImage {
             stamp: Stamp(header.stamp_ns),
             sequence: header.sequence,
             width_px,
@@ -103,22 +103,22 @@ impl FrameSocket {
     fn read(&self, bytes: &mut [u8]) -> Result<(), HwError> {
         (&self.stream)
             .read_exact(bytes)
-            .map_err(|source| self.broken(&source))
+            .map_err(|source| self.io_error(&source))
     }
 
-    fn broken(&self, source: &std::io::Error) -> HwError {
+    fn io_error(&self, source: &std::io::Error) -> HwError {
         let device = self.path.clone();
         match source.kind() {
             ErrorKind::WouldBlock | ErrorKind::TimedOut => HwError::Stalled {
                 device,
                 reason: "a frame was begun and not ended".to_owned(),
             },
-            _ => HwError::Unplugged { device },
+            _ => HwError::Disconnected { device },
         }
     }
 }
 
-impl AsFd for FrameSocket {
+impl AsFd for ImageSocket {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.stream.as_fd()
     }

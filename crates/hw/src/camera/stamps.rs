@@ -5,30 +5,30 @@ use localize::Stamp;
 /// Longest time from exposure to arrival, seconds: a camera of 10 Hz that is read out while it exposes the next frame.
 const DELAY_MAX: f64 = 0.15;
 /// How fast the usual delay follows when frames come later than it, per frame.
-const FORGET: f64 = 0.01;
+const DELAY_INCREASE_GAIN: f64 = 0.01;
 
 /// The stamps of one camera.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Stamps {
+pub(super) struct StampValidator {
     last: Option<Stamp>,
     /// Least time from exposure to arrival of late, seconds.
-    usual_delay: f64,
+    min_delay: f64,
 }
 
-impl Stamps {
+impl StampValidator {
     /// The stamp to go by, and whether it is the camera's own; else it is the arrival less the usual delay.
-    pub(super) fn judge(&mut self, stamp: Stamp, arrival: Stamp) -> (Stamp, bool) {
+    pub(super) fn validate(&mut self, stamp: Stamp, arrival: Stamp) -> (Stamp, bool) {
         let delay = arrival - stamp;
         let later = self.last.is_none_or(|last| stamp > last);
         let own = later && (0.0..=DELAY_MAX).contains(&delay);
         let judged = if own {
-            let first = self.last.is_none() || delay < self.usual_delay;
-            let share = if first { 1.0 } else { FORGET };
-            self.usual_delay += share * (delay - self.usual_delay);
+            let first = self.last.is_none() || delay < self.min_delay;
+            let share = if first { 1.0 } else { DELAY_INCREASE_GAIN };
+            self.min_delay += share * (delay - self.min_delay);
             stamp
         } else {
             // Not before the last one, whatever the usual delay.
-            let judged = arrival + -self.usual_delay;
+            let judged = arrival + -self.min_delay;
             self.last.map_or(judged, |last| judged.max(last + 1e-6))
         };
         self.last = Some(judged);
@@ -41,8 +41,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_of_a_camera_whose_clock_was_set_are_stamped_by_their_arrival() {
-        let mut stamps = Stamps::default();
+    fn implausible_camera_stamps_are_replaced_by_arrival_time() {
+        let mut stamps = StampValidator::default();
         let mut owned = 0;
         for index in 0..200i64 {
             let taken = index * 33_000_000;
@@ -53,7 +53,7 @@ mod tests {
                 100..150 => -300_000_000,
                 _ => 0,
             };
-            let (judged, own) = stamps.judge(Stamp(taken + shift), arrival);
+            let (judged, own) = stamps.validate(Stamp(taken + shift), arrival);
             assert!((judged - Stamp(taken)).abs() < 0.004, "{index}: {judged:?}");
             assert_eq!(own, shift == 0 || index == 0, "{index}");
             owned += usize::from(own);

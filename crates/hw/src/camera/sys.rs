@@ -19,13 +19,13 @@ pub(super) const CAPTURE: u32 = 1;
 /// Buffers that the driver allocates and we map.
 pub(super) const MEMORY_MMAP: u32 = 1;
 /// Capability bits.
-pub(super) const CAN_CAPTURE: u32 = 0x1;
-pub(super) const CAN_STREAM: u32 = 0x0400_0000;
-pub(super) const HAS_DEVICE_CAPS: u32 = 0x8000_0000;
+pub(super) const CAP_VIDEO_CAPTURE: u32 = 0x1;
+pub(super) const CAP_STREAMING: u32 = 0x0400_0000;
+pub(super) const CAP_DEVICE_CAPS: u32 = 0x8000_0000;
 /// Buffer flags.
 pub(super) const BUFFER_ERROR: u32 = 0x40;
-pub(super) const STAMP_MASK: u32 = 0xE000;
-pub(super) const STAMP_MONOTONIC: u32 = 0x2000;
+pub(super) const TIMESTAMP_MASK: u32 = 0xE000;
+pub(super) const TIMESTAMP_MONOTONIC: u32 = 0x2000;
 /// A control that cannot be set.
 pub(super) const CONTROL_DISABLED: u32 = 1;
 
@@ -136,14 +136,14 @@ pub(super) struct ControlRange {
     pub(super) reserved: [u32; 2],
 }
 
-const GROUP: u8 = b'V';
+const IOCTL_TYPE: u8 = b'V';
 
 macro_rules! calls {
     ($( $(#[$doc:meta])* $name:ident: $direction:ident $number:literal $structure:ty; )*) => {
         $(
             $(#[$doc])*
             pub(super) fn $name(fd: &OwnedFd, value: &mut $structure) -> Result<()> {
-                const OPCODE: Opcode = opcode::$direction::<$structure>(GROUP, $number);
+                const OPCODE: Opcode = opcode::$direction::<$structure>(IOCTL_TYPE, $number);
                 // SAFETY: the number encodes the size of the structure, which the kernel reads and writes in full and
                 // keeps no pointer to; every bit pattern of it is a value.
                 unsafe { ioctl(fd.as_fd(), Updater::<OPCODE, $structure>::new(value)) }
@@ -153,7 +153,7 @@ macro_rules! calls {
         /// Each call's name, number and size of structure, to be compared with the kernel's.
         #[cfg(test)]
         const CALLS: &[(&str, Opcode, usize)] = &[
-            $( (stringify!($name), opcode::$direction::<$structure>(GROUP, $number), size_of::<$structure>()), )*
+            $( (stringify!($name), opcode::$direction::<$structure>(IOCTL_TYPE, $number), size_of::<$structure>()), )*
         ];
     };
 }
@@ -187,15 +187,15 @@ calls! {
 
 /// A buffer of the driver, mapped to be read.
 #[derive(Debug)]
-pub(super) struct Mapping {
+pub(super) struct MappedBuffer {
     start: NonNull<u8>,
     length: usize,
 }
 
 // SAFETY: the memory belongs to the mapping alone, whichever thread holds it.
-unsafe impl Send for Mapping {}
+unsafe impl Send for MappedBuffer {}
 
-impl Mapping {
+impl MappedBuffer {
     /// Maps the buffer that the driver announced.
     pub(super) fn new(fd: &OwnedFd, buffer: &Buffer) -> Result<Self> {
         let length = buffer.length as usize;
@@ -211,7 +211,7 @@ impl Mapping {
             )
         }?;
         let start = NonNull::new(start.cast()).ok_or(rustix::io::Errno::NOMEM)?;
-        Ok(Mapping { start, length })
+        Ok(MappedBuffer { start, length })
     }
 
     /// Appends the first `used` bytes to `out`.
@@ -226,7 +226,7 @@ impl Mapping {
     }
 }
 
-impl Drop for Mapping {
+impl Drop for MappedBuffer {
     fn drop(&mut self) {
         // SAFETY: nobody holds a reference into the mapping, which is unmapped once. An error could only mean that it is
         // gone already.
@@ -241,7 +241,7 @@ mod tests {
     use std::mem::offset_of;
 
     /// What the kernel's header says, as a C program prints it.
-    fn kernel_says() -> String {
+    fn kernel_layout() -> String {
         let folder = tempfile::tempdir().expect("a folder");
         let program = folder.path().join("layout");
         let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/c/video_layout.c");
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn structures_and_calls_are_those_of_the_kernel() {
+    fn structures_and_ioctls_match_the_kernel_header() {
         let mut ours = String::new();
         for (name, number, size) in CALLS {
             writeln!(ours, "{name} {number:#x} {size}").expect("text");
@@ -288,12 +288,12 @@ mod tests {
         for constant in [
             CAPTURE,
             MEMORY_MMAP,
-            CAN_CAPTURE,
-            CAN_STREAM,
-            HAS_DEVICE_CAPS,
+            CAP_VIDEO_CAPTURE,
+            CAP_STREAMING,
+            CAP_DEVICE_CAPS,
             BUFFER_ERROR,
-            STAMP_MASK,
-            STAMP_MONOTONIC,
+            TIMESTAMP_MASK,
+            TIMESTAMP_MONOTONIC,
             CONTROL_DISABLED,
             super::super::v4l2::EXPOSURE_AUTO,
             super::super::v4l2::EXPOSURE_AUTO_PRIORITY,
@@ -305,6 +305,6 @@ mod tests {
         ] {
             writeln!(ours, "{constant:#x}").expect("text");
         }
-        assert_eq!(ours, kernel_says());
+        assert_eq!(ours, kernel_layout());
     }
 }

@@ -6,10 +6,10 @@ use localize::Stamp;
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::Errno;
 
-use super::frame::{CameraFrame, Encoding, Pool};
-use super::{Settings, sys};
+use super::frame::{BufferPool, CapturedImage, Encoding};
+use super::{CameraSettings, sys};
 use crate::clock;
-use crate::config::CameraDevice;
+use crate::config::CameraDeviceConfig;
 use crate::error::HwError;
 
 /// Numbers of controls (linux/v4l2-controls.h).
@@ -31,7 +31,7 @@ const BUFFERS: u32 = 4;
 pub(super) struct V4l2 {
     fd: OwnedFd,
     path: String,
-    buffers: Vec<sys::Mapping>,
+    buffers: Vec<sys::MappedBuffer>,
     encoding: Encoding,
     width_px: usize,
     height_px: usize,
@@ -41,7 +41,7 @@ pub(super) struct V4l2 {
 /// What a video device is, for a list.
 pub(super) fn describe(path: &str) -> Result<String, HwError> {
     let fd = open_device(path)?;
-    let capability = capability(&fd, path)?;
+    let capability = query_capture_capability(&fd, path)?;
     let offered = formats(&fd).into_iter().map(|code| {
         String::from_utf8_lossy(&code.to_le_bytes())
             .trim()
@@ -50,26 +50,26 @@ pub(super) fn describe(path: &str) -> Result<String, HwError> {
     let formats: Vec<_> = offered.collect();
     Ok(format!(
         "{} ({}): {}",
-        text(&capability.card),
-        text(&capability.bus_info),
+        string_from_c(&capability.card),
+        string_from_c(&capability.bus_info),
         formats.join(" ")
     ))
 }
 
 impl V4l2 {
     /// Opens and sets up a device for images of a size (columns, rows), and lets it stream.
-    pub(super) fn open(device: &CameraDevice, size_px: [u32; 2]) -> Result<Self, HwError> {
+    pub(super) fn open(device: &CameraDeviceConfig, size_px: [u32; 2]) -> Result<Self, HwError> {
         let path = device.device.clone();
         let failed = |action| {
             let path = path.clone();
-            move |source| HwError::system(&path, action, source)
+            move |source| HwError::from_errno(&path, action, source)
         };
-        let unfit = |reason: String| HwError::Unfit {
+        let unfit = |reason: String| HwError::Unsupported {
             device: path.clone(),
             reason,
         };
         let fd = open_device(&path)?;
-        capability(&fd, &path)?;
+        query_capture_capability(&fd, &path)?;
         let offered = formats(&fd);
         let Some(encoding) = Encoding::choose(&device.format, &offered) else {
             let names: Vec<_> = offered
@@ -107,7 +107,7 @@ impl V4l2 {
         for index in 0..request.count {
             let mut buffer = buffer(index);
             sys::query_buffer(&fd, &mut buffer).map_err(failed("ask for a buffer of"))?;
-            buffers.push(sys::Mapping::new(&fd, &buffer).map_err(failed("map a buffer of"))?);
+            buffers.push(sys::MappedBuffer::new(&fd, &buffer).map_err(failed("map a buffer of"))?);
             sys::queue(&fd, &mut buffer).map_err(failed("hand a buffer to"))?;
         }
         let camera = V4l2 {
@@ -119,27 +119,28 @@ impl V4l2 {
             height_px: size_px[1] as usize,
             stride: (format.bytes_per_line as usize).max(encoding.row_bytes(size_px[0] as usize)),
         };
-        camera.set(&Settings::of(device))?;
+        camera.apply_settings(&CameraSettings::from_config(device))?;
         let mut kind = sys::CAPTURE;
         sys::stream_on(&camera.fd, &mut kind).map_err(failed("start"))?;
         Ok(camera)
     }
 
     /// Sets exposure, gain and white balance; what is left out is left to the camera.
-    pub(super) fn set(&self, settings: &Settings) -> Result<(), HwError> {
-        for control in controls(settings) {
-            if let (Err(source), Some(name)) =
-                (self.control(control.id, control.value), control.wanted)
-            {
+    pub(super) fn apply_settings(&self, settings: &CameraSettings) -> Result<(), HwError> {
+        for control in control_sequence(settings) {
+            if let (Err(source), Some(name)) = (
+                self.set_control(control.id, control.value),
+                control.required_as,
+            ) {
                 let reason = format!("cannot set its {name}: {source}");
                 let device = self.path.clone();
-                return Err(HwError::Unfit { device, reason });
+                return Err(HwError::Unsupported { device, reason });
             }
         }
         Ok(())
     }
 
-    fn control(&self, id: u32, value: i32) -> Result<(), Errno> {
+    fn set_control(&self, id: u32, value: i32) -> Result<(), Errno> {
         let mut range = sys::ControlRange {
             id,
             ..sys::ControlRange::default()
@@ -153,7 +154,10 @@ impl V4l2 {
     }
 
     /// The newest whole frame that is ready, if any, and how many torn ones lay before it.
-    pub(super) fn take(&self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
+    pub(super) fn capture(
+        &self,
+        pool: &BufferPool,
+    ) -> Result<(Option<CapturedImage>, u32), HwError> {
         let (mut newest, mut torn) = (None, 0);
         for _ in 0..self.buffers.len() {
             let mut buffer = buffer(0);
@@ -161,24 +165,24 @@ impl V4l2 {
                 Ok(()) => {}
                 Err(Errno::AGAIN) => break,
                 Err(source) => {
-                    return Err(HwError::system(&self.path, "take a frame from", source));
+                    return Err(HwError::from_errno(&self.path, "take a frame from", source));
                 }
             }
-            match self.frame(&buffer, pool) {
+            match self.copy_image(&buffer, pool) {
                 Some(frame) => newest = Some(frame),
                 None => torn += 1,
             }
             sys::queue(&self.fd, &mut buffer)
-                .map_err(|source| HwError::system(&self.path, "hand a buffer to", source))?;
+                .map_err(|source| HwError::from_errno(&self.path, "hand a buffer to", source))?;
         }
         Ok((newest, torn))
     }
 
-    fn frame(&self, buffer: &sys::Buffer, pool: &Pool) -> Option<CameraFrame> {
+    fn copy_image(&self, buffer: &sys::Buffer, pool: &BufferPool) -> Option<CapturedImage> {
         let used = buffer.bytes_used as usize;
         let whole = self
             .encoding
-            .frame_bytes(self.width_px, self.height_px, self.stride);
+            .image_bytes(self.width_px, self.height_px, self.stride);
         if buffer.flags & sys::BUFFER_ERROR != 0 || used < whole {
             return None;
         }
@@ -187,8 +191,8 @@ impl V4l2 {
             mapping.copy_to(used, bytes);
             Ok::<(), ()>(())
         };
-        Some(CameraFrame {
-            stamp: stamp(buffer, clock::now()),
+        Some(CapturedImage {
+            stamp: buffer_stamp(buffer, clock::now()),
             sequence: buffer.sequence,
             width_px: self.width_px,
             height_px: self.height_px,
@@ -215,28 +219,28 @@ impl Drop for V4l2 {
 
 fn open_device(path: &str) -> Result<OwnedFd, HwError> {
     let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    open(path, flags, Mode::empty()).map_err(|source| HwError::system(path, "open", source))
+    open(path, flags, Mode::empty()).map_err(|source| HwError::from_errno(path, "open", source))
 }
 
 /// What the device can do; refused if it is no camera that streams.
-fn capability(fd: &OwnedFd, path: &str) -> Result<sys::Capability, HwError> {
+fn query_capture_capability(fd: &OwnedFd, path: &str) -> Result<sys::Capability, HwError> {
     let mut capability = sys::Capability::default();
-    let unfit = |reason: &str| HwError::Unfit {
+    let unfit = |reason: &str| HwError::Unsupported {
         device: path.to_owned(),
         reason: reason.to_owned(),
     };
     match sys::query_capability(fd, &mut capability) {
         Ok(()) => {}
         Err(Errno::NOTTY | Errno::INVAL) => return Err(unfit("is no video device")),
-        Err(source) => return Err(HwError::system(path, "ask", source)),
+        Err(source) => return Err(HwError::from_errno(path, "ask", source)),
     }
     // A device with several nodes (metadata beside the image) says here what this node can do.
-    let can = if capability.capabilities & sys::HAS_DEVICE_CAPS != 0 {
+    let can = if capability.capabilities & sys::CAP_DEVICE_CAPS != 0 {
         capability.device_caps
     } else {
         capability.capabilities
     };
-    if can & sys::CAN_CAPTURE == 0 || can & sys::CAN_STREAM == 0 {
+    if can & sys::CAP_VIDEO_CAPTURE == 0 || can & sys::CAP_STREAMING == 0 {
         return Err(unfit("gives no stream of images; try the next number"));
     }
     Ok(capability)
@@ -292,8 +296,8 @@ fn buffer(index: u32) -> sys::Buffer {
 }
 
 /// The driver's stamp if it is of our clock, else the arrival.
-fn stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
-    if buffer.flags & sys::STAMP_MASK != sys::STAMP_MONOTONIC {
+fn buffer_stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
+    if buffer.flags & sys::TIMESTAMP_MASK != sys::TIMESTAMP_MONOTONIC {
         return arrival;
     }
     Stamp(buffer.seconds * 1_000_000_000 + buffer.microseconds * 1000)
@@ -304,12 +308,16 @@ fn stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
 struct ControlValue {
     id: u32,
     value: i32,
-    wanted: Option<&'static str>,
+    required_as: Option<&'static str>,
 }
 
 /// The controls in the order in which they must be set: automatics first, or they undo what follows.
-fn controls(settings: &Settings) -> Vec<ControlValue> {
-    let control = |id, value, wanted| ControlValue { id, value, wanted };
+fn control_sequence(settings: &CameraSettings) -> Vec<ControlValue> {
+    let control = |id, value, wanted| ControlValue {
+        id,
+        value,
+        required_as: wanted,
+    };
     let automatic = |on: bool| i32::from(on);
     let mut controls = vec![
         // Without this a webcam slows down in the dark.
@@ -345,7 +353,7 @@ fn controls(settings: &Settings) -> Vec<ControlValue> {
 }
 
 /// A text of the kernel, up to its closing zero.
-fn text(bytes: &[u8]) -> String {
+fn string_from_c(bytes: &[u8]) -> String {
     let length = bytes
         .iter()
         .position(|byte| *byte == 0)
@@ -358,13 +366,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn automatics_are_switched_off_before_a_value_is_set_and_stay_on_without_one() {
-        let settings = Settings {
+    fn auto_controls_are_disabled_before_manual_values_and_stay_on_otherwise() {
+        let settings = CameraSettings {
             exposure: Some(0.0125),
             gain: None,
             white_balance_k: Some(4500),
         };
-        let set: Vec<_> = controls(&settings)
+        let set: Vec<_> = control_sequence(&settings)
             .iter()
             .map(|c| (c.id, c.value))
             .collect();
@@ -380,22 +388,22 @@ mod tests {
     }
 
     #[test]
-    fn a_driver_s_stamp_counts_only_on_our_clock() {
+    fn driver_timestamp_is_used_only_if_monotonic() {
         let mut buffer = sys::Buffer {
-            flags: sys::STAMP_MONOTONIC,
+            flags: sys::TIMESTAMP_MONOTONIC,
             seconds: 12,
             microseconds: 345_678,
             ..sys::Buffer::default()
         };
         let arrival = Stamp(20_000_000_000);
-        assert_eq!(stamp(&buffer, arrival), Stamp(12_345_678_000));
+        assert_eq!(buffer_stamp(&buffer, arrival), Stamp(12_345_678_000));
         buffer.flags = 0;
-        assert_eq!(stamp(&buffer, arrival), arrival);
+        assert_eq!(buffer_stamp(&buffer, arrival), arrival);
     }
 
     #[test]
-    fn what_is_no_camera_is_refused_in_plain_words() {
-        let device = |path: &str| CameraDevice {
+    fn non_camera_devices_are_rejected_with_a_reason() {
+        let device = |path: &str| CameraDeviceConfig {
             device: path.to_owned(),
             rate_hz: 30.0,
             format: String::new(),

@@ -3,7 +3,7 @@
 //! 19 bytes: `AA AA index yaw pitch roll ax ay az 0 0 0 sum`; the six values are i16 LE in 0.01° and mg; the sum is the low
 //! byte of the sum of index to the last zero (CEVA, BNO08X data sheet, UART-RVC).
 
-use super::stream::{Fault, Step, Stream, skip_to};
+use super::stream::{DecodeError, ParseStep, StreamDecoder, skip_to};
 
 /// Bytes of one message.
 pub const BYTES: usize = 19;
@@ -25,20 +25,20 @@ pub struct Rvc {
 }
 
 /// A decoder of the sensor's stream.
-pub fn stream() -> Stream<Rvc> {
-    Stream::new(parse)
+pub fn decoder() -> StreamDecoder<Rvc> {
+    StreamDecoder::new(parse)
 }
 
 /// What the front of `bytes` is.
-pub fn parse(bytes: &[u8]) -> Step<Rvc> {
+pub fn parse(bytes: &[u8]) -> ParseStep<Rvc> {
     if bytes.first() != Some(&HEADER) || bytes.get(1).is_some_and(|byte| *byte != HEADER) {
-        return skip_to(bytes, |byte| byte == HEADER, Fault::Noise);
+        return skip_to(bytes, |byte| byte == HEADER, DecodeError::Noise);
     }
     let Some(frame) = bytes.get(..BYTES) else {
-        return Step::More;
+        return ParseStep::Incomplete;
     };
-    if sum(frame) != frame[BYTES - 1] {
-        return skip_to(bytes, |byte| byte == HEADER, Fault::Checksum);
+    if checksum(frame) != frame[BYTES - 1] {
+        return skip_to(bytes, |byte| byte == HEADER, DecodeError::Checksum);
     }
     let value = |at: usize| i16::from_le_bytes([frame[at], frame[at + 1]]);
     let message = Rvc {
@@ -48,7 +48,7 @@ pub fn parse(bytes: &[u8]) -> Step<Rvc> {
         roll_cdeg: value(7),
         acceleration_mg: [value(9), value(11), value(13)],
     };
-    Step::Take(BYTES, message)
+    ParseStep::Message(BYTES, message)
 }
 
 impl Rvc {
@@ -61,12 +61,12 @@ impl Rvc {
         for (bytes, value) in frame[3..15].chunks_exact_mut(2).zip(values) {
             bytes.copy_from_slice(&value.to_le_bytes());
         }
-        frame[BYTES - 1] = sum(&frame);
+        frame[BYTES - 1] = checksum(&frame);
         frame
     }
 }
 
-fn sum(frame: &[u8]) -> u8 {
+fn checksum(frame: &[u8]) -> u8 {
     frame[2..BYTES - 1]
         .iter()
         .fold(0, |sum, byte| sum.wrapping_add(*byte))

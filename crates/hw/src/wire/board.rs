@@ -4,34 +4,34 @@
 //! then a sequence number that each side counts for itself, then the fields of the type. Messages here hold the numbers
 //! exactly as they travel, units in the names.
 
-use super::stream::{Fault, Step, Stream};
+use super::stream::{DecodeError, ParseStep, StreamDecoder};
 use super::{cobs, crc16};
 
 /// Version of the protocol spoken here.
 pub const VERSION: u8 = 1;
 /// Bytes before the fields: version, type, sequence number.
-const HEADER: usize = 4;
+const HEADER_BYTES: usize = 4;
 /// Longest payload that will ever be sent: COBS then adds one byte, and every frame fits a USB packet.
 const PAYLOAD_MAX: usize = 60;
 /// Longest frame without its closing zero: payload, checksum, one byte of COBS.
 const FRAME_MAX: usize = PAYLOAD_MAX + 3;
 
 /// A number, or a row of numbers, that knows its little-endian bytes.
-trait Field: Sized {
+trait WireField: Sized {
     const BYTES: usize;
-    fn put(&self, out: &mut Vec<u8>);
+    fn write_le(&self, out: &mut Vec<u8>);
     /// `bytes` has at least `BYTES` bytes.
-    fn get(bytes: &[u8]) -> Self;
+    fn read_le(bytes: &[u8]) -> Self;
 }
 
 macro_rules! number_fields {
     ($($number:ty),*) => {$(
-        impl Field for $number {
+        impl WireField for $number {
             const BYTES: usize = size_of::<$number>();
-            fn put(&self, out: &mut Vec<u8>) {
+            fn write_le(&self, out: &mut Vec<u8>) {
                 out.extend_from_slice(&self.to_le_bytes());
             }
-            fn get(bytes: &[u8]) -> Self {
+            fn read_le(bytes: &[u8]) -> Self {
                 let mut raw = [0; size_of::<$number>()];
                 raw.copy_from_slice(&bytes[..size_of::<$number>()]);
                 <$number>::from_le_bytes(raw)
@@ -41,15 +41,15 @@ macro_rules! number_fields {
 }
 number_fields!(u8, u16, u32, i16);
 
-impl<T: Field, const N: usize> Field for [T; N] {
+impl<T: WireField, const N: usize> WireField for [T; N] {
     const BYTES: usize = N * T::BYTES;
-    fn put(&self, out: &mut Vec<u8>) {
+    fn write_le(&self, out: &mut Vec<u8>) {
         for item in self {
-            item.put(out);
+            item.write_le(out);
         }
     }
-    fn get(bytes: &[u8]) -> Self {
-        std::array::from_fn(|index| T::get(&bytes[index * T::BYTES..]))
+    fn read_le(bytes: &[u8]) -> Self {
+        std::array::from_fn(|index| T::read_le(&bytes[index * T::BYTES..]))
     }
 }
 
@@ -77,27 +77,27 @@ macro_rules! messages {
 
         impl Message {
             /// The type byte.
-            pub fn kind(&self) -> u8 {
+            pub fn type_byte(&self) -> u8 {
                 match self { $( Message::$name(_) => $kind, )* }
             }
 
-            fn put(&self, out: &mut Vec<u8>) {
-                match self { $( Message::$name(message) => { $( message.$field.put(out); )* } )* }
+            fn write_fields(&self, out: &mut Vec<u8>) {
+                match self { $( Message::$name(message) => { $( message.$field.write_le(out); )* } )* }
             }
 
             /// Fields of a type; the bytes must be exactly theirs.
-            fn get(kind: u8, bytes: &[u8]) -> Result<Self, Fault> {
+            fn read_fields(kind: u8, bytes: &[u8]) -> Result<Self, DecodeError> {
                 match kind {
                     $( $kind => {
                         if bytes.len() != 0 $( + <$type>::BYTES )* {
-                            return Err(Fault::Length);
+                            return Err(DecodeError::Length);
                         }
                         let mut rest = bytes;
-                        $( let $field = <$type>::get(rest); rest = &rest[<$type>::BYTES..]; )*
+                        $( let $field = <$type>::read_le(rest); rest = &rest[<$type>::BYTES..]; )*
                         debug_assert!(rest.is_empty());
                         Ok(Message::$name($name { $( $field, )* }))
                     } )*
-                    _ => Err(Fault::Kind(kind)),
+                    _ => Err(DecodeError::UnknownType(kind)),
                 }
             }
         }
@@ -217,11 +217,11 @@ pub struct Packet {
 impl Packet {
     /// The frame, closing zero included.
     pub fn encode(&self) -> Vec<u8> {
-        let mut payload = vec![VERSION, self.message.kind()];
-        self.sequence.put(&mut payload);
-        self.message.put(&mut payload);
+        let mut payload = vec![VERSION, self.message.type_byte()];
+        self.sequence.write_le(&mut payload);
+        self.message.write_fields(&mut payload);
         let checksum = crc16(&payload);
-        checksum.put(&mut payload);
+        checksum.write_le(&mut payload);
         let mut frame = Vec::with_capacity(payload.len() + 2);
         cobs::encode(&payload, &mut frame);
         frame.push(0);
@@ -230,46 +230,46 @@ impl Packet {
 }
 
 /// A decoder of either direction.
-pub fn stream() -> Stream<Packet> {
-    Stream::new(parse)
+pub fn decoder() -> StreamDecoder<Packet> {
+    StreamDecoder::new(parse)
 }
 
 /// What the front of `bytes` is.
-pub fn parse(bytes: &[u8]) -> Step<Packet> {
+pub fn parse(bytes: &[u8]) -> ParseStep<Packet> {
     let front = &bytes[..bytes.len().min(FRAME_MAX + 1)];
     let Some(length) = front.iter().position(|byte| *byte == 0) else {
         if front.len() <= FRAME_MAX {
-            return Step::More;
+            return ParseStep::Incomplete;
         }
-        return Step::Skip(front.len(), Some(Fault::Length));
+        return ParseStep::Skip(front.len(), Some(DecodeError::Length));
     };
     if length == 0 {
-        return Step::Skip(1, None);
+        return ParseStep::Skip(1, None);
     }
-    match packet(&bytes[..length]) {
-        Ok(packet) => Step::Take(length + 1, packet),
-        Err(fault) => Step::Skip(length + 1, Some(fault)),
+    match decode_packet(&bytes[..length]) {
+        Ok(packet) => ParseStep::Message(length + 1, packet),
+        Err(fault) => ParseStep::Skip(length + 1, Some(fault)),
     }
 }
 
-fn packet(frame: &[u8]) -> Result<Packet, Fault> {
+fn decode_packet(frame: &[u8]) -> Result<Packet, DecodeError> {
     let mut buffer = [0; FRAME_MAX];
     // A frame that COBS cannot undo was damaged on the way, like one with a wrong checksum.
-    let length = cobs::decode(frame, &mut buffer).ok_or(Fault::Checksum)?;
+    let length = cobs::decode(frame, &mut buffer).ok_or(DecodeError::Checksum)?;
     let Some((payload, checksum)) = buffer[..length].split_last_chunk::<2>() else {
-        return Err(Fault::Length);
+        return Err(DecodeError::Length);
     };
     if u16::from_le_bytes(*checksum) != crc16(payload) {
-        return Err(Fault::Checksum);
+        return Err(DecodeError::Checksum);
     }
-    if payload.len() < HEADER {
-        return Err(Fault::Length);
+    if payload.len() < HEADER_BYTES {
+        return Err(DecodeError::Length);
     }
     if payload[0] != VERSION {
-        return Err(Fault::Version(payload[0]));
+        return Err(DecodeError::UnsupportedVersion(payload[0]));
     }
     Ok(Packet {
-        sequence: u16::get(&payload[2..]),
-        message: Message::get(payload[1], &payload[HEADER..])?,
+        sequence: u16::read_le(&payload[2..]),
+        message: Message::read_fields(payload[1], &payload[HEADER_BYTES..])?,
     })
 }

@@ -14,7 +14,7 @@ pub struct CanFrame {
 }
 
 /// Bits of an identifier of either width.
-const ID_BITS: [u32; 2] = [0x7FF, 0x1FFF_FFFF];
+const ID_MASKS: [u32; 2] = [0x7FF, 0x1FFF_FFFF];
 /// Flags above the identifier in Linux' `can_id` (linux/can.h).
 const EXTENDED_FLAG: u32 = 1 << 31;
 const REMOTE_FLAG: u32 = 1 << 30;
@@ -31,13 +31,13 @@ impl CanFrame {
             data: [0; 8],
         };
         frame.data.get_mut(..data.len())?.copy_from_slice(data);
-        (id <= ID_BITS[usize::from(extended)]).then_some(frame)
+        (id <= ID_MASKS[usize::from(extended)]).then_some(frame)
     }
 
     /// A data frame under 29 bits, whose identifier and data are known to fit: what is too much is cut off.
     pub(crate) fn extended(id: u32, data: &[u8]) -> Self {
         let mut frame = CanFrame {
-            id: id & ID_BITS[1],
+            id: id & ID_MASKS[1],
             extended: true,
             remote: false,
             len: data.len().min(8) as u8,
@@ -64,7 +64,7 @@ impl CanFrame {
     }
 
     /// As Linux' `struct can_frame` in this machine's byte order.
-    pub fn to_kernel(&self) -> [u8; 16] {
+    pub fn to_socketcan(&self) -> [u8; 16] {
         let flags = if self.extended { EXTENDED_FLAG } else { 0 }
             | if self.remote { REMOTE_FLAG } else { 0 };
         let mut bytes = [0; 16];
@@ -75,10 +75,10 @@ impl CanFrame {
     }
 
     /// From Linux' `struct can_frame`; `None` for an error frame or a length above eight.
-    pub fn from_kernel(bytes: &[u8; 16]) -> Option<Self> {
+    pub fn from_socketcan(bytes: &[u8; 16]) -> Option<Self> {
         let word = u32::from_ne_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
         let extended = word & EXTENDED_FLAG != 0;
-        let id = word & ID_BITS[usize::from(extended)];
+        let id = word & ID_MASKS[usize::from(extended)];
         if word & ERROR_FLAG != 0 {
             return None;
         }

@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn frames_are_those_of_the_paper() {
+    fn encoding_matches_examples_of_the_cobs_paper() {
         for (payload, frame) in [
             (&[][..], &[1][..]),
             (&[0], &[1, 1]),
@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_off_or_holds_a_zero_or_is_too_long_is_refused() {
+    fn truncated_zero_containing_or_oversized_frames_are_rejected() {
         let mut payload = [0; 4];
         for frame in [&[][..], &[3, 1], &[0, 1], &[3, 1, 0], &[6, 1, 2, 3, 4, 5]] {
             assert_eq!(decode(frame, &mut payload), None, "{frame:?}");

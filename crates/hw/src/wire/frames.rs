@@ -5,13 +5,13 @@ pub const HEADER_BYTES: usize = 44;
 /// Bytes of settings, which go the other way.
 pub const SETTINGS_BYTES: usize = 16;
 /// Largest frame taken, bytes: 8192 × 8192 pixels of one byte.
-pub const FRAME_BYTES_MAX: u32 = 1 << 26;
-const FRAME: &[u8; 4] = b"MBF1";
-const SETTINGS: &[u8; 4] = b"MBS1";
+pub const IMAGE_BYTES_MAX: u32 = 1 << 26;
+const IMAGE_MAGIC: &[u8; 4] = b"MBF1";
+const SETTINGS_MAGIC: &[u8; 4] = b"MBS1";
 
 /// What stands before a frame's bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct FrameHeader {
+pub struct ImageHeader {
     /// V4L2's code of the encoding.
     pub fourcc: u32,
     /// Columns.
@@ -30,7 +30,7 @@ pub struct FrameHeader {
 
 /// How the frames are to be taken; −1 leaves it to the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct FrameSettings {
+pub struct SettingsMessage {
     /// Exposure, µs.
     pub exposure_us: i32,
     /// Gain, the camera's own unit.
@@ -39,11 +39,11 @@ pub struct FrameSettings {
     pub white_balance_k: i32,
 }
 
-impl FrameHeader {
+impl ImageHeader {
     /// The header's bytes, with a checksum at their end.
     pub fn encode(&self) -> [u8; HEADER_BYTES] {
         let mut bytes = [0; HEADER_BYTES];
-        bytes[..4].copy_from_slice(FRAME);
+        bytes[..4].copy_from_slice(IMAGE_MAGIC);
         let numbers = [
             self.fourcc,
             self.width_px,
@@ -66,7 +66,7 @@ impl FrameHeader {
         let number = |at: usize| {
             u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
         };
-        let header = FrameHeader {
+        let header = ImageHeader {
             fourcc: number(4),
             width_px: number(8),
             height_px: number(12),
@@ -75,18 +75,18 @@ impl FrameHeader {
             bytes: number(24),
             stamp_ns: (i64::from(number(32)) << 32) | i64::from(number(28)),
         };
-        let right = bytes[..4] == *FRAME
+        let right = bytes[..4] == *IMAGE_MAGIC
             && bytes[42..] == super::crc16(&bytes[..42]).to_le_bytes()
-            && header.bytes <= FRAME_BYTES_MAX;
+            && header.bytes <= IMAGE_BYTES_MAX;
         right.then_some(header)
     }
 }
 
-impl FrameSettings {
+impl SettingsMessage {
     /// The settings' bytes.
     pub fn encode(&self) -> [u8; SETTINGS_BYTES] {
         let mut bytes = [0; SETTINGS_BYTES];
-        bytes[..4].copy_from_slice(SETTINGS);
+        bytes[..4].copy_from_slice(SETTINGS_MAGIC);
         let numbers = [self.exposure_us, self.gain, self.white_balance_k];
         for (place, number) in bytes[4..].chunks_exact_mut(4).zip(numbers) {
             place.copy_from_slice(&number.to_le_bytes());
@@ -99,11 +99,11 @@ impl FrameSettings {
         let number = |at: usize| {
             i32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
         };
-        let settings = FrameSettings {
+        let settings = SettingsMessage {
             exposure_us: number(4),
             gain: number(8),
             white_balance_k: number(12),
         };
-        (bytes[..4] == *SETTINGS).then_some(settings)
+        (bytes[..4] == *SETTINGS_MAGIC).then_some(settings)
     }
 }

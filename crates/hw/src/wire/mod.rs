@@ -15,7 +15,7 @@ pub mod vesc_can;
 pub mod wit;
 
 pub use can::CanFrame;
-pub use stream::{Fault, Step, Stream, Tally};
+pub use stream::{DecodeError, DecoderStats, ParseStep, StreamDecoder};
 
 /// Standard gravity, m/s² (ISO 80000-3).
 pub const STANDARD_GRAVITY: f32 = 9.806_65;

@@ -4,67 +4,67 @@
 //! data. The format has no checksum: a line is taken only if every character of it is right.
 
 use super::can::CanFrame;
-use super::stream::{Fault, Step, Stream};
+use super::stream::{DecodeError, ParseStep, StreamDecoder};
 
 /// Longest line: T, 8 + 1 + 16 digits, 4 of a time stamp, carriage return.
-const LONGEST: usize = 31;
-const END: u8 = b'\r';
+const LINE_BYTES_MAX: usize = 31;
+const CARRIAGE_RETURN: u8 = b'\r';
 const BELL: u8 = 7;
 
 /// What the adapter sends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Line {
+pub enum SlcanMessage {
     /// A frame from the bus.
     Frame(CanFrame),
     /// The adapter did what it was told.
-    Done,
+    Ack,
     /// The adapter refused what it was told.
-    Refused,
+    Nack,
     /// A well-formed answer that is no frame (version, serial number, status), by its first letter.
     Other(u8),
 }
 
 /// A decoder of the adapter's stream.
-pub fn stream() -> Stream<Line> {
-    Stream::new(parse)
+pub fn decoder() -> StreamDecoder<SlcanMessage> {
+    StreamDecoder::new(parse)
 }
 
 /// What the front of `bytes` is.
-pub fn parse(bytes: &[u8]) -> Step<Line> {
+pub fn parse(bytes: &[u8]) -> ParseStep<SlcanMessage> {
     match bytes.first() {
-        None => return Step::More,
-        Some(&END) => return Step::Take(1, Line::Done),
-        Some(&BELL) => return Step::Take(1, Line::Refused),
+        None => return ParseStep::Incomplete,
+        Some(&CARRIAGE_RETURN) => return ParseStep::Message(1, SlcanMessage::Ack),
+        Some(&BELL) => return ParseStep::Message(1, SlcanMessage::Nack),
         Some(_) => {}
     }
-    let front = &bytes[..bytes.len().min(LONGEST)];
-    let stop = |byte: &u8| matches!(*byte, END | BELL);
+    let front = &bytes[..bytes.len().min(LINE_BYTES_MAX)];
+    let stop = |byte: &u8| matches!(*byte, CARRIAGE_RETURN | BELL);
     let Some(length) = front.iter().position(stop) else {
-        if front.len() < LONGEST {
-            return Step::More;
+        if front.len() < LINE_BYTES_MAX {
+            return ParseStep::Incomplete;
         }
-        return Step::Skip(LONGEST, Some(Fault::Length));
+        return ParseStep::Skip(LINE_BYTES_MAX, Some(DecodeError::Length));
     };
     if bytes[length] == BELL {
         // A bell ends no line: what stands before it was cut off, and the bell itself is an answer.
-        return Step::Skip(length, Some(Fault::Noise));
+        return ParseStep::Skip(length, Some(DecodeError::Noise));
     }
-    match line_of(&bytes[..length]) {
-        Some(line) => Step::Take(length + 1, line),
-        None => Step::Skip(length + 1, Some(Fault::Noise)),
+    match parse_line(&bytes[..length]) {
+        Some(line) => ParseStep::Message(length + 1, line),
+        None => ParseStep::Skip(length + 1, Some(DecodeError::Noise)),
     }
 }
 
-fn line_of(line: &[u8]) -> Option<Line> {
+fn parse_line(line: &[u8]) -> Option<SlcanMessage> {
     let (letter, digits) = line.split_first()?;
     let (extended, remote, id_digits) = match letter {
         b'T' => (true, false, 8),
         b'R' => (true, true, 8),
         b't' => (false, false, 3),
         b'r' => (false, true, 3),
-        b'z' | b'Z' if digits.is_empty() => return Some(Line::Done),
+        b'z' | b'Z' if digits.is_empty() => return Some(SlcanMessage::Ack),
         b'V' | b'v' | b'N' | b'F' if digits.iter().all(u8::is_ascii_alphanumeric) => {
-            return Some(Line::Other(*letter));
+            return Some(SlcanMessage::Other(*letter));
         }
         _ => return None,
     };
@@ -75,7 +75,7 @@ fn line_of(line: &[u8]) -> Option<Line> {
         let stamped = rest.len() == 4 && hex(rest).is_some();
         return (rest.is_empty() || stamped)
             .then(|| CanFrame::remote(id, extended, length))?
-            .map(Line::Frame);
+            .map(SlcanMessage::Frame);
     }
     let mut data = [0; 8];
     for (byte, pair) in data
@@ -90,7 +90,7 @@ fn line_of(line: &[u8]) -> Option<Line> {
     if !(stamp.is_empty() || stamp.len() == 4 && hex(stamp).is_some()) {
         return None;
     }
-    CanFrame::new(id, extended, &data[..length]).map(Line::Frame)
+    CanFrame::new(id, extended, &data[..length]).map(SlcanMessage::Frame)
 }
 
 fn hex(digits: &[u8]) -> Option<u32> {
@@ -115,14 +115,14 @@ pub fn encode(frame: &CanFrame, out: &mut Vec<u8>) {
             out.extend_from_slice(format!("{byte:02X}").as_bytes());
         }
     }
-    out.push(END);
+    out.push(CARRIAGE_RETURN);
 }
 
 /// The lines that close the adapter's channel, set its bit rate and open it; `None` for a rate it has no letter for.
 ///
 /// Rates are bit/s: 10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s are S0 to S8. The first, empty line ends
 /// whatever was half sent before.
-pub fn open(bit_rate: u32) -> Option<Vec<u8>> {
+pub fn open_channel_commands(bit_rate: u32) -> Option<Vec<u8>> {
     const RATES_KBIT: [u32; 9] = [10, 20, 50, 100, 125, 250, 500, 800, 1000];
     let code = RATES_KBIT.iter().position(|rate| rate * 1000 == bit_rate)?;
     Some(format!("\rC\rS{code}\rO\r").into_bytes())

@@ -2,7 +2,7 @@
 
 /// Why bytes were thrown away.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Fault {
+pub enum DecodeError {
     /// Bytes between messages.
     #[error("bytes that begin no message")]
     Noise,
@@ -14,26 +14,26 @@ pub enum Fault {
     Length,
     /// A whole message of another version of the protocol.
     #[error("protocol version {0} is not spoken here")]
-    Version(u8),
+    UnsupportedVersion(u8),
     /// A whole message of a kind that is not known.
     #[error("unknown message type {0:#04x}")]
-    Kind(u8),
+    UnknownType(u8),
 }
 
 /// What the front of the received bytes is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Step<M> {
+pub enum ParseStep<M> {
     /// Perhaps the beginning of a message: more bytes will tell.
-    More,
+    Incomplete,
     /// So many bytes are no message; without a fault they are mere filling.
-    Skip(usize, Option<Fault>),
+    Skip(usize, Option<DecodeError>),
     /// A message and the bytes it took.
-    Take(usize, M),
+    Message(usize, M),
 }
 
 /// Counts of what went through a stream.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Tally {
+pub struct DecoderStats {
     /// Bytes received.
     pub bytes: u64,
     /// Whole messages.
@@ -43,70 +43,70 @@ pub struct Tally {
     /// Messages with a wrong checksum or length.
     pub damaged: u64,
     /// Why bytes were last thrown away.
-    pub last_fault: Option<Fault>,
+    pub last_error: Option<DecodeError>,
 }
 
 /// A decoder of one protocol. Feed it with [`Stream::extend`], then iterate until `None`.
 #[derive(Debug, Clone)]
-pub struct Stream<M> {
-    parse: fn(&[u8]) -> Step<M>,
-    received: Vec<u8>,
+pub struct StreamDecoder<M> {
+    parse: fn(&[u8]) -> ParseStep<M>,
+    buffer: Vec<u8>,
     start: usize,
-    tally: Tally,
+    stats: DecoderStats,
 }
 
-impl<M> Stream<M> {
+impl<M> StreamDecoder<M> {
     /// A decoder by `parse`, which says what the front of its argument is.
     ///
     /// `parse` must answer `More` only for fewer bytes than its longest message has, and skip or take at least one byte
     /// and at most all.
-    pub fn new(parse: fn(&[u8]) -> Step<M>) -> Self {
-        Stream {
+    pub fn new(parse: fn(&[u8]) -> ParseStep<M>) -> Self {
+        StreamDecoder {
             parse,
-            received: Vec::new(),
+            buffer: Vec::new(),
             start: 0,
-            tally: Tally::default(),
+            stats: DecoderStats::default(),
         }
     }
 
     /// Appends received bytes.
     pub fn extend(&mut self, bytes: &[u8]) {
-        self.received.drain(..self.start);
+        self.buffer.drain(..self.start);
         self.start = 0;
-        self.received.extend_from_slice(bytes);
-        self.tally.bytes += bytes.len() as u64;
+        self.buffer.extend_from_slice(bytes);
+        self.stats.bytes += bytes.len() as u64;
     }
 
     /// Forgets a message that was begun; for a port that was opened anew.
-    pub fn clear(&mut self) {
-        self.received.clear();
+    pub fn reset(&mut self) {
+        self.buffer.clear();
         self.start = 0;
     }
 
     /// What went through so far.
-    pub fn tally(&self) -> Tally {
-        self.tally
+    pub fn stats(&self) -> DecoderStats {
+        self.stats
     }
 }
 
-impl<M> Iterator for Stream<M> {
+impl<M> Iterator for StreamDecoder<M> {
     type Item = M;
 
     fn next(&mut self) -> Option<M> {
-        while self.start < self.received.len() {
-            match (self.parse)(&self.received[self.start..]) {
-                Step::More => return None,
-                Step::Take(bytes, message) => {
+        while self.start < self.buffer.len() {
+            match (self.parse)(&self.buffer[self.start..]) {
+                ParseStep::Incomplete => return None,
+                ParseStep::Message(bytes, message) => {
                     self.start += bytes;
-                    self.tally.messages += 1;
+                    self.stats.messages += 1;
                     return Some(message);
                 }
-                Step::Skip(bytes, fault) => {
+                ParseStep::Skip(bytes, fault) => {
                     self.start += bytes;
                     let Some(fault) = fault else { continue };
-                    self.tally.garbage_bytes += bytes as u64;
-                    self.tally.damaged += u64::from(fault != Fault::Noise);
-                    self.tally.last_fault = Some(fault);
+                    self.stats.garbage_bytes += bytes as u64;
+                    self.stats.damaged += u64::from(fault != DecodeError::Noise);
+                    self.stats.last_error = Some(fault);
                 }
             }
         }
@@ -115,7 +115,11 @@ impl<M> Iterator for Stream<M> {
 }
 
 /// Skips to the next byte that can begin a message, or over everything.
-pub(crate) fn skip_to<M>(bytes: &[u8], begins: impl Fn(u8) -> bool, fault: Fault) -> Step<M> {
+pub(crate) fn skip_to<M>(
+    bytes: &[u8],
+    begins: impl Fn(u8) -> bool,
+    fault: DecodeError,
+) -> ParseStep<M> {
     let skipped = 1 + bytes[1..].iter().take_while(|byte| !begins(**byte)).count();
-    Step::Skip(skipped, Some(fault))
+    ParseStep::Skip(skipped, Some(fault))
 }

@@ -5,7 +5,7 @@
 //! that one's number in it.
 
 use super::crc16;
-use super::stream::{Fault, Step, Stream, skip_to};
+use super::stream::{DecodeError, ParseStep, StreamDecoder, skip_to};
 
 const START: u8 = 2;
 const STOP: u8 = 3;
@@ -56,36 +56,36 @@ pub enum Reply {
 }
 
 /// A decoder of the controller's stream.
-pub fn stream() -> Stream<Reply> {
-    Stream::new(parse)
+pub fn decoder() -> StreamDecoder<Reply> {
+    StreamDecoder::new(parse)
 }
 
 /// What the front of `bytes` is.
 ///
 /// Packets above 255 bytes (start byte 3) carry configurations and firmware, which nobody here asks for.
-pub fn parse(bytes: &[u8]) -> Step<Reply> {
+pub fn parse(bytes: &[u8]) -> ParseStep<Reply> {
     let begins = |byte| byte == START;
     if bytes.first() != Some(&START) || bytes.get(1) == Some(&0) {
-        return skip_to(bytes, begins, Fault::Noise);
+        return skip_to(bytes, begins, DecodeError::Noise);
     }
     let Some(length) = bytes.get(1).map(|length| usize::from(*length)) else {
-        return Step::More;
+        return ParseStep::Incomplete;
     };
     let Some(packet) = bytes.get(..length + 5) else {
-        return Step::More;
+        return ParseStep::Incomplete;
     };
     let payload = &packet[2..2 + length];
     if packet[length + 4] != STOP || packet[2 + length..4 + length] != crc16(payload).to_be_bytes()
     {
-        return skip_to(bytes, begins, Fault::Checksum);
+        return skip_to(bytes, begins, DecodeError::Checksum);
     }
     if payload[0] == GET_VALUES && length < VALUES_BYTES {
-        return Step::Skip(length + 5, Some(Fault::Length));
+        return ParseStep::Skip(length + 5, Some(DecodeError::Length));
     }
-    Step::Take(length + 5, reply(payload))
+    ParseStep::Message(length + 5, decode_reply(payload))
 }
 
-fn reply(payload: &[u8]) -> Reply {
+fn decode_reply(payload: &[u8]) -> Reply {
     if payload[0] != GET_VALUES {
         return Reply::Other(payload[0]);
     }
@@ -121,21 +121,21 @@ impl Values {
         payload[45..49].copy_from_slice(&self.tachometer.to_be_bytes());
         payload[53] = self.fault;
         payload[58] = self.node;
-        packet(&payload)
+        encode_packet(&payload)
     }
 }
 
 impl Request {
     /// The packet that tells the controller at the other end of the UART.
     pub fn encode(self) -> Vec<u8> {
-        packet(&self.payload())
+        encode_packet(&self.payload())
     }
 
     /// The packet that has the controller at the other end hand it on to `node` on its CAN bus.
     pub fn encode_forwarded(self, node: u8) -> Vec<u8> {
         let mut payload = vec![FORWARD_CAN, node];
         payload.extend_from_slice(&self.payload());
-        packet(&payload)
+        encode_packet(&payload)
     }
 
     /// What a packet asks, and of which other node; `None` for what is not spoken here. For whoever plays a controller.
@@ -173,7 +173,7 @@ impl Request {
 }
 
 /// `02 length payload crc16 03`; the payload has at most 255 bytes.
-fn packet(payload: &[u8]) -> Vec<u8> {
+fn encode_packet(payload: &[u8]) -> Vec<u8> {
     let mut packet = vec![START, payload.len() as u8];
     packet.extend_from_slice(payload);
     packet.extend_from_slice(&crc16(payload).to_be_bytes());

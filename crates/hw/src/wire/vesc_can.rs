@@ -13,7 +13,7 @@ const STATUS_5: u32 = 27;
 
 /// What a controller is told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Order {
+pub enum VescCommand {
     /// Turn at so many electrical revolutions per minute.
     SetRpm(i32),
     /// Drive this current through the motor; 0 lets it coast.
@@ -22,7 +22,7 @@ pub enum Order {
 
 /// What a controller says by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
+pub enum VescStatus {
     /// STATUS.
     Motion {
         /// Electrical revolutions per minute.
@@ -33,7 +33,7 @@ pub enum Status {
         duty_permille: i16,
     },
     /// STATUS_4.
-    Heat {
+    Temperature {
         /// Temperature of the transistors, 0.1 °C.
         temperature_ddeg: i16,
     },
@@ -46,45 +46,45 @@ pub enum Status {
     },
 }
 
-impl Order {
+impl VescCommand {
     /// The frame that tells controller `node`.
     pub fn encode(self, node: u8) -> CanFrame {
         let (command, value) = match self {
-            Order::SetRpm(erpm) => (SET_RPM, erpm),
-            Order::SetCurrentMa(current) => (SET_CURRENT, current),
+            VescCommand::SetRpm(erpm) => (SET_RPM, erpm),
+            VescCommand::SetCurrentMa(current) => (SET_CURRENT, current),
         };
-        frame(command, node, &value.to_be_bytes())
+        encode_frame(command, node, &value.to_be_bytes())
     }
 
     /// Node and order of a frame; `None` for another frame. For whoever plays a controller.
-    pub fn decode(frame: &CanFrame) -> Option<(u8, Order)> {
-        let (command, node) = address(frame)?;
+    pub fn decode(frame: &CanFrame) -> Option<(u8, VescCommand)> {
+        let (command, node) = split_identifier(frame)?;
         let value = i32::from_be_bytes(frame.data().try_into().ok()?);
         match command {
-            SET_RPM => Some((node, Order::SetRpm(value))),
-            SET_CURRENT => Some((node, Order::SetCurrentMa(value))),
+            SET_RPM => Some((node, VescCommand::SetRpm(value))),
+            SET_CURRENT => Some((node, VescCommand::SetCurrentMa(value))),
             _ => None,
         }
     }
 }
 
-impl Status {
+impl VescStatus {
     /// Node and status of a frame; `None` for another frame (or one that is too short).
-    pub fn decode(frame: &CanFrame) -> Option<(u8, Status)> {
-        let (command, node) = address(frame)?;
+    pub fn decode(frame: &CanFrame) -> Option<(u8, VescStatus)> {
+        let (command, node) = split_identifier(frame)?;
         let data = frame.data();
         let short = |at: usize| Some(i16::from_be_bytes([*data.get(at)?, *data.get(at + 1)?]));
         let long = |at: usize| Some(i32::from_be_bytes(data.get(at..at + 4)?.try_into().ok()?));
         let status = match command {
-            STATUS => Status::Motion {
+            STATUS => VescStatus::Motion {
                 erpm: long(0)?,
                 current_da: short(4)?,
                 duty_permille: short(6)?,
             },
-            STATUS_4 => Status::Heat {
+            STATUS_4 => VescStatus::Temperature {
                 temperature_ddeg: short(0)?,
             },
-            STATUS_5 => Status::Position {
+            STATUS_5 => VescStatus::Position {
                 tachometer: long(0)?,
                 voltage_dv: short(4)?,
             },
@@ -97,7 +97,7 @@ impl Status {
     pub fn encode(self, node: u8) -> CanFrame {
         let mut data = [0; 8];
         let command = match self {
-            Status::Motion {
+            VescStatus::Motion {
                 erpm,
                 current_da,
                 duty_permille,
@@ -107,11 +107,11 @@ impl Status {
                 data[6..].copy_from_slice(&duty_permille.to_be_bytes());
                 STATUS
             }
-            Status::Heat { temperature_ddeg } => {
+            VescStatus::Temperature { temperature_ddeg } => {
                 data[..2].copy_from_slice(&temperature_ddeg.to_be_bytes());
                 STATUS_4
             }
-            Status::Position {
+            VescStatus::Position {
                 tachometer,
                 voltage_dv,
             } => {
@@ -120,16 +120,16 @@ impl Status {
                 STATUS_5
             }
         };
-        frame(command, node, &data)
+        encode_frame(command, node, &data)
     }
 }
 
 /// Command and node of an extended data frame.
-fn address(frame: &CanFrame) -> Option<(u32, u8)> {
+fn split_identifier(frame: &CanFrame) -> Option<(u32, u8)> {
     let [_, _, _, node] = frame.id.to_be_bytes();
     (frame.extended && !frame.remote).then_some((frame.id >> 8, node))
 }
 
-fn frame(command: u32, node: u8, data: &[u8]) -> CanFrame {
+fn encode_frame(command: u32, node: u8, data: &[u8]) -> CanFrame {
     CanFrame::extended((command << 8) | u32::from(node), data)
 }

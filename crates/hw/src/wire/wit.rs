@@ -2,7 +2,7 @@
 //!
 //! `55 type d0..d7 sum`: four i16 LE, the sum of the first ten bytes last (WitMotion, normal protocol).
 
-use super::stream::{Fault, Step, Stream, skip_to};
+use super::stream::{DecodeError, ParseStep, StreamDecoder, skip_to};
 
 /// Bytes of one message.
 pub const BYTES: usize = 11;
@@ -10,15 +10,15 @@ const HEADER: u8 = 0x55;
 
 /// What a message carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum DataType {
     /// Specific force x, y, z; 16 g at 32768.
     Acceleration,
     /// Rate of turn about x, y, z; 2000 °/s at 32768.
-    Rate,
+    AngularRate,
     /// Roll, pitch, yaw; 180° at 32768.
     Angle,
     /// Magnetic field x, y, z; the sensor's own unit.
-    Field,
+    MagneticField,
     /// Something else (time, ports, pressure, position...), by its type byte.
     Other(u8),
 }
@@ -27,52 +27,52 @@ pub enum Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wit {
     /// What it carries.
-    pub kind: Kind,
+    pub kind: DataType,
     /// Three values and, mostly, the temperature.
     pub raw: [i16; 4],
 }
 
 /// A decoder of the sensor's stream.
-pub fn stream() -> Stream<Wit> {
-    Stream::new(parse)
+pub fn decoder() -> StreamDecoder<Wit> {
+    StreamDecoder::new(parse)
 }
 
 /// What the front of `bytes` is.
-pub fn parse(bytes: &[u8]) -> Step<Wit> {
+pub fn parse(bytes: &[u8]) -> ParseStep<Wit> {
     let begins = |byte| byte == HEADER;
     if bytes.first() != Some(&HEADER) {
-        return skip_to(bytes, begins, Fault::Noise);
+        return skip_to(bytes, begins, DecodeError::Noise);
     }
     // Types run from 0x50 to 0x5F: whatever else follows the header is no message, and that need not be waited for.
     if bytes.get(1).is_some_and(|kind| kind >> 4 != 5) {
-        return skip_to(bytes, begins, Fault::Noise);
+        return skip_to(bytes, begins, DecodeError::Noise);
     }
     let Some(frame) = bytes.get(..BYTES) else {
-        return Step::More;
+        return ParseStep::Incomplete;
     };
-    if sum(frame) != frame[BYTES - 1] {
-        return skip_to(bytes, begins, Fault::Checksum);
+    if checksum(frame) != frame[BYTES - 1] {
+        return skip_to(bytes, begins, DecodeError::Checksum);
     }
     let kind = match frame[1] {
-        0x51 => Kind::Acceleration,
-        0x52 => Kind::Rate,
-        0x53 => Kind::Angle,
-        0x54 => Kind::Field,
-        other => Kind::Other(other),
+        0x51 => DataType::Acceleration,
+        0x52 => DataType::AngularRate,
+        0x53 => DataType::Angle,
+        0x54 => DataType::MagneticField,
+        other => DataType::Other(other),
     };
     let value = |at: usize| i16::from_le_bytes([frame[at], frame[at + 1]]);
     let raw = [value(2), value(4), value(6), value(8)];
-    Step::Take(BYTES, Wit { kind, raw })
+    ParseStep::Message(BYTES, Wit { kind, raw })
 }
 
 impl Wit {
     /// The first three values in SI units: m/s², rad/s or radians; the raw ones where the kind has no scale.
     pub fn si(&self) -> [f32; 3] {
         let full_scale = match self.kind {
-            Kind::Acceleration => 16.0 * super::STANDARD_GRAVITY,
-            Kind::Rate => 2000.0_f32.to_radians(),
-            Kind::Angle => std::f32::consts::PI,
-            Kind::Field | Kind::Other(_) => 32768.0,
+            DataType::Acceleration => 16.0 * super::STANDARD_GRAVITY,
+            DataType::AngularRate => 2000.0_f32.to_radians(),
+            DataType::Angle => std::f32::consts::PI,
+            DataType::MagneticField | DataType::Other(_) => 32768.0,
         };
         [0, 1, 2].map(|axis| f32::from(self.raw[axis]) / 32768.0 * full_scale)
     }
@@ -82,21 +82,21 @@ impl Wit {
         let mut frame = [0; BYTES];
         frame[0] = HEADER;
         frame[1] = match self.kind {
-            Kind::Acceleration => 0x51,
-            Kind::Rate => 0x52,
-            Kind::Angle => 0x53,
-            Kind::Field => 0x54,
-            Kind::Other(kind) => kind,
+            DataType::Acceleration => 0x51,
+            DataType::AngularRate => 0x52,
+            DataType::Angle => 0x53,
+            DataType::MagneticField => 0x54,
+            DataType::Other(kind) => kind,
         };
         for (bytes, value) in frame[2..10].chunks_exact_mut(2).zip(self.raw) {
             bytes.copy_from_slice(&value.to_le_bytes());
         }
-        frame[BYTES - 1] = sum(&frame);
+        frame[BYTES - 1] = checksum(&frame);
         frame
     }
 }
 
-fn sum(frame: &[u8]) -> u8 {
+fn checksum(frame: &[u8]) -> u8 {
     frame[..BYTES - 1]
         .iter()
         .fold(0, |sum, byte| sum.wrapping_add(*byte))

@@ -4,31 +4,31 @@ use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use hw::{Event, Inbox};
+use hw::{DeviceEvent, EventQueue};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use tempfile::TempDir;
 
 /// Longest time that anything is waited for; nothing here takes a hundredth of it on an idle machine.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// A place where a serial device is plugged in, under a name that stays the same.
-pub(crate) struct Socket {
+pub(crate) struct PseudoSerialPort {
     folder: TempDir,
-    plugged: Option<OwnedFd>,
+    master: Option<OwnedFd>,
 }
 
-impl Socket {
-    pub(crate) fn empty() -> Self {
-        Socket {
+impl PseudoSerialPort {
+    pub(crate) fn disconnected() -> Self {
+        PseudoSerialPort {
             folder: tempfile::tempdir().expect("a folder"),
-            plugged: None,
+            master: None,
         }
     }
 
-    pub(crate) fn plugged() -> Self {
-        let mut socket = Socket::empty();
-        socket.plug();
+    pub(crate) fn connected() -> Self {
+        let mut socket = PseudoSerialPort::disconnected();
+        socket.connect();
         socket
     }
 
@@ -36,11 +36,11 @@ impl Socket {
         self.folder.path().join("tty")
     }
 
-    pub(crate) fn name(&self) -> String {
+    pub(crate) fn path_string(&self) -> String {
         self.path().to_str().expect("a name").to_owned()
     }
 
-    pub(crate) fn plug(&mut self) {
+    pub(crate) fn connect(&mut self) {
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         let master = openpt(flags).expect("a pseudo terminal");
         grantpt(&master).expect("granted");
@@ -48,26 +48,26 @@ impl Socket {
         let name = ptsname(&master, Vec::new()).expect("a name");
         // An own slave keeps the line alive until the driver has opened it.
         std::os::unix::fs::symlink(name.to_str().expect("text"), self.path()).expect("linked");
-        self.plugged = Some(master);
+        self.master = Some(master);
     }
 
-    pub(crate) fn unplug(&mut self) {
+    pub(crate) fn disconnect(&mut self) {
         std::fs::remove_file(self.path()).expect("unlinked");
-        self.plugged = None;
+        self.master = None;
     }
 
     /// Sends bytes to the driver.
     pub(crate) fn send(&self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
-            let written = rustix::io::write(self.plugged.as_ref().expect("plugged"), rest);
+            let written = rustix::io::write(self.master.as_ref().expect("plugged"), rest);
             rest = &rest[written.expect("written")..];
         }
     }
 
     /// What the driver has sent; waits a little if nothing is there.
-    pub(crate) fn received(&self) -> Vec<u8> {
-        let master = self.plugged.as_ref().expect("plugged");
+    pub(crate) fn read(&self) -> Vec<u8> {
+        let master = self.master.as_ref().expect("plugged");
         let wait = Timespec {
             tv_sec: 0,
             tv_nsec: 2_000_000,
@@ -85,22 +85,28 @@ impl Socket {
 }
 
 /// Repeats `step` until it yields something.
-pub(crate) fn until<T>(what: &str, mut step: impl FnMut() -> Option<T>) -> T {
+pub(crate) fn wait_until<T>(what: &str, mut step: impl FnMut() -> Option<T>) -> T {
     let began = hw::now();
     loop {
         if let Some(result) = step() {
             return result;
         }
         assert!(
-            hw::now() - began < PATIENCE.as_secs_f64(),
+            hw::now() - began < TIMEOUT.as_secs_f64(),
             "waited for {what}"
         );
     }
 }
 
 /// Takes events until one is what is wanted.
-pub(crate) fn event<T>(inbox: &Inbox, what: &str, mut wanted: impl FnMut(Event) -> Option<T>) -> T {
-    until(what, || {
-        inbox.take(Duration::from_millis(5)).and_then(&mut wanted)
+pub(crate) fn wait_for_event<T>(
+    inbox: &EventQueue,
+    what: &str,
+    mut wanted: impl FnMut(DeviceEvent) -> Option<T>,
+) -> T {
+    wait_until(what, || {
+        inbox
+            .pop_timeout(Duration::from_millis(5))
+            .and_then(&mut wanted)
     })
 }

@@ -2,11 +2,15 @@
 //!
 //! The property tests and the fuzz targets both call these.
 
-use hw::wire::frames::{FrameHeader, HEADER_BYTES};
-use hw::wire::{CanFrame, Stream, bno085, board, slcan, vesc, vesc_can, wit};
+use hw::wire::frames::{HEADER_BYTES, ImageHeader};
+use hw::wire::{CanFrame, StreamDecoder, bno085, board, slcan, vesc, vesc_can, wit};
 
 /// Feeds `bytes` in pieces whose sizes `cuts` gives (cycled; none: all at once) and returns what comes out.
-pub(crate) fn messages<M>(mut stream: Stream<M>, bytes: &[u8], cuts: &[u8]) -> Vec<M> {
+pub(crate) fn decode_in_chunks<M>(
+    mut stream: StreamDecoder<M>,
+    bytes: &[u8],
+    cuts: &[u8],
+) -> Vec<M> {
     let mut found = Vec::new();
     let mut rest = bytes;
     let mut cuts = cuts.iter().cycle();
@@ -17,7 +21,7 @@ pub(crate) fn messages<M>(mut stream: Stream<M>, bytes: &[u8], cuts: &[u8]) -> V
         found.extend(stream.by_ref());
         rest = after;
     }
-    let tally = stream.tally();
+    let tally = stream.stats();
     assert_eq!(tally.bytes, bytes.len() as u64);
     assert_eq!(tally.messages, found.len() as u64);
     assert!(tally.garbage_bytes <= tally.bytes);
@@ -54,8 +58,8 @@ fn sum(bytes: &[u8]) -> u8 {
 }
 
 /// Base board: whatever comes out is in the stream, under a right checksum.
-pub(crate) fn board(bytes: &[u8], cuts: &[u8]) {
-    let found = messages(board::stream(), bytes, cuts);
+pub(crate) fn check_board(bytes: &[u8], cuts: &[u8]) {
+    let found = decode_in_chunks(board::decoder(), bytes, cuts);
     let frames: Vec<_> = found.iter().map(board::Packet::encode).collect();
     for frame in &frames {
         let mut payload = Vec::new();
@@ -74,9 +78,9 @@ pub(crate) fn board(bytes: &[u8], cuts: &[u8]) {
 }
 
 /// BNO085: likewise, up to the three bytes that the sensor reserves.
-pub(crate) fn bno085(bytes: &[u8], cuts: &[u8]) {
+pub(crate) fn check_bno085(bytes: &[u8], cuts: &[u8]) {
     let mut rest = bytes;
-    for message in messages(bno085::stream(), bytes, cuts) {
+    for message in decode_in_chunks(bno085::decoder(), bytes, cuts) {
         let head = &message.encode()[..15];
         let is_it = |window: &[u8]| window[..15] == *head && sum(&window[2..18]) == window[18];
         let at = rest.windows(19).position(is_it);
@@ -85,8 +89,8 @@ pub(crate) fn bno085(bytes: &[u8], cuts: &[u8]) {
 }
 
 /// WitMotion: likewise.
-pub(crate) fn wit(bytes: &[u8], cuts: &[u8]) {
-    let found = messages(wit::stream(), bytes, cuts);
+pub(crate) fn check_wit(bytes: &[u8], cuts: &[u8]) {
+    let found = decode_in_chunks(wit::decoder(), bytes, cuts);
     let frames: Vec<_> = found
         .iter()
         .map(|message| message.encode().to_vec())
@@ -98,9 +102,9 @@ pub(crate) fn wit(bytes: &[u8], cuts: &[u8]) {
 }
 
 /// VESC: each reply has a packet of its command and a right checksum in the stream.
-pub(crate) fn vesc(bytes: &[u8], cuts: &[u8]) {
+pub(crate) fn check_vesc(bytes: &[u8], cuts: &[u8]) {
     let mut rest = bytes;
-    for reply in messages(vesc::stream(), bytes, cuts) {
+    for reply in decode_in_chunks(vesc::decoder(), bytes, cuts) {
         let is_it = |at: usize| {
             let length = usize::from(*rest.get(at + 1)?);
             let payload = rest.get(at + 2..at + 2 + length)?;
@@ -124,11 +128,11 @@ pub(crate) fn vesc(bytes: &[u8], cuts: &[u8]) {
 }
 
 /// slcan: each frame's line is in the stream, whatever the case of its digits.
-pub(crate) fn slcan(bytes: &[u8], cuts: &[u8]) {
+pub(crate) fn check_slcan(bytes: &[u8], cuts: &[u8]) {
     let upper = |text: &[u8]| text[1..].to_ascii_uppercase();
     let mut rest = bytes;
-    for line in messages(slcan::stream(), bytes, cuts) {
-        let slcan::Line::Frame(frame) = line else {
+    for line in decode_in_chunks(slcan::decoder(), bytes, cuts) {
+        let slcan::SlcanMessage::Frame(frame) = line else {
             continue;
         };
         let mut text = Vec::new();
@@ -141,11 +145,11 @@ pub(crate) fn slcan(bytes: &[u8], cuts: &[u8]) {
 }
 
 /// Camera socket: a header that is taken says what stands in its bytes, under a right checksum.
-pub(crate) fn frames(bytes: &[u8]) {
+pub(crate) fn check_image_header(bytes: &[u8]) {
     let Some(front) = bytes.first_chunk::<HEADER_BYTES>() else {
         return;
     };
-    if let Some(header) = FrameHeader::decode(front) {
+    if let Some(header) = ImageHeader::decode(front) {
         let (said, checksum) = front.split_at(HEADER_BYTES - 2);
         assert_eq!(checksum, crc16(said).to_le_bytes());
         // What follows the stamp is for later versions.
@@ -154,16 +158,16 @@ pub(crate) fn frames(bytes: &[u8]) {
 }
 
 /// CAN: a frame that is taken survives the way back, and so does what a controller says in it.
-pub(crate) fn can(bytes: &[u8]) {
-    let frame = bytes.first_chunk::<16>().and_then(CanFrame::from_kernel);
+pub(crate) fn check_can(bytes: &[u8]) {
+    let frame = bytes.first_chunk::<16>().and_then(CanFrame::from_socketcan);
     let Some(frame) = frame else { return };
-    assert_eq!(CanFrame::from_kernel(&frame.to_kernel()), Some(frame));
-    if let Some((node, status)) = vesc_can::Status::decode(&frame) {
+    assert_eq!(CanFrame::from_socketcan(&frame.to_socketcan()), Some(frame));
+    if let Some((node, status)) = vesc_can::VescStatus::decode(&frame) {
         let again = status.encode(node);
         assert_eq!(again.id, frame.id);
-        assert_eq!(vesc_can::Status::decode(&again), Some((node, status)));
+        assert_eq!(vesc_can::VescStatus::decode(&again), Some((node, status)));
     }
-    if let Some((node, order)) = vesc_can::Order::decode(&frame) {
+    if let Some((node, order)) = vesc_can::VescCommand::decode(&frame) {
         assert_eq!(order.encode(node), frame);
     }
 }

@@ -6,27 +6,27 @@ use std::time::Instant;
 use super::Finding;
 
 /// Room for a game's log, MB: two halves of 15 minutes at 4 MB/s.
-const ROOM_MB: u64 = 7_200;
+const LOG_SPACE_MB: u64 = 7_200;
 /// Room for its first minute, MB.
-const ROOM_LEAST_MB: u64 = 240;
+const LOG_SPACE_MIN_MB: u64 = 240;
 /// What a log of JPEG images needs at 60 Hz, MB/s.
-const DISK_RATE_MB: f64 = 10.0;
+const WRITE_RATE_MIN_MB_S: f64 = 10.0;
 /// Bytes written to measure the disk.
 const PROBE_BYTES: usize = 32 << 20;
 /// 2025: an earlier date is that of a clock without a battery.
-const EARLIEST_S: u64 = 1_735_689_600;
+const PLAUSIBLE_TIME_MIN_S: u64 = 1_735_689_600;
 
 /// What was found of the machine; `logs` is where logs are written.
-pub(super) fn findings(logs: &Path) -> Vec<Finding> {
-    let mut findings = vec![processor(), python()];
-    findings.extend(disk(logs));
-    findings.push(clock());
-    findings.push(governor());
-    findings.push(priority());
+pub(super) fn check_machine(logs: &Path) -> Vec<Finding> {
+    let mut findings = vec![check_processor(), check_python()];
+    findings.extend(check_disk(logs));
+    findings.push(check_clock());
+    findings.push(check_governor());
+    findings.push(check_realtime_priority());
     findings
 }
 
-fn processor() -> Finding {
+fn check_processor() -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     match cores {
         0 | 1 => Finding::note(
@@ -39,7 +39,7 @@ fn processor() -> Finding {
 }
 
 #[cfg(feature = "python")]
-fn python() -> Finding {
+fn check_python() -> Finding {
     match crate::python::check() {
         Ok(version) => Finding::fine("Python", version),
         Err(error) => Finding::note(
@@ -55,7 +55,7 @@ fn python() -> Finding {
     Finding::fine("Python", "none in this build, and none is needed to play")
 }
 
-fn disk(logs: &Path) -> Vec<Finding> {
+fn check_disk(logs: &Path) -> Vec<Finding> {
     let what = format!("disk at {}", logs.display());
     let space = match rustix::fs::statvfs(logs) {
         Ok(space) => space,
@@ -66,18 +66,18 @@ fn disk(logs: &Path) -> Vec<Finding> {
     };
     let free_mb = space.f_bavail * space.f_frsize / 1_000_000;
     let found = format!("{free_mb} MB free");
-    let remedy = format!("delete old logs: a game with images takes {ROOM_MB} MB");
-    let room = if free_mb < ROOM_LEAST_MB {
+    let remedy = format!("delete old logs: a game with images takes {LOG_SPACE_MB} MB");
+    let room = if free_mb < LOG_SPACE_MIN_MB {
         Finding::bad(&what, found, remedy)
-    } else if free_mb < ROOM_MB {
+    } else if free_mb < LOG_SPACE_MB {
         Finding::note(&what, found, remedy)
     } else {
         Finding::fine(&what, found)
     };
     let mut findings = vec![room];
-    if free_mb >= ROOM_LEAST_MB {
+    if free_mb >= LOG_SPACE_MIN_MB {
         findings.push(match write_rate_mb(logs) {
-            Ok(rate) if rate < DISK_RATE_MB => Finding::note(
+            Ok(rate) if rate < WRITE_RATE_MIN_MB_S => Finding::note(
                 &what,
                 format!("writes {rate:.0} MB/s"),
                 "images will be dropped from logs: use a faster disk, or --images none",
@@ -103,11 +103,11 @@ fn write_rate_mb(folder: &Path) -> std::io::Result<f64> {
     Ok(PROBE_BYTES as f64 * 1e-6 / began.elapsed().as_secs_f64())
 }
 
-fn clock() -> Finding {
+fn check_clock() -> Finding {
     let now = std::time::SystemTime::now()
         .duration_since(std::time::UNIX_EPOCH)
         .map_or(0, |time| time.as_secs());
-    if now < EARLIEST_S {
+    if now < PLAUSIBLE_TIME_MIN_S {
         return Finding::note(
             "clock",
             "the date is years behind",
@@ -120,7 +120,7 @@ fn clock() -> Finding {
     )
 }
 
-fn governor() -> Finding {
+fn check_governor() -> Finding {
     let path = "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor";
     match std::fs::read_to_string(path) {
         Ok(governor) if governor.trim() == "powersave" => Finding::note(
@@ -134,8 +134,8 @@ fn governor() -> Finding {
 }
 
 /// Tries it in a thread that ends at once, so that nothing keeps the priority.
-fn priority() -> Finding {
-    let tried = std::thread::spawn(|| hw::realtime::set_priority(1)).join();
+fn check_realtime_priority() -> Finding {
+    let tried = std::thread::spawn(|| hw::realtime::set_realtime_priority(1)).join();
     match tried {
         Ok(Ok(())) => Finding::fine("real-time priority", "may be set (run --realtime)"),
         _ => Finding::note(

@@ -26,7 +26,7 @@ pub struct Args {
 /// How something is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
-enum Verdict {
+enum Severity {
     /// As it should be.
     Fine,
     /// The robot plays, but not as well as it could.
@@ -41,7 +41,7 @@ struct Finding {
     /// What was looked at.
     what: String,
     /// How it is.
-    verdict: Verdict,
+    verdict: Severity,
     /// What was found.
     found: String,
     /// What to do about it; empty if nothing.
@@ -52,7 +52,7 @@ impl Finding {
     fn fine(what: &str, found: impl Into<String>) -> Self {
         Finding {
             what: what.to_owned(),
-            verdict: Verdict::Fine,
+            verdict: Severity::Fine,
             found: found.into(),
             remedy: String::new(),
         }
@@ -61,7 +61,7 @@ impl Finding {
     fn note(what: &str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Finding {
             what: what.to_owned(),
-            verdict: Verdict::Note,
+            verdict: Severity::Note,
             found: found.into(),
             remedy: remedy.into(),
         }
@@ -69,7 +69,7 @@ impl Finding {
 
     fn bad(what: &str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Finding {
-            verdict: Verdict::Bad,
+            verdict: Severity::Bad,
             ..Finding::note(what, found, remedy)
         }
     }
@@ -77,13 +77,13 @@ impl Finding {
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
-    let mut findings = machine::findings(&args.logs);
+    let mut findings = machine::check_machine(&args.logs);
     if let Some(robot) = &args.robot {
-        findings.extend(robot::findings(robot, args.listen));
+        findings.extend(robot::check_robot(robot, args.listen));
     }
     let bad = findings
         .iter()
-        .filter(|finding| finding.verdict == Verdict::Bad)
+        .filter(|finding| finding.verdict == Severity::Bad)
         .count();
     if json {
         println!(
@@ -93,9 +93,9 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     } else {
         for finding in &findings {
             let mark = match finding.verdict {
-                Verdict::Fine => "ok  ",
-                Verdict::Note => "note",
-                Verdict::Bad => "BAD ",
+                Severity::Fine => "ok  ",
+                Severity::Note => "note",
+                Severity::Bad => "BAD ",
             };
             println!("{mark} {}: {}", finding.what, finding.found);
             if !finding.remedy.is_empty() {

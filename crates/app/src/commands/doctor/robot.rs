@@ -3,23 +3,23 @@
 use std::path::Path;
 use std::time::Duration;
 
-use hw::{Devices, Event, HardwareConfig, Health, Inbox, State};
+use hw::{DeviceEvent, Devices, EventQueue, HardwareConfig, HealthReport, HealthState};
 
 use super::Finding;
 use crate::net::NetworkConfig;
 use crate::run::outside::NETWORK_FILE;
 use crate::run::raw_image::raw_image;
-use crate::run::robot::files;
+use crate::run::robot::resolve_robot_path;
 use pipeline::cycle::{Spine, SpineConfig};
 use pipeline::sample::{Content, Frame, Picture, Sample};
 use pipeline::setup::Setup;
 
 /// Line points that a camera on a field shows at least.
-const POINTS_FEW: usize = 15;
+const LINE_POINTS_MIN: usize = 15;
 
 /// What was found of a robot.
-pub(super) fn findings(path: &Path, listen: f64) -> Vec<Finding> {
-    let (folder, robot_file) = match files(path) {
+pub(super) fn check_robot(path: &Path, listen: f64) -> Vec<Finding> {
+    let (folder, robot_file) = match resolve_robot_path(path) {
         Ok(found) => found,
         Err(error) => {
             let remedy = "name the robot's folder, or copy config/robots/virtual and change it";
@@ -50,9 +50,9 @@ pub(super) fn findings(path: &Path, listen: f64) -> Vec<Finding> {
     let hardware = HardwareConfig::load(&folder.join("hardware.toml"));
     match hardware {
         Ok(hardware) => {
-            findings.push(Finding::fine("hardware.toml", summary(&hardware)));
+            findings.push(Finding::fine("hardware.toml", hardware_summary(&hardware)));
             if let Ok(setup) = &setup {
-                findings.extend(devices(&hardware, setup, listen));
+                findings.extend(check_devices(&hardware, setup, listen));
             }
         }
         Err(error) => findings.push(Finding::bad(
@@ -61,12 +61,12 @@ pub(super) fn findings(path: &Path, listen: f64) -> Vec<Finding> {
             "docs/hardware.toml has every key; `mirrorball run --list` the devices of this machine",
         )),
     }
-    findings.extend(network(&folder.join(NETWORK_FILE)));
+    findings.extend(check_network(&folder.join(NETWORK_FILE)));
     findings
 }
 
 /// What the robot's network.toml opens; nothing without one.
-fn network(path: &Path) -> Option<Finding> {
+fn check_network(path: &Path) -> Option<Finding> {
     if !path.exists() {
         return None;
     }
@@ -106,7 +106,7 @@ fn network(path: &Path) -> Option<Finding> {
     Some(Finding::fine(NETWORK_FILE, open.join(", ")))
 }
 
-fn summary(hardware: &HardwareConfig) -> String {
+fn hardware_summary(hardware: &HardwareConfig) -> String {
     let yes = |there: bool| if there { "" } else { "no " };
     format!(
         "{}camera, {}base, {} inertial",
@@ -116,8 +116,8 @@ fn summary(hardware: &HardwareConfig) -> String {
     )
 }
 
-fn devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<Finding> {
-    let inbox = Inbox::new(1024);
+fn check_devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<Finding> {
+    let inbox = EventQueue::new(1024);
     let devices = match Devices::start(hardware, &setup.robot, &inbox) {
         Ok(devices) => devices,
         Err(error) => {
@@ -128,18 +128,18 @@ fn devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<Finding
     let until = hw::now() + listen;
     let (mut frame, mut stopped) = (None, false);
     while hw::now() < until {
-        match inbox.take(Duration::from_millis(50)) {
-            Some(Event::Frame(newest)) => frame = Some(newest),
-            Some(Event::Switches(switches)) => stopped = switches.emergency_stop,
+        match inbox.pop_timeout(Duration::from_millis(50)) {
+            Some(DeviceEvent::Image(newest)) => frame = Some(newest),
+            Some(DeviceEvent::Switches(switches)) => stopped = switches.emergency_stop,
             _ => {}
         }
     }
-    let ports = ports(hardware);
+    let ports = device_ports(hardware);
     let mut findings: Vec<Finding> = devices
         .health()
         .iter()
         .zip(ports)
-        .map(|(health, port)| device(health, &port))
+        .map(|(health, port)| device_finding(health, &port))
         .collect();
     if stopped {
         findings.push(Finding::note(
@@ -149,38 +149,44 @@ fn devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<Finding
         ));
     }
     if hardware.camera.is_some() {
-        findings.extend(frame.map(|frame| sight(setup, frame)));
+        findings.extend(frame.map(|frame| check_vision(setup, frame)));
     }
     findings
 }
 
 /// The ports in the order in which [`Devices::health`] tells.
-fn ports(hardware: &HardwareConfig) -> Vec<String> {
+fn device_ports(hardware: &HardwareConfig) -> Vec<String> {
     let base = hardware.base.iter().map(|base| base.port.clone());
     let camera = hardware.camera.iter().map(|camera| camera.device.clone());
     let inertial = hardware.inertial.iter().map(|one| one.port.clone());
     base.chain(camera).chain(inertial).collect()
 }
 
-fn device(health: &Health, port: &str) -> Finding {
+fn device_finding(health: &HealthReport, port: &str) -> Finding {
     let what = format!("{} ({port})", health.device);
     let reason = health.reason.clone().unwrap_or_default();
     match health.state {
-        State::Running => Finding::fine(&what, format!("{} messages", health.messages)),
-        State::Clock => Finding::note(&what, reason, "set the device's clock, or its driver's"),
-        State::Absent => Finding::bad(&what, reason, remedy_of_absence(port)),
-        State::Stalled => Finding::bad(&what, reason, "look at its power, cable and settings"),
-        State::Garbage => Finding::bad(
+        HealthState::Running => Finding::fine(&what, format!("{} messages", health.messages)),
+        HealthState::Clock => {
+            Finding::note(&what, reason, "set the device's clock, or its driver's")
+        }
+        HealthState::Absent => Finding::bad(&what, reason, missing_device_remedy(port)),
+        HealthState::Stalled => {
+            Finding::bad(&what, reason, "look at its power, cable and settings")
+        }
+        HealthState::Garbage => Finding::bad(
             &what,
             reason,
             "compare baud rate and protocol with the device's; swap the names if two were confused",
         ),
-        State::Stuck | State::Range => Finding::bad(&what, reason, "switch the device off and on"),
+        HealthState::Stuck | HealthState::Range => {
+            Finding::bad(&what, reason, "switch the device off and on")
+        }
     }
 }
 
 /// What helps with a device that cannot be opened.
-fn remedy_of_absence(port: &str) -> String {
+fn missing_device_remedy(port: &str) -> String {
     let path = Path::new(port.strip_prefix("unix:").unwrap_or(port));
     if port.starts_with("genicam:") {
         return "look at the network's address and the camera's power; `arv-tool-0.8` lists what answers".to_owned();
@@ -208,7 +214,7 @@ fn remedy_of_absence(port: &str) -> String {
 }
 
 /// Looks at one frame as `run` would.
-fn sight(setup: &Setup, frame: hw::camera::CameraFrame) -> Finding {
+fn check_vision(setup: &Setup, frame: hw::camera::CapturedImage) -> Finding {
     let spine = Spine::new(setup, &SpineConfig::default());
     let stamp = frame.stamp;
     let content = Content::Image(Picture::Raw(raw_image(frame)));
@@ -225,7 +231,7 @@ fn sight(setup: &Setup, frame: hw::camera::CameraFrame) -> Finding {
             None => {
                 let points = cycle.points.len();
                 let found = format!("{points} line points in one image");
-                if points < POINTS_FEW {
+                if points < LINE_POINTS_MIN {
                     let remedy = "on a field: uncover the lens, set exposure, check the map with `calibrate`";
                     Finding::note("sight", found, remedy)
                 } else {

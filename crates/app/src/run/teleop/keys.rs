@@ -10,38 +10,38 @@ use rustix::termios::{
     LocalModes, OptionalActions, SpecialCodeIndex, Termios, tcgetattr, tcsetattr,
 };
 
-use super::twist_of;
+use super::twist_from_axes;
 
 /// A key drives for so long after it was pressed, seconds: terminals repeat a held key after half a second.
 const KEY_HOLD: f64 = 0.6;
 /// Speed at the start, m/s, and what a key or a full stick may make of it.
-const SPEED_FIRST: f32 = 0.5;
+const INITIAL_SPEED: f32 = 0.5;
 const SPEED_RANGE: (f32, f32) = (0.1, 3.0);
 /// What a key asks for besides motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Wish {
+pub(super) enum KeyAction {
     Kick,
-    End,
+    Quit,
 }
 
 /// The keys' doing.
 #[derive(Debug)]
-pub(super) struct Hand {
+pub(super) struct KeyboardState {
     pub(super) speed: f32,
-    way: Option<([f32; 3], Stamp)>,
-    pub(super) drove: bool,
+    direction: Option<([f32; 3], Stamp)>,
+    pub(super) was_driving: bool,
 }
 
-impl Hand {
+impl KeyboardState {
     pub(super) fn new() -> Self {
-        Hand {
-            speed: SPEED_FIRST,
-            way: None,
-            drove: false,
+        KeyboardState {
+            speed: INITIAL_SPEED,
+            direction: None,
+            was_driving: false,
         }
     }
 
-    pub(super) fn key(&mut self, key: u8, now: Stamp) -> Option<Wish> {
+    pub(super) fn handle_key(&mut self, key: u8, now: Stamp) -> Option<KeyAction> {
         let way = match key.to_ascii_lowercase() {
             b'w' => [1.0, 0.0, 0.0],
             b's' => [-1.0, 0.0, 0.0],
@@ -57,31 +57,31 @@ impl Hand {
                 self.speed = (self.speed / 1.25).max(SPEED_RANGE.0);
                 return None;
             }
-            b'k' => return Some(Wish::Kick),
+            b'k' => return Some(KeyAction::Kick),
             // Ctrl-C comes as a signal; Ctrl-D is the end of a terminal's input.
-            b'x' | 4 => return Some(Wish::End),
+            b'x' | 4 => return Some(KeyAction::Quit),
             _ => {
-                self.way = None;
+                self.direction = None;
                 return None;
             }
         };
-        self.way = Some((way, now + KEY_HOLD));
+        self.direction = Some((way, now + KEY_HOLD));
         None
     }
 
     pub(super) fn twist(&self, now: Stamp) -> Option<Twist> {
-        let (way, until) = self.way?;
-        (now < until).then(|| twist_of(way, self.speed))
+        let (way, until) = self.direction?;
+        (now < until).then(|| twist_from_axes(way, self.speed))
     }
 }
 
 /// A terminal that gives each key as it is pressed; it is as it was again afterwards.
-pub(super) struct Keys {
+pub(super) struct RawTerminal {
     pub(super) fd: OwnedFd,
-    before: Termios,
+    saved_settings: Termios,
 }
 
-impl Keys {
+impl RawTerminal {
     /// The terminal of this process; none where there is none.
     pub(super) fn open() -> Result<Option<Self>> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
@@ -95,10 +95,13 @@ impl Keys {
         single.special_codes[SpecialCodeIndex::VTIME] = 0;
         tcsetattr(&fd, OptionalActions::Now, &single)
             .context("cannot take single keys from the terminal")?;
-        Ok(Some(Keys { fd, before }))
+        Ok(Some(RawTerminal {
+            fd,
+            saved_settings: before,
+        }))
     }
 
-    pub(super) fn pressed(&self) -> Vec<u8> {
+    pub(super) fn read_keys(&self) -> Vec<u8> {
         let mut bytes = [0; 64];
         // Nothing pressed, or a terminal that is gone: no key either way.
         let count = rustix::io::read(&self.fd, &mut bytes[..]).unwrap_or(0);
@@ -106,10 +109,10 @@ impl Keys {
     }
 }
 
-impl Drop for Keys {
+impl Drop for RawTerminal {
     fn drop(&mut self) {
         // A terminal that is gone needs no settings.
-        let _gone = tcsetattr(&self.fd, OptionalActions::Now, &self.before);
+        let _gone = tcsetattr(&self.fd, OptionalActions::Now, &self.saved_settings);
     }
 }
 
@@ -118,18 +121,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_key_drives_for_as_long_as_it_is_held_and_another_stops() {
-        let mut hand = Hand::new();
+    fn key_drives_for_its_hold_time_and_any_other_key_stops() {
+        let mut hand = KeyboardState::new();
         let at = Stamp::from_seconds;
         assert_eq!(hand.twist(at(0.0)), None);
-        assert_eq!(hand.key(b'w', at(0.0)), None);
-        assert_eq!(hand.twist(at(0.5)).map(|twist| twist.x), Some(SPEED_FIRST));
+        assert_eq!(hand.handle_key(b'w', at(0.0)), None);
+        assert_eq!(
+            hand.twist(at(0.5)).map(|twist| twist.x),
+            Some(INITIAL_SPEED)
+        );
         assert_eq!(hand.twist(at(0.7)), None, "the hand let go");
-        hand.key(b'q', at(1.0));
+        hand.handle_key(b'q', at(1.0));
         assert!(hand.twist(at(1.1)).is_some_and(|twist| twist.theta > 0.0));
-        hand.key(b' ', at(1.2));
+        hand.handle_key(b' ', at(1.2));
         assert_eq!(hand.twist(at(1.2)), None);
-        assert_eq!(hand.key(b'x', at(1.3)), Some(Wish::End));
-        assert_eq!(hand.key(b'k', at(1.3)), Some(Wish::Kick));
+        assert_eq!(hand.handle_key(b'x', at(1.3)), Some(KeyAction::Quit));
+        assert_eq!(hand.handle_key(b'k', at(1.3)), Some(KeyAction::Kick));
     }
 }

@@ -6,21 +6,21 @@ mod pads;
 use std::os::fd::AsFd;
 
 use anyhow::Result;
-use hw::base::{Drive, Kick};
+use hw::base::{Kick, MotionCommand};
 use localize::omni::Twist;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::helm::{Driver, Helm};
-use super::stop::Stop;
-use keys::{Hand, Keys, Wish};
-use pads::Pads;
+use super::helm::{CommandArbiter, CommandSource};
+use super::stop::StopFlag;
+use keys::{KeyAction, KeyboardState, RawTerminal};
+use pads::Gamepads;
 
 /// Commands are good for so long, seconds.
-const COMMAND: f64 = 0.08;
+const COMMAND_VALIDITY: f64 = 0.08;
 /// Time between commands, nanoseconds.
 const PERIOD_NS: i64 = 20_000_000;
 /// Rate of turn over speed, rad/s per m/s: a robot that drives fast may turn fast.
-const TURN_PER_SPEED: f32 = 2.0;
+const YAW_RATE_PER_SPEED: f32 = 2.0;
 /// Speed of a kicked ball, m/s.
 const KICK_SPEED: f32 = 6.0;
 
@@ -29,15 +29,15 @@ pub const HELP: &str = "drive: w a s d, turn: q e, slower and faster: - +, kick:
      game pad: hold a shoulder button; left stick drives, right stick turns, first button kicks";
 
 /// Drives by hand until the end is asked for.
-pub fn drive(helm: &Helm, stop: &Stop) -> Result<()> {
-    let keys = Keys::open()?;
+pub fn drive(helm: &CommandArbiter, stop: &StopFlag) -> Result<()> {
+    let keys = RawTerminal::open()?;
     let keys = keys.as_ref();
-    let mut pads = Pads::default();
-    let mut hand = Hand::new();
+    let mut pads = Gamepads::default();
+    let mut hand = KeyboardState::new();
     while !stop.is_raised() {
-        pads.look();
+        pads.scan();
         let mut fds: Vec<_> = keys.iter().map(|keys| keys.fd.as_fd()).collect();
-        fds.extend(pads.open.iter().map(|pad| pad.fd.as_fd()));
+        fds.extend(pads.pads.iter().map(|pad| pad.fd.as_fd()));
         let mut fds: Vec<_> = fds
             .into_iter()
             .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN))
@@ -50,10 +50,10 @@ pub fn drive(helm: &Helm, stop: &Stop) -> Result<()> {
         let _interrupted = poll(&mut fds, Some(&period));
         drop(fds);
         let now = hw::now();
-        for key in keys.iter().flat_map(|keys| keys.pressed()) {
-            match hand.key(key, now) {
-                Some(Wish::End) => stop.raise(),
-                Some(Wish::Kick) => kick(helm),
+        for key in keys.iter().flat_map(|keys| keys.read_keys()) {
+            match hand.handle_key(key, now) {
+                Some(KeyAction::Quit) => stop.raise(),
+                Some(KeyAction::Kick) => kick(helm),
                 None => {}
             }
         }
@@ -65,28 +65,33 @@ pub fn drive(helm: &Helm, stop: &Stop) -> Result<()> {
         match twist {
             Some(twist) => {
                 // A base that is not there now may be there for the next command.
-                let _refused = helm.drive(Driver::Hand, Drive::Twist(twist), now + COMMAND, false);
-                hand.drove = true;
+                let _refused = helm.drive(
+                    CommandSource::Operator,
+                    MotionCommand::Twist(twist),
+                    now + COMMAND_VALIDITY,
+                    false,
+                );
+                hand.was_driving = true;
             }
-            None if std::mem::take(&mut hand.drove) => helm.halt(),
+            None if std::mem::take(&mut hand.was_driving) => helm.halt(),
             None => {}
         }
     }
     Ok(())
 }
 
-fn kick(helm: &Helm) {
+fn kick(helm: &CommandArbiter) {
     let kick = Kick {
         speed: KICK_SPEED,
         lofted: false,
     };
-    let _refused = helm.kick(Driver::Hand, kick, hw::now() + COMMAND);
+    let _refused = helm.kick(CommandSource::Operator, kick, hw::now() + COMMAND_VALIDITY);
 }
 
-fn twist_of([x, y, turn]: [f32; 3], speed: f32) -> Twist {
+fn twist_from_axes([x, y, turn]: [f32; 3], speed: f32) -> Twist {
     Twist {
         x: x * speed,
         y: y * speed,
-        theta: turn * speed * TURN_PER_SPEED,
+        theta: turn * speed * YAW_RATE_PER_SPEED,
     }
 }

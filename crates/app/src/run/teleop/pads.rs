@@ -7,65 +7,68 @@ use localize::Stamp;
 use localize::omni::Twist;
 use rustix::fs::{Mode, OFlags};
 
-use super::twist_of;
+use super::twist_from_axes;
 
 /// Game pads as linux/joystick.h has them: events of 8 bytes.
 #[derive(Default)]
-pub(super) struct Pads {
-    pub(super) open: Vec<Pad>,
-    looked: Option<Stamp>,
+pub(super) struct Gamepads {
+    pub(super) pads: Vec<Gamepad>,
+    last_scan: Option<Stamp>,
 }
 
-pub(super) struct Pad {
+pub(super) struct Gamepad {
     path: PathBuf,
     pub(super) fd: OwnedFd,
     /// −1 to 1: left stick (right, down), triggers and right stick as the driver numbers them.
     axes: [f32; 8],
     buttons: [bool; 16],
-    kick: bool,
+    kick_pressed: bool,
 }
 
 /// Time between looks for pads that were plugged in, seconds.
-const LOOK: f64 = 1.0;
+const SCAN_PERIOD: f64 = 1.0;
 /// Deflection of a stick that is none.
 const DEAD_ZONE: f32 = 0.1;
 /// Axes and buttons as the kernel's driver for most pads (xpad) numbers them.
-const LEFT_RIGHT: usize = 0;
-const LEFT_DOWN: usize = 1;
-const RIGHT_RIGHT: usize = 3;
+const AXIS_LEFT_X: usize = 0;
+const AXIS_LEFT_Y: usize = 1;
+const AXIS_RIGHT_X: usize = 3;
 const KICK_BUTTON: usize = 0;
-const SHOULDERS: [usize; 2] = [4, 5];
+const SHOULDER_BUTTONS: [usize; 2] = [4, 5];
 
-impl Pads {
-    pub(super) fn look(&mut self) {
+impl Gamepads {
+    pub(super) fn scan(&mut self) {
         let now = hw::now();
-        if self.looked.is_some_and(|looked| now - looked < LOOK) {
+        if self
+            .last_scan
+            .is_some_and(|looked| now - looked < SCAN_PERIOD)
+        {
             return;
         }
-        self.looked = Some(now);
+        self.last_scan = Some(now);
         for number in 0..4 {
             let path = PathBuf::from(format!("/dev/input/js{number}"));
-            if !self.open.iter().any(|pad| pad.path == path) {
-                self.open.extend(Pad::open(&path));
+            if !self.pads.iter().any(|pad| pad.path == path) {
+                self.pads.extend(Gamepad::open(&path));
             }
         }
     }
 
     /// Takes what the pads say; one that was pulled out says nothing, and drives nothing, any more.
     pub(super) fn read(&mut self) {
-        self.open.retain_mut(Pad::read);
+        self.pads.retain_mut(Gamepad::read);
     }
 
     pub(super) fn take_kick(&mut self) -> bool {
-        self.open
+        self.pads
             .iter_mut()
-            .any(|pad| std::mem::take(&mut pad.kick))
+            .any(|pad| std::mem::take(&mut pad.kick_pressed))
     }
 
     pub(super) fn twist(&self, speed: f32) -> Option<Twist> {
-        let held = |pad: &&Pad| SHOULDERS.iter().any(|button| pad.buttons[*button]);
-        let pad = self.open.iter().find(held)?;
-        let way = [LEFT_DOWN, LEFT_RIGHT, RIGHT_RIGHT].map(|axis| {
+        let held = |pad: &&Gamepad| SHOULDER_BUTTONS.iter().any(|button| pad.buttons[*button]);
+        let pad = self.pads.iter().find(held)?;
+        let way = [AXIS_LEFT_Y, AXIS_LEFT_X, AXIS_RIGHT_X].map(|axis| {
             let deflection = pad.axes[axis];
             if deflection.abs() < DEAD_ZONE {
                 0.0
@@ -73,20 +76,20 @@ impl Pads {
                 -deflection
             }
         });
-        Some(twist_of(way, speed))
+        Some(twist_from_axes(way, speed))
     }
 }
 
-impl Pad {
+impl Gamepad {
     fn open(path: &Path) -> Option<Self> {
         let flags = OFlags::RDONLY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let fd = rustix::fs::open(path, flags, Mode::empty()).ok()?;
-        Some(Pad {
+        Some(Gamepad {
             path: path.to_owned(),
             fd,
             axes: [0.0; 8],
             buttons: [false; 16],
-            kick: false,
+            kick_pressed: false,
         })
     }
 
@@ -98,7 +101,7 @@ impl Pad {
             Ok(count) => {
                 bytes[..count]
                     .chunks_exact(8)
-                    .for_each(|event| self.event(event));
+                    .for_each(|event| self.handle_event(event));
                 true
             }
             Err(rustix::io::Errno::WOULDBLOCK | rustix::io::Errno::INTR) => true,
@@ -107,14 +110,14 @@ impl Pad {
     }
 
     /// u32 time, i16 value, u8 kind (1 button, 2 axis, with 0x80 the state at the start), u8 number.
-    fn event(&mut self, event: &[u8]) {
+    fn handle_event(&mut self, event: &[u8]) {
         let value = i16::from_le_bytes([event[4], event[5]]);
         let (first, number) = (event[6] & 0x80 != 0, usize::from(event[7]));
         match event[6] & 0x7F {
             1 => {
                 if let Some(button) = self.buttons.get_mut(number) {
                     *button = value != 0;
-                    self.kick |= number == KICK_BUTTON && value != 0 && !first;
+                    self.kick_pressed |= number == KICK_BUTTON && value != 0 && !first;
                 }
             }
             2 => {
@@ -132,28 +135,28 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pad_drives_only_while_a_shoulder_button_is_held() {
+    fn gamepad_drives_only_with_shoulder_button_held() {
         let fd = rustix::fs::open("/dev/null", OFlags::RDONLY, Mode::empty()).expect("opened");
-        let mut pads = Pads::default();
-        pads.open.push(Pad {
+        let mut pads = Gamepads::default();
+        pads.pads.push(Gamepad {
             path: PathBuf::new(),
             fd,
             axes: [0.0; 8],
             buttons: [false; 16],
-            kick: false,
+            kick_pressed: false,
         });
         let event = |value: i16, kind, number| {
             let [low, high] = value.to_le_bytes();
             [0, 0, 0, 0, low, high, kind, number]
         };
-        pads.open[0].event(&event(-32_767, 2, 1));
+        pads.pads[0].handle_event(&event(-32_767, 2, 1));
         assert_eq!(pads.twist(1.0), None);
-        pads.open[0].event(&event(1, 1, 4));
+        pads.pads[0].handle_event(&event(1, 1, 4));
         let twist = pads.twist(1.0).expect("driven");
         assert!((twist.x - 1.0).abs() < 1e-4 && twist.y == 0.0);
-        pads.open[0].event(&event(1, 1 | 0x80, 0));
+        pads.pads[0].handle_event(&event(1, 1 | 0x80, 0));
         assert!(!pads.take_kick(), "held since before");
-        pads.open[0].event(&event(1, 1, 0));
+        pads.pads[0].handle_event(&event(1, 1, 0));
         assert!(pads.take_kick() && !pads.take_kick());
         // The end of /dev/null is what an unplugged pad looks like.
         pads.read();
