@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::commands::arguments::WrongArguments;
+use crate::commands::arguments::UsageError;
 use crate::commands::{bench, calibrate, demo, doctor, locate, recover, replay, sim};
 #[cfg(feature = "python")]
 use crate::commands::{mirror, script};
@@ -96,7 +96,7 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("mirrorball: {}", message(&error));
-            ExitCode::from(if error.is::<WrongArguments>() { 2 } else { 1 })
+            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
         }
     }
 }

@@ -5,28 +5,28 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result, bail};
 
-static ASKED: AtomicBool = AtomicBool::new(false);
+static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
 /// What a shell reports of a process that SIGINT ended.
-const INTERRUPTED: i32 = 130;
+const EXIT_CODE_SIGINT: i32 = 130;
 
 /// From now on `asked` and `check` tell; whoever asks twice does not wait for the end of a cycle.
-pub fn watch() -> Result<()> {
+pub fn install_handler() -> Result<()> {
     ctrlc::set_handler(|| {
-        if ASKED.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPTED);
+        if STOP_REQUESTED.swap(true, Ordering::Relaxed) {
+            std::process::exit(EXIT_CODE_SIGINT);
         }
     })
     .context("cannot listen for Ctrl-C")
 }
 
 /// Whether somebody asked us to stop.
-pub fn asked() -> bool {
-    ASKED.load(Ordering::Relaxed)
+pub fn stop_requested() -> bool {
+    STOP_REQUESTED.load(Ordering::Relaxed)
 }
 
 /// Breaks off a loop once somebody asked us to stop.
 pub fn flow() -> ControlFlow<()> {
-    if asked() {
+    if stop_requested() {
         ControlFlow::Break(())
     } else {
         ControlFlow::Continue(())
@@ -35,7 +35,7 @@ pub fn flow() -> ControlFlow<()> {
 
 /// An error once somebody asked us to stop: what drops on the way out takes its unfinished files with it.
 pub fn check() -> Result<()> {
-    if asked() {
+    if stop_requested() {
         bail!("interrupted");
     }
     Ok(())

@@ -103,7 +103,7 @@ fn interpreter(python: Option<&Path>) -> Result<PathBuf> {
             "--python {}: no interpreter there",
             given.display()
         );
-        return checked(program);
+        return ensure_matching_version(program);
     }
     if let Some(folder) = env::var_os("VIRTUAL_ENV").filter(|folder| !folder.is_empty()) {
         let program = Path::new(&folder).join("bin/python3");
@@ -112,7 +112,7 @@ fn interpreter(python: Option<&Path>) -> Result<PathBuf> {
             "VIRTUAL_ENV={}: no interpreter there",
             Path::new(&folder).display()
         );
-        return checked(program);
+        return ensure_matching_version(program);
     }
     let kept = Path::new(BUILD_VENV).join("bin/python3");
     Ok(if kept.exists() {
@@ -123,7 +123,7 @@ fn interpreter(python: Option<&Path>) -> Result<PathBuf> {
 }
 
 /// Refuses a virtual environment of another Python version: its compiled packages do not fit this libpython.
-fn checked(program: PathBuf) -> Result<PathBuf> {
+fn ensure_matching_version(program: PathBuf) -> Result<PathBuf> {
     let ours = format!("3.{}", linked_minor());
     let Some(folder) = program.parent().and_then(Path::parent) else {
         return Ok(program);

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use localize::estimate::Mode;
-use pipeline::cycle::{Spine, SpineConfig};
-use pipeline::sample::{Picture, Sample};
+use pipeline::cycle::{Pipeline, PipelineConfig};
+use pipeline::sample::{Sample, SourceImage};
 use pipeline::simulation::Simulation;
 use vision::Image;
 
 /// The carpet's brightness in the image is back when it is within this factor of what it was before the change.
-const BACK: f32 = 1.2;
+const RECOVERY_FACTOR: f32 = 1.2;
 
 /// The median of green around the robot, of 255: most of it is carpet, whatever stands or lies there.
 fn brightness(image: &Image) -> f32 {
@@ -24,22 +24,22 @@ fn brightness(image: &Image) -> f32 {
 }
 
 /// When each frame was taken, its brightness, and whether its place was tracked.
-fn drive(keyframes: &str, duration: f64, seed: u64) -> Vec<(f64, f32, bool)> {
+fn run_light_scenario(keyframes: &str, duration: f64, seed: u64) -> Vec<(f64, f32, bool)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let scenario = root.join("config/scenarios/light_change.toml");
     let over = toml::from_str(&format!("[light]\nkeyframes = [{keyframes}]")).expect("keyframes");
-    let mut simulation =
-        Simulation::changed(&scenario, &over, Some(seed), Some(duration)).expect("a scenario");
+    let mut simulation = Simulation::with_overrides(&scenario, &over, Some(seed), Some(duration))
+        .expect("a scenario");
     let setup = simulation.setup().expect("a setup");
-    let mut spine = Spine::new(&setup, &SpineConfig::default()).expect("a spine");
+    let mut spine = Pipeline::new(&setup, &PipelineConfig::default()).expect("a spine");
     let mut frames = Vec::new();
     while let Some(sample) = simulation.next() {
-        let is_frame = matches!(sample, Sample::Frame(_));
-        let Some(cycle) = spine.take(sample).filter(|_| is_frame) else {
+        let is_frame = matches!(sample, Sample::Image(_));
+        let Some(cycle) = spine.process_sample(sample).filter(|_| is_frame) else {
             continue;
         };
         let seconds = cycle.stamp.seconds();
-        let Some(Picture::Rgb(image)) = &cycle.inputs.image else {
+        let Some(SourceImage::Rgb(image)) = &cycle.inputs.image else {
             panic!("the simulator's frames are images");
         };
         // The first frames find the place; from then on it is carried on.
@@ -53,7 +53,12 @@ fn drive(keyframes: &str, duration: f64, seed: u64) -> Vec<(f64, f32, bool)> {
 }
 
 /// Frames after `changed` (seconds) until the brightness is what it was at `before`, and stays so until `until`.
-fn frames_until_back(frames: &[(f64, f32, bool)], before: f64, changed: f64, until: f64) -> usize {
+fn frames_until_recovery(
+    frames: &[(f64, f32, bool)],
+    before: f64,
+    changed: f64,
+    until: f64,
+) -> usize {
     let at_before = frames.iter().rfind(|frame| frame.0 <= before);
     let wanted = at_before.expect("a frame before the change").1;
     let after: Vec<f32> = frames
@@ -61,22 +66,22 @@ fn frames_until_back(frames: &[(f64, f32, bool)], before: f64, changed: f64, unt
         .filter(|frame| (changed..until).contains(&frame.0))
         .map(|frame| frame.1)
         .collect();
-    let off = |light: &f32| (light / wanted).ln().abs() > BACK.ln();
+    let off = |light: &f32| (light / wanted).ln().abs() > RECOVERY_FACTOR.ln();
     after.iter().rposition(off).map_or(0, |last| last + 1)
 }
 
 #[test]
-fn exposure_is_back_ten_frames_after_a_quarter_and_four_times_the_light() {
+fn exposure_recovers_within_10_frames_of_a_fourfold_light_change() {
     let keyframes = "
         { time = 1.0, level = 1.0 }, { time = 2.0, level = 0.25 },
         { time = 3.0, level = 0.25 }, { time = 4.0, level = 1.0 },
         { time = 5.0, level = 1.0 }, { time = 6.0, level = 4.0 }";
     for seed in 0..3 {
-        let frames = drive(keyframes, 7.0, seed);
+        let frames = run_light_scenario(keyframes, 7.0, seed);
         assert!(frames.len() > 200, "{} frames", frames.len());
         let lost = frames.iter().filter(|frame| !frame.2).count();
-        let fallen = frames_until_back(&frames, 1.0, 2.0, 3.0);
-        let risen = frames_until_back(&frames, 5.0, 6.0, 7.0);
+        let fallen = frames_until_recovery(&frames, 1.0, 2.0, 3.0);
+        let risen = frames_until_recovery(&frames, 5.0, 6.0, 7.0);
         println!(
             "seed {seed}: brightness from {:.0}, back after {fallen} and {risen} frames, {lost} lost",
             frames[20].1
@@ -88,15 +93,15 @@ fn exposure_is_back_ten_frames_after_a_quarter_and_four_times_the_light() {
 }
 
 #[test]
-fn a_lamp_that_is_switched_loses_no_frame() {
+fn sudden_light_change_loses_no_pose() {
     let keyframes = "
         { time = 1.0, level = 1.0 }, { time = 1.001, level = 0.25 },
         { time = 2.5, level = 0.25 }, { time = 2.501, level = 1.0 },
         { time = 4.0, level = 1.0 }, { time = 4.001, level = 4.0 }";
-    let frames = drive(keyframes, 5.5, 0);
+    let frames = run_light_scenario(keyframes, 5.5, 0);
     let lost = frames.iter().filter(|frame| !frame.2).count();
     let [fallen, back, risen] = [(0.99, 1.01, 2.5), (2.49, 2.51, 4.0), (3.99, 4.01, 5.5)]
-        .map(|(before, changed, until)| frames_until_back(&frames, before, changed, until));
+        .map(|(before, changed, until)| frames_until_recovery(&frames, before, changed, until));
     println!("switched: back after {fallen}, {back} and {risen} frames, {lost} lost");
     assert_eq!(lost, 0, "frames lost");
     assert!(

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail, ensure};
 
 /// A CSV file read whole: its rows, with the line each stood on.
-pub struct Table {
+pub struct CsvTable {
     path: PathBuf,
     columns: Vec<String>,
     rows: Vec<(u64, csv::StringRecord)>,
@@ -15,13 +15,13 @@ pub struct Table {
 
 /// One row of a table, asked by column name.
 #[derive(Clone, Copy)]
-pub struct Row<'a> {
-    table: &'a Table,
+pub struct CsvRow<'a> {
+    table: &'a CsvTable,
     line: u64,
     record: &'a csv::StringRecord,
 }
 
-impl Table {
+impl CsvTable {
     /// Reads a file that must have at least the wanted columns, in any order.
     pub fn read(path: &Path, wanted: &[&str]) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new()
@@ -53,7 +53,7 @@ impl Table {
             })?;
             rows.push((record.position().map_or(0, csv::Position::line), record));
         }
-        Ok(Table {
+        Ok(CsvTable {
             path: path.to_owned(),
             columns,
             rows,
@@ -61,8 +61,8 @@ impl Table {
     }
 
     /// The rows in the file's order.
-    pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
-        self.rows.iter().map(|(line, record)| Row {
+    pub fn rows(&self) -> impl Iterator<Item = CsvRow<'_>> {
+        self.rows.iter().map(|(line, record)| CsvRow {
             table: self,
             line: *line,
             record,
@@ -82,13 +82,13 @@ fn reason(error: &csv::Error) -> String {
     }
 }
 
-impl<'a> Row<'a> {
+impl<'a> CsvRow<'a> {
     /// The field's text.
     pub fn text(&self, column: &str) -> Result<&'a str> {
         let index = self.table.columns.iter().position(|name| name == column);
         index
             .and_then(|index| self.record.get(index))
-            .with_context(|| format!("{}: no column {column}", self.place()))
+            .with_context(|| format!("{}: no column {column}", self.location()))
     }
 
     /// The field as a finite number.
@@ -97,30 +97,30 @@ impl<'a> Row<'a> {
         let value: f64 = text
             .parse()
             .ok()
-            .with_context(|| format!("{}: {column} = {text:?} is not a number", self.place()))?;
+            .with_context(|| format!("{}: {column} = {text:?} is not a number", self.location()))?;
         ensure!(
             value.is_finite(),
             "{}: {column} = {text} is not finite",
-            self.place()
+            self.location()
         );
         Ok(value)
     }
 
     /// File and line, for messages.
-    pub fn place(&self) -> String {
+    pub fn location(&self) -> String {
         format!("{}: line {}", self.table.path.display(), self.line)
     }
 }
 
 /// A CSV that appears whole under its name, or not at all.
-pub struct Written {
+pub struct CsvWriter {
     path: PathBuf,
     /// Where it grows until it is whole; none for a pipe or device, which takes lines as they come.
     partial: Option<PathBuf>,
     out: BufWriter<File>,
 }
 
-impl Written {
+impl CsvWriter {
     /// Starts the file with its header line. A link is followed; a pipe or device is written straight to.
     pub fn create(path: &Path, header: &str) -> Result<Self> {
         let path = path
@@ -137,17 +137,17 @@ impl Written {
             None => std::fs::OpenOptions::new().write(true).open(&path),
         };
         let file = file.with_context(|| format!("cannot write {}", path.display()))?;
-        let mut written = Written {
+        let mut written = CsvWriter {
             path,
             partial,
             out: BufWriter::new(file),
         };
-        written.row(format_args!("{header}"))?;
+        written.write_row(format_args!("{header}"))?;
         Ok(written)
     }
 
     /// Adds one line.
-    pub fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
+    pub fn write_row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
         writeln!(self.out, "{row}").with_context(|| format!("cannot write {}", self.path.display()))
     }
 
@@ -164,7 +164,7 @@ impl Written {
     }
 }
 
-impl Drop for Written {
+impl Drop for CsvWriter {
     fn drop(&mut self) {
         // Gone already where `finish` renamed it; a failure here leaves a hidden .part file and nothing else.
         if let Some(partial) = &self.partial {
@@ -174,7 +174,7 @@ impl Drop for Written {
 }
 
 /// Seconds with no more decimals than a stamp has, and at least three.
-pub fn seconds(stamp: localize::Stamp) -> String {
+pub fn format_seconds(stamp: localize::Stamp) -> String {
     let nanoseconds = stamp.0.unsigned_abs();
     let sign = if stamp.0 < 0 { "-" } else { "" };
     let mut text = format!(
@@ -204,9 +204,9 @@ mod tests {
     }
 
     #[test]
-    fn a_word_where_a_number_should_be_is_named_with_its_line() {
+    fn non_numeric_field_is_reported_with_its_line() {
         let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1,fast\n");
-        let table = Table::read(&path, &["stamp_s", "dx_m"]).expect("a table");
+        let table = CsvTable::read(&path, &["stamp_s", "dx_m"]).expect("a table");
         let message = table
             .rows()
             .nth(1)
@@ -221,9 +221,9 @@ mod tests {
     }
 
     #[test]
-    fn a_short_row_is_named_with_its_line() {
+    fn short_row_is_reported_with_its_line() {
         let (_folder, path) = file("stamp_s,dx_m\n0.0,0.1\n0.1\n");
-        let message = Table::read(&path, &["stamp_s"])
+        let message = CsvTable::read(&path, &["stamp_s"])
             .err()
             .expect("short")
             .to_string();
@@ -234,20 +234,20 @@ mod tests {
     }
 
     #[test]
-    fn an_unfinished_file_leaves_nothing_behind() {
+    fn unfinished_csv_leaves_no_file() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("poses.csv");
-        let mut written = Written::create(&path, "a,b").expect("created");
-        written.row(format_args!("1,2")).expect("written");
+        let mut written = CsvWriter::create(&path, "a,b").expect("created");
+        written.write_row(format_args!("1,2")).expect("written");
         drop(written);
         assert_eq!(std::fs::read_dir(folder.path()).expect("listed").count(), 0);
     }
 
     #[test]
     fn stamps_keep_their_decimals() {
-        assert_eq!(seconds(Stamp(100_000_000)), "0.100");
-        assert_eq!(seconds(Stamp(33_333_333)), "0.033333333");
-        assert_eq!(seconds(Stamp(-1_500_000_000)), "-1.500");
-        assert_eq!(seconds(Stamp(40_000_000_000)), "40.000");
+        assert_eq!(format_seconds(Stamp(100_000_000)), "0.100");
+        assert_eq!(format_seconds(Stamp(33_333_333)), "0.033333333");
+        assert_eq!(format_seconds(Stamp(-1_500_000_000)), "-1.500");
+        assert_eq!(format_seconds(Stamp(40_000_000_000)), "40.000");
     }
 }

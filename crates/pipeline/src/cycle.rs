@@ -24,7 +24,7 @@ use vision::eyes::{Detections, Vision};
 use vision::goals::GoalKind;
 
 use crate::paths;
-use crate::sample::{Content, Frame, Picture, Sample, Truth};
+use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample, SourceImage};
 use crate::setup::Setup;
 
 /// One turn of the spine: what came in, what each stage found, what it refused and why, how long it took.
@@ -35,9 +35,9 @@ pub struct Cycle {
     /// What arrived since the previous cycle.
     pub inputs: Inputs,
     /// What vision found in the image; none if line points came in place of one, or nothing readable.
-    pub seen: Option<Detections>,
+    pub detections: Option<Detections>,
     /// The line points that localisation worked with.
-    pub points: Vec<LinePoint>,
+    pub line_points: Vec<LinePoint>,
     /// Where the robot is, as far as it knows.
     pub estimate: Estimate,
     /// Ball and robots around it.
@@ -66,9 +66,9 @@ pub struct Inputs {
     /// Words of team-mates, in order.
     pub reports: Vec<TeamReport>,
     /// The latest truth; no stage sees it.
-    pub truth: Option<Truth>,
+    pub truth: Option<GroundTruth>,
     /// The image, if there is one.
-    pub image: Option<Picture>,
+    pub image: Option<SourceImage>,
 }
 
 impl Cycle {
@@ -83,7 +83,7 @@ impl Inputs {
     /// of it, and what moved before where it points.
     ///
     /// A cycle is a function of its inputs alone, so the order in which threads delivered them must not matter.
-    pub fn in_order(&self) -> Vec<Sample> {
+    pub fn sorted_samples(&self) -> Vec<Sample> {
         let odometry = self
             .odometry
             .iter()
@@ -100,11 +100,11 @@ impl Inputs {
         let reports = self
             .reports
             .iter()
-            .map(|one| (one.stamp, Sample::Report(one.clone())));
+            .map(|one| (one.stamp, Sample::TeamReport(one.clone())));
         let truth = self
             .truth
             .iter()
-            .map(|one| (one.stamp, Sample::Truth(one.clone())));
+            .map(|one| (one.stamp, Sample::GroundTruth(one.clone())));
         let mut samples: Vec<(Stamp, Sample)> = commands
             .chain(imu)
             .chain(odometry)
@@ -129,7 +129,7 @@ pub struct Timings {
 /// How the stages work; a preset or an overlay file changes single values.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
-pub struct SpineConfig {
+pub struct PipelineConfig {
     /// From an image to features.
     pub vision: VisionConfig,
     /// From features and motion to a pose.
@@ -141,9 +141,9 @@ pub struct SpineConfig {
 }
 
 /// The name under which a log keeps these settings.
-pub const SPINE_FILE: &str = "spine.toml";
+pub const PIPELINE_FILE: &str = "spine.toml";
 
-impl SpineConfig {
+impl PipelineConfig {
     /// Every stage as that paper has it, or the default.
     pub fn preset(name: &str) -> Result<Self> {
         let localize =
@@ -166,34 +166,34 @@ impl SpineConfig {
             "nubot2013" => (scan.radial_lines, scan.spirals_each_way, scan.circles) = (72, 0, 0),
             _ => {}
         }
-        Ok(SpineConfig {
+        Ok(PipelineConfig {
             vision,
             localize,
-            ..SpineConfig::default()
+            ..PipelineConfig::default()
         })
     }
 
     /// A preset, with what an overlay file says instead.
     pub fn load(preset: &str, overlay: Option<&Path>) -> Result<Self> {
-        let base = SpineConfig::preset(preset)?;
+        let base = PipelineConfig::preset(preset)?;
         let Some(path) = overlay else {
             return Ok(base);
         };
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         // Alone first: an unknown key or a wrong type is named with its line.
-        toml::from_str::<SpineConfig>(&text).with_context(|| path.display().to_string())?;
-        overlaid(&base, toml::from_str(&text)?).map_err(|error| {
+        toml::from_str::<PipelineConfig>(&text).with_context(|| path.display().to_string())?;
+        apply_overlay(&base, toml::from_str(&text)?).map_err(|error| {
             anyhow!(
                 "{}: {error:#}",
-                key_location(path, &text, &refused_key(&error))
+                key_location(path, &text, &invalid_key(&error))
             )
         })
     }
 }
 
 /// The key that a check refused; none of other errors.
-fn refused_key(error: &anyhow::Error) -> String {
+fn invalid_key(error: &anyhow::Error) -> String {
     match (error.downcast_ref(), error.downcast_ref()) {
         (Some(VisionError::Config { key, .. }), _) => format!("vision.{key}"),
         (_, Some(SettingOutOfRange { key, .. })) => format!("localize.{key}"),
@@ -202,10 +202,10 @@ fn refused_key(error: &anyhow::Error) -> String {
 }
 
 /// Settings with what an overlay says instead, checked.
-pub fn overlaid(base: &SpineConfig, over: toml::Table) -> Result<SpineConfig> {
+pub fn apply_overlay(base: &PipelineConfig, over: toml::Table) -> Result<PipelineConfig> {
     let mut merged = toml::Table::try_from(base)?;
-    merge(&mut merged, over);
-    let config: SpineConfig = merged.try_into()?;
+    merge_tables(&mut merged, over);
+    let config: PipelineConfig = merged.try_into()?;
     config.vision.check()?;
     config.localize.check()?;
     let around = config.world.check().and_then(|()| config.team.check());
@@ -214,43 +214,43 @@ pub fn overlaid(base: &SpineConfig, over: toml::Table) -> Result<SpineConfig> {
 }
 
 /// Puts every value of `over` in the place of `base`'s, table by table.
-pub fn merge(base: &mut toml::Table, over: toml::Table) {
+pub fn merge_tables(base: &mut toml::Table, over: toml::Table) {
     for (key, value) in over {
         match (base.get_mut(&key), value) {
-            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
+            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge_tables(base, over),
             (_, value) => drop(base.insert(key, value)),
         }
     }
 }
 
 /// The stages in their order, with what they remember from frame to frame.
-pub struct Spine {
-    eyes: Option<Vision>,
+pub struct Pipeline {
+    vision: Option<Vision>,
     exposure: Option<AutoExposure>,
     localizer: Localizer,
     world: WorldModel,
     team: TeamModel,
     inputs: Inputs,
-    last_sight: Option<Stamp>,
+    last_image: Option<Stamp>,
     /// What the last frame said of the place.
-    known: Option<Known>,
+    last_pose: Option<StampedPose>,
 }
 
 /// A pose to go on from.
 #[derive(Clone, Copy)]
-struct Known {
+struct StampedPose {
     stamp: Stamp,
     pose: Pose,
     covariance: Matrix3<f32>,
 }
 
 /// After a gap of this many seconds between frames the light may be quite another; its colours are learned anew.
-const LIGHT_MEMORY: f64 = 1.0;
+const COLOUR_MODEL_MAX_GAP: f64 = 1.0;
 
-impl Spine {
+impl Pipeline {
     /// Builds every table that the stages need.
-    pub fn new(setup: &Setup, config: &SpineConfig) -> Result<Self> {
-        let SpineConfig {
+    pub fn new(setup: &Setup, config: &PipelineConfig) -> Result<Self> {
+        let PipelineConfig {
             mut vision,
             mut localize,
             world,
@@ -279,30 +279,30 @@ impl Spine {
         if let (Some(eyes), Some(colours)) = (&mut eyes, &setup.colours) {
             eyes.set_colour_table(colours.clone());
         }
-        Ok(Spine {
-            eyes,
+        Ok(Pipeline {
+            vision: eyes,
             world: WorldModel::new(world, localize.matching.viewpoint_height),
             team: TeamModel::new(team),
             exposure,
-            localizer: localizer(setup, localize),
+            localizer: build_localizer(setup, localize),
             inputs: Inputs::default(),
-            last_sight: None,
-            known: None,
+            last_image: None,
+            last_pose: None,
         })
     }
 
     /// Different pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
     pub fn scan_coverage(&self) -> Option<(usize, f32)> {
-        let pattern = self.eyes.as_ref()?.scan_pattern();
+        let pattern = self.vision.as_ref()?.scan_pattern();
         Some((pattern.pixel_count, pattern.coverage))
     }
 
     /// Takes over where another spine stood, so that settings can change while it drives: its pose, and what it had
     /// taken since its last frame.
-    pub fn go_on_from(&mut self, other: &Spine) {
+    pub fn warm_start_from(&mut self, other: &Pipeline) {
         self.inputs = other.inputs.clone();
-        self.known = other.known;
-        if let Some(known) = self.known {
+        self.last_pose = other.last_pose;
+        if let Some(known) = self.last_pose {
             self.localizer
                 .set_pose(known.stamp, known.pose, &known.covariance);
         }
@@ -314,91 +314,91 @@ impl Spine {
     }
 
     /// Takes a sample; a frame ends a cycle.
-    pub fn take(&mut self, sample: Sample) -> Option<Cycle> {
+    pub fn process_sample(&mut self, sample: Sample) -> Option<Cycle> {
         match sample {
             Sample::Odometry(odometry) => self.inputs.odometry.push(odometry),
             Sample::Compass(compass) => self.inputs.compass.push(compass),
             Sample::Imu(imu) => self.inputs.imu.push(imu),
             Sample::Command(command) => self.inputs.commands.push(command),
-            Sample::Report(report) => self.inputs.reports.push(report),
-            Sample::Truth(truth) => self.inputs.truth = Some(truth),
-            Sample::Frame(frame) => return Some(self.turn(frame)),
+            Sample::TeamReport(report) => self.inputs.reports.push(report),
+            Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
+            Sample::Image(frame) => return Some(self.process_frame(frame)),
         }
         None
     }
 
-    fn turn(&mut self, frame: Frame) -> Cycle {
+    fn process_frame(&mut self, frame: CameraImage) -> Cycle {
         let stamp = frame.stamp;
         let started = Instant::now();
         let mut inputs = std::mem::take(&mut self.inputs);
         let mut goals = Vec::new();
         let mut exposure = None;
         let (seen, points, fault) = match frame.content {
-            Content::Image(image) => {
+            ImageContent::Pixels(image) => {
                 let control = self.exposure.as_mut();
-                exposure = control.and_then(|control| control.process(&image.pixels()));
+                exposure = control.and_then(|control| control.process(&image.view()));
                 let jumped = exposure.is_some_and(|reading| reading.light_jumped);
-                let looked = self.look(stamp, &image, jumped);
+                let looked = self.run_vision(stamp, &image, jumped);
                 inputs.image = Some(image);
                 match looked {
                     Ok(seen) => {
                         let points = seen.line_points.iter().map(|seen| seen.point).collect();
-                        goals = goal_sights(&seen);
+                        goals = goal_observations(&seen);
                         (Some(seen), points, None)
                     }
                     Err(error) => (None, Vec::new(), Some(error)),
                 }
             }
-            Content::Found {
+            ImageContent::Features {
                 points,
                 goals: found,
             } => {
                 goals = found;
                 (None, points, None)
             }
-            Content::Seen(seen) => {
+            ImageContent::Detections(seen) => {
                 let points = seen.line_points.iter().map(|seen| seen.point).collect();
-                goals = goal_sights(&seen);
+                goals = goal_observations(&seen);
                 (Some(*seen), points, None)
             }
-            Content::Unreadable(reason) => (None, Vec::new(), Some(reason)),
+            ImageContent::Unreadable(reason) => (None, Vec::new(), Some(reason)),
         };
-        let see_ms = milliseconds(started);
+        let see_ms = elapsed_ms(started);
         let started = Instant::now();
-        for sample in inputs.in_order() {
+        for sample in inputs.sorted_samples() {
             match sample {
                 Sample::Odometry(odometry) => {
                     self.localizer.add_odometry(&odometry);
                     self.world.add_odometry(&odometry);
                 }
                 Sample::Compass(compass) => self.localizer.add_compass(&compass),
-                Sample::Report(report) => self.team.receive(&report),
+                Sample::TeamReport(report) => self.team.receive(&report),
                 Sample::Imu(imu) => self.localizer.add_imu(&imu),
                 Sample::Command(command) => self.localizer.add_command(&command),
-                Sample::Truth(_) | Sample::Frame(_) => {}
+                Sample::GroundTruth(_) | Sample::Image(_) => {}
             }
         }
         self.localizer.add_goals(stamp, &goals);
         let estimate = self.localizer.process_points(stamp, &points);
-        let sight = seen.as_ref().map(crate::observations::sight);
+        let sight = seen.as_ref().map(crate::observations::object_observations);
         let world = self.world.update(stamp, sight.as_ref(), &estimate);
         let team = self.team.update(stamp, &world, &estimate);
         // For the next frame: this one's estimate is told already.
         self.localizer.add_half_log_odds(team.half_log_odds);
-        self.known = estimate.pose.map(|pose| Known {
+        self.last_pose = estimate.pose.map(|pose| StampedPose {
             stamp,
             pose,
             covariance: estimate.covariance,
         });
         let timings = Timings {
             see_ms,
-            localize_ms: milliseconds(started),
+            localize_ms: elapsed_ms(started),
         };
         Cycle {
             stamp,
             inputs,
-            seen,
-            points,
+            detections: seen,
+            line_points: points,
             estimate,
             world,
             team,
@@ -409,27 +409,27 @@ impl Spine {
     }
 
     /// `light_jumped`: this frame was taken with quite another exposure than the one before.
-    fn look(
+    fn run_vision(
         &mut self,
         stamp: Stamp,
-        image: &Picture,
+        image: &SourceImage,
         light_jumped: bool,
     ) -> Result<Detections, String> {
-        let Some(eyes) = &mut self.eyes else {
+        let Some(eyes) = &mut self.vision else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
-        let last = self.last_sight.replace(stamp);
-        if light_jumped || last.is_some_and(|last| stamp - last > LIGHT_MEMORY) {
+        let last = self.last_image.replace(stamp);
+        if light_jumped || last.is_some_and(|last| stamp - last > COLOUR_MODEL_MAX_GAP) {
             eyes.reset_colour_model();
         }
-        eyes.process(&image.pixels())
+        eyes.process(&image.view())
             .map_err(|error| error.to_string())
     }
 }
 
 /// A localizer on the setup's field, its scan map from the cache if it needs one.
-fn localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
-    let Some(folder) = paths::cache() else {
+fn build_localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
+    let Some(folder) = paths::cache_folder() else {
         return Localizer::new(&setup.field, config);
     };
     let (localizer, origin) = Localizer::with_cache(&setup.field, config, &folder);
@@ -455,7 +455,7 @@ fn localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
 }
 
 /// The goals that tell the halves of the field apart, as localisation wants them.
-pub fn goal_sights(seen: &Detections) -> Vec<GoalObservation> {
+pub fn goal_observations(seen: &Detections) -> Vec<GoalObservation> {
     seen.goals
         .iter()
         .filter_map(|goal| {
@@ -475,6 +475,6 @@ pub fn goal_sights(seen: &Detections) -> Vec<GoalObservation> {
         .collect()
 }
 
-fn milliseconds(since: Instant) -> f32 {
+fn elapsed_ms(since: Instant) -> f32 {
     since.elapsed().as_secs_f32() * 1e3
 }

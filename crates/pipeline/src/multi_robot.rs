@@ -16,99 +16,99 @@ use serde::Serialize;
 use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeamColour, TeammateConfig};
 use sim::{Sim, SimSample as Simulated};
 
-use crate::cycle::{Cycle, Spine, SpineConfig};
-use crate::datagram::LinkConfig;
-use crate::datagram::Talk;
+use crate::cycle::{Cycle, Pipeline, PipelineConfig};
+use crate::datagram::TeamLink;
+use crate::datagram::TeamLinkConfig;
 use crate::log::start_log;
 use crate::log::{LogConfig, Recorder};
 use crate::sample::Sample;
-use crate::score::summary::{Summary, Tally};
-use crate::score::{self, Spread};
-use crate::simulation::{setup_of, translated};
+use crate::score::summary::{RunStatistics, Summary};
+use crate::score::{self, SampleStatistics};
+use crate::simulation::{sample_from_sim, setup_from_sim};
 
 /// The worlds are brought into line this often: in it a robot at 5 m/s moves 5 cm, and goes on as it did.
-const TICK: Stamp = Stamp(10_000_000);
+const SYNC_PERIOD: Stamp = Stamp(10_000_000);
 /// Chance of the radio, beside the streams that a simulation draws from.
 const RADIO_STREAM: u64 = 9;
 /// A ball nearer than this to some robot is known well by that one alone, metres.
-const FAR_BALL: f32 = 4.0;
+const FAR_BALL_DISTANCE: f32 = 4.0;
 
 /// Robots that play together.
-pub struct Squad {
-    players: Vec<Player>,
-    radio: Radio,
+pub struct MultiRobotSimulation {
+    players: Vec<SimulatedRobot>,
+    radio: RadioChannel,
     /// Where our robots stand among the others of each world.
-    fellows_from: usize,
+    first_teammate: usize,
     now: Stamp,
     duration: f64,
 }
 
-struct Player {
+struct SimulatedRobot {
     sim: Sim,
-    spine: Spine,
-    talk: Talk,
+    pipeline: Pipeline,
+    team_link: TeamLink,
     /// A sample that lies beyond the tick.
-    held: Option<Simulated>,
+    pending_sample: Option<Simulated>,
     cycles: Vec<Arc<Cycle>>,
-    spoken: Option<Stamp>,
-    tally: Tally,
-    own_ball: Vec<f64>,
-    team_ball: Vec<f64>,
+    last_sent: Option<Stamp>,
+    statistics: RunStatistics,
+    own_ball_errors: Vec<f64>,
+    team_ball_errors: Vec<f64>,
     recorder: Option<Recorder>,
-    fault: Option<anyhow::Error>,
+    error: Option<anyhow::Error>,
 }
 
 /// How one robot fared.
 #[derive(Serialize)]
-pub struct Fared {
+pub struct RobotSummary {
     /// Its number.
     pub robot: usize,
     /// Its frames and errors.
     #[serde(flatten)]
     pub summary: Summary,
     /// Error of the ball on the field as it knows it by itself, metres, where the ball was far from everybody.
-    pub own_far_ball_m: Option<Spread>,
+    pub own_far_ball_m: Option<SampleStatistics>,
     /// The same of the ball that the team agrees on.
-    pub team_far_ball_m: Option<Spread>,
+    pub team_far_ball_m: Option<SampleStatistics>,
     /// Words heard.
     pub words: u64,
 }
 
 /// Words that are under way.
-struct Radio {
+struct RadioChannel {
     config: RadioConfig,
     rng: ChaCha8Rng,
-    under_way: Vec<(Stamp, usize, Vec<u8>)>,
+    in_flight: Vec<(Stamp, usize, Vec<u8>)>,
 }
 
-impl Squad {
+impl MultiRobotSimulation {
     /// Sets up the scenario's squad; `record` writes the first robot's log there and the others' beside it.
     pub fn new(
         (path, scenario): (&Path, &Scenario),
-        config: &SpineConfig,
+        config: &PipelineConfig,
         duration: f64,
         record: Option<(&Path, &LogConfig)>,
     ) -> Result<Self> {
         let count = scenario.squad.len() + 1;
         let mut players = Vec::with_capacity(count);
         for index in 0..count {
-            let own = scenario_of(scenario, index);
+            let own = scenario_for_robot(scenario, index);
             let (robot, field) = robot_and_field(&own)?;
             let sim = Sim::new(own, robot, field)?;
-            let setup = setup_of(&sim)?;
+            let setup = setup_from_sim(&sim)?;
             let number = index as u32 + 1;
             let mut config = config.clone();
             config.team.number = number;
-            let link = LinkConfig {
+            let link = TeamLinkConfig {
                 robot: number,
-                ..LinkConfig::default()
+                ..TeamLinkConfig::default()
             };
             let recorder = record
                 .map(|(log, log_config)| {
                     let source = format!("sim {} (robot {number})", path.display());
                     let seed = Some(scenario.seed);
                     start_log(
-                        &log_of(log, index),
+                        &log_path(log, index),
                         &source,
                         seed,
                         (&setup, &config),
@@ -116,65 +116,65 @@ impl Squad {
                     )
                 })
                 .transpose()?;
-            players.push(Player {
+            players.push(SimulatedRobot {
                 sim,
-                spine: Spine::new(&setup, &config)?,
-                talk: Talk::new(&link, 1)?,
-                held: None,
+                pipeline: Pipeline::new(&setup, &config)?,
+                team_link: TeamLink::new(&link, 1)?,
+                pending_sample: None,
                 cycles: Vec::new(),
-                spoken: None,
-                tally: Tally::default(),
-                own_ball: Vec::new(),
-                team_ball: Vec::new(),
+                last_sent: None,
+                statistics: RunStatistics::default(),
+                own_ball_errors: Vec::new(),
+                team_ball_errors: Vec::new(),
                 recorder,
-                fault: None,
+                error: None,
             });
         }
         let mut rng = ChaCha8Rng::seed_from_u64(scenario.seed);
         rng.set_stream(RADIO_STREAM);
-        Ok(Squad {
+        Ok(MultiRobotSimulation {
             players,
-            radio: Radio {
+            radio: RadioChannel {
                 config: scenario.radio,
                 rng,
-                under_way: Vec::new(),
+                in_flight: Vec::new(),
             },
-            fellows_from: scenario.others.placed.len(),
+            first_teammate: scenario.others.placed.len(),
             now: Stamp(0),
             duration,
         })
     }
 
     /// Plays to the end; `progress` hears the seconds played.
-    pub fn play(mut self, progress: impl Fn(f64)) -> Result<Vec<Fared>> {
+    pub fn run(mut self, progress: impl Fn(f64)) -> Result<Vec<RobotSummary>> {
         while self.now.seconds() < self.duration {
             self.tick()?;
             progress(self.now.seconds());
         }
-        let fared = |(index, player): (usize, Player)| {
+        let fared = |(index, player): (usize, SimulatedRobot)| {
             player.recorder.map(Recorder::finish).transpose()?;
-            Ok(Fared {
+            Ok(RobotSummary {
                 robot: index + 1,
-                summary: player.tally.summary(),
-                own_far_ball_m: score::spread(player.own_ball),
-                team_far_ball_m: score::spread(player.team_ball),
-                words: player.talk.counts().heard,
+                summary: player.statistics.summary(),
+                own_far_ball_m: score::sample_statistics(player.own_ball_errors),
+                team_far_ball_m: score::sample_statistics(player.team_ball_errors),
+                words: player.team_link.counts().received,
             })
         };
         self.players.into_iter().enumerate().map(fared).collect()
     }
 
     fn tick(&mut self) -> Result<()> {
-        self.now = Stamp(self.now.0 + TICK.0);
+        self.now = Stamp(self.now.0 + SYNC_PERIOD.0);
         let now = self.now;
         self.players
             .par_iter_mut()
             .for_each(|player| player.advance(now));
-        self.share();
+        self.exchange_messages();
         let players = self.players.iter().map(|player| player.sim.truth());
         let truths: Vec<_> = players.collect();
         let others = truths[0].others.clone();
-        let from = self.fellows_from;
+        let from = self.first_teammate;
         for (index, player) in self.players.iter_mut().enumerate() {
             let mut others = others.clone();
             let own = truths.iter().map(|truth| truth.robot);
@@ -186,13 +186,13 @@ impl Squad {
             player.sim.synchronise_others(&others, ball);
         }
         for index in 0..self.players.len() {
-            self.score(index)?;
+            self.score_robot(index)?;
         }
         Ok(())
     }
 
     /// Sends the words that are due and delivers those that arrive.
-    fn share(&mut self) {
+    fn exchange_messages(&mut self) {
         let (now, count) = (self.now, self.players.len());
         for from in 0..count {
             let player = &mut self.players[from];
@@ -200,74 +200,83 @@ impl Squad {
                 continue;
             };
             let period = 1.0 / self.radio.config.rate_hz;
-            if player.spoken.is_some_and(|last| now - last < period) {
+            if player.last_sent.is_some_and(|last| now - last < period) {
                 continue;
             }
-            player.spoken = Some(now);
-            let word = player.talk.word(cycle, now);
+            player.last_sent = Some(now);
+            let word = player.team_link.encode_message(cycle, now);
             self.radio.send(now, from, count, &word);
         }
-        for (to, word) in self.radio.arrived(now) {
+        for (to, word) in self.radio.take_arrived(now) {
             let player = &mut self.players[to];
             // What is refused is counted there.
-            if let Ok(report) = player.talk.hear(&word, now) {
-                player.spine.take(Sample::Report(report));
+            if let Ok(report) = player.team_link.receive(&word, now) {
+                player.pipeline.process_sample(Sample::TeamReport(report));
             }
         }
     }
 
-    fn score(&mut self, index: usize) -> Result<()> {
+    fn score_robot(&mut self, index: usize) -> Result<()> {
         let places = self.players.iter().map(|player| player.sim.truth());
         let places: Vec<_> = places.map(|truth| truth.robot.pose.origin()).collect();
         let player = &mut self.players[index];
-        if let Some(fault) = player.fault.take() {
+        if let Some(fault) = player.error.take() {
             return Err(fault);
         }
         for cycle in std::mem::take(&mut player.cycles) {
-            player.tally.add(&cycle, score::cycle_error(&cycle));
+            player
+                .statistics
+                .add_cycle(&cycle, score::cycle_error(&cycle));
             let Some(ball) = cycle.inputs.truth.as_ref().and_then(|truth| truth.ball) else {
                 continue;
             };
-            if places.iter().any(|at| at.distance_to(ball) <= FAR_BALL) {
+            if places
+                .iter()
+                .any(|at| at.distance_to(ball) <= FAR_BALL_DISTANCE)
+            {
                 continue;
             }
             let own = cycle.world.ball.and_then(|ball| ball.on_field);
             let own = own.map(|own| f64::from(own.at.distance_to(ball)));
             let team = cycle.team.ball.as_ref();
             let team = team.map(|team| f64::from(team.at.distance_to(ball)));
-            player.own_ball.extend(own);
-            player.team_ball.extend(team);
+            player.own_ball_errors.extend(own);
+            player.team_ball_errors.extend(team);
         }
         Ok(())
     }
 }
 
-impl Player {
+impl SimulatedRobot {
     /// Senses and thinks until `now`.
     fn advance(&mut self, now: Stamp) {
         loop {
-            let sample = match self.held.take() {
+            let sample = match self.pending_sample.take() {
                 Some(sample) => sample,
                 None => self.sim.next_sample(),
             };
             if sample.stamp() > now {
-                self.held = Some(sample);
+                self.pending_sample = Some(sample);
                 return;
             }
-            let Some(cycle) = self.spine.take(translated(sample)).map(Arc::new) else {
+            let Some(cycle) = self
+                .pipeline
+                .process_sample(sample_from_sim(sample))
+                .map(Arc::new)
+            else {
                 continue;
             };
             if let Some(recorder) = &mut self.recorder
-                && let Err(fault) = recorder.cycle(cycle.clone())
+                && let Err(fault) = recorder.record_cycle(cycle.clone())
             {
-                self.fault = Some(fault);
+                self.error = Some(fault);
             }
             self.cycles.push(cycle);
         }
     }
 }
 
-impl Radio {
+impl RadioChannel {
     fn send(&mut self, now: Stamp, from: usize, count: usize, word: &[u8]) {
         let [soonest, latest] = self.config.delay;
         for to in (0..count).filter(|to| *to != from) {
@@ -275,25 +284,25 @@ impl Radio {
             if lost >= self.config.loss {
                 let delay = soonest + late * (latest - soonest);
                 let arrival = Stamp(now.0 + Stamp::from_seconds(delay).0);
-                self.under_way.push((arrival, to, word.to_vec()));
+                self.in_flight.push((arrival, to, word.to_vec()));
             }
         }
     }
 
     /// What has arrived, in the order of its arrival.
-    fn arrived(&mut self, now: Stamp) -> Vec<(usize, Vec<u8>)> {
-        self.under_way
+    fn take_arrived(&mut self, now: Stamp) -> Vec<(usize, Vec<u8>)> {
+        self.in_flight
             .sort_by_key(|(arrival, to, _)| (*arrival, *to));
         let due = self
-            .under_way
+            .in_flight
             .partition_point(|(arrival, _, _)| *arrival <= now);
-        let words = self.under_way.drain(..due);
+        let words = self.in_flight.drain(..due);
         words.map(|(_, to, word)| (to, word)).collect()
     }
 }
 
 /// The scenario as robot `index` lives it: itself as our robot, the others of the squad as mates that are moved.
-fn scenario_of(scenario: &Scenario, index: usize) -> Scenario {
+fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
     let first = TeammateConfig {
         start: scenario.start,
         path: scenario.path.clone(),
@@ -334,7 +343,7 @@ fn robot_and_field(scenario: &Scenario) -> Result<(localize::robot::RobotConfig,
 }
 
 /// `game.mcap`, `game-2.mcap`, `game-3.mcap`, …
-fn log_of(log: &Path, index: usize) -> PathBuf {
+fn log_path(log: &Path, index: usize) -> PathBuf {
     if index == 0 {
         return log.to_owned();
     }
@@ -347,10 +356,10 @@ fn log_of(log: &Path, index: usize) -> PathBuf {
 }
 
 /// Prints how everybody fared.
-pub fn print(fared: &[Fared]) {
+pub fn print(fared: &[RobotSummary]) {
     println!("robot  frames  tracking  position  heading  far ball: own  team  words");
     for robot in fared {
-        let mean = |spread: &Option<Spread>| {
+        let mean = |spread: &Option<SampleStatistics>| {
             spread
                 .as_ref()
                 .map_or("-".to_owned(), |spread| format!("{:.3} m", spread.mean))
@@ -377,36 +386,41 @@ pub fn print(fared: &[Fared]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::log::{Log, verify};
+    use crate::log::{LogReader, verify};
     use crate::setup::Setup;
-    use crate::simulation::changed_scenario;
+    use crate::simulation::load_scenario_with_overrides;
 
     fn scenario() -> (PathBuf, Scenario) {
         let config =
             Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/squad.toml");
-        let mut scenario = changed_scenario(&config, &toml::Table::new(), None)
+        let mut scenario = load_scenario_with_overrides(&config, &toml::Table::new(), None)
             .expect("a scenario")
             .0;
         scenario.squad.truncate(2);
         (config, scenario)
     }
 
-    fn played(threads: usize, seconds: f64, log: &Path) -> Vec<Fared> {
+    fn run_robots(threads: usize, seconds: f64, log: &Path) -> Vec<RobotSummary> {
         let (path, scenario) = scenario();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.expect("threads").install(|| {
             let log_config = LogConfig::default();
             let record = Some((log, &log_config));
-            let squad = Squad::new((&path, &scenario), &SpineConfig::default(), seconds, record);
-            squad.expect("a squad").play(|_| ()).expect("played")
+            let squad = MultiRobotSimulation::new(
+                (&path, &scenario),
+                &PipelineConfig::default(),
+                seconds,
+                record,
+            );
+            squad.expect("a squad").run(|_| ()).expect("played")
         })
     }
 
     #[test]
-    fn robots_of_one_field_see_each_other_share_the_ball_and_replay_bit_for_bit() {
+    fn multi_robot_run_is_deterministic_and_replays_bit_for_bit() {
         let folder = tempfile::tempdir().expect("a folder");
         let log = folder.path().join("game.mcap");
-        let fared = played(2, 1.0, &log);
+        let fared = run_robots(2, 1.0, &log);
         assert_eq!(fared.len(), 3);
         for robot in &fared {
             assert!(
@@ -419,10 +433,10 @@ mod tests {
             assert!(error.median < 0.3, "{} m", error.median);
         }
         let again = folder.path().join("again.mcap");
-        played(1, 1.0, &again);
+        run_robots(1, 1.0, &again);
         for index in 0..3 {
             let cycles = |log: &Path| {
-                let log = Log::open(&log_of(log, index)).expect("a log");
+                let log = LogReader::open(&log_path(log, index)).expect("a log");
                 log.map(|logged| {
                     let cycle = logged.expect("a cycle").cycle;
                     format!("{:?} {:?} {:?}", cycle.estimate, cycle.world, cycle.team)
@@ -431,16 +445,16 @@ mod tests {
             };
             assert_eq!(cycles(&log), cycles(&again));
         }
-        let log = Log::open(&log_of(&log, 1)).expect("a log");
+        let log = LogReader::open(&log_path(&log, 1)).expect("a log");
         let files = folder.path().join("files");
         std::fs::create_dir(&files).expect("a folder");
         log.header().write_files(&files).expect("written");
         let setup = Setup::load(&files.join("robot.toml"), None).expect("a setup");
-        let settings = files.join(crate::cycle::SPINE_FILE);
-        let config = SpineConfig::load("default", Some(&settings)).expect("settings");
-        let mut spine = Spine::new(&setup, &config).expect("a spine");
-        let verdict = verify(log, |sample| spine.take(sample)).expect("verified");
-        assert_eq!((verdict.different, verdict.first), (0, None));
-        assert!(verdict.cycles >= 29 && verdict.seen == verdict.cycles);
+        let settings = files.join(crate::cycle::PIPELINE_FILE);
+        let config = PipelineConfig::load("default", Some(&settings)).expect("settings");
+        let mut spine = Pipeline::new(&setup, &config).expect("a spine");
+        let verdict = verify(log, |sample| spine.process_sample(sample)).expect("verified");
+        assert_eq!((verdict.different, verdict.first_difference), (0, None));
+        assert!(verdict.cycles >= 29 && verdict.vision_cycles == verdict.cycles);
     }
 }

@@ -5,7 +5,7 @@ use vision::eyes::Detections;
 use vision::robots::Marker;
 
 /// The objects of a sight.
-pub fn sight(seen: &Detections) -> WorldObservation {
+pub fn object_observations(seen: &Detections) -> WorldObservation {
     let ball = seen.ball.map(|ball| ObjectObservation {
         at: ball.at,
         covariance: ball.covariance,

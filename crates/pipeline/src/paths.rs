@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 
 /// Where tables that take long to build are kept from run to run: `$MIRRORBALL_CACHE`, else the user's cache folder;
 /// none where there is no user.
-pub fn cache() -> Option<PathBuf> {
+pub fn cache_folder() -> Option<PathBuf> {
     let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
     if let Some(given) = named("MIRRORBALL_CACHE") {
         return Some(given.into());
@@ -17,7 +17,7 @@ pub fn cache() -> Option<PathBuf> {
 }
 
 /// Finds a file or folder that comes with Mirrorball, as `config/scenarios/demo.toml`.
-pub fn find(relative: &str) -> Result<PathBuf> {
+pub fn find_resource(relative: &str) -> Result<PathBuf> {
     let given = std::env::var_os("MIRRORBALL_HOME").map(PathBuf::from);
     let working = std::env::current_dir().ok();
     let executable = std::env::current_exe().ok();

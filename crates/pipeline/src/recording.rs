@@ -9,43 +9,43 @@ use localize::sample::{Compass, LinePoint, Odometry};
 use localize::{Pose, Stamp};
 use vision::image::Image;
 
-use crate::csv_table::{Row, Table};
-use crate::sample::{Content, Frame, Sample, Truth};
-use crate::score::objects::TrueObject;
+use crate::csv_table::{CsvRow, CsvTable};
+use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
+use crate::score::objects::GroundTruthObject;
 
 /// A recording folder, its small files read whole and its images read one by one.
 pub struct Recording {
     /// Where it lies.
     pub folder: PathBuf,
     /// Poses for scoring; empty where nothing is known.
-    pub truth: Vec<Truth>,
+    pub truth: Vec<GroundTruth>,
     /// Ball and robots where they truly were, for scoring; empty where nothing is known.
-    pub objects: BTreeMap<Stamp, Vec<TrueObject>>,
-    events: std::vec::IntoIter<Event>,
+    pub objects: BTreeMap<Stamp, Vec<GroundTruthObject>>,
+    events: std::vec::IntoIter<RecordedSample>,
     frames: usize,
 }
 
-struct Event {
+struct RecordedSample {
     stamp: Stamp,
-    kind: Kind,
+    data: RecordedData,
 }
 
 // Samples of one stamp arrive in this order: what moved before what was seen.
-enum Kind {
+enum RecordedData {
     Odometry(Odometry),
     Compass(Compass),
-    Truth(Truth),
+    Truth(GroundTruth),
     Image(PathBuf),
     Points(Vec<LinePoint>),
 }
 
-impl Kind {
+impl RecordedData {
     fn order(&self) -> u8 {
         match self {
-            Kind::Odometry(_) => 0,
-            Kind::Compass(_) => 1,
-            Kind::Truth(_) => 2,
-            Kind::Image(_) | Kind::Points(_) => 3,
+            RecordedData::Odometry(_) => 0,
+            RecordedData::Compass(_) => 1,
+            RecordedData::Truth(_) => 2,
+            RecordedData::Image(_) | RecordedData::Points(_) => 3,
         }
     }
 }
@@ -60,10 +60,10 @@ impl Recording {
         if points.exists() {
             events.extend(read_points(&points, point_std)?);
         } else if images.exists() {
-            for row in Table::read(&images, &["stamp_s", "file"])?.rows() {
-                events.push(Event {
-                    stamp: stamp(row)?,
-                    kind: Kind::Image(folder.join(row.text("file")?)),
+            for row in CsvTable::read(&images, &["stamp_s", "file"])?.rows() {
+                events.push(RecordedSample {
+                    stamp: parse_stamp(row)?,
+                    data: RecordedData::Image(folder.join(row.text("file")?)),
                 });
             }
         } else {
@@ -87,46 +87,48 @@ impl Recording {
             let robots = there.iter().filter(|one| !one.is_ball);
             row.robots = robots.map(|one| one.at).collect();
         }
-        events.extend(truth.iter().map(|truth| Event {
+        events.extend(truth.iter().map(|truth| RecordedSample {
             stamp: truth.stamp,
-            kind: Kind::Truth(truth.clone()),
+            data: RecordedData::Truth(truth.clone()),
         }));
-        if let Some(table) = optional(
+        if let Some(table) = read_optional_table(
             folder,
             "odometry.csv",
             &["stamp_s", "dx_m", "dy_m", "dtheta_rad"],
         )? {
             let mut last = None;
             for row in table.rows() {
-                let odometry = odometry(row)?;
+                let odometry = parse_odometry(row)?;
                 // Each row goes on from the one above it: in another order they mean nothing.
                 if last.is_some_and(|last| odometry.stamp < last) {
-                    bail!("{}: stamp_s goes back in time", row.place());
+                    bail!("{}: stamp_s goes back in time", row.location());
                 }
                 last = Some(odometry.stamp);
-                events.push(Event {
+                events.push(RecordedSample {
                     stamp: odometry.stamp,
-                    kind: Kind::Odometry(odometry),
+                    data: RecordedData::Odometry(odometry),
                 });
             }
         }
-        if let Some(table) = optional(folder, "compass.csv", &["stamp_s", "heading_rad"])? {
-            let fields = magnetic_fields(folder)?;
+        if let Some(table) =
+            read_optional_table(folder, "compass.csv", &["stamp_s", "heading_rad"])?
+        {
+            let fields = read_magnetic_fields(folder)?;
             for row in table.rows() {
-                let [heading] = floats(row, ["heading_rad"])?;
-                let stamp = stamp(row)?;
+                let [heading] = parse_floats(row, ["heading_rad"])?;
+                let stamp = parse_stamp(row)?;
                 let compass = Compass {
                     stamp,
                     heading,
                     magnetic_field: fields.get(&stamp).copied(),
                 };
-                events.push(Event {
+                events.push(RecordedSample {
                     stamp: compass.stamp,
-                    kind: Kind::Compass(compass),
+                    data: RecordedData::Compass(compass),
                 });
             }
         }
-        events.sort_by_key(|event| (event.stamp, event.kind.order()));
+        events.sort_by_key(|event| (event.stamp, event.data.order()));
         Ok(Recording {
             folder: folder.to_owned(),
             truth,
@@ -146,68 +148,69 @@ impl Iterator for Recording {
     type Item = Sample;
 
     fn next(&mut self) -> Option<Sample> {
-        let Event { stamp, kind } = self.events.next()?;
+        let RecordedSample { stamp, data: kind } = self.events.next()?;
         let content = match kind {
-            Kind::Odometry(odometry) => return Some(Sample::Odometry(odometry)),
-            Kind::Compass(compass) => return Some(Sample::Compass(compass)),
-            Kind::Truth(truth) => return Some(Sample::Truth(truth)),
-            Kind::Points(points) => Content::Found {
+            RecordedData::Odometry(odometry) => return Some(Sample::Odometry(odometry)),
+            RecordedData::Compass(compass) => return Some(Sample::Compass(compass)),
+            RecordedData::Truth(truth) => return Some(Sample::GroundTruth(truth)),
+            RecordedData::Points(points) => ImageContent::Features {
                 points,
                 goals: Vec::new(),
             },
-            Kind::Image(path) => match Image::load(&path) {
-                Ok(image) => Content::Image(image.into()),
-                Err(error) => Content::Unreadable(error.to_string()),
+            RecordedData::Image(path) => match Image::load(&path) {
+                Ok(image) => ImageContent::Pixels(image.into()),
+                Err(error) => ImageContent::Unreadable(error.to_string()),
             },
         };
-        Some(Sample::Frame(Frame { stamp, content }))
+        Some(Sample::Image(CameraImage { stamp, content }))
     }
 }
 
 /// The magnetic fields that compass.csv's headings were made of, where magnetometer.csv has them at the same stamps.
-fn magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
-    let Some(table) = optional(folder, "magnetometer.csv", &["stamp_s", "x", "y"])? else {
+fn read_magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
+    let Some(table) = read_optional_table(folder, "magnetometer.csv", &["stamp_s", "x", "y"])?
+    else {
         return Ok(BTreeMap::new());
     };
     let rows = table.rows();
-    rows.map(|row| Ok((stamp(row)?, floats(row, ["x", "y"])?)))
+    rows.map(|row| Ok((parse_stamp(row)?, parse_floats(row, ["x", "y"])?)))
         .collect()
 }
 
-fn optional(folder: &Path, name: &str, wanted: &[&str]) -> Result<Option<Table>> {
+fn read_optional_table(folder: &Path, name: &str, wanted: &[&str]) -> Result<Option<CsvTable>> {
     let path = folder.join(name);
     if path.exists() {
-        Table::read(&path, wanted).map(Some)
+        CsvTable::read(&path, wanted).map(Some)
     } else {
         Ok(None)
     }
 }
 
-fn stamp(row: Row<'_>) -> Result<Stamp> {
+fn parse_stamp(row: CsvRow<'_>) -> Result<Stamp> {
     let seconds = row.number("stamp_s")?;
     // What fits into nanoseconds: 292 years to both sides.
     if seconds.abs() > 9e9 {
-        bail!("{}: stamp_s = {seconds} is no time", row.place());
+        bail!("{}: stamp_s = {seconds} is no time", row.location());
     }
     Ok(Stamp::from_seconds(seconds))
 }
 
 /// A row may span a gap, but not one of more than this, metres and radians.
-const FARTHEST: f32 = 100.0;
+const MAX_ODOMETRY_STEP: f32 = 100.0;
 
-fn odometry(row: Row<'_>) -> Result<Odometry> {
+fn parse_odometry(row: CsvRow<'_>) -> Result<Odometry> {
     let columns = ["dx_m", "dy_m", "dtheta_rad"];
-    let [dx, dy, dtheta] = floats(row, columns)?;
+    let [dx, dy, dtheta] = parse_floats(row, columns)?;
     for (value, column) in [dx, dy, dtheta].into_iter().zip(columns) {
-        if value.abs() > FARTHEST {
+        if value.abs() > MAX_ODOMETRY_STEP {
             bail!(
                 "{}: {column} = {value}: no robot moves so far between two rows",
-                row.place()
+                row.location()
             );
         }
     }
     Ok(Odometry {
-        stamp: stamp(row)?,
+        stamp: parse_stamp(row)?,
         dx,
         dy,
         dtheta,
@@ -215,7 +218,7 @@ fn odometry(row: Row<'_>) -> Result<Odometry> {
     })
 }
 
-fn floats<const N: usize>(row: Row<'_>, columns: [&str; N]) -> Result<[f32; N]> {
+fn parse_floats<const N: usize>(row: CsvRow<'_>, columns: [&str; N]) -> Result<[f32; N]> {
     let mut values = [0.0; N];
     for (value, column) in values.iter_mut().zip(columns) {
         *value = row.number(column)? as f32;
@@ -224,36 +227,37 @@ fn floats<const N: usize>(row: Row<'_>, columns: [&str; N]) -> Result<[f32; N]> 
 }
 
 /// Line points of someone else's vision; rows of one stamp are one frame.
-fn read_points(path: &Path, point_std: f32) -> Result<Vec<Event>> {
+fn read_points(path: &Path, point_std: f32) -> Result<Vec<RecordedSample>> {
     let mut frames: BTreeMap<Stamp, Vec<LinePoint>> = BTreeMap::new();
-    for row in Table::read(path, &["stamp_s", "x_m", "y_m"])?.rows() {
-        let [x, y] = floats(row, ["x_m", "y_m"])?;
+    for row in CsvTable::read(path, &["stamp_s", "x_m", "y_m"])?.rows() {
+        let [x, y] = parse_floats(row, ["x_m", "y_m"])?;
         let point = LinePoint {
             at: At::new(x, y),
             std_radial: point_std,
             std_tangential: point_std,
         };
-        frames.entry(stamp(row)?).or_default().push(point);
+        frames.entry(parse_stamp(row)?).or_default().push(point);
     }
     Ok(frames
         .into_iter()
-        .map(|(stamp, points)| Event {
+        .map(|(stamp, points)| RecordedSample {
             stamp,
-            kind: Kind::Points(points),
+            data: RecordedData::Points(points),
         })
         .collect())
 }
 
-fn read_truth(folder: &Path) -> Result<Vec<Truth>> {
-    let Some(table) = optional(folder, "truth.csv", &["stamp_s", "x_m", "y_m", "theta_rad"])?
+fn read_truth(folder: &Path) -> Result<Vec<GroundTruth>> {
+    let Some(table) =
+        read_optional_table(folder, "truth.csv", &["stamp_s", "x_m", "y_m", "theta_rad"])?
     else {
         return Ok(Vec::new());
     };
     let mut truth = Vec::new();
     for row in table.rows() {
-        let [x, y, theta] = floats(row, ["x_m", "y_m", "theta_rad"])?;
-        truth.push(Truth {
-            stamp: stamp(row)?,
+        let [x, y, theta] = parse_floats(row, ["x_m", "y_m", "theta_rad"])?;
+        truth.push(GroundTruth {
+            stamp: parse_stamp(row)?,
             pose: Pose::new(x, y, theta),
             ball: None,
             robots: Vec::new(),
@@ -265,13 +269,15 @@ fn read_truth(folder: &Path) -> Result<Vec<Truth>> {
 }
 
 /// Ball and robots where they truly were: objects.csv, for scoring alone.
-fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<TrueObject>>> {
-    let mut objects: BTreeMap<Stamp, Vec<TrueObject>> = BTreeMap::new();
-    let Some(table) = optional(folder, "objects.csv", &["stamp_s", "kind", "x_m", "y_m"])? else {
+fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<GroundTruthObject>>> {
+    let mut objects: BTreeMap<Stamp, Vec<GroundTruthObject>> = BTreeMap::new();
+    let Some(table) =
+        read_optional_table(folder, "objects.csv", &["stamp_s", "kind", "x_m", "y_m"])?
+    else {
         return Ok(objects);
     };
     for row in table.rows() {
-        let [x, y] = floats(row, ["x_m", "y_m"])?;
+        let [x, y] = parse_floats(row, ["x_m", "y_m"])?;
         let is_ball = match row.text("kind")? {
             "ball" => true,
             "robot" => false,
@@ -282,12 +288,15 @@ fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<TrueObject>>> {
             .text("visible_px")
             .ok()
             .and_then(|text| text.parse().ok());
-        objects.entry(stamp(row)?).or_default().push(TrueObject {
-            is_ball,
-            at: At::new(x, y),
-            heading: None,
-            visible_px,
-        });
+        objects
+            .entry(parse_stamp(row)?)
+            .or_default()
+            .push(GroundTruthObject {
+                is_ball,
+                at: At::new(x, y),
+                heading: None,
+                visible_px,
+            });
     }
     Ok(objects)
 }

@@ -5,17 +5,17 @@ use std::path::Path;
 use anyhow::Result;
 use localize::estimate::{Estimate, Mode};
 
-use crate::csv_table::{Written, seconds};
+use crate::csv_table::{CsvWriter, format_seconds};
 use crate::cycle::Cycle;
 
 /// The tables of a run: poses, line points, what was seen; those that were asked for.
-pub struct Outputs {
-    poses: Option<Written>,
-    points: Option<Written>,
-    seen: Option<Written>,
+pub struct CsvOutputs {
+    poses: Option<CsvWriter>,
+    points: Option<CsvWriter>,
+    detections: Option<CsvWriter>,
 }
 
-impl Outputs {
+impl CsvOutputs {
     /// Starts those that have a path.
     pub fn create(
         poses: Option<&Path>,
@@ -23,29 +23,29 @@ impl Outputs {
         seen: Option<&Path>,
     ) -> Result<Self> {
         let start = |path: Option<&Path>, header| {
-            path.map(|path| Written::create(path, header)).transpose()
+            path.map(|path| CsvWriter::create(path, header)).transpose()
         };
         let poses_header =
             "stamp_s,x_m,y_m,theta_rad,std_x_m,std_y_m,std_theta_rad,mode,line_points";
-        Ok(Outputs {
+        Ok(CsvOutputs {
             poses: start(poses, poses_header)?,
             points: start(points, "stamp_s,x_m,y_m")?,
-            seen: start(seen, "stamp_s,kind,x_m,y_m,std_m,score")?,
+            detections: start(seen, "stamp_s,kind,x_m,y_m,std_m,score")?,
         })
     }
 
     /// Adds a cycle's rows.
     pub fn write(&mut self, cycle: &Cycle) -> Result<()> {
-        let stamp = seconds(cycle.stamp);
+        let stamp = format_seconds(cycle.stamp);
         if let Some(file) = &mut self.poses {
             write_pose(file, &stamp, &cycle.estimate)?;
         }
         if let Some(file) = &mut self.points {
-            for point in &cycle.points {
-                file.row(format_args!("{stamp},{:.5},{:.5}", point.at.x, point.at.y))?;
+            for point in &cycle.line_points {
+                file.write_row(format_args!("{stamp},{:.5},{:.5}", point.at.x, point.at.y))?;
             }
         }
-        if let (Some(file), Some(seen)) = (&mut self.seen, &cycle.seen) {
+        if let (Some(file), Some(seen)) = (&mut self.detections, &cycle.detections) {
             let ball = seen
                 .ball
                 .iter()
@@ -61,7 +61,7 @@ impl Outputs {
             for (kind, at, [var_xx, _, var_yy], score) in ball.chain(robots).chain(goals) {
                 // One number for both directions: the root of the mean variance.
                 let std = ((var_xx + var_yy) / 2.0).max(0.0).sqrt();
-                file.row(format_args!(
+                file.write_row(format_args!(
                     "{stamp},{kind},{:.4},{:.4},{std:.4},{score:.3}",
                     at.x, at.y
                 ))?;
@@ -72,20 +72,20 @@ impl Outputs {
 
     /// Gives the files their names.
     pub fn finish(self) -> Result<()> {
-        self.poses.map_or(Ok(()), Written::finish)?;
-        self.points.map_or(Ok(()), Written::finish)?;
-        self.seen.map_or(Ok(()), Written::finish)
+        self.poses.map_or(Ok(()), CsvWriter::finish)?;
+        self.points.map_or(Ok(()), CsvWriter::finish)?;
+        self.detections.map_or(Ok(()), CsvWriter::finish)
     }
 }
 
 /// One row a frame; the coordinates stay empty where the robot is lost.
-fn write_pose(file: &mut Written, stamp: &str, estimate: &Estimate) -> Result<()> {
+fn write_pose(file: &mut CsvWriter, stamp: &str, estimate: &Estimate) -> Result<()> {
     let (mode, points) = (mode_name(estimate.mode), estimate.line_points);
     let Some(pose) = estimate.pose else {
-        return file.row(format_args!("{stamp},,,,,,,{mode},{points}"));
+        return file.write_row(format_args!("{stamp},,,,,,,{mode},{points}"));
     };
     let [std_x, std_y, std_theta] = [0, 1, 2].map(|i| estimate.covariance[(i, i)].max(0.0).sqrt());
-    file.row(format_args!(
+    file.write_row(format_args!(
         "{stamp},{:.5},{:.5},{:.6},{std_x:.5},{std_y:.5},{std_theta:.6},{mode},{points}",
         pose.x, pose.y, pose.theta
     ))

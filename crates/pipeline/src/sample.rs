@@ -14,7 +14,7 @@ use vision::image::{Image, ImageView as Pixels, PixelFormat};
 
 /// Where things truly were.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Truth {
+pub struct GroundTruth {
     /// When.
     pub stamp: Stamp,
     /// The robot.
@@ -39,43 +39,43 @@ pub enum Sample {
     /// What the motors are told.
     Command(VelocityCommand),
     /// What a team-mate says.
-    Report(TeamReport),
+    TeamReport(TeamReport),
     /// For scoring alone; no stage sees it.
-    Truth(Truth),
+    GroundTruth(GroundTruth),
     /// A frame: it ends a cycle.
-    Frame(Frame),
+    Image(CameraImage),
 }
 
 /// What vision starts from in a cycle.
 #[derive(Debug, Clone)]
-pub struct Frame {
+pub struct CameraImage {
     /// When it was exposed.
     pub stamp: Stamp,
     /// What it shows.
-    pub content: Content,
+    pub content: ImageContent,
 }
 
 /// A frame's content.
 #[derive(Debug, Clone)]
-pub enum Content {
+pub enum ImageContent {
     /// An image for our own vision.
-    Image(Picture),
+    Pixels(SourceImage),
     /// What another vision (or an earlier run) found.
-    Found {
+    Features {
         /// Line points.
         points: Vec<LinePoint>,
         /// Goals by their colours.
         goals: Vec<GoalObservation>,
     },
     /// What our own vision found in an earlier run.
-    Seen(Box<Detections>),
+    Detections(Box<Detections>),
     /// A frame that could not be read; the cycle runs on without sight.
     Unreadable(String),
 }
 
 /// An image as its source has it.
 #[derive(Debug, Clone)]
-pub enum Picture {
+pub enum SourceImage {
     /// Red, green, blue: from a file, a log or the simulator.
     Rgb(Arc<Image>),
     /// A camera's own bytes; JPEG is decoded before.
@@ -102,12 +102,12 @@ pub struct RawImage {
     pub data: Arc<dyn ImageBytes>,
 }
 
-impl Picture {
+impl SourceImage {
     /// Its pixels, for vision.
-    pub fn pixels(&self) -> Pixels<'_> {
+    pub fn view(&self) -> Pixels<'_> {
         match self {
-            Picture::Rgb(image) => image.view(),
-            Picture::Raw(frame) => Pixels {
+            SourceImage::Rgb(image) => image.view(),
+            SourceImage::Raw(frame) => Pixels {
                 width_px: frame.width_px,
                 height_px: frame.height_px,
                 format: frame.format,
@@ -118,10 +118,10 @@ impl Picture {
     }
 
     /// Red, green, blue, as vision takes the camera's bytes; none of a torn frame.
-    pub fn rgb(&self) -> Option<Arc<Image>> {
+    pub fn to_rgb(&self) -> Option<Arc<Image>> {
         let frame = match self {
-            Picture::Rgb(image) => return Some(Arc::clone(image)),
-            Picture::Raw(_) => self.pixels(),
+            SourceImage::Rgb(image) => return Some(Arc::clone(image)),
+            SourceImage::Raw(_) => self.view(),
         };
         let (width_px, height_px) = (frame.width_px, frame.height_px);
         frame.check(width_px, height_px).ok()?;
@@ -143,13 +143,13 @@ impl Picture {
     }
 
     /// True if red, green and blue hold all that vision sees: brightness and chroma round on their way there.
-    pub fn is_exact_in_rgb(&self) -> bool {
-        !self.pixels().format.is_yuv()
+    pub fn is_lossless_in_rgb(&self) -> bool {
+        !self.view().format.is_yuv()
     }
 }
 
-impl From<Image> for Picture {
+impl From<Image> for SourceImage {
     fn from(image: Image) -> Self {
-        Picture::Rgb(Arc::new(image))
+        SourceImage::Rgb(Arc::new(image))
     }
 }

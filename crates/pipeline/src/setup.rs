@@ -47,12 +47,12 @@ impl Setup {
         let camera = match &robot.camera {
             Some(camera) => Some((
                 camera.clone(),
-                Arc::new(ground_map(robot_file, &robot, camera, map)?),
+                Arc::new(load_ground_map(robot_file, &robot, camera, map)?),
             )),
             None => None,
         };
         let viewpoint_height = match &robot.mirror {
-            Some(mirror) => Some(viewpoint_height(&Profile::load(&mirror.profile)?)),
+            Some(mirror) => Some(profile_viewpoint_height(&Profile::load(&mirror.profile)?)),
             None => None,
         };
         let mask = match (&robot.mask, &robot.camera) {
@@ -61,7 +61,7 @@ impl Setup {
         };
         Ok(Setup {
             mask,
-            colours: colours(robot_file, &robot)?,
+            colours: load_colours(robot_file, &robot)?,
             robot,
             field,
             camera,
@@ -71,13 +71,13 @@ impl Setup {
 }
 
 /// Where the view of the floor comes from: the mirror half way out.
-fn viewpoint_height(profile: &Profile) -> f32 {
+fn profile_viewpoint_height(profile: &Profile) -> f32 {
     let (inner, outer) = profile.radii();
     profile.height_and_slope((inner + outer) / 2.0).0 as f32
 }
 
 /// The saved table, or one learned from labels (those that robot.toml names, or labels.csv beside it).
-fn colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourTable>> {
+fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourTable>> {
     if let Some(saved) = &robot.colours {
         return Ok(Some(ColourTable::load(saved)?));
     }
@@ -96,7 +96,7 @@ fn colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourTable>
 }
 
 /// The map a robot measures with: the one given, else its calibrated one, else the one its mirror should have.
-fn ground_map(
+fn load_ground_map(
     robot_file: &Path,
     robot: &RobotConfig,
     camera: &CameraConfig,

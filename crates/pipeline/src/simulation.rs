@@ -13,15 +13,15 @@ use sim::{Scenario, Sim, SimSample as Simulated};
 use vision::exposure::ExposureCommand;
 use vision::image::Image;
 
-use crate::cycle::{Cycle, Spine, merge};
-use crate::sample::{Content, Frame, Sample, Truth};
+use crate::cycle::{Cycle, Pipeline, merge_tables};
+use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
 use crate::setup::Setup;
 
 /// Frames that the simulator may be ahead of whoever looks at them: one to look at, one on its way.
-const LEAD: usize = 2;
+const PREFETCHED_IMAGES: usize = 2;
 
 /// Answers that wait for the simulator: more frames than a camera's delay and `LEAD` together are never under way.
-const ANSWERS: usize = 64;
+const MAX_PENDING_COMMANDS: usize = 64;
 
 /// A running scenario.
 pub struct Simulation {
@@ -38,13 +38,13 @@ impl Simulation {
     }
 
     /// A scenario with single values in place of its file's, table by table.
-    pub fn changed(
+    pub fn with_overrides(
         scenario: &Path,
         over: &toml::Table,
         seed: Option<u64>,
         duration: Option<f64>,
     ) -> Result<Self> {
-        let (scenario, robot) = changed_scenario(scenario, over, seed)?;
+        let (scenario, robot) = load_scenario_with_overrides(scenario, over, seed)?;
         let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
         let duration = duration.unwrap_or(scenario.duration);
         let sim = Sim::new(scenario, robot, field)?;
@@ -53,7 +53,7 @@ impl Simulation {
 
     /// What the simulated robot believes of itself: its file's map, or the one its mirror should have.
     pub fn setup(&self) -> Result<Setup> {
-        let mut setup = setup_of(&self.sim)?;
+        let mut setup = setup_from_sim(&self.sim)?;
         // The scenario's film is what the camera starts with.
         setup.robot.exposure = self.sim.robot().exposure.map(|control| {
             let film = self.sim.image_sensor();
@@ -77,17 +77,17 @@ impl Simulation {
     /// what a cycle commands the camera goes back to it, in force from the frame that the command names.
     ///
     /// The simulator runs ahead in a thread of its own as far as the camera's delay lets it: the same samples, sooner.
-    pub fn play(
+    pub fn run(
         self,
-        spine: &mut Spine,
+        spine: &mut Pipeline,
         mut also: impl FnMut(Cycle) -> Result<ControlFlow<()>>,
     ) -> Result<()> {
-        let mut ahead = self.run_ahead(true)?;
+        let mut ahead = self.spawn_prefetch(true)?;
         while let Some(sample) = ahead.next() {
-            let Some(cycle) = spine.take(sample) else {
+            let Some(cycle) = spine.process_sample(sample) else {
                 continue;
             };
-            ahead.answer(cycle.camera_command());
+            ahead.send_camera_command(cycle.camera_command());
             if also(cycle)?.is_break() {
                 break;
             }
@@ -111,21 +111,21 @@ impl Simulation {
     }
 
     /// Runs on in a thread of its own, while what it yielded is being looked at; its camera is not commanded.
-    pub fn ahead(self) -> Result<Ahead> {
-        self.run_ahead(false)
+    pub fn prefetch(self) -> Result<PrefetchedSimulation> {
+        self.spawn_prefetch(false)
     }
 
     /// `commanded`: waits for what each frame's cycle says to the camera, as far as the camera's delay asks for it.
-    fn run_ahead(mut self, commanded: bool) -> Result<Ahead> {
-        let (sender, samples) = sync_channel(LEAD);
-        let (answers, commands) = sync_channel::<Option<ExposureCommand>>(ANSWERS);
+    fn spawn_prefetch(mut self, commanded: bool) -> Result<PrefetchedSimulation> {
+        let (sender, samples) = sync_channel(PREFETCHED_IMAGES);
+        let (answers, commands) = sync_channel::<Option<ExposureCommand>>(MAX_PENDING_COMMANDS);
         // A camera without control is never commanded: nobody needs to be waited for.
         let camera = self.sim.robot().exposure.filter(|_| commanded);
         let delay = camera.map(|camera| camera.delay_frames.max(1));
         let run = move || {
             let (mut parcel, mut taken, mut answered) = (Vec::new(), 0u64, 0u64);
             while let Some(sample) = self.next() {
-                let ends = matches!(sample, Sample::Frame(_));
+                let ends = matches!(sample, Sample::Image(_));
                 parcel.push(sample);
                 if !ends {
                     continue;
@@ -150,10 +150,10 @@ impl Simulation {
             .name("simulator".to_owned())
             .spawn(run)
             .context("cannot start the simulator's thread")?;
-        Ok(Ahead {
+        Ok(PrefetchedSimulation {
             samples,
-            answers,
-            parcel: Vec::new().into_iter(),
+            camera_commands: answers,
+            batch: Vec::new().into_iter(),
             thread: Some(thread),
         })
     }
@@ -167,12 +167,12 @@ impl Iterator for Simulation {
         if sample.stamp().seconds() >= self.duration {
             return None;
         }
-        Some(translated(sample))
+        Some(sample_from_sim(sample))
     }
 }
 
 /// A scenario and its robot file, with single values in place of the file's.
-pub fn changed_scenario(
+pub fn load_scenario_with_overrides(
     path: &Path,
     over: &toml::Table,
     seed: Option<u64>,
@@ -186,7 +186,7 @@ pub fn changed_scenario(
         std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut table: toml::Table =
         toml::from_str(&text).with_context(|| path.display().to_string())?;
-    merge(&mut table, over.clone());
+    merge_tables(&mut table, over.clone());
     if let Some(seed) = seed {
         let seed = i64::try_from(seed).context("a scenario's seed ends at 2^63")?;
         table.insert("seed".to_owned(), seed.into());
@@ -195,7 +195,7 @@ pub fn changed_scenario(
 }
 
 /// What the robot of a simulation believes of itself.
-pub(crate) fn setup_of(sim: &Sim) -> Result<Setup> {
+pub(crate) fn setup_from_sim(sim: &Sim) -> Result<Setup> {
     let scenario = sim.scenario();
     let mut robot = sim.robot().clone();
     if let Some(field) = &scenario.field {
@@ -207,13 +207,13 @@ pub(crate) fn setup_of(sim: &Sim) -> Result<Setup> {
 }
 
 /// A simulator's sample in the spine's words.
-pub(crate) fn translated(sample: Simulated) -> Sample {
+pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
     match sample {
         Simulated::Odometry(odometry) => Sample::Odometry(odometry),
         Simulated::Imu(imu) => Sample::Imu(imu),
         Simulated::Compass(compass) => Sample::Compass(compass),
         Simulated::Command(command) => Sample::Command(command),
-        Simulated::Truth(truth) => Sample::Truth(Truth {
+        Simulated::Truth(truth) => Sample::GroundTruth(GroundTruth {
             stamp: truth.stamp,
             pose: truth.robot.pose,
             ball: truth.ball.map(|ball| ball.at),
@@ -230,41 +230,41 @@ pub(crate) fn translated(sample: Simulated) -> Sample {
                 height_px: image.height_px,
                 rgb: image.rgb,
             };
-            Sample::Frame(Frame {
+            Sample::Image(CameraImage {
                 stamp: image.stamp,
-                content: Content::Image(picture.into()),
+                content: ImageContent::Pixels(picture.into()),
             })
         }
     }
 }
 
 /// A scenario that runs in a thread of its own, a few frames ahead.
-pub struct Ahead {
+pub struct PrefetchedSimulation {
     samples: Receiver<Vec<Sample>>,
     /// One answer a frame: what to set the camera to, if anything.
-    answers: SyncSender<Option<ExposureCommand>>,
-    parcel: std::vec::IntoIter<Sample>,
+    camera_commands: SyncSender<Option<ExposureCommand>>,
+    batch: std::vec::IntoIter<Sample>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Ahead {
+impl PrefetchedSimulation {
     /// Says what a frame's cycle commands; once a frame, in their order.
-    fn answer(&self, command: Option<ExposureCommand>) {
+    fn send_camera_command(&self, command: Option<ExposureCommand>) {
         // A simulator that has ended needs no answer.
-        let _ = self.answers.try_send(command);
+        let _ = self.camera_commands.try_send(command);
     }
 }
 
-impl Iterator for Ahead {
+impl Iterator for PrefetchedSimulation {
     type Item = Sample;
 
     fn next(&mut self) -> Option<Sample> {
         loop {
-            if let Some(sample) = self.parcel.next() {
+            if let Some(sample) = self.batch.next() {
                 return Some(sample);
             }
             match self.samples.recv() {
-                Ok(parcel) => self.parcel = parcel.into_iter(),
+                Ok(parcel) => self.batch = parcel.into_iter(),
                 Err(_) => break,
             }
         }

@@ -26,26 +26,26 @@ use vision::robots::{Marker, RobotDetection};
 use vision::windows::{Bumper, VirtualSensorReadings};
 
 use crate::cycle::{Cycle, Inputs, Timings};
-use crate::log::read::Logged;
+use crate::log::read::LoggedCycle;
 
 use crate::feed::Pace;
-use crate::log::{Header, Log, LogConfig, Recorder, Written};
-use crate::sample::Truth;
+use crate::log::{Header, LogConfig, LogReader, LogStats, Recorder};
+use crate::sample::GroundTruth;
 
 /// The sample recording's field.
 pub fn field() -> Field {
-    Field::load(&sample_folder().join("field.toml")).expect("a field")
+    Field::load(&sample_recording().join("field.toml")).expect("a field")
 }
 
 /// The sample recording.
-pub fn sample_folder() -> PathBuf {
+pub fn sample_recording() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence")
 }
 
 /// Arbitrary values, zeros of both signs and the smallest number among them.
-struct Any(ChaCha8Rng);
+struct RandomValues(ChaCha8Rng);
 
-impl Any {
+impl RandomValues {
     fn value(&mut self) -> f32 {
         match self.0.random_range(0..8) {
             0 => -0.0,
@@ -116,7 +116,7 @@ impl Any {
                 }),
                 obstacles: vec![self.at()],
             }],
-            truth: Some(Truth {
+            truth: Some(GroundTruth {
                 stamp,
                 pose: self.pose(),
                 ball: Some(self.at()),
@@ -127,7 +127,7 @@ impl Any {
         }
     }
 
-    fn seen(&mut self, number: u64) -> Detections {
+    fn detections(&mut self, number: u64) -> Detections {
         let mut line_point = || LinePointDetection {
             point: LinePoint {
                 at: self.at(),
@@ -285,18 +285,18 @@ impl Any {
 }
 
 /// A cycle of arbitrary values, the same for the same number.
-pub fn cycle(number: u64) -> Cycle {
-    let mut any = Any(ChaCha8Rng::seed_from_u64(number));
+pub fn random_cycle(number: u64) -> Cycle {
+    let mut any = RandomValues(ChaCha8Rng::seed_from_u64(number));
     let stamp = Stamp(33_333_333 * number as i64);
-    let seen = any.seen(number);
+    let seen = any.detections(number);
     Cycle {
         stamp,
         inputs: Inputs {
-            image: Some(picture(number).into()),
+            image: Some(random_image(number).into()),
             ..any.inputs(stamp)
         },
-        points: seen.line_points.iter().map(|seen| seen.point).collect(),
-        seen: Some(seen),
+        line_points: seen.line_points.iter().map(|seen| seen.point).collect(),
+        detections: Some(seen),
         estimate: any.estimate(stamp, number),
         world: any.world(stamp, number),
         team: any.team(),
@@ -310,7 +310,7 @@ pub fn cycle(number: u64) -> Cycle {
 }
 
 /// picture
-pub fn picture(number: u64) -> Image {
+pub fn random_image(number: u64) -> Image {
     let mut rng = ChaCha8Rng::seed_from_u64(number);
     Image {
         width_px: 64,
@@ -320,26 +320,28 @@ pub fn picture(number: u64) -> Image {
 }
 
 /// Records cycles to a log.
-pub fn record(path: &Path, count: u64, config: &LogConfig) -> Written {
+pub fn record(path: &Path, count: u64, config: &LogConfig) -> LogStats {
     let header = Header::new("test", Some(7)).with_file("robot.toml", "field = \"field.toml\"\n");
     let mut recorder =
         Recorder::create(path, &header, &field(), Pace::Lockstep, config).expect("a recorder");
     for number in 0..count {
-        recorder.cycle(Arc::new(cycle(number))).expect("taken");
+        recorder
+            .record_cycle(Arc::new(random_cycle(number)))
+            .expect("taken");
     }
     recorder.finish().expect("written")
 }
 
 /// Reads all cycles of a log.
-pub fn read(path: &Path) -> Vec<Logged> {
-    Log::open(path)
+pub fn read(path: &Path) -> Vec<LoggedCycle> {
+    LogReader::open(path)
         .expect("a log")
         .collect::<anyhow::Result<_>>()
         .expect("cycles")
 }
 
 /// The error of a log that cannot be read to its end, as the user sees it.
-pub fn complaint(path: &Path) -> String {
-    let read = Log::open(path).and_then(|log| log.collect::<anyhow::Result<Vec<_>>>());
+pub fn read_error(path: &Path) -> String {
+    let read = LogReader::open(path).and_then(|log| log.collect::<anyhow::Result<Vec<_>>>());
     format!("{:#}", read.map(|_| ()).expect_err("an error"))
 }

@@ -4,25 +4,25 @@ use std::path::Path;
 
 use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use pipeline::log::ImageMode;
+use pipeline::log::ImageCompression;
 
 /// Arguments that cannot be meant.
 #[derive(Debug)]
-pub struct WrongArguments(pub String);
+pub struct UsageError(pub String);
 
-impl std::fmt::Display for WrongArguments {
+impl std::fmt::Display for UsageError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.0)
     }
 }
 
-impl std::error::Error for WrongArguments {}
+impl std::error::Error for UsageError {}
 
 /// Longest simulation, seconds: a month.
 const LONGEST: f64 = 2_678_400.0;
 
 /// A duration on the command line, seconds.
-pub fn duration(text: &str) -> Result<f64, String> {
+pub fn parse_duration(text: &str) -> Result<f64, String> {
     let seconds: f64 = text
         .parse()
         .map_err(|error: std::num::ParseFloatError| error.to_string())?;
@@ -34,19 +34,19 @@ pub fn duration(text: &str) -> Result<f64, String> {
 }
 
 /// How a log keeps images, by name.
-pub fn image_mode() -> impl TypedValueParser<Value = ImageMode> {
-    PossibleValuesParser::new(ImageMode::ALL.map(ImageMode::name))
-        .map(|name| ImageMode::named(&name).unwrap_or_default())
+pub fn image_mode() -> impl TypedValueParser<Value = ImageCompression> {
+    PossibleValuesParser::new(ImageCompression::ALL.map(ImageCompression::name))
+        .map(|name| ImageCompression::from_name(&name).unwrap_or_default())
 }
 
 /// Refuses two outputs of one name: the second would overwrite the first.
-pub fn distinct<'a>(outputs: impl IntoIterator<Item = Option<&'a Path>>) -> Result<()> {
+pub fn ensure_distinct_outputs<'a>(
+    outputs: impl IntoIterator<Item = Option<&'a Path>>,
+) -> Result<()> {
     let mut seen: Vec<&Path> = Vec::new();
     for path in outputs.into_iter().flatten() {
         if seen.contains(&path) {
-            return Err(
-                WrongArguments(format!("{} is named for two outputs", path.display())).into(),
-            );
+            return Err(UsageError(format!("{} is named for two outputs", path.display())).into());
         }
         seen.push(path);
     }
@@ -58,17 +58,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn durations_that_never_end_or_never_begin_are_refused() {
+    fn non_positive_and_non_finite_durations_are_rejected() {
         for text in ["nan", "inf", "0", "-1", "soon"] {
-            assert!(duration(text).is_err(), "{text}");
+            assert!(parse_duration(text).is_err(), "{text}");
         }
-        assert_eq!(duration("2.5"), Ok(2.5));
+        assert_eq!(parse_duration("2.5"), Ok(2.5));
     }
 
     #[test]
-    fn one_name_for_two_outputs_is_refused() {
+    fn duplicate_output_paths_are_rejected() {
         let (a, b) = (Path::new("a.csv"), Path::new("b.csv"));
-        assert!(distinct([Some(a), None, Some(b)]).is_ok());
-        assert!(distinct([Some(a), Some(b), Some(a)]).is_err());
+        assert!(ensure_distinct_outputs([Some(a), None, Some(b)]).is_ok());
+        assert!(ensure_distinct_outputs([Some(a), Some(b), Some(a)]).is_err());
     }
 }

@@ -10,17 +10,17 @@ use serde::Serialize;
 use vision::image::Image;
 
 use crate::commands::arguments;
-use crate::commands::locate::FOREIGN_POINT_STD;
+use crate::commands::locate::EXTERNAL_POINT_STD;
 use crate::interrupt;
-use crate::pictures::annotate::annotated;
-use crate::pictures::field::{FieldPicture, beside, ink};
-use pipeline::cycle::{Cycle, Spine, SpineConfig};
+use crate::pictures::annotate::draw_detections;
+use crate::pictures::field::{FieldDrawing, ink, side_by_side};
+use pipeline::cycle::{Cycle, Pipeline, PipelineConfig};
 use pipeline::log::start_log;
-use pipeline::log::{ImageMode, LogConfig};
+use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::paths;
 use pipeline::recording::Recording;
 use pipeline::score;
-use pipeline::score::summary::{Summary, Tally};
+use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 
@@ -35,7 +35,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Seconds to play.
-    #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Where log and pictures go.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
@@ -56,32 +56,32 @@ struct Outcome {
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
-    let scenario = paths::find("config/scenarios/demo.toml")?;
-    let sample = paths::find("samples/sequence")?;
+    let scenario = paths::find_resource("config/scenarios/demo.toml")?;
+    let sample = paths::find_resource("samples/sequence")?;
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot make {}", args.out.display()))?;
     let log = args.out.join("demo.mcap");
     let pictures = ["play.png", "recording.png"].map(|name| args.out.join(name));
 
-    interrupt::watch()?;
+    interrupt::install_handler()?;
     let simulation = Simulation::load(&scenario, args.seed, args.duration)?;
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
     let setup = simulation.setup()?;
-    let config = SpineConfig::default();
+    let config = PipelineConfig::default();
     let log_config = LogConfig {
-        images: ImageMode::Jpeg,
+        images: ImageCompression::Jpeg,
         ..LogConfig::default()
     };
     let mut recorder = start_log(&log, "demo", Some(seed), (&setup, &config), &log_config)?;
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
-    let mut play = Story::default();
-    let mut spine = Spine::new(&setup, &config)?;
-    simulation.play(&mut spine, |cycle| {
+    let mut play = RunTrace::default();
+    let mut spine = Pipeline::new(&setup, &config)?;
+    simulation.run(&mut spine, |cycle| {
         let cycle = Arc::new(cycle);
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
         play.add(&cycle);
-        recorder.cycle(cycle)?;
+        recorder.record_cycle(cycle)?;
         Ok(interrupt::flow())
     })?;
     bar.finish_and_clear();
@@ -91,10 +91,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     play.picture(&setup)?.save(&pictures[0])?;
 
     let setup = Setup::load(&sample.join("robot.toml"), None)?;
-    let recording = Recording::open(&sample, FOREIGN_POINT_STD)?;
-    let mut spine = Spine::new(&setup, &config)?;
-    let mut seen = Story::default();
-    for cycle in recording.filter_map(|sample| spine.take(sample)) {
+    let recording = Recording::open(&sample, EXTERNAL_POINT_STD)?;
+    let mut spine = Pipeline::new(&setup, &config)?;
+    let mut seen = RunTrace::default();
+    for cycle in recording.filter_map(|sample| spine.process_sample(sample)) {
         seen.add(&Arc::new(cycle));
         interrupt::check()?;
     }
@@ -127,38 +127,44 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 
 /// A run from its first to its last cycle, as far as a picture of it needs.
 #[derive(Default)]
-struct Story {
+struct RunTrace {
     truth: Vec<At<FieldFrame>>,
     estimates: Vec<At<FieldFrame>>,
-    tally: Tally,
+    tally: RunStatistics,
     /// The cycle with most found in it.
-    shown: Option<(usize, Arc<Cycle>)>,
+    best_cycle: Option<(usize, Arc<Cycle>)>,
 }
 
-impl Story {
+impl RunTrace {
     fn add(&mut self, cycle: &Arc<Cycle>) {
-        self.tally.add(cycle, score::cycle_error(cycle));
+        self.tally.add_cycle(cycle, score::cycle_error(cycle));
         self.truth
             .extend(cycle.inputs.truth.as_ref().map(|truth| truth.pose.origin()));
         self.estimates
             .extend(cycle.estimate.pose.map(|pose| pose.origin()));
-        let Some(seen) = &cycle.seen else { return };
+        let Some(seen) = &cycle.detections else {
+            return;
+        };
         // A ball near by tells more in a picture than a few line points.
         let richness = seen.line_points.len()
             + 40 * (seen.robots.len() + 2 * usize::from(seen.ball.is_some()));
-        if self.shown.as_ref().is_none_or(|(most, _)| richness > *most) {
-            self.shown = Some((richness, cycle.clone()));
+        if self
+            .best_cycle
+            .as_ref()
+            .is_none_or(|(most, _)| richness > *most)
+        {
+            self.best_cycle = Some((richness, cycle.clone()));
         }
     }
 
     fn picture(&self, setup: &Setup) -> Result<Image> {
         let mut field =
-            FieldPicture::new(&setup.field, 1200).context("the field is too large to draw")?;
+            FieldDrawing::new(&setup.field, 1200).context("the field is too large to draw")?;
         field.path(self.truth.iter().copied(), ink::truth(), 5.0);
         field.path(self.estimates.iter().copied(), ink::estimate(), 2.0);
         field.text(12, 10, "true path", ink::line());
         field.text(12, 30, "estimated path", ink::estimate());
-        let Some((_, cycle)) = &self.shown else {
+        let Some((_, cycle)) = &self.best_cycle else {
             return Ok(field.finish());
         };
         let truth = cycle.inputs.truth.as_ref();
@@ -172,8 +178,8 @@ impl Story {
             field.dot(pose.origin(), ink::estimate(), 9.0);
         }
         let map = setup.camera.as_ref().map(|(_, map)| map);
-        let camera = map.and_then(|map| annotated(cycle, &setup.field, map));
+        let camera = map.and_then(|map| draw_detections(cycle, &setup.field, map));
         let field = field.finish();
-        Ok(camera.map_or_else(|| field.clone(), |camera| beside(&field, &camera)))
+        Ok(camera.map_or_else(|| field.clone(), |camera| side_by_side(&field, &camera)))
     }
 }

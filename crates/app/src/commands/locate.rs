@@ -6,15 +6,15 @@ use anyhow::{Result, ensure};
 use serde::Serialize;
 use vision::config::ObjectConfig;
 
-use crate::commands::arguments::{self, WrongArguments};
+use crate::commands::arguments::{self, UsageError};
 use crate::interrupt;
-use pipeline::csv_table::seconds;
-use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::csv_table::format_seconds;
+use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::recording::Recording;
-use pipeline::result_files::Outputs;
+use pipeline::result_files::CsvOutputs;
 use pipeline::score;
-use pipeline::score::objects::{SightSummary, SightTally, TrueScene};
-use pipeline::score::summary::{Summary, Tally};
+use pipeline::score::objects::{DetectionStatistics, DetectionSummary, GroundTruthScene};
+use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
 
 /// Find the robot in every frame of a recording folder.
@@ -59,41 +59,50 @@ struct Outcome {
     scan_share: Option<f32>,
     /// What the eyes found of what is known to be there.
     #[serde(skip_serializing_if = "Option::is_none")]
-    eyes: Option<SightSummary>,
+    eyes: Option<DetectionSummary>,
 }
 
 /// Standard deviation taken for line points of another vision, which come without one, metres.
-pub const FOREIGN_POINT_STD: f32 = 0.04;
+pub const EXTERNAL_POINT_STD: f32 = 0.04;
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
     if !args.dir.is_dir() {
-        return Err(WrongArguments(format!("{} is not a folder", args.dir.display())).into());
+        return Err(UsageError(format!("{} is not a folder", args.dir.display())).into());
     }
-    interrupt::watch()?;
+    interrupt::install_handler()?;
     let setup = Setup::load(&args.dir.join("robot.toml"), args.map.as_deref())?;
-    let recording = Recording::open(&args.dir, FOREIGN_POINT_STD)?;
+    let recording = Recording::open(&args.dir, EXTERNAL_POINT_STD)?;
     let truth = recording.truth.clone();
     let objects = recording.objects.clone();
-    let mut spine = Spine::new(
+    let mut spine = Pipeline::new(
         &setup,
-        &SpineConfig::load(&args.preset, args.config.as_deref())?,
+        &PipelineConfig::load(&args.preset, args.config.as_deref())?,
     )?;
     let out = args
         .out
         .clone()
         .unwrap_or_else(|| args.dir.join("poses.csv"));
-    arguments::distinct([Some(&*out), args.points.as_deref(), args.seen.as_deref()])?;
-    let mut outputs = Outputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
-    let mut tally = Tally::default();
-    let mut sight = SightTally::default();
+    arguments::ensure_distinct_outputs([
+        Some(&*out),
+        args.points.as_deref(),
+        args.seen.as_deref(),
+    ])?;
+    let mut outputs = CsvOutputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
+    let mut tally = RunStatistics::default();
+    let mut sight = DetectionStatistics::default();
     let viewpoint_height = setup
         .viewpoint_height
         .unwrap_or(ObjectConfig::default().viewpoint_height);
     let bar = crate::progress::bar(recording.frames() as u64, "frames");
-    for cycle in recording.filter_map(|sample| spine.take(sample)) {
+    for cycle in recording.filter_map(|sample| spine.process_sample(sample)) {
         if let Some(fault) = &cycle.fault {
-            bar.suspend(|| eprintln!("frame at {} s skipped: {fault}", seconds(cycle.stamp)));
+            bar.suspend(|| {
+                eprintln!(
+                    "frame at {} s skipped: {fault}",
+                    format_seconds(cycle.stamp)
+                )
+            });
         }
         outputs.write(&cycle)?;
         interrupt::check()?;
@@ -101,20 +110,20 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             .estimate
             .pose
             .and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
-        tally.add(&cycle, error);
-        if let (Some(seen), Some((_, map))) = (&cycle.seen, &setup.camera)
-            && let Some(pose) = score::pose_at(&truth, cycle.stamp)
+        tally.add_cycle(&cycle, error);
+        if let (Some(seen), Some((_, map))) = (&cycle.detections, &setup.camera)
+            && let Some(pose) = score::true_pose_at(&truth, cycle.stamp)
         {
-            let scene = TrueScene {
+            let scene = GroundTruthScene {
                 pose,
-                lean: cycle.estimate.tilt,
+                tilt: cycle.estimate.tilt,
                 viewpoint_height,
                 field: &setup.field,
                 map,
-                covered: &[],
+                occluded_sectors: &[],
                 objects: objects.get(&cycle.stamp).map(Vec::as_slice),
             };
-            sight.add(seen, &scene);
+            sight.add_image(seen, &scene);
         }
         bar.inc(1);
     }
@@ -132,7 +141,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         println!("{}", serde_json::to_string(&outcome)?);
     } else {
         summary.print();
-        eyes.iter().for_each(SightSummary::print);
+        eyes.iter().for_each(DetectionSummary::print);
         if let Some((pixels, share)) = coverage {
             println!(
                 "scan lines read {pixels} pixels, {:.1} % of the image",

@@ -22,11 +22,11 @@ pub(crate) struct Args {
     #[arg(long, value_name = "PATH", global = true)]
     python: Option<PathBuf>,
     #[command(subcommand)]
-    what: What,
+    command: MirrorCommand,
 }
 
 #[derive(Subcommand)]
-enum What {
+enum MirrorCommand {
     /// Compute the profile, or find the best one for wishes, and write it as CSV.
     #[command(
         after_help = "Example: mirrorball mirror design config/mirrors/wishes.toml --out mirror.csv"
@@ -92,27 +92,27 @@ enum What {
         #[arg(long)]
         out: PathBuf,
         /// Which files.
-        #[arg(long, value_delimiter = ',', default_values_t = [Format::Csv, Format::Dxf, Format::Stl])]
-        formats: Vec<Format>,
+        #[arg(long, value_delimiter = ',', default_values_t = [ExportFormat::Csv, ExportFormat::Dxf, ExportFormat::Stl])]
+        formats: Vec<ExportFormat>,
     },
 }
 
 /// Files that workshops read.
 #[derive(Clone, Copy, ValueEnum)]
-enum Format {
+enum ExportFormat {
     Csv,
     Dxf,
     Stl,
     Step,
 }
 
-impl std::fmt::Display for Format {
+impl std::fmt::Display for ExportFormat {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Format::Csv => "csv",
-            Format::Dxf => "dxf",
-            Format::Stl => "stl",
-            Format::Step => "step",
+            ExportFormat::Csv => "csv",
+            ExportFormat::Dxf => "dxf",
+            ExportFormat::Stl => "stl",
+            ExportFormat::Step => "step",
         })
     }
 }
@@ -121,24 +121,24 @@ impl std::fmt::Display for Format {
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     python::start(args.python.as_deref())?;
     let outcome = Python::attach(|py| {
-        call(py, &args.what, json)
+        call_python(py, &args.command, json)
             .map(|text| println!("{text}"))
-            .map_err(|error| explained(py, &error))
+            .map_err(|error| explain_error(py, &error))
     });
     python::finish();
     outcome
 }
 
-fn call(py: Python<'_>, what: &What, json: bool) -> PyResult<String> {
+fn call_python(py: Python<'_>, what: &MirrorCommand, json: bool) -> PyResult<String> {
     let commands = py.import("mirrorball.mirror.command")?;
     let text = |path: &Path| path.display().to_string();
     let options = PyDict::new(py);
     let (name, design) = match what {
-        What::Design { design, out } => {
+        MirrorCommand::Design { design, out } => {
             options.set_item("out", text(out))?;
             ("design", design)
         }
-        What::Report {
+        MirrorCommand::Report {
             design,
             out,
             mirrors,
@@ -152,7 +152,7 @@ fn call(py: Python<'_>, what: &What, json: bool) -> PyResult<String> {
             options.set_item("out", text(out))?;
             ("report", design)
         }
-        What::Render {
+        MirrorCommand::Render {
             design,
             out,
             field,
@@ -165,13 +165,13 @@ fn call(py: Python<'_>, what: &What, json: bool) -> PyResult<String> {
             options.set_item("ball", ball.as_ref())?;
             ("render", design)
         }
-        What::Export {
+        MirrorCommand::Export {
             design,
             out,
             formats,
         } => {
             options.set_item("out", text(out))?;
-            let formats: Vec<String> = formats.iter().map(Format::to_string).collect();
+            let formats: Vec<String> = formats.iter().map(ExportFormat::to_string).collect();
             options.set_item("formats", formats)?;
             ("export", design)
         }
@@ -182,7 +182,7 @@ fn call(py: Python<'_>, what: &What, json: bool) -> PyResult<String> {
 }
 
 /// What the user did wrong is said in a line; anything else is our fault and keeps its traceback.
-fn explained(py: Python<'_>, error: &PyErr) -> anyhow::Error {
+fn explain_error(py: Python<'_>, error: &PyErr) -> anyhow::Error {
     if error.is_instance_of::<PyKeyboardInterrupt>(py) {
         return anyhow!("interrupted");
     }

@@ -2,21 +2,21 @@
 
 use anyhow::{Context, Result};
 
-use crate::commands::arguments::WrongArguments;
-use pipeline::cycle::merge;
+use crate::commands::arguments::UsageError;
+use pipeline::cycle::merge_tables;
 
 /// Tables of `KEY=VALUE` arguments: dotted keys, values as TOML writes them (a bare word is a text).
-pub fn table(assignments: &[String]) -> Result<toml::Table> {
+pub fn parse_overrides(assignments: &[String]) -> Result<toml::Table> {
     let mut whole = toml::Table::new();
     for assignment in assignments {
-        let one = parsed(assignment)
-            .with_context(|| WrongArguments(format!("{assignment:?} is no KEY=VALUE")))?;
-        merge(&mut whole, one);
+        let one = parse_assignment(assignment)
+            .with_context(|| UsageError(format!("{assignment:?} is no KEY=VALUE")))?;
+        merge_tables(&mut whole, one);
     }
     Ok(whole)
 }
 
-fn parsed(assignment: &str) -> Result<toml::Table> {
+fn parse_assignment(assignment: &str) -> Result<toml::Table> {
     let (key, value) = assignment.split_once('=').context("it has no =")?;
     let (key, value) = (key.trim(), value.trim());
     match toml::from_str(&format!("{key} = {value}")) {
@@ -31,14 +31,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dotted_keys_become_tables_and_words_texts() {
+    fn dotted_keys_become_tables_and_bare_words_strings() {
         let given = [
             "path.speed=2.5",
             "path.repeat = false",
             "robot=a.toml",
             "start={x=1, y=2}",
         ];
-        let table = table(&given.map(str::to_owned)).expect("a table");
+        let table = parse_overrides(&given.map(str::to_owned)).expect("a table");
         let wanted: toml::Table = toml::from_str(
             "robot = 'a.toml'\nstart = { x = 1, y = 2 }\n[path]\nspeed = 2.5\nrepeat = false",
         )
@@ -47,10 +47,10 @@ mod tests {
     }
 
     #[test]
-    fn what_assigns_nothing_is_a_wrong_argument() {
+    fn malformed_assignment_is_a_usage_error() {
         for given in ["speed", "=3", "a b=1"] {
-            let error = table(&[given.to_owned()]).expect_err(given);
-            assert!(error.is::<WrongArguments>(), "{error:#}");
+            let error = parse_overrides(&[given.to_owned()]).expect_err(given);
+            assert!(error.is::<UsageError>(), "{error:#}");
         }
     }
 }

@@ -20,7 +20,7 @@ pub struct Args {
 
 /// What `--json` prints.
 #[derive(Serialize)]
-struct Summary {
+struct Outcome {
     messages: u64,
     until_s: Option<f64>,
     lost: Vec<String>,
@@ -35,7 +35,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             .with_context(|| format!("cannot remove {}", args.out.display()))?;
         bail!("{}: no message can be saved from it", args.log.display());
     }
-    let summary = Summary {
+    let summary = Outcome {
         messages: recovered.messages,
         until_s: recovered.until.map(localize::Stamp::seconds),
         lost: recovered.lost,

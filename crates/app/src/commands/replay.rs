@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use serde::Serialize;
 
-use pipeline::cycle::{SPINE_FILE, Spine, SpineConfig};
-use pipeline::log::{self, Difference, End, Log, Verdict};
+use pipeline::cycle::{PIPELINE_FILE, Pipeline, PipelineConfig};
+use pipeline::log::{self, Difference, LogEnd, LogReader, VerificationReport};
 use pipeline::setup::Setup;
 
 /// Run a log once more: verify that it gives the same bits, or export it as a recording folder.
@@ -31,15 +31,15 @@ pub struct Args {
 
 /// What `--json` prints.
 #[derive(Serialize, Default)]
-struct Summary {
+struct Outcome {
     #[serde(skip_serializing_if = "Option::is_none")]
-    verified: Option<Verified>,
+    verified: Option<VerifyOutcome>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    exported: Option<Exported>,
+    exported: Option<ExportOutcome>,
 }
 
 #[derive(Serialize)]
-struct Verified {
+struct VerifyOutcome {
     identical: bool,
     cycles: u64,
     vision_cycles: u64,
@@ -49,7 +49,7 @@ struct Verified {
 }
 
 #[derive(Serialize)]
-struct Exported {
+struct ExportOutcome {
     frames: u64,
     odometry: u64,
     whole: bool,
@@ -61,10 +61,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if args.view {
         return crate::view::again(&args.log);
     }
-    let mut summary = Summary::default();
+    let mut summary = Outcome::default();
     if let Some(folder) = &args.export {
-        let exported = log::export(Log::open(&args.log)?, folder)?;
-        let whole = exported.end == End::Whole;
+        let exported = log::export(LogReader::open(&args.log)?, folder)?;
+        let whole = exported.end == LogEnd::Complete;
         if !json {
             let cut = if whole {
                 ""
@@ -78,7 +78,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
                 folder.display()
             );
         }
-        summary.exported = Some(Exported {
+        summary.exported = Some(ExportOutcome {
             frames: exported.frames,
             odometry: exported.odometry,
             whole,
@@ -86,24 +86,24 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     }
     let mut failure = None;
     if args.verify || args.export.is_none() {
-        let log = Log::open(&args.log)?;
-        if let Some(note) = log.header().other_version() {
+        let log = LogReader::open(&args.log)?;
+        if let Some(note) = log.header().version_mismatch() {
             eprintln!("{}: {note}", args.log.display());
         }
         let verdict =
-            verify(log).with_context(|| format!("cannot verify {}", args.log.display()))?;
+            verify_log(log).with_context(|| format!("cannot verify {}", args.log.display()))?;
         if !json {
             print(&verdict);
         }
-        summary.verified = Some(Verified {
+        summary.verified = Some(VerifyOutcome {
             identical: verdict.different == 0,
             cycles: verdict.cycles,
-            vision_cycles: verdict.seen,
+            vision_cycles: verdict.vision_cycles,
             different: verdict.different,
             unverified: verdict.unverified,
-            whole: verdict.end == End::Whole,
+            whole: verdict.end == LogEnd::Complete,
         });
-        failure = verdict.first;
+        failure = verdict.first_difference;
     }
     if json {
         println!("{}", serde_json::to_string(&summary)?);
@@ -112,7 +112,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         None => Ok(()),
         Some(Difference {
             stamp,
-            what,
+            quantity: what,
             recorded,
             computed,
         }) => bail!(
@@ -124,17 +124,17 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 }
 
 /// Runs a fresh spine, built from the log's own files, over the log.
-fn verify(log: Log) -> Result<Verdict> {
+fn verify_log(log: LogReader) -> Result<VerificationReport> {
     let folder = tempfile::tempdir().context("no room for the log's files")?;
     log.header().write_files(folder.path())?;
-    let mut spine = spine_of(folder.path()).map_err(|error| {
+    let mut spine = load_pipeline(folder.path()).map_err(|error| {
         // The files lie in the log; where they were unpacked tells nobody anything.
         let unpacked = format!("{}/", folder.path().display());
         anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
     })?;
     let bar = crate::progress::bar(0, "cycles");
     let verdict = log::verify(log, |sample| {
-        let cycle = spine.take(sample);
+        let cycle = spine.process_sample(sample);
         bar.inc(u64::from(cycle.is_some()));
         cycle
     });
@@ -143,17 +143,17 @@ fn verify(log: Log) -> Result<Verdict> {
 }
 
 /// A spine from the files that a log keeps.
-fn spine_of(folder: &Path) -> Result<Spine> {
+fn load_pipeline(folder: &Path) -> Result<Pipeline> {
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
-    let settings = folder.join(SPINE_FILE);
-    let config = SpineConfig::load("default", settings.exists().then_some(&*settings))?;
-    Spine::new(&setup, &config)
+    let settings = folder.join(PIPELINE_FILE);
+    let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
+    Pipeline::new(&setup, &config)
 }
 
-fn print(verdict: &Verdict) {
-    let Verdict {
+fn print(verdict: &VerificationReport) {
+    let VerificationReport {
         cycles,
-        seen,
+        vision_cycles: seen,
         different,
         gap,
         unverified,
@@ -176,7 +176,7 @@ fn print(verdict: &Verdict) {
             gap.seconds()
         );
     }
-    if *end == End::Cut {
+    if *end == LogEnd::Truncated {
         println!("the log is cut: verified up to its last whole part");
     }
 }

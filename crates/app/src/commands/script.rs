@@ -28,7 +28,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> Result<()> {
     ensure!(args.file.is_file(), "{}: no such file", args.file.display());
     python::start(args.python.as_deref())?;
-    let outcome = Python::attach(|py| execute(py, args).or_else(|error| told(py, &error)));
+    let outcome = Python::attach(|py| execute(py, args).or_else(|error| script_result(py, &error)));
     python::finish();
     outcome
 }
@@ -49,7 +49,7 @@ fn execute(py: Python<'_>, args: &Args) -> PyResult<()> {
 }
 
 /// What is left to say once Python has said its part.
-fn told(py: Python<'_>, error: &PyErr) -> Result<()> {
+fn script_result(py: Python<'_>, error: &PyErr) -> Result<()> {
     if error.is_instance_of::<PySystemExit>(py) {
         let code = error.value(py).getattr("code")?;
         if code.is_none() {

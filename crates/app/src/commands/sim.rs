@@ -19,15 +19,15 @@ use crate::interrupt;
 #[cfg(feature = "view")]
 use crate::view::{self, AfterRun};
 use crate::virtual_hardware;
-use pipeline::csv_table::{Written, seconds};
-use pipeline::cycle::{Cycle, Spine, SpineConfig, overlaid};
+use pipeline::csv_table::{CsvWriter, format_seconds};
+use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
 use pipeline::log::start_log;
-use pipeline::log::{ImageMode, LogConfig, Recorder};
-use pipeline::multi_robot::{self, Squad};
-use pipeline::result_files::Outputs;
+use pipeline::log::{ImageCompression, LogConfig, Recorder};
+use pipeline::multi_robot::{self, MultiRobotSimulation};
+use pipeline::result_files::CsvOutputs;
 use pipeline::score;
-use pipeline::score::summary::{Summary, Tally};
-use pipeline::simulation::{Simulation, changed_scenario};
+use pipeline::score::summary::{RunStatistics, Summary};
+use pipeline::simulation::{Simulation, load_scenario_with_overrides};
 
 /// Run a scenario headless, as fast as it goes.
 #[derive(clap::Args)]
@@ -41,14 +41,14 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Seconds to simulate, in place of the scenario's.
-    #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Record everything into a log (MCAP).
     #[arg(long, value_name = "LOG")]
     record: Option<PathBuf>,
     /// How the log keeps images; only exact ones let `replay --verify` compute vision again.
-    #[arg(long, value_parser = arguments::image_mode(), default_value = ImageMode::default().name(), requires = "record")]
-    images: ImageMode,
+    #[arg(long, value_parser = arguments::image_mode(), default_value = ImageCompression::default().name(), requires = "record")]
+    images: ImageCompression,
     /// Write the estimated poses (as `locate` does).
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -104,37 +104,37 @@ struct Outcome {
 
 /// What `--json` prints of several robots.
 #[derive(Serialize)]
-struct SquadOutcome {
+struct MultiRobotOutcome {
     seed: u64,
     simulated_s: f64,
     times_real_time: f64,
-    robots: Vec<multi_robot::Fared>,
+    robots: Vec<multi_robot::RobotSummary>,
 }
 
 /// Several of our robots, each with its whole stack.
-fn run_squad(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
+fn run_multi_robot(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
     ensure!(
         args.out.is_none() && args.truth.is_none(),
         "--out and --truth are of one robot, and {} has several: record them",
         args.scenario.display()
     );
-    let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
-    let config = overlaid(&config, overrides::table(&args.set_config)?)?;
+    let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
+    let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
     let duration = args.duration.unwrap_or(scenario.duration);
     let log_config = LogConfig {
         images: args.images,
         ..LogConfig::default()
     };
     let record = args.record.as_deref().map(|log| (log, &log_config));
-    let squad = Squad::new((&args.scenario, scenario), &config, duration, record)?;
+    let squad = MultiRobotSimulation::new((&args.scenario, scenario), &config, duration, record)?;
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
-    let robots = squad.play(|seconds| bar.set_position((seconds * 1e3) as u64))?;
+    let robots = squad.run(|seconds| bar.set_position((seconds * 1e3) as u64))?;
     bar.finish_and_clear();
     let times_real_time = duration / started.elapsed().as_secs_f64();
     let seed = scenario.seed;
     if json {
-        let outcome = SquadOutcome {
+        let outcome = MultiRobotOutcome {
             seed,
             simulated_s: duration,
             times_real_time,
@@ -175,7 +175,7 @@ fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
-    arguments::distinct([
+    arguments::ensure_distinct_outputs([
         args.record.as_deref(),
         args.out.as_deref(),
         args.truth.as_deref(),
@@ -183,14 +183,14 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if let Some(folder) = &args.hardware {
         return run_hardware(args, folder, json);
     }
-    interrupt::watch()?;
+    interrupt::install_handler()?;
     #[cfg(feature = "view")]
     if args.view {
-        let changes = overrides::table(&args.set)?;
-        let simulation = Simulation::changed(&args.scenario, &changes, args.seed, None)?;
+        let changes = overrides::parse_overrides(&args.set)?;
+        let simulation = Simulation::with_overrides(&args.scenario, &changes, args.seed, None)?;
         let setup = simulation.setup()?;
-        let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
-        let config = overlaid(&config, overrides::table(&args.set_config)?)?;
+        let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
+        let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
         let name = format!("sim {}", args.scenario.display());
         // The last moment stays to be looked at.
         return view::beside(&name, (setup, config), AfterRun::Stay, |feed| {
@@ -208,23 +208,24 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 
 /// Runs the scenario; `watch` sees every cycle.
 fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<()> {
-    let changes = overrides::table(&args.set)?;
-    let (scenario, _) = changed_scenario(&args.scenario, &changes, args.seed)?;
+    let changes = overrides::parse_overrides(&args.set)?;
+    let (scenario, _) = load_scenario_with_overrides(&args.scenario, &changes, args.seed)?;
     if !scenario.squad.is_empty() {
-        return run_squad(args, &scenario, json);
+        return run_multi_robot(args, &scenario, json);
     }
-    let simulation = Simulation::changed(&args.scenario, &changes, args.seed, args.duration)?;
+    let simulation =
+        Simulation::with_overrides(&args.scenario, &changes, args.seed, args.duration)?;
     let setup = simulation.setup()?;
-    let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
-    let config = overlaid(&config, overrides::table(&args.set_config)?)?;
-    let mut spine = Spine::new(&setup, &config)?;
+    let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
+    let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
+    let mut spine = Pipeline::new(&setup, &config)?;
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
-    let mut outputs = Outputs::create(args.out.as_deref(), None, None)?;
+    let mut outputs = CsvOutputs::create(args.out.as_deref(), None, None)?;
     let header = "stamp_s,x_m,y_m,theta_rad";
     let mut truths = args
         .truth
         .as_deref()
-        .map(|path| Written::create(path, header))
+        .map(|path| CsvWriter::create(path, header))
         .transpose()?;
     let source = format!("sim {}", args.scenario.display());
     let log_config = LogConfig {
@@ -233,24 +234,24 @@ fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<(
     };
     let start = |path| start_log(path, &source, Some(seed), (&setup, &config), &log_config);
     let mut recorder = args.record.as_deref().map(start).transpose()?;
-    let mut tally = Tally::default();
+    let mut tally = RunStatistics::default();
     let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
     let started = Instant::now();
-    simulation.play(&mut spine, |cycle| {
+    simulation.run(&mut spine, |cycle| {
         let cycle = Arc::new(cycle);
         watch(&cycle);
-        tally.add(&cycle, score::cycle_error(&cycle));
+        tally.add_cycle(&cycle, score::cycle_error(&cycle));
         outputs.write(&cycle)?;
         if let (Some(file), Some(truth)) = (&mut truths, &cycle.inputs.truth) {
-            let (stamp, pose) = (seconds(truth.stamp), truth.pose);
-            file.row(format_args!(
+            let (stamp, pose) = (format_seconds(truth.stamp), truth.pose);
+            file.write_row(format_args!(
                 "{stamp},{:.5},{:.5},{:.6}",
                 pose.x, pose.y, pose.theta
             ))?;
         }
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
         if let Some(recorder) = &mut recorder {
-            recorder.cycle(cycle)?;
+            recorder.record_cycle(cycle)?;
         }
         Ok(interrupt::flow())
     })?;
@@ -259,7 +260,7 @@ fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<(
     recorder.map(Recorder::finish).transpose()?;
     interrupt::check()?;
     outputs.finish()?;
-    truths.map_or(Ok(()), Written::finish)?;
+    truths.map_or(Ok(()), CsvWriter::finish)?;
     let times_real_time = duration / started.elapsed().as_secs_f64();
     let summary = tally.summary();
     if json {

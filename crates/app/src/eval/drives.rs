@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::experiment::{Drives, Variant};
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use pipeline::cycle::{Cycle, Spine, SpineConfig, overlaid};
+use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
 use pipeline::result_files::mode_name;
 use pipeline::simulation::Simulation;
 
@@ -63,14 +63,15 @@ pub struct Job<'a> {
 
 /// Drives once; with every frame's row, when the robot was carried away (seconds).
 pub fn drive(job: &Job<'_>) -> Result<(Vec<Row>, Vec<f64>)> {
-    let simulation = Simulation::changed(job.scenario, job.set, job.seed, job.duration)?;
+    let simulation = Simulation::with_overrides(job.scenario, job.set, job.seed, job.duration)?;
     let setup = simulation.setup()?;
-    let config: SpineConfig = overlaid(&SpineConfig::preset(job.preset)?, job.config.clone())?;
-    let mut spine = Spine::new(&setup, &config)?;
+    let config: PipelineConfig =
+        apply_overlay(&PipelineConfig::preset(job.preset)?, job.config.clone())?;
+    let mut spine = Pipeline::new(&setup, &config)?;
     let kidnaps = simulation.sim().scenario().kidnaps.iter();
     let kidnaps = kidnaps.map(|kidnap| kidnap.time).collect();
     let mut rows = Vec::new();
-    simulation.play(&mut spine, |cycle| {
+    simulation.run(&mut spine, |cycle| {
         rows.extend(row(&cycle));
         Ok(interrupt::flow())
     })?;
@@ -89,7 +90,7 @@ pub fn row(cycle: &Cycle) -> Option<Row> {
         std: [0, 1, 2].map(|k| covariance[(k, k)].max(0.0).sqrt()),
         mode: estimate.mode,
         doubted: estimate.reason.is_some(),
-        points: cycle.points.len(),
+        points: cycle.line_points.len(),
         times_ms: [cycle.timings.see_ms, cycle.timings.localize_ms],
     })
 }

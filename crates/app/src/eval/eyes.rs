@@ -13,11 +13,13 @@ use vision::config::ObjectConfig;
 use super::experiment::{Eyes, Recorded, Variant};
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use crate::commands::locate::FOREIGN_POINT_STD;
-use pipeline::cycle::{Cycle, Spine, SpineConfig, overlaid};
+use crate::commands::locate::EXTERNAL_POINT_STD;
+use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
 use pipeline::recording::Recording;
 use pipeline::score;
-use pipeline::score::objects::{Note, NoteKind, SightTally, TrueObject, TrueScene};
+use pipeline::score::objects::{
+    DetectionStatistics, GroundTruthObject, GroundTruthScene, ScoredItem, ScoredKind,
+};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 
@@ -33,7 +35,7 @@ const BALL_RANGE: f32 = 6.0;
 const NEAR_RANGE: f32 = 4.0;
 
 /// Right ones and all, by what and bin of distance.
-type Counts = BTreeMap<(NoteKind, usize), [usize; 2]>;
+type Counts = BTreeMap<(ScoredKind, usize), [usize; 2]>;
 
 /// A second of a run.
 #[derive(Default)]
@@ -136,15 +138,15 @@ const SHARES: [&str; 4] = [
 
 fn recorded(folder: &Path, preset: &str) -> Result<Looked> {
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
-    let recording = Recording::open(folder, FOREIGN_POINT_STD)?;
+    let recording = Recording::open(folder, EXTERNAL_POINT_STD)?;
     let (truth, objects) = (recording.truth.clone(), recording.objects.clone());
     ensure!(!truth.is_empty(), "{}: no truth.csv", folder.display());
-    let mut spine = Spine::new(&setup, &SpineConfig::preset(preset)?)?;
+    let mut spine = Pipeline::new(&setup, &PipelineConfig::preset(preset)?)?;
     let lasts = truth.first().zip(truth.last());
     let mut looked = Looked::new(lasts.map_or(0.0, |(first, last)| last.stamp - first.stamp));
-    for cycle in recording.filter_map(|sample| spine.take(sample)) {
+    for cycle in recording.filter_map(|sample| spine.process_sample(sample)) {
         let there = objects.get(&cycle.stamp).map(Vec::as_slice);
-        if let Some(pose) = score::pose_at(&truth, cycle.stamp) {
+        if let Some(pose) = score::true_pose_at(&truth, cycle.stamp) {
             looked.add(&cycle, &setup, pose, (there, &[]));
         }
     }
@@ -153,17 +155,17 @@ fn recorded(folder: &Path, preset: &str) -> Result<Looked> {
 
 fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
     let scenario = variant.scenario.as_deref().context("no scenario")?;
-    let simulation = Simulation::changed(scenario, &variant.set, Some(seed), None)?;
+    let simulation = Simulation::with_overrides(scenario, &variant.set, Some(seed), None)?;
     let setup = simulation.setup()?;
-    let config = overlaid(&SpineConfig::preset(preset)?, variant.config.clone())?;
-    let mut spine = Spine::new(&setup, &config)?;
+    let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
+    let mut spine = Pipeline::new(&setup, &config)?;
     let mut looked = Looked::new(simulation.duration());
     let occlusions = simulation.sim().scenario().occlusions.clone();
-    simulation.play(&mut spine, |cycle| {
+    simulation.run(&mut spine, |cycle| {
         let Some(truth) = &cycle.inputs.truth else {
             return Ok(interrupt::flow());
         };
-        let thing = |is_ball, at, heading| TrueObject {
+        let thing = |is_ball, at, heading| GroundTruthObject {
             is_ball,
             at,
             heading,
@@ -172,7 +174,7 @@ fn simulated(variant: &Variant, seed: u64, preset: &str) -> Result<Looked> {
         let ball = truth.ball.map(|at| thing(true, at, None));
         let robots = truth.robots.iter().zip(&truth.robot_headings);
         let robots = robots.map(|(&at, &heading)| thing(false, at, Some(heading)));
-        let there: Vec<TrueObject> = ball.into_iter().chain(robots).collect();
+        let there: Vec<GroundTruthObject> = ball.into_iter().chain(robots).collect();
         let now = cycle.stamp.seconds();
         let hangs = occlusions
             .iter()
@@ -202,9 +204,9 @@ impl Looked {
         cycle: &Cycle,
         setup: &Setup,
         pose: localize::Pose,
-        (objects, covered): (Option<&[TrueObject]>, &[(f32, f32)]),
+        (objects, covered): (Option<&[GroundTruthObject]>, &[(f32, f32)]),
     ) {
-        let (Some(seen), Some((_, map))) = (&cycle.seen, &setup.camera) else {
+        let (Some(seen), Some((_, map))) = (&cycle.detections, &setup.camera) else {
             return;
         };
         let first = *self.first.get_or_insert(cycle.stamp);
@@ -215,21 +217,21 @@ impl Looked {
         let Piece { frames, counts } = &mut self.pieces[piece];
         *frames += 1;
         self.times_ms.push(f64::from(cycle.timings.see_ms));
-        let scene = TrueScene {
+        let scene = GroundTruthScene {
             pose,
-            lean: cycle.estimate.tilt,
+            tilt: cycle.estimate.tilt,
             viewpoint_height: setup
                 .viewpoint_height
                 .unwrap_or(ObjectConfig::default().viewpoint_height),
             field: &setup.field,
             map,
-            covered,
+            occluded_sectors: covered,
             objects,
         };
-        SightTally::default().add_noting(seen, &scene, &mut |note: Note| {
+        DetectionStatistics::default().add_image_with(seen, &scene, &mut |note: ScoredItem| {
             let bin = (note.range / BIN) as usize;
             let [right, all] = counts.entry((note.kind, bin)).or_default();
-            *right += usize::from(note.right);
+            *right += usize::from(note.correct);
             *all += 1;
         });
     }
@@ -254,21 +256,21 @@ fn write_rows(rows: &mut Rows, variant: &str, preset: &str, runs: &[&Looked]) ->
     Ok(())
 }
 
-fn name_of(kind: NoteKind) -> &'static str {
+fn name_of(kind: ScoredKind) -> &'static str {
     match kind {
-        NoteKind::Point => "line point",
-        NoteKind::Marking => "marking",
-        NoteKind::Ball => "ball",
-        NoteKind::Robot => "robot",
-        NoteKind::Edge => "robot's edge",
-        NoteKind::FalseBall => "no ball",
-        NoteKind::FalseRobot => "no robot",
+        ScoredKind::Point => "line point",
+        ScoredKind::Marking => "marking",
+        ScoredKind::Ball => "ball",
+        ScoredKind::Robot => "robot",
+        ScoredKind::Edge => "robot's edge",
+        ScoredKind::FalseBall => "no ball",
+        ScoredKind::FalseRobot => "no robot",
     }
 }
 
 fn figures_of(variant: &str, method: &str, runs: &[&Looked]) -> Vec<Figure> {
     let pieces: Vec<&Piece> = runs.iter().flat_map(|run| &run.pieces).collect();
-    let within = |kind: NoteKind, range: f32| -> Vec<(usize, usize)> {
+    let within = |kind: ScoredKind, range: f32| -> Vec<(usize, usize)> {
         let last = (range / BIN) as usize;
         let sum = |piece: &&Piece| {
             let counts = piece.counts.range((kind, 0)..(kind, last));
@@ -287,21 +289,21 @@ fn figures_of(variant: &str, method: &str, runs: &[&Looked]) -> Vec<Figure> {
     let times = runs.iter().flat_map(|run| run.times_ms.iter().copied());
     let [points, markings, ball, robots] = SHARES;
     let mut figures = vec![
-        share(points, within(NoteKind::Point, POINT_RANGE)),
-        share(markings, within(NoteKind::Marking, NEAR_RANGE)),
-        share(ball, within(NoteKind::Ball, BALL_RANGE)),
+        share(points, within(ScoredKind::Point, POINT_RANGE)),
+        share(markings, within(ScoredKind::Marking, NEAR_RANGE)),
+        share(ball, within(ScoredKind::Ball, BALL_RANGE)),
         share(
             "false balls, per 100 frames",
-            false_ones(NoteKind::FalseBall, f32::MAX),
+            false_ones(ScoredKind::FalseBall, f32::MAX),
         ),
-        share(robots, within(NoteKind::Robot, NEAR_RANGE)),
+        share(robots, within(ScoredKind::Robot, NEAR_RANGE)),
         share(
             "their edge right to 10 cm, %",
-            within(NoteKind::Edge, NEAR_RANGE),
+            within(ScoredKind::Edge, NEAR_RANGE),
         ),
         share(
             "false robots (4 m), per 100 frames",
-            false_ones(NoteKind::FalseRobot, NEAR_RANGE),
+            false_ones(ScoredKind::FalseRobot, NEAR_RANGE),
         ),
         Figure::median(variant, method, "time to see, ms", times.collect()),
     ];

@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Landscape;
 use super::figure::Figure;
 use super::output::Rows;
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 
 /// Mean error of all points (minho2016 eq. 5 on the distance to the nearest marking) at each place, and the height of
 /// the histograms' peaks (V.B) at each heading; both in one file, told apart by `layer`.
@@ -24,7 +24,7 @@ pub fn run(
     let Landscape { step, reach, .. } = *landscape;
     ensure!(step > 0.0 && reach > 0.0, "step and reach must be positive");
     let field = Field::load(&landscape.field)?;
-    let distances = DistanceField::new(&field, &SpineConfig::default().localize.distance_field);
+    let distances = DistanceField::new(&field, &PipelineConfig::default().localize.distance_field);
     let [x, y, theta_deg] = landscape.pose;
     let truth = Pose::new(x, y, theta_deg.to_radians());
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

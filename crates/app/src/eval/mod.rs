@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
-use crate::commands::arguments::WrongArguments;
+use crate::commands::arguments::UsageError;
 use experiment::{Experiment, Part, Run};
 use output::{PartResults, Results, Rows};
 use pipeline::paths;
@@ -63,12 +63,10 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let experiment = Experiment::load(&path)?;
     let asked = |part: &&Part| part.name.contains(&args.only);
     if !experiment.parts.iter().any(|part| asked(&part)) {
-        return Err(WrongArguments(format!("no part's name contains {:?}", args.only)).into());
+        return Err(UsageError(format!("no part's name contains {:?}", args.only)).into());
     }
     if let Some(python) = args.python.as_deref().filter(|path| !path.exists()) {
-        return Err(
-            WrongArguments(format!("{}: there is no such Python", python.display())).into(),
-        );
+        return Err(UsageError(format!("{}: there is no such Python", python.display())).into());
     }
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot write {}", args.out.display()))?;
@@ -123,7 +121,7 @@ fn find(name: &str) -> Result<PathBuf> {
     if name.is_empty() || name.contains(['/', '\\']) {
         bail!("{name:?} is neither an experiment's name nor a TOML file");
     }
-    let folder = paths::find("config/experiments")?;
+    let folder = paths::find_resource("config/experiments")?;
     let file = folder.join(format!("{name}.toml"));
     if file.exists() {
         return Ok(file);

@@ -6,12 +6,12 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 
 use super::figure::Figure;
-use pipeline::csv_table::Written;
+use pipeline::csv_table::CsvWriter;
 
 /// The rows of one part, written when the first comes.
 pub struct Rows {
     path: PathBuf,
-    file: Option<Written>,
+    file: Option<CsvWriter>,
 }
 
 impl Rows {
@@ -22,7 +22,7 @@ impl Rows {
 
     /// Starts the file.
     pub fn header(&mut self, header: &str) -> Result<()> {
-        self.file = Some(Written::create(&self.path, header)?);
+        self.file = Some(CsvWriter::create(&self.path, header)?);
         Ok(())
     }
 
@@ -31,12 +31,12 @@ impl Rows {
         self.file
             .as_mut()
             .context("rows before their header")?
-            .row(row)
+            .write_row(row)
     }
 
     /// Gives the file its name.
     pub fn finish(self) -> Result<()> {
-        self.file.map_or(Ok(()), Written::finish)
+        self.file.map_or(Ok(()), CsvWriter::finish)
     }
 }
 
@@ -87,7 +87,7 @@ impl Results {
         let path = folder.join("results.json");
         let text = serde_json::to_string_pretty(self)?;
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-        let mut table = Written::create(
+        let mut table = CsvWriter::create(
             &folder.join("figures.csv"),
             "part,variant,method,figure,value,low,high,interval,paper,paper_until,paper_place",
         )?;
@@ -96,7 +96,7 @@ impl Results {
         for part in &self.parts {
             for figure in &part.figures {
                 let (interval, paper) = (figure.interval, figure.paper.as_ref());
-                table.row(format_args!(
+                table.write_row(format_args!(
                     "{},{},{},{},{},{},{},{},{},{},{}",
                     part.name,
                     quoted(&figure.variant),

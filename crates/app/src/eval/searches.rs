@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Searches;
 use super::figure::Figure;
 use super::output::Rows;
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 
 /// A pose this near is the right one, metres and radians (5°).
 const RIGHT: (f32, f32) = (0.25, 0.087);
@@ -47,7 +47,7 @@ pub fn run(
     rows.header("method,number,true_x_m,true_y_m,true_theta_rad,x_m,y_m,theta_rad,right")?;
     let mut figures = Vec::new();
     for preset in &searches.presets {
-        let config = SpineConfig::preset(preset)?.localize;
+        let config = PipelineConfig::preset(preset)?.localize;
         let distances = DistanceField::new(&field, &config.distance_field);
         let mut search = BranchAndBound::new(&field, &distances, config.branch_and_bound.clone());
         let mut matcher = Matcher::new(config.matching.clone());

@@ -8,7 +8,7 @@ use super::drives::{Row, row};
 use super::experiment::Stills;
 use super::figure::Figure;
 use super::output::Rows;
-use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::sample::Sample;
 use pipeline::simulation::Simulation;
 
@@ -69,11 +69,11 @@ fn still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<Row>> {
     let [x, y, theta_deg] = place.map(f64::from);
     let start = toml::toml! { x = x  y = y  theta_deg = theta_deg };
     let set = toml::Table::from_iter([("start".to_owned(), toml::Value::Table(start))]);
-    let simulation = Simulation::changed(&stills.scenario, &set, Some(seed), None)?;
+    let simulation = Simulation::with_overrides(&stills.scenario, &set, Some(seed), None)?;
     let setup = simulation.setup()?;
     let mut samples: Vec<Sample> = Vec::new();
     for sample in simulation {
-        let frame = matches!(sample, Sample::Frame(_));
+        let frame = matches!(sample, Sample::Image(_));
         samples.push(sample);
         if frame {
             break;
@@ -83,8 +83,10 @@ fn still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<Row>> {
         .presets
         .iter()
         .map(|preset| {
-            let mut spine = Spine::new(&setup, &SpineConfig::preset(preset)?)?;
-            let cycle = samples.iter().find_map(|sample| spine.take(sample.clone()));
+            let mut spine = Pipeline::new(&setup, &PipelineConfig::preset(preset)?)?;
+            let cycle = samples
+                .iter()
+                .find_map(|sample| spine.process_sample(sample.clone()));
             cycle
                 .as_ref()
                 .and_then(row)

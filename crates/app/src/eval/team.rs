@@ -8,9 +8,9 @@ use rayon::prelude::*;
 use super::experiment::{Circumstance, SquadRuns, Team, Variant};
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use pipeline::cycle::{SpineConfig, overlaid};
-use pipeline::multi_robot::{Fared, Squad};
-use pipeline::simulation::changed_scenario;
+use pipeline::cycle::{PipelineConfig, apply_overlay};
+use pipeline::multi_robot::{MultiRobotSimulation, RobotSummary};
+use pipeline::simulation::load_scenario_with_overrides;
 
 /// One run of a team: mean errors of the ball, metres.
 struct Known {
@@ -113,15 +113,15 @@ pub fn rendered(
     Ok(figures)
 }
 
-fn play(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<Fared>> {
+fn play(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<RobotSummary>> {
     let path = variant.scenario.as_deref().context("no scenario")?;
-    let (scenario, _) = changed_scenario(path, &variant.set, Some(seed))?;
-    let config = overlaid(&SpineConfig::preset(preset)?, variant.config.clone())?;
-    Squad::new((path, &scenario), &config, scenario.duration, None)?.play(|_| ())
+    let (scenario, _) = load_scenario_with_overrides(path, &variant.set, Some(seed))?;
+    let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
+    MultiRobotSimulation::new((path, &scenario), &config, scenario.duration, None)?.run(|_| ())
 }
 
 impl Known {
-    fn of(fared: &[Fared]) -> Self {
+    fn of(fared: &[RobotSummary]) -> Self {
         let alone = fared
             .iter()
             .filter_map(|one| Some(one.own_far_ball_m?.mean));

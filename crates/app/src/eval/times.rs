@@ -21,7 +21,7 @@ use vision::image::Image;
 use super::experiment::Times;
 use super::figure::Figure;
 use super::output::{Rows, quoted};
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 use pipeline::paths;
 use pipeline::setup::Setup;
 
@@ -106,7 +106,7 @@ fn each<'a>(
 }
 
 fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Vec<f64>> {
-    let config = SpineConfig::default().localize;
+    let config = PipelineConfig::default().localize;
     let distances = DistanceField::new(field, &config.distance_field);
     let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
     let matching = |config: MatchConfig| {
@@ -127,7 +127,7 @@ fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Ve
             })
         }
         Stage::MatchingRprop => {
-            let preset = SpineConfig::preset("nubot2013")?.localize.matching;
+            let preset = PipelineConfig::preset("nubot2013")?.localize.matching;
             matching(MatchConfig {
                 minimiser: Minimiser::Rprop,
                 ..preset
@@ -166,10 +166,10 @@ fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Ve
 
 /// On the recorded drive's images, again and again.
 fn line_points(cycles: usize) -> Result<Vec<f64>> {
-    let folder = paths::find("samples/sequence")?;
+    let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup.camera.as_ref().context("the sample has no camera")?;
-    let config = SpineConfig::preset("minho2016")?.vision;
+    let config = PipelineConfig::preset("minho2016")?.vision;
     let width = setup.field.config.line_width;
     let mut eyes = Vision::new(map, camera, width, config)?;
     let images: Vec<Image> = (0..8)

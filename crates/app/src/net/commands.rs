@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::out::resolve;
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
-use pipeline::datagram::seal::{Key, Refused, Turnstile, open};
+use pipeline::datagram::seal::{MacKey, RejectReason, ReplayGuard, verify_mac};
 
 /// Commands by UDP.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,7 +49,7 @@ impl Default for CommandConfig {
 
 /// A command that was taken.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Order {
+pub struct RemoteCommand {
     /// How to drive; none leaves it as it is.
     pub drive: Option<Drive>,
     /// A kick, once.
@@ -57,18 +57,18 @@ pub struct Order {
     /// Drive only while there is a pose.
     pub needs_pose: bool,
     /// How long it holds after its arrival.
-    pub valid: Duration,
+    pub valid_for: Duration,
 }
 
 /// Decides which datagrams are commands to us; a function of what it is given.
 #[derive(Debug)]
-pub struct Gate {
+pub struct CommandFilter {
     config: CommandConfig,
-    key: Option<Key>,
-    turnstile: Turnstile,
+    key: Option<MacKey>,
+    replay_guard: ReplayGuard,
 }
 
-impl Gate {
+impl CommandFilter {
     /// A gate for commands under a configuration.
     pub fn new(config: &CommandConfig) -> Result<Self> {
         for (name, value) in [
@@ -82,23 +82,23 @@ impl Gate {
                 "[commands] {name} = {value}: must be 0 to 1e6"
             );
         }
-        Ok(Gate {
+        Ok(CommandFilter {
             config: config.clone(),
-            key: config.key.as_deref().map(Key::new).transpose()?,
-            turnstile: Turnstile::default(),
+            key: config.key.as_deref().map(MacKey::new).transpose()?,
+            replay_guard: ReplayGuard::default(),
         })
     }
 
     /// Takes a datagram at `now`, seconds.
-    pub fn pass(&mut self, datagram: &[u8], now: f64) -> Result<Order, Refused> {
-        let content = open(datagram, self.key.as_ref())?;
+    pub fn accept(&mut self, datagram: &[u8], now: f64) -> Result<RemoteCommand, RejectReason> {
+        let content = verify_mac(datagram, self.key.as_ref())?;
         let command = if content.first() == Some(&b'{') {
-            serde_json::from_slice(content).map_err(|_foreign| Refused::Foreign)?
+            serde_json::from_slice(content).map_err(|_foreign| RejectReason::Foreign)?
         } else {
-            Command::decode(content).map_err(|_foreign| Refused::Foreign)?
+            Command::decode(content).map_err(|_foreign| RejectReason::Foreign)?
         };
         if command.version != VERSION {
-            return Err(Refused::Version);
+            return Err(RejectReason::Version);
         }
         let config = &self.config;
         let within = |value: f32, most: f32| value.abs() <= most;
@@ -110,49 +110,49 @@ impl Gate {
             .kick
             .is_none_or(|kick| kick.speed >= 0.0 && within(kick.speed, config.kick_max));
         if !sensible || !(command.valid_ms >= 0.0) {
-            return Err(Refused::Senseless);
+            return Err(RejectReason::Senseless);
         }
         // Last, so that what is refused takes nobody's turn.
-        self.turnstile
-            .pass(command.session, command.sequence, now, config.silence)?;
+        self.replay_guard
+            .accept(command.session, command.sequence, now, config.silence)?;
         let valid_ms = command.valid_ms.min(config.valid_max_ms);
-        Ok(Order {
+        Ok(RemoteCommand {
             drive: command.drive,
             kick: command.kick,
             needs_pose: command.needs_pose,
-            valid: Duration::from_secs_f64(f64::from(valid_ms) / 1e3),
+            valid_for: Duration::from_secs_f64(f64::from(valid_ms) / 1e3),
         })
     }
 }
 
 /// A thread that listens; dropping it ends it.
-pub struct Commands {
-    shared: Arc<Shared>,
+pub struct CommandListener {
+    shared: Arc<ListenerState>,
     address: SocketAddr,
     thread: Option<JoinHandle<()>>,
 }
 
 #[derive(Default)]
-struct Shared {
-    counts: Mutex<Counts>,
-    ending: AtomicBool,
+struct ListenerState {
+    counts: Mutex<CommandCounts>,
+    stop_requested: AtomicBool,
 }
 
 /// What became of the datagrams.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
-pub struct Counts {
+pub struct CommandCounts {
     /// Commands that were carried out.
     pub obeyed: u64,
     /// Good commands that were not carried out: another drives, there is no pose or no base.
     pub overruled: u64,
     /// Datagrams that were no command to us, for each reason.
-    pub refused: BTreeMap<Refused, u64>,
+    pub refused: BTreeMap<RejectReason, u64>,
 }
 
 /// The thread looks this often whether it is to end.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 /// A command is far shorter; a longer datagram is cut and so refused.
-const LONGEST: usize = 2048;
+const MAX_DATAGRAM_BYTES: usize = 2048;
 
 impl CommandConfig {
     /// Where to listen; refused where strangers could drive the robot.
@@ -168,35 +168,35 @@ impl CommandConfig {
     }
 }
 
-impl Commands {
+impl CommandListener {
     /// Listens for commands, and hands each one on as it comes; `obey` says whether it is carried out.
     pub fn listen(
         config: &CommandConfig,
-        mut obey: impl FnMut(Order) -> bool + Send + 'static,
+        mut obey: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Self> {
         let address = config.address()?;
-        let mut gate = Gate::new(config)?;
+        let mut gate = CommandFilter::new(config)?;
         let socket = UdpSocket::bind(address)
             .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;
-        socket.set_read_timeout(Some(LOOK))?;
+        socket.set_read_timeout(Some(POLL_PERIOD))?;
         let address = socket.local_addr()?;
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(ListenerState::default());
         let own = shared.clone();
         let started = Instant::now();
         let thread = std::thread::Builder::new()
             .name("commands".to_owned())
             .spawn(move || {
-                let mut datagram = [0; LONGEST];
-                while !own.ending.load(Ordering::Relaxed) {
+                let mut datagram = [0; MAX_DATAGRAM_BYTES];
+                while !own.stop_requested.load(Ordering::Relaxed) {
                     // A timeout, or an error of an earlier datagram's way back: neither ends listening.
                     let Ok(length) = socket.recv(&mut datagram) else {
                         continue;
                     };
-                    let order = gate.pass(&datagram[..length], started.elapsed().as_secs_f64());
+                    let order = gate.accept(&datagram[..length], started.elapsed().as_secs_f64());
                     own.count(order.map(&mut obey));
                 }
             })?;
-        Ok(Commands {
+        Ok(CommandListener {
             shared,
             address,
             thread: Some(thread),
@@ -209,14 +209,14 @@ impl Commands {
     }
 
     /// What became of the datagrams so far.
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> CommandCounts {
         self.shared.lock().clone()
     }
 }
 
-impl Drop for Commands {
+impl Drop for CommandListener {
     fn drop(&mut self) {
-        self.shared.ending.store(true, Ordering::Relaxed);
+        self.shared.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // Its panic was told when it happened.
             let _ = thread.join();
@@ -224,8 +224,8 @@ impl Drop for Commands {
     }
 }
 
-impl Shared {
-    fn count(&self, obeyed: Result<bool, Refused>) {
+impl ListenerState {
+    fn count(&self, obeyed: Result<bool, RejectReason>) {
         let mut counts = self.lock();
         match obeyed {
             Ok(true) => counts.obeyed += 1,
@@ -235,7 +235,7 @@ impl Shared {
     }
 
     // A panic of the other side leaves counts that are still true.
-    fn lock(&self) -> MutexGuard<'_, Counts> {
+    fn lock(&self) -> MutexGuard<'_, CommandCounts> {
         self.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -14,10 +14,10 @@ use anyhow::{Context, Result};
 use localize::{Field, Stamp};
 use serde::{Deserialize, Serialize};
 
-pub use commands::{CommandConfig, Commands, Order};
-pub use out::{OutputConfig, Sender};
-pub use pipeline::datagram::LinkConfig;
-pub use team::Link;
+pub use commands::{CommandConfig, CommandListener, RemoteCommand};
+pub use out::{OutputConfig, StateSender};
+pub use pipeline::datagram::TeamLinkConfig;
+pub use team::TeamTransport;
 
 use crate::stream::{self, StreamConfig};
 use pipeline::feed::Feed;
@@ -32,7 +32,7 @@ pub struct NetworkConfig {
     /// Drive and kick commands by UDP.
     pub commands: Option<CommandConfig>,
     /// Words among team-mates by UDP.
-    pub team: Option<LinkConfig>,
+    pub team: Option<TeamLinkConfig>,
     /// The live stream for viewers.
     pub stream: Option<StreamConfig>,
 }
@@ -40,13 +40,13 @@ pub struct NetworkConfig {
 /// What of it is running; dropping it ends it.
 pub struct Network {
     /// Commands of other programs.
-    pub commands: Option<Commands>,
+    pub commands: Option<CommandListener>,
     /// Words of team-mates: its reports are samples for the spine.
-    pub team: Option<Link>,
+    pub team: Option<TeamTransport>,
     /// The live stream.
-    pub stream: Option<stream::Server>,
+    pub stream: Option<stream::StreamServer>,
     /// Who tells other programs.
-    pub sender: Option<Sender>,
+    pub state_sender: Option<StateSender>,
 }
 
 impl NetworkConfig {
@@ -63,7 +63,7 @@ impl NetworkConfig {
     fn check(&self) -> Result<()> {
         if let Some(commands) = &self.commands {
             commands.address()?;
-            commands::Gate::new(commands)?;
+            commands::CommandFilter::new(commands)?;
         }
         if let Some(team) = &self.team {
             team.address()?;
@@ -81,17 +81,17 @@ impl NetworkConfig {
         (header, field): (&Header, &Field),
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
-        obey: impl FnMut(Order) -> bool + Send + 'static,
+        obey: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Network> {
-        let stream = |config| stream::Server::start(feed, header, field, config);
-        let team = |config| Link::join(feed, config, session, clock);
-        let listen = |config| Commands::listen(config, obey);
+        let stream = |config| stream::StreamServer::start(feed, header, field, config);
+        let team = |config| TeamTransport::join(feed, config, session, clock);
+        let listen = |config| CommandListener::listen(config, obey);
         Ok(Network {
             commands: self.commands.as_ref().map(listen).transpose()?,
             team: self.team.as_ref().map(team).transpose()?,
             stream: self.stream.as_ref().map(stream).transpose()?,
-            sender: (!self.outputs.is_empty())
-                .then(|| Sender::start(feed, &self.outputs))
+            state_sender: (!self.outputs.is_empty())
+                .then(|| StateSender::start(feed, &self.outputs))
                 .transpose()?,
         })
     }

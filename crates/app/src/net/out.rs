@@ -11,7 +11,7 @@ use prost::Message;
 use serde::{Deserialize, Serialize};
 
 use pipeline::datagram::message::State;
-use pipeline::feed::{Feed, Nothing, Subscription};
+use pipeline::feed::{Feed, RecvError, Subscription};
 
 /// One who is told.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -20,7 +20,7 @@ pub struct OutputConfig {
     /// Host and port.
     pub to: String,
     /// How it is written.
-    pub format: Format,
+    pub format: StateFormat,
     /// Our number.
     pub robot: u32,
 }
@@ -29,7 +29,7 @@ impl Default for OutputConfig {
     fn default() -> Self {
         OutputConfig {
             to: "127.0.0.1:7070".to_owned(),
-            format: Format::Protobuf,
+            format: StateFormat::Protobuf,
             robot: 1,
         }
     }
@@ -38,7 +38,7 @@ impl Default for OutputConfig {
 /// How a state is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Format {
+pub enum StateFormat {
     /// The messages of docs/network.proto.
     #[default]
     Protobuf,
@@ -47,16 +47,16 @@ pub enum Format {
 }
 
 /// A thread that tells; dropping it ends it.
-pub struct Sender {
-    ending: Arc<AtomicBool>,
+pub struct StateSender {
+    stop_requested: Arc<AtomicBool>,
     sent: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
 /// The thread looks this often whether it is to end.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL_PERIOD: Duration = Duration::from_millis(100);
 
-impl Sender {
+impl StateSender {
     /// Tells each cycle of a feed to every address.
     pub fn start(feed: &Feed, outputs: &[OutputConfig]) -> Result<Self> {
         let mut receivers = Vec::with_capacity(outputs.len());
@@ -71,9 +71,9 @@ impl Sender {
         let cycles = feed.subscribe(1);
         let thread = std::thread::Builder::new()
             .name("outputs".to_owned())
-            .spawn(move || tell(&cycles, &receivers, &stop, &count))?;
-        Ok(Sender {
-            ending,
+            .spawn(move || send_states(&cycles, &receivers, &stop, &count))?;
+        Ok(StateSender {
+            stop_requested: ending,
             sent,
             thread: Some(thread),
         })
@@ -85,9 +85,9 @@ impl Sender {
     }
 }
 
-impl Drop for Sender {
+impl Drop for StateSender {
     fn drop(&mut self) {
-        self.ending.store(true, Ordering::Relaxed);
+        self.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // Its panic was told when it happened.
             let _ = thread.join();
@@ -95,24 +95,24 @@ impl Drop for Sender {
     }
 }
 
-fn tell(
+fn send_states(
     cycles: &Subscription,
     receivers: &[(UdpSocket, SocketAddr, OutputConfig)],
     ending: &AtomicBool,
     sent: &AtomicU64,
 ) {
     while !ending.load(Ordering::Relaxed) {
-        let ((index, cycle), _) = match cycles.entry(LOOK) {
+        let ((index, cycle), _) = match cycles.recv_indexed(POLL_PERIOD) {
             Ok(entry) => entry,
-            Err(Nothing::Yet) => continue,
-            Err(Nothing::Ever) => return,
+            Err(RecvError::Timeout) => continue,
+            Err(RecvError::Closed) => return,
         };
         for (socket, address, output) in receivers {
-            let state = State::of(output.robot, index, &cycle);
+            let state = State::from_cycle(output.robot, index, &cycle);
             let datagram = match output.format {
-                Format::Protobuf => state.encode_to_vec(),
+                StateFormat::Protobuf => state.encode_to_vec(),
                 // Numbers and strings always have a form.
-                Format::Json => serde_json::to_vec(&state).unwrap_or_default(),
+                StateFormat::Json => serde_json::to_vec(&state).unwrap_or_default(),
             };
             // Nobody there, or no network for a while: the next cycle is told anew.
             sent.fetch_add(

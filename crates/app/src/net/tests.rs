@@ -14,25 +14,26 @@ use nalgebra::Matrix4;
 use proptest::prelude::*;
 use prost::Message;
 
-use super::commands::{Counts, Gate};
+use super::commands::{CommandCounts, CommandFilter};
 use super::{
-    CommandConfig, Commands, Link, LinkConfig, NetworkConfig, Order, OutputConfig, Sender,
+    CommandConfig, CommandListener, NetworkConfig, OutputConfig, RemoteCommand, StateSender,
+    TeamLinkConfig, TeamTransport,
 };
 use pipeline::cycle::Cycle;
-use pipeline::datagram::Talk;
+use pipeline::datagram::TeamLink;
 use pipeline::datagram::message::{
-    Command, Drive, Echo, Health, Kick, Spot, State, TeamWord, Thing, VERSION,
+    Command, Drive, Echo, Health, Kick, ObjectReport, ObjectState, State, TeamMessage, VERSION,
 };
-use pipeline::datagram::seal::{CODE_BYTES, Key, Refused, seal};
+use pipeline::datagram::seal::{MAC_BYTES, MacKey, RejectReason, append_mac};
 use pipeline::feed::Feed;
-use pipeline::testing::cycle;
+use pipeline::testing::random_cycle;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 const PHRASE: &str = "a shared phrase";
 
 /// A cycle of a robot that knows where it is and sees a ball.
-fn seeing(stamp: Stamp, x: f32, y: f32) -> Cycle {
-    let mut cycle = cycle(2);
+fn localized_cycle(stamp: Stamp, x: f32, y: f32) -> Cycle {
+    let mut cycle = random_cycle(2);
     cycle.stamp = stamp;
     cycle.estimate.pose = Some(Pose::new(1.0, 2.0, 0.5));
     cycle.estimate.covariance = nalgebra::Matrix3::from_diagonal_element(1e-3);
@@ -53,16 +54,16 @@ fn seeing(stamp: Stamp, x: f32, y: f32) -> Cycle {
     cycle
 }
 
-fn link(robot: u32) -> LinkConfig {
-    LinkConfig {
+fn link(robot: u32) -> TeamLinkConfig {
+    TeamLinkConfig {
         robot,
         key: Some(PHRASE.to_owned()),
-        ..LinkConfig::default()
+        ..TeamLinkConfig::default()
     }
 }
 
-fn talk(robot: u32) -> Talk {
-    Talk::new(&link(robot), 1).expect("a talk")
+fn team_link(robot: u32) -> TeamLink {
+    TeamLink::new(&link(robot), 1).expect("a talk")
 }
 
 fn command(sequence: u64) -> Command {
@@ -82,7 +83,7 @@ fn command(sequence: u64) -> Command {
 }
 
 #[test]
-fn the_documented_messages_are_those_on_the_wire() {
+fn network_proto_matches_the_rust_messages() {
     let document = include_str!("../../../../docs/network.proto");
     let mut documented = BTreeSet::new();
     let mut message = "";
@@ -123,13 +124,13 @@ fn the_documented_messages_are_those_on_the_wire() {
     for schema in [
         State::get_schema(),
         pipeline::datagram::message::Pose::get_schema(),
-        Spot::get_schema(),
-        Thing::get_schema(),
+        ObjectState::get_schema(),
+        ObjectReport::get_schema(),
         Health::get_schema(),
         Command::get_schema(),
         Drive::get_schema(),
         Kick::get_schema(),
-        TeamWord::get_schema(),
+        TeamMessage::get_schema(),
         Echo::get_schema(),
     ] {
         add(schema);
@@ -145,7 +146,7 @@ fn the_documented_messages_are_those_on_the_wire() {
 }
 
 #[test]
-fn every_cycle_is_told_in_both_formats() {
+fn state_is_sent_as_json_and_protobuf() {
     let feed = Feed::new();
     let receivers: Vec<UdpSocket> = (0..2)
         .map(|_| UdpSocket::bind("127.0.0.1:0").expect("a socket"))
@@ -159,8 +160,8 @@ fn every_cycle_is_told_in_both_formats() {
             let text = format!("to = \"{to}\"\nformat = \"{format}\"\nrobot = 4\n");
             toml::from_str::<OutputConfig>(&text).expect("a configuration")
         });
-    let sender = Sender::start(&feed, &configs.collect::<Vec<_>>()).expect("a sender");
-    let told = seeing(Stamp(7), 3.0, 1.0);
+    let sender = StateSender::start(&feed, &configs.collect::<Vec<_>>()).expect("a sender");
+    let told = localized_cycle(Stamp(7), 3.0, 1.0);
     feed.publish(&Arc::new(told.clone()));
     let mut datagram = [0; 65_536];
     let states = receivers.iter().enumerate().map(|(i, socket)| {
@@ -188,18 +189,18 @@ fn every_cycle_is_told_in_both_formats() {
 }
 
 #[test]
-fn each_command_is_handed_on_once_and_holds_no_longer_than_configured() {
+fn command_is_delivered_once_and_its_validity_is_capped() {
     let config = CommandConfig {
         bind: "127.0.0.1:0".to_owned(),
         ..CommandConfig::default()
     };
     let (hand_on, orders) = std::sync::mpsc::sync_channel(8);
-    let obey = move |order: Order| {
+    let obey = move |order: RemoteCommand| {
         let kicks = order.kick.is_some();
         hand_on.send(order).expect("taken");
         kicks
     };
-    let commands = Commands::listen(&config, obey).expect("listening");
+    let commands = CommandListener::listen(&config, obey).expect("listening");
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
     let send = |content: &[u8]| socket.send_to(content, commands.address()).expect("sent");
     let long = Command {
@@ -216,7 +217,7 @@ fn each_command_is_handed_on_once_and_holds_no_longer_than_configured() {
     send(&long.encode_to_vec());
     send(&command(2).encode_to_vec());
     let first = orders.recv_timeout(PATIENCE).expect("an order");
-    assert_eq!(first.valid, Duration::from_millis(100));
+    assert_eq!(first.valid_for, Duration::from_millis(100));
     assert_eq!(
         first.drive.map(|drive| (drive.x, drive.theta)),
         Some((0.5, 1.0))
@@ -228,24 +229,26 @@ fn each_command_is_handed_on_once_and_holds_no_longer_than_configured() {
     while commands.counts().overruled == 0 && started.elapsed() < PATIENCE {
         std::thread::sleep(Duration::from_millis(1));
     }
-    let counts = Counts {
+    let counts = CommandCounts {
         obeyed: 1,
         overruled: 1,
-        refused: BTreeMap::from([(Refused::Foreign, 1), (Refused::Old, 1)]),
+        refused: BTreeMap::from([(RejectReason::Foreign, 1), (RejectReason::Old, 1)]),
     };
     assert_eq!(commands.counts(), counts);
 }
 
 #[test]
-fn nobody_beyond_this_machine_drives_the_robot_without_a_key() {
+fn remote_commands_require_a_key() {
     let mut config = CommandConfig {
         bind: "0.0.0.0:0".to_owned(),
         ..CommandConfig::default()
     };
-    let refusal = Commands::listen(&config, |_| true).err().expect("refused");
+    let refusal = CommandListener::listen(&config, |_| true)
+        .err()
+        .expect("refused");
     assert!(refusal.to_string().contains("set a key"), "{refusal:#}");
     config.key = Some("short".to_owned());
-    assert!(Commands::listen(&config, |_| true).is_err());
+    assert!(CommandListener::listen(&config, |_| true).is_err());
     assert!(toml::from_str::<NetworkConfig>("[comands]\n").is_err());
     let whole = include_str!("../../../../docs/network.md");
     let example = whole
@@ -254,33 +257,34 @@ fn nobody_beyond_this_machine_drives_the_robot_without_a_key() {
         .and_then(|rest| rest.split("```").next());
     let example: NetworkConfig = toml::from_str(example.expect("an example")).expect("read");
     assert_eq!(example.commands, Some(CommandConfig::default()));
-    assert_eq!(example.team, Some(LinkConfig::default()));
+    assert_eq!(example.team, Some(TeamLinkConfig::default()));
     assert_eq!(example.stream, Some(crate::stream::StreamConfig::default()));
 }
 
 #[test]
-fn words_are_heard_by_the_team_with_times_by_our_clock_and_by_nobody_else() {
-    let (mut a, mut b) = (talk(1), talk(2));
+fn team_messages_are_received_with_times_in_our_clock_by_the_team_only() {
+    let (mut a, mut b) = (team_link(1), team_link(2));
     let ahead = Stamp::from_seconds(1e6).0;
     let mut last = None;
     // B's clock is 1e6 s ahead; the way takes 4 ms there and 2 ms back.
     for k in 0..20_i64 {
         let now = k * 100_000_000;
-        let word = a.word(&seeing(Stamp(now), 1.0, 0.0), Stamp(now));
-        b.hear(&word, Stamp(now + 4_000_000 + ahead))
+        let word = a.encode_message(&localized_cycle(Stamp(now), 1.0, 0.0), Stamp(now));
+        b.receive(&word, Stamp(now + 4_000_000 + ahead))
             .expect("heard by b");
         assert_eq!(
-            b.hear(&word, Stamp(now + 5_000_000 + ahead)),
-            Err(Refused::Old)
+            b.receive(&word, Stamp(now + 5_000_000 + ahead)),
+            Err(RejectReason::Old)
         );
-        assert_eq!(a.hear(&word, Stamp(now)), Err(Refused::Own));
+        assert_eq!(a.receive(&word, Stamp(now)), Err(RejectReason::Own));
         let sent = now + 50_000_000;
-        let word = b.word(
-            &seeing(Stamp(sent - 10_000_000 + ahead), 3.0, 1.0),
+        let word = b.encode_message(
+            &localized_cycle(Stamp(sent - 10_000_000 + ahead), 3.0, 1.0),
             Stamp(sent + ahead),
         );
         last = Some((
-            a.hear(&word, Stamp(sent + 2_000_000)).expect("heard by a"),
+            a.receive(&word, Stamp(sent + 2_000_000))
+                .expect("heard by a"),
             sent,
         ));
     }
@@ -290,49 +294,50 @@ fn words_are_heard_by_the_team_with_times_by_our_clock_and_by_nobody_else() {
     assert_eq!(report.ball.expect("a ball").at.x, 3.0);
     assert_eq!(report.obstacles.len(), 2);
     assert!(report.half_known);
-    let strangers = LinkConfig {
+    let strangers = TeamLinkConfig {
         key: Some("another phrase".to_owned()),
         ..link(3)
     };
-    let mut stranger = Talk::new(&strangers, 1).expect("a talk");
-    let word = stranger.word(&seeing(Stamp(0), 0.0, 0.0), Stamp(0));
-    assert_eq!(a.hear(&word, Stamp(0)), Err(Refused::Unsealed));
-    let mut others = Talk::new(&LinkConfig { team: 2, ..link(3) }, 1).expect("a talk");
-    let word = others.word(&seeing(Stamp(0), 0.0, 0.0), Stamp(0));
-    assert_eq!(a.hear(&word, Stamp(0)), Err(Refused::Foreign));
+    let mut stranger = TeamLink::new(&strangers, 1).expect("a talk");
+    let word = stranger.encode_message(&localized_cycle(Stamp(0), 0.0, 0.0), Stamp(0));
+    assert_eq!(a.receive(&word, Stamp(0)), Err(RejectReason::Unsealed));
+    let mut others = TeamLink::new(&TeamLinkConfig { team: 2, ..link(3) }, 1).expect("a talk");
+    let word = others.encode_message(&localized_cycle(Stamp(0), 0.0, 0.0), Stamp(0));
+    assert_eq!(a.receive(&word, Stamp(0)), Err(RejectReason::Foreign));
 }
 
 #[test]
-fn robots_hear_each_other_over_real_sockets() {
+fn teammates_exchange_reports_over_udp_multicast() {
     let started = Instant::now();
     let clock = move || Stamp(started.elapsed().as_nanos() as i64);
     // A port of this process's own, so that two test runs do not hear each other; a key keeps out the rest.
     let port = 20_000 + std::process::id() % 20_000;
-    let config = |robot| LinkConfig {
+    let config = |robot| TeamLinkConfig {
         group: format!("239.255.77.77:{port}"),
         rate: 200.0,
         ..link(robot)
     };
     let feeds = [Feed::new(), Feed::new()];
-    let join = |i: usize| Link::join(&feeds[i], &config(i as u32 + 1), 1, clock).expect("joined");
+    let join =
+        |i: usize| TeamTransport::join(&feeds[i], &config(i as u32 + 1), 1, clock).expect("joined");
     let links = [join(0), join(1)];
     let mut heard = [false; 2];
     while heard != [true; 2] && started.elapsed() < PATIENCE {
         for i in 0..2 {
-            feeds[i].publish(&Arc::new(seeing(clock(), i as f32, 0.0)));
+            feeds[i].publish(&Arc::new(localized_cycle(clock(), i as f32, 0.0)));
             heard[i] |= links[i]
-                .reports()
+                .received_reports()
                 .any(|report| report.robot == 2 - i as u32);
         }
         std::thread::sleep(Duration::from_millis(5));
     }
     assert_eq!(heard, [true; 2]);
-    assert!(links[0].counts().refused.get(&Refused::Own) > Some(&0));
+    assert!(links[0].counts().refused.get(&RejectReason::Own) > Some(&0));
 }
 
 proptest! {
     #[test]
-    fn no_datagram_drives_the_robot_but_a_whole_fresh_command_under_the_key(
+    fn only_authenticated_fresh_commands_are_accepted(
         cuts in prop::collection::vec((0_usize..60, 0_usize..400, 1_u8..=255), 0..60),
         noise in prop::collection::vec(any::<u8>(), 0..200),
     ) {
@@ -340,21 +345,21 @@ proptest! {
             key: Some(PHRASE.to_owned()),
             ..CommandConfig::default()
         };
-        let mut gate = Gate::new(&config).expect("a gate");
-        let key = Key::new(PHRASE).expect("a key");
-        prop_assert!(gate.pass(&noise, 0.0).is_err());
+        let mut gate = CommandFilter::new(&config).expect("a gate");
+        let key = MacKey::new(PHRASE).expect("a key");
+        prop_assert!(gate.accept(&noise, 0.0).is_err());
         let mut newest = None;
         // Commands in any order, again, and with any one byte wrong.
         for (sequence, place, flip) in cuts {
             let sequence = sequence as u64;
-            let whole = seal(command(sequence).encode_to_vec(), Some(&key));
+            let whole = append_mac(command(sequence).encode_to_vec(), Some(&key));
             let mut broken = whole.clone();
             if let Some(byte) = broken.get_mut(place) {
                 *byte ^= flip;
-                prop_assert!(gate.pass(&broken, 0.0).is_err());
-                prop_assert!(gate.pass(&whole[..place], 0.0).is_err());
+                prop_assert!(gate.accept(&broken, 0.0).is_err());
+                prop_assert!(gate.accept(&whole[..place], 0.0).is_err());
             }
-            let passed = gate.pass(&whole, 0.0);
+            let passed = gate.accept(&whole, 0.0);
             let fresh = newest.is_none_or(|newest| sequence > newest);
             prop_assert_eq!(passed.is_ok(), fresh);
             newest = newest.max(Some(sequence));
@@ -362,32 +367,32 @@ proptest! {
     }
 
     #[test]
-    fn no_datagram_breaks_the_talk_and_each_word_counts_once(
+    fn malformed_datagrams_are_rejected_and_each_message_is_accepted_once(
         words in prop::collection::vec((0_u64..30, any::<bool>()), 0..60),
         noise in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..120), 0..20),
     ) {
-        let open = LinkConfig { key: None, ..link(1) };
-        let mut listener = Talk::new(&open, 1).expect("a talk");
+        let open = TeamLinkConfig { key: None, ..link(1) };
+        let mut listener = TeamLink::new(&open, 1).expect("a talk");
         for datagram in &noise {
             // Without a key a stranger may be taken at his word, but never for ourselves.
-            if let Ok(report) = listener.hear(datagram, Stamp(0)) {
+            if let Ok(report) = listener.receive(datagram, Stamp(0)) {
                 prop_assert!(report.robot != 1);
             }
         }
-        let mut listener = talk(1);
-        let mut speaker = talk(2);
+        let mut listener = team_link(1);
+        let mut speaker = team_link(2);
         let said: Vec<_> = (0..30)
-            .map(|k| speaker.word(&seeing(Stamp(k), 1.0, 1.0), Stamp(k)))
+            .map(|k| speaker.encode_message(&localized_cycle(Stamp(k), 1.0, 1.0), Stamp(k)))
             .collect();
         let mut newest = None;
         for (k, cut) in words {
             let word = &said[k as usize];
             if cut {
-                let short = word.len() - 1 - k as usize % (CODE_BYTES + 4);
-                prop_assert_eq!(listener.hear(&word[..short], Stamp(100)), Err(Refused::Unsealed));
+                let short = word.len() - 1 - k as usize % (MAC_BYTES + 4);
+                prop_assert_eq!(listener.receive(&word[..short], Stamp(100)), Err(RejectReason::Unsealed));
                 continue;
             }
-            let heard = listener.hear(word, Stamp(100));
+            let heard = listener.receive(word, Stamp(100));
             prop_assert_eq!(heard.is_ok(), newest.is_none_or(|newest| k > newest));
             newest = newest.max(Some(k));
         }

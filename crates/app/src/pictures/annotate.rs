@@ -12,12 +12,12 @@ const ENLARGED: usize = 2;
 
 /// The cycle's image with line points, ball, robots, goals and the field's lines at the estimated pose; none without
 /// an image.
-pub fn annotated(cycle: &Cycle, field: &Field, map: &GroundMap) -> Option<Image> {
-    let mut image = overlay::upscale(&*cycle.inputs.image.as_ref()?.rgb()?, ENLARGED);
+pub fn draw_detections(cycle: &Cycle, field: &Field, map: &GroundMap) -> Option<Image> {
+    let mut image = overlay::upscale(&*cycle.inputs.image.as_ref()?.to_rgb()?, ENLARGED);
     if let Some(pose) = cycle.estimate.pose {
         overlay::draw_field(&mut image, ENLARGED, map, pose, &field.markings);
     }
-    if let Some(seen) = &cycle.seen {
+    if let Some(seen) = &cycle.detections {
         overlay::draw_detections(&mut image, ENLARGED, seen);
     }
     Some(image)

@@ -9,7 +9,7 @@ use tiny_skia::{
 use vision::image::Image;
 
 /// A field drawn from above, x to the right, y up.
-pub struct FieldPicture {
+pub struct FieldDrawing {
     pixmap: Pixmap,
     scale: f32,
     half_extent: (f32, f32),
@@ -49,7 +49,7 @@ pub mod ink {
     }
 }
 
-impl FieldPicture {
+impl FieldDrawing {
     /// Draws the empty field to a width in pixels.
     pub fn new(field: &Field, width_px: u32) -> Option<Self> {
         let (half_x, half_y) = field.carpet_half_extent();
@@ -57,7 +57,7 @@ impl FieldPicture {
         let half_extent = (half_x + 0.6, half_y + 0.6);
         let scale = width_px as f32 / (2.0 * half_extent.0);
         let height_px = (2.0 * half_extent.1 * scale).ceil() as u32;
-        let mut picture = FieldPicture {
+        let mut picture = FieldDrawing {
             pixmap: Pixmap::new(width_px, height_px)?,
             scale,
             half_extent,
@@ -82,7 +82,7 @@ impl FieldPicture {
     ) {
         let mut builder = PathBuilder::new();
         for point in points {
-            let (x, y) = self.place(point.x, point.y);
+            let (x, y) = self.to_pixel(point.x, point.y);
             if builder.is_empty() {
                 builder.move_to(x, y)
             } else {
@@ -94,7 +94,7 @@ impl FieldPicture {
 
     /// A filled dot of a radius in pixels.
     pub fn dot(&mut self, point: At<FieldFrame>, colour: Color, radius_px: f32) {
-        let (x, y) = self.place(point.x, point.y);
+        let (x, y) = self.to_pixel(point.x, point.y);
         if let Some(path) = PathBuilder::from_circle(x, y, radius_px) {
             self.pixmap.fill_path(
                 &path,
@@ -142,7 +142,7 @@ impl FieldPicture {
         }
     }
 
-    fn place(&self, x: f32, y: f32) -> (f32, f32) {
+    fn to_pixel(&self, x: f32, y: f32) -> (f32, f32) {
         (
             (x + self.half_extent.0) * self.scale,
             (self.half_extent.1 - y) * self.scale,
@@ -150,7 +150,7 @@ impl FieldPicture {
     }
 
     fn rectangle(&mut self, x0: f32, y0: f32, x1: f32, y1: f32, colour: Color) {
-        let ((left, bottom), (right, top)) = (self.place(x0, y0), self.place(x1, y1));
+        let ((left, bottom), (right, top)) = (self.to_pixel(x0, y0), self.to_pixel(x1, y1));
         if let Some(rect) = Rect::from_ltrb(left, top, right, bottom) {
             self.pixmap
                 .fill_rect(rect, &paint(colour), Transform::identity(), None);
@@ -229,7 +229,7 @@ fn glyph(letter: char) -> Option<[u8; 8]> {
 }
 
 /// Two pictures side by side, the lower one centred on black.
-pub fn beside(left: &Image, right: &Image) -> Image {
+pub fn side_by_side(left: &Image, right: &Image) -> Image {
     let width_px = left.width_px + right.width_px;
     let height_px = left.height_px.max(right.height_px);
     let mut rgb = vec![0; 3 * width_px * height_px];

@@ -76,7 +76,7 @@ impl LogRotation {
             self.summary.cycles_dropped += 1;
             return said;
         };
-        if let Err(error) = recorder.cycle(cycle) {
+        if let Err(error) = recorder.record_cycle(cycle) {
             self.summary.cycles_dropped += 1;
             self.close_file();
             self.next_attempt = now + RETRY_PERIOD;
@@ -103,7 +103,7 @@ impl LogRotation {
     /// Ends the log that is written now, as far as it can be; one that holds nothing is taken away again.
     fn close_file(&mut self) -> Option<String> {
         let recorder = self.recorder.take()?;
-        let safe = recorder.safe();
+        let safe = recorder.flushed_cycles();
         match recorder.finish() {
             Ok(written) => {
                 self.summary.cycles += written.cycles;

@@ -19,14 +19,14 @@ use std::path::PathBuf;
 use anyhow::Result;
 use serde::Serialize;
 
-use crate::commands::arguments::{self, WrongArguments};
+use crate::commands::arguments::{self, UsageError};
 #[cfg(feature = "view")]
 use crate::view::{self, AfterRun};
 use patrol::Patrol;
 #[cfg(feature = "view")]
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 use pipeline::feed::Feed;
-use pipeline::log::ImageMode;
+use pipeline::log::ImageCompression;
 use play::RunLoop;
 use robot::RobotFolder;
 use stop::StopFlag;
@@ -50,8 +50,8 @@ pub struct Args {
     #[arg(long, value_name = "LOG")]
     record: Option<PathBuf>,
     /// How the log keeps images: png keeps RGB and Bayer cameras' exactly, and takes more time.
-    #[arg(long, value_parser = arguments::image_mode(), default_value = ImageMode::Jpeg.name(), requires = "record")]
-    images: ImageMode,
+    #[arg(long, value_parser = arguments::image_mode(), default_value = ImageCompression::Jpeg.name(), requires = "record")]
+    images: ImageCompression,
     /// Write the estimated poses (as `locate` does); stamps are CLOCK_MONOTONIC.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -62,7 +62,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE.toml")]
     network: Option<PathBuf>,
     /// End after so many seconds.
-    #[arg(long, value_name = "SECONDS", value_parser = arguments::duration, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Drive by hand: keys of the terminal, or a game pad.
     #[arg(long, conflicts_with = "patrol")]
@@ -91,16 +91,16 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         return list(json);
     }
     let Some(robot) = &args.robot else {
-        return Err(WrongArguments("--robot DIR is wanted".to_owned()).into());
+        return Err(UsageError("--robot DIR is wanted".to_owned()).into());
     };
-    arguments::distinct([args.record.as_deref(), args.out.as_deref()])?;
+    arguments::ensure_distinct_outputs([args.record.as_deref(), args.out.as_deref()])?;
     let patrol = args.patrol.as_deref().map(Patrol::load).transpose()?;
     let robot = RobotFolder::load(robot)?;
     let stop = StopFlag::on_signals()?;
     #[cfg(feature = "view")]
     if args.view {
         let shown = RobotFolder::load(&robot.folder)?.setup;
-        let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
+        let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
         let name = format!("run {}", robot.folder.display());
         let play = |feed| run_robot(args, robot, patrol, feed, &stop, json);
         return view::beside(&name, (shown, config), AfterRun::Leave, play);

@@ -10,8 +10,8 @@ use localize::team::TeamReport;
 use localize::{Field, Stamp};
 
 use super::helm::{CommandArbiter, CommandError, CommandSource};
-use crate::net::commands::Counts;
-use crate::net::{Network, NetworkConfig, Order};
+use crate::net::commands::CommandCounts;
+use crate::net::{Network, NetworkConfig, RemoteCommand};
 use crate::stream::StreamConfig;
 use pipeline::feed::Feed;
 use pipeline::log::Header;
@@ -67,18 +67,21 @@ impl RunNetwork {
         let session = since.map_or(0, |since| since.as_nanos() as u64);
         let helm = helm.clone();
         // Why not is counted by whoever sent it: the wheels do not turn.
-        let obey = move |order: Order| execute_command(&helm, order, hw::now()).is_ok();
+        let obey = move |order: RemoteCommand| execute_command(&helm, order, hw::now()).is_ok();
         let network = config.start(feed, about, session, hw::now, obey)?;
         Ok(RunNetwork { network })
     }
 
     /// What team-mates said since the last call.
     pub(super) fn team_reports(&self) -> impl Iterator<Item = TeamReport> {
-        self.network.team.iter().flat_map(crate::net::Link::reports)
+        self.network
+            .team
+            .iter()
+            .flat_map(crate::net::TeamTransport::received_reports)
     }
 
     /// What became of commands; none if nobody may command.
-    pub(super) fn command_counts(&self) -> Option<Counts> {
+    pub(super) fn command_counts(&self) -> Option<CommandCounts> {
         self.network
             .commands
             .as_ref()
@@ -87,8 +90,12 @@ impl RunNetwork {
 }
 
 /// Carries out another program's command that came `now`.
-fn execute_command(helm: &CommandArbiter, order: Order, now: Stamp) -> Result<(), CommandError> {
-    let deadline = now + order.valid.as_secs_f64();
+fn execute_command(
+    helm: &CommandArbiter,
+    order: RemoteCommand,
+    now: Stamp,
+) -> Result<(), CommandError> {
+    let deadline = now + order.valid_for.as_secs_f64();
     if let Some(kick) = order.kick {
         let kick = Kick {
             speed: kick.speed,

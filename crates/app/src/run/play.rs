@@ -20,11 +20,11 @@ use super::status::{OperatorNotices, RunReport, RunStatus};
 use super::stop::StopFlag;
 use super::{Args, teleop};
 use crate::run::raw_image::raw_image;
-use pipeline::cycle::{Cycle, SPINE_FILE, Spine, SpineConfig};
+use pipeline::cycle::{Cycle, PIPELINE_FILE, Pipeline, PipelineConfig};
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
-use pipeline::result_files::Outputs;
-use pipeline::sample::{Content, Frame, Picture, Sample};
+use pipeline::result_files::CsvOutputs;
+use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
 
 /// Samples that may wait for the spine: more than a second of every device.
 const EVENT_QUEUE_CAPACITY: usize = 1024;
@@ -42,7 +42,7 @@ const POSE_QUEUE_CAPACITY: usize = 300;
 /// A run that is set up.
 pub(super) struct RunLoop {
     robot: RobotFolder,
-    pipeline: Spine,
+    pipeline: Pipeline,
     log: Option<LogRotation>,
     pose_writer: Option<PoseWriter>,
     feed: Feed,
@@ -62,8 +62,8 @@ impl RunLoop {
         patrol: Option<Patrol>,
         feed: Feed,
     ) -> Result<Self> {
-        let config = SpineConfig::load(&args.preset, args.config.as_deref())?;
-        let spine = Spine::new(&robot.setup, &config)?;
+        let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
+        let spine = Pipeline::new(&robot.setup, &config)?;
         let log_config = LogConfig {
             images: args.images,
             ..LogConfig::default()
@@ -120,7 +120,7 @@ impl RunLoop {
                 self.handle_event(event, &mut watch, &mut status);
             }
             if let Some(frame) = watch.missing_image(hw::now()) {
-                self.process_sample(Sample::Frame(frame), &mut watch, &mut status);
+                self.process_sample(Sample::Image(frame), &mut watch, &mut status);
             }
             status.update_status_line(watch.last_cycle.as_deref(), || devices.health());
         }
@@ -167,7 +167,7 @@ impl RunLoop {
 
     fn handle_event(&mut self, event: DeviceEvent, watch: &mut RunState, status: &mut RunStatus) {
         let sample = match event {
-            DeviceEvent::Image(frame) => Sample::Frame(watch.camera_image(frame)),
+            DeviceEvent::Image(frame) => Sample::Image(watch.camera_image(frame)),
             DeviceEvent::Odometry(odometry) => Sample::Odometry(odometry),
             DeviceEvent::Command(command) => Sample::Command(command),
             DeviceEvent::Imu(imu) => Sample::Imu(imu),
@@ -194,12 +194,12 @@ impl RunLoop {
 
     fn process_sample(&mut self, sample: Sample, watch: &mut RunState, status: &mut RunStatus) {
         let taken = hw::now();
-        if matches!(sample, Sample::Frame(_)) {
+        if matches!(sample, Sample::Image(_)) {
             for report in self.network.team_reports() {
-                self.pipeline.take(Sample::Report(report));
+                self.pipeline.process_sample(Sample::TeamReport(report));
             }
         }
-        let Some(cycle) = self.pipeline.take(sample) else {
+        let Some(cycle) = self.pipeline.process_sample(sample) else {
             return;
         };
         self.arbiter.set_pose(cycle.stamp, cycle.estimate.pose);
@@ -228,12 +228,12 @@ impl RunLoop {
 }
 
 /// What log and stream say of this run before its first cycle.
-fn header(robot: &RobotFolder, config: &SpineConfig) -> Result<Header> {
+fn header(robot: &RobotFolder, config: &PipelineConfig) -> Result<Header> {
     let setup = &robot.setup;
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new(&format!("run {}", robot.folder.display()), None)
         .with_robot(&setup.robot, map, setup.colours.as_ref())?
-        .with_file(SPINE_FILE, toml::to_string(config)?)
+        .with_file(PIPELINE_FILE, toml::to_string(config)?)
         .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
     Ok(header)
 }
@@ -276,27 +276,27 @@ impl RunState {
         }
     }
 
-    fn camera_image(&mut self, frame: CapturedImage) -> Frame {
+    fn camera_image(&mut self, frame: CapturedImage) -> CameraImage {
         self.last_image = hw::now();
         let stamp = frame.stamp;
         // A picture of the past says nothing about where the robot is now.
         let content = if frame.repeated {
-            Content::Unreadable("the camera repeats its image".to_owned())
+            ImageContent::Unreadable("the camera repeats its image".to_owned())
         } else {
-            Content::Image(Picture::Raw(raw_image(frame)))
+            ImageContent::Pixels(SourceImage::Raw(raw_image(frame)))
         };
-        Frame { stamp, content }
+        CameraImage { stamp, content }
     }
 
     /// In place of a frame that does not come: odometry carries the pose on.
-    fn missing_image(&mut self, now: Stamp) -> Option<Frame> {
+    fn missing_image(&mut self, now: Stamp) -> Option<CameraImage> {
         if now - self.last_image < IMAGE_TIMEOUT {
             return None;
         }
         self.last_image = now;
-        Some(Frame {
+        Some(CameraImage {
             stamp: now,
-            content: Content::Unreadable("no frame from the camera".to_owned()),
+            content: ImageContent::Unreadable("no frame from the camera".to_owned()),
         })
     }
 }
@@ -310,7 +310,9 @@ fn is_finite(sample: &Sample) -> bool {
             .iter()
             .chain(&imu.rate)
             .all(|value| value.is_finite()),
-        Sample::Command(_) | Sample::Report(_) | Sample::Truth(_) | Sample::Frame(_) => true,
+        Sample::Command(_) | Sample::TeamReport(_) | Sample::GroundTruth(_) | Sample::Image(_) => {
+            true
+        }
     }
 }
 
@@ -322,7 +324,7 @@ struct PoseWriter {
 
 impl PoseWriter {
     fn start(path: &Path) -> Result<Self> {
-        let mut outputs = Outputs::create(Some(path), None, None)?;
+        let mut outputs = CsvOutputs::create(Some(path), None, None)?;
         let (waiting, cycles): (_, Receiver<Arc<Cycle>>) = sync_channel(POSE_QUEUE_CAPACITY);
         let write = move || {
             for cycle in cycles {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::keeper::LogSummary;
 use super::latency::{LatencyHistogram, LatencySummary};
 use super::teller::StderrWriter;
-use crate::net::commands::Counts;
+use crate::net::commands::CommandCounts;
 use pipeline::cycle::Cycle;
 use pipeline::result_files::mode_name;
 
@@ -60,7 +60,7 @@ pub struct RunReport {
     /// The wheels were told to stop before the end; true without a base.
     pub wheels_stopped: bool,
     /// Commands of other programs, if they may command.
-    pub commands: Option<Counts>,
+    pub commands: Option<CommandCounts>,
     /// Every device.
     pub devices: Vec<HealthReport>,
     /// Every change of a device, in order.
@@ -134,7 +134,7 @@ impl RunStatus {
     /// Counts a cycle; `taken` and `published`: when the spine took its frame, and when its pose was out.
     pub fn count_cycle(&mut self, cycle: &Cycle, taken: Stamp, published: Stamp) {
         self.modes[cycle.estimate.mode as usize] += 1;
-        if cycle.seen.is_none() {
+        if cycle.detections.is_none() {
             self.cycles_without_image += 1;
             return;
         }
@@ -255,7 +255,7 @@ impl RunStatus {
     pub fn into_report(
         mut self,
         (inbox, samples_refused): (hw::DroppedInputs, u64),
-        (wheels_stopped, commands): (bool, Option<Counts>),
+        (wheels_stopped, commands): (bool, Option<CommandCounts>),
         devices: Vec<HealthReport>,
         log: Option<LogSummary>,
     ) -> RunReport {

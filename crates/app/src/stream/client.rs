@@ -33,9 +33,9 @@ use tungstenite::handshake::HandshakeError;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
-use pipeline::log::read::{Assembler, Topic};
+use pipeline::log::read::{CycleAssembler, TopicKind};
 use pipeline::log::schema::{ABOUT_TOPIC, CYCLE_TOPIC, IMAGE_TOPIC, wire};
-use pipeline::log::{Header, Logged};
+use pipeline::log::{Header, LoggedCycle};
 
 /// The dialect of Foxglove's WebSocket protocol that the server speaks.
 const SUBPROTOCOL: &str = "foxglove.sdk.v1";
@@ -43,73 +43,74 @@ const SUBPROTOCOL: &str = "foxglove.sdk.v1";
 const MESSAGE_DATA: u8 = 1;
 
 /// A connection to a live stream.
-pub struct Client {
+pub struct StreamClient {
     socket: WebSocket<TcpStream>,
     address: String,
     /// By the number under which we subscribed.
-    topics: HashMap<u32, Wanted>,
-    assembler: Assembler,
+    topics: HashMap<u32, SubscribedTopic>,
+    assembler: CycleAssembler,
 }
 
 /// What arrived.
 #[derive(Debug)]
-pub enum Event {
+pub enum StreamEvent {
     /// What a log of this run starts with; comes first, and again whenever somebody else subscribes.
     Header(Box<Header>),
     /// A cycle, with its image beside it if the stream carries images.
-    Cycle(Box<Logged>),
+    Cycle(Box<LoggedCycle>),
 }
 
 #[derive(Clone, Copy)]
-enum Wanted {
+enum SubscribedTopic {
     About,
-    Of(Topic),
+    Log(TopicKind),
 }
 
 /// A text message of the server, as far as we read it.
 #[derive(Deserialize)]
-struct Said {
+struct ServerMessage {
     op: String,
     #[serde(default)]
-    channels: Vec<Advertised>,
+    channels: Vec<AdvertisedChannel>,
 }
 
 #[derive(Deserialize)]
-struct Advertised {
+struct AdvertisedChannel {
     id: u32,
     topic: String,
 }
 
 #[derive(Serialize)]
-struct Subscribe {
+struct SubscribeRequest {
     op: &'static str,
-    subscriptions: Vec<Subscription>,
+    subscriptions: Vec<ChannelSubscription>,
 }
 
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
-struct Subscription {
+struct ChannelSubscription {
     id: u32,
     channel_id: u32,
 }
 
-impl Client {
+impl StreamClient {
     /// Connects to `address` (`host:port`, with or without `ws://`) within `patience`.
     pub fn connect(address: &str, patience: Duration) -> Result<Self> {
         let place = address.trim_start_matches("ws://").trim_end_matches('/');
-        let socket = open(place, patience).with_context(|| format!("cannot watch {place}"))?;
-        Ok(Client {
+        let socket =
+            connect_websocket(place, patience).with_context(|| format!("cannot watch {place}"))?;
+        Ok(StreamClient {
             socket,
             address: place.to_owned(),
             topics: HashMap::new(),
-            assembler: Assembler::default(),
+            assembler: CycleAssembler::default(),
         })
     }
 
     /// What came since the last call, or comes within `patience`; none if nothing does.
     ///
     /// An error ends the connection: the robot is gone, or speaks another version.
-    pub fn next(&mut self, patience: Duration) -> Result<Option<Event>> {
+    pub fn next_event(&mut self, patience: Duration) -> Result<Option<StreamEvent>> {
         let until = Instant::now() + patience;
         loop {
             let left = until.saturating_duration_since(Instant::now());
@@ -117,8 +118,8 @@ impl Client {
             let left = left.max(Duration::from_millis(1));
             self.socket.get_ref().set_read_timeout(Some(left))?;
             let event = match self.socket.read() {
-                Ok(Message::Text(text)) => self.said(&text).map(|()| None),
-                Ok(Message::Binary(bytes)) => self.message(&bytes),
+                Ok(Message::Text(text)) => self.handle_text(&text).map(|()| None),
+                Ok(Message::Binary(bytes)) => self.handle_binary(&bytes),
                 Ok(Message::Close(_)) => Err(anyhow!("the stream has ended")),
                 Ok(_) => Ok(None),
                 Err(tungstenite::Error::Io(error))
@@ -138,23 +139,23 @@ impl Client {
     }
 
     /// Subscribes to what a cycle is made of, when the server tells its channels.
-    fn said(&mut self, text: &str) -> Result<()> {
-        let said: Said =
+    fn handle_text(&mut self, text: &str) -> Result<()> {
+        let said: ServerMessage =
             serde_json::from_str(text).context("it does not speak Foxglove's words")?;
         if said.op != "advertise" {
             return Ok(());
         }
         let mut subscriptions = Vec::new();
-        for Advertised { id, topic } in said.channels {
+        for AdvertisedChannel { id, topic } in said.channels {
             let wanted = match topic.as_str() {
-                ABOUT_TOPIC => Wanted::About,
-                CYCLE_TOPIC | IMAGE_TOPIC => Wanted::Of(Topic::named(&topic)),
+                ABOUT_TOPIC => SubscribedTopic::About,
+                CYCLE_TOPIC | IMAGE_TOPIC => SubscribedTopic::Log(TopicKind::from_name(&topic)),
                 _ => continue,
             };
             self.topics.insert(id, wanted);
-            subscriptions.push(Subscription { id, channel_id: id });
+            subscriptions.push(ChannelSubscription { id, channel_id: id });
         }
-        let subscribe = Subscribe {
+        let subscribe = SubscribeRequest {
             op: "subscribe",
             subscriptions,
         };
@@ -163,7 +164,7 @@ impl Client {
         Ok(())
     }
 
-    fn message(&mut self, bytes: &[u8]) -> Result<Option<Event>> {
+    fn handle_binary(&mut self, bytes: &[u8]) -> Result<Option<StreamEvent>> {
         let Some((&MESSAGE_DATA, rest)) = bytes.split_first() else {
             return Ok(None);
         };
@@ -174,25 +175,25 @@ impl Client {
             bail!("a message of {} bytes", bytes.len());
         };
         Ok(match self.topics.get(&u32::from_le_bytes(*id)) {
-            Some(Wanted::About) => {
+            Some(SubscribedTopic::About) => {
                 let about = wire::About::decode(data)?;
                 let header = Header::from_message(about, Path::new(&self.address))?;
-                Some(Event::Header(Box::new(header)))
+                Some(StreamEvent::Header(Box::new(header)))
             }
-            Some(Wanted::Of(topic)) => self
+            Some(SubscribedTopic::Log(topic)) => self
                 .assembler
-                .message(*topic, u64::from_le_bytes(*log_time), data)?
-                .map(|logged| Event::Cycle(Box::new(logged))),
+                .push_message(*topic, u64::from_le_bytes(*log_time), data)?
+                .map(|logged| StreamEvent::Cycle(Box::new(logged))),
             None => None,
         })
     }
 }
 
-fn open(place: &str, patience: Duration) -> Result<WebSocket<TcpStream>> {
+fn connect_websocket(place: &str, patience: Duration) -> Result<WebSocket<TcpStream>> {
     let mut refused = None;
     for address in place.to_socket_addrs()? {
         match TcpStream::connect_timeout(&address, patience) {
-            Ok(stream) => return greet(stream, place, patience),
+            Ok(stream) => return handshake(stream, place, patience),
             Err(error) => refused = Some(error),
         }
     }
@@ -202,7 +203,7 @@ fn open(place: &str, patience: Duration) -> Result<WebSocket<TcpStream>> {
     }
 }
 
-fn greet(stream: TcpStream, place: &str, patience: Duration) -> Result<WebSocket<TcpStream>> {
+fn handshake(stream: TcpStream, place: &str, patience: Duration) -> Result<WebSocket<TcpStream>> {
     stream.set_read_timeout(Some(patience))?;
     stream.set_write_timeout(Some(patience))?;
     stream.set_nodelay(true)?;

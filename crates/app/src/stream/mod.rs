@@ -9,10 +9,10 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-pub use client::{Client, Event};
-pub use server::Server;
+pub use client::{StreamClient, StreamEvent};
+pub use server::StreamServer;
 
-use pipeline::log::ImageMode;
+use pipeline::log::ImageCompression;
 
 /// Where those who watch find the stream, and what they get of the images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -23,7 +23,7 @@ pub struct StreamConfig {
     /// TCP port; 0 takes a free one.
     pub port: u16,
     /// How images go out: `jpeg` is a tenth of `png`, `none` leaves them out.
-    pub images: ImageMode,
+    pub images: ImageCompression,
     /// Of JPEG images, 1 to 100.
     pub jpeg_quality: u8,
     /// Messages that may wait for one viewer; beyond it the oldest are dropped.
@@ -36,7 +36,7 @@ impl Default for StreamConfig {
             bind: "127.0.0.1".to_owned(),
             // Where Foxglove looks first.
             port: 8765,
-            images: ImageMode::Jpeg,
+            images: ImageCompression::Jpeg,
             // 40 kB an image of 480 × 480: ten megabit a second at 30 Hz, which a wireless link carries.
             jpeg_quality: 80,
             // Half a second of all topics at 30 Hz.

@@ -11,24 +11,24 @@ use foxglove::{WebSocketServer, WebSocketServerHandle};
 use localize::{Field, Stamp};
 
 use super::StreamConfig;
-use pipeline::feed::{Feed, Nothing, Subscription};
+use pipeline::feed::{Feed, RecvError, Subscription};
 use pipeline::log::Header;
-use pipeline::log::messages::Messages;
-use pipeline::log::schema::{ABOUT, ABOUT_TOPIC, Context, Own, Topics, wire};
+use pipeline::log::messages::CyclePublisher;
+use pipeline::log::schema::{ABOUT_TOPIC, Context, CustomChannel, PROJECT_NAME, Topics, wire};
 
 /// Cycles that may wait to become messages; the image of the newest two stays.
-const CYCLES_WAITING: usize = 8;
+const MAX_PENDING_CYCLES: usize = 8;
 /// A viewer is greeted within this time, even by a run that stands still.
-const GREETING_WITHIN: Duration = Duration::from_millis(100);
+const HEADER_DEADLINE: Duration = Duration::from_millis(100);
 
 /// A live stream that is being offered; dropping it ends it.
-pub struct Server {
+pub struct StreamServer {
     handle: Option<WebSocketServerHandle>,
-    ending: Arc<AtomicBool>,
+    stop_requested: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
-impl Server {
+impl StreamServer {
     /// Offers the cycles of a feed to whoever connects.
     ///
     /// `header`: what a log of the run would start with; viewers get it when they subscribe.
@@ -48,36 +48,36 @@ impl Server {
             "[stream] backlog = 0: must be at least 1"
         );
         let context = Context::new();
-        let messages = Messages::new(Topics::new(&context)?, config.images, quality);
-        let about = Own::new(&context, ABOUT_TOPIC)?;
+        let messages = CyclePublisher::new(Topics::new(&context)?, config.images, quality);
+        let about = CustomChannel::new(&context, ABOUT_TOPIC)?;
         let newcomer = Arc::new(AtomicBool::new(false));
         let handle = WebSocketServer::new()
-            .name(ABOUT)
+            .name(PROJECT_NAME)
             .bind(config.bind.clone(), config.port)
             .message_backlog_size(config.backlog)
-            .listener(Arc::new(Door(newcomer.clone())))
+            .listener(Arc::new(SubscribeListener(newcomer.clone())))
             .context(&context)
             .start_blocking()
             .with_context(|| {
                 format!("[stream] cannot listen on {}:{}", config.bind, config.port)
             })?;
         let ending = Arc::new(AtomicBool::new(false));
-        let mut stage = Stage {
-            cycles: feed.subscribe(CYCLES_WAITING),
+        let mut stage = StreamWorker {
+            cycles: feed.subscribe(MAX_PENDING_CYCLES),
             messages,
             about,
-            greeting: greeting(header, config),
+            header_message: header_message(header, config),
             field: field.clone(),
-            newcomer,
-            ending: ending.clone(),
+            new_subscriber: newcomer,
+            stop_requested: ending.clone(),
             _context: context,
         };
         let thread = std::thread::Builder::new()
             .name("stream".to_owned())
             .spawn(move || stage.run())?;
-        Ok(Server {
+        Ok(StreamServer {
             handle: Some(handle),
-            ending,
+            stop_requested: ending,
             thread: Some(thread),
         })
     }
@@ -88,16 +88,16 @@ impl Server {
     }
 
     /// How many are watching.
-    pub fn viewers(&self) -> usize {
+    pub fn client_count(&self) -> usize {
         self.handle
             .as_ref()
             .map_or(0, WebSocketServerHandle::client_count)
     }
 }
 
-impl Drop for Server {
+impl Drop for StreamServer {
     fn drop(&mut self) {
-        self.ending.store(true, Ordering::Relaxed);
+        self.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // Its panic was told when it happened.
             let _ = thread.join();
@@ -109,54 +109,54 @@ impl Drop for Server {
 }
 
 /// Notices who subscribes.
-struct Door(Arc<AtomicBool>);
+struct SubscribeListener(Arc<AtomicBool>);
 
-impl ServerListener for Door {
+impl ServerListener for SubscribeListener {
     fn on_subscribe(&self, _client: Client, _channel: ChannelView) {
         self.0.store(true, Ordering::Release);
     }
 }
 
 /// The thread's side.
-struct Stage {
+struct StreamWorker {
     cycles: Subscription,
-    messages: Messages,
-    about: Own<wire::About>,
-    greeting: wire::About,
+    messages: CyclePublisher,
+    about: CustomChannel<wire::About>,
+    header_message: wire::About,
     field: Field,
-    newcomer: Arc<AtomicBool>,
-    ending: Arc<AtomicBool>,
+    new_subscriber: Arc<AtomicBool>,
+    stop_requested: Arc<AtomicBool>,
     /// Joins channels and viewers for as long as it lives.
     _context: Arc<Context>,
 }
 
-impl Stage {
+impl StreamWorker {
     fn run(&mut self) {
         let mut stamp = Stamp(0);
-        while !self.ending.load(Ordering::Relaxed) {
-            let next = self.cycles.entry(GREETING_WITHIN);
+        while !self.stop_requested.load(Ordering::Relaxed) {
+            let next = self.cycles.recv_indexed(HEADER_DEADLINE);
             if let Ok(((_, cycle), _)) = &next {
                 stamp = cycle.stamp;
             }
-            if self.newcomer.swap(false, Ordering::Acquire) {
-                self.about.log_at(&self.greeting, stamp);
-                self.messages.field(&self.field, stamp);
+            if self.new_subscriber.swap(false, Ordering::Acquire) {
+                self.about.log_at(&self.header_message, stamp);
+                self.messages.publish_field(&self.field, stamp);
             }
             match next {
                 Ok(((index, cycle), dropped)) => {
-                    if let Err(error) = self.messages.cycle(index, &cycle) {
-                        self.messages.tell_fault(&format!("{error:#}"), stamp);
+                    if let Err(error) = self.messages.publish_cycle(index, &cycle) {
+                        self.messages.log_error(&format!("{error:#}"), stamp);
                     }
-                    self.messages.tell_dropped("the stream", dropped, stamp);
+                    self.messages.log_dropped("the stream", dropped, stamp);
                 }
-                Err(Nothing::Yet) => {}
-                Err(Nothing::Ever) => return,
+                Err(RecvError::Timeout) => {}
+                Err(RecvError::Closed) => return,
             }
         }
     }
 }
 
-fn greeting(header: &Header, config: &StreamConfig) -> wire::About {
+fn header_message(header: &Header, config: &StreamConfig) -> wire::About {
     let header = Header {
         images: config.images,
         ..header.clone()

@@ -5,54 +5,57 @@ use std::net::TcpStream;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::{Client, Event, Server, StreamConfig};
+use super::{StreamClient, StreamConfig, StreamEvent, StreamServer};
 use pipeline::cycle::{Cycle, Inputs};
 use pipeline::feed::Feed;
-use pipeline::log::{Header, ImageMode};
-use pipeline::testing::{cycle, field, picture};
+use pipeline::log::{Header, ImageCompression};
+use pipeline::testing::{field, random_cycle, random_image};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-fn server(feed: &Feed) -> Server {
+fn server(feed: &Feed) -> StreamServer {
     let config = StreamConfig {
         port: 0,
-        images: ImageMode::Png,
+        images: ImageCompression::Png,
         ..StreamConfig::default()
     };
     let header = Header::new("test", Some(7)).with_file("robot.toml", "field = \"field.toml\"");
-    Server::start(feed, &header, &field(), &config).expect("a server")
+    StreamServer::start(feed, &header, &field(), &config).expect("a server")
 }
 
-fn client(server: &Server) -> Client {
-    Client::connect(&format!("ws://127.0.0.1:{}", server.port()), PATIENCE).expect("a client")
+fn client(server: &StreamServer) -> StreamClient {
+    StreamClient::connect(&format!("ws://127.0.0.1:{}", server.port()), PATIENCE).expect("a client")
 }
 
 /// The client's next event; the server goes on publishing what is `due` meanwhile.
-fn next(client: &mut Client) -> Event {
-    client.next(PATIENCE).expect("connected").expect("an event")
+fn next(client: &mut StreamClient) -> StreamEvent {
+    client
+        .next_event(PATIENCE)
+        .expect("connected")
+        .expect("an event")
 }
 
 #[test]
-fn a_viewer_gets_the_header_and_then_cycles_bit_for_bit() {
+fn client_receives_the_header_then_cycles_bit_for_bit() {
     let feed = Feed::new();
     let server = server(&feed);
     let mut client = client(&server);
-    let Event::Header(header) = next(&mut client) else {
+    let StreamEvent::Header(header) = next(&mut client) else {
         panic!("a cycle before the header");
     };
     assert_eq!((header.seed, header.source.as_str()), (Some(7), "test"));
     assert!(header.files.contains_key("robot.toml"));
     for number in 0..5 {
-        feed.publish(&Arc::new(cycle(number)));
+        feed.publish(&Arc::new(random_cycle(number)));
         let logged = loop {
             // The header may come once more: it is told after each of the client's subscriptions.
-            if let Event::Cycle(logged) = next(&mut client) {
+            if let StreamEvent::Cycle(logged) = next(&mut client) {
                 break logged;
             }
         };
-        let wanted = cycle(number);
+        let wanted = random_cycle(number);
         let image = logged.image.as_ref().expect("an image").decode();
-        assert_eq!(image.expect("whole"), picture(number));
+        assert_eq!(image.expect("whole"), random_image(number));
         let bare = Cycle {
             inputs: Inputs {
                 image: None,
@@ -66,7 +69,7 @@ fn a_viewer_gets_the_header_and_then_cycles_bit_for_bit() {
 }
 
 #[test]
-fn viewers_that_vanish_stall_or_babble_do_not_hold_up_the_feed() {
+fn misbehaving_clients_do_not_block_the_feed() {
     let feed = Feed::new();
     let server = server(&feed);
     let place = ("127.0.0.1", server.port());
@@ -78,7 +81,7 @@ fn viewers_that_vanish_stall_or_babble_do_not_hold_up_the_feed() {
     let mut stalled = client(&server);
     next(&mut stalled);
     // 20 MB of images, far beyond what the system buffers: nothing of it may wait for the one who does not read.
-    let cycle = Arc::new(cycle(0));
+    let cycle = Arc::new(random_cycle(0));
     let started = Instant::now();
     for _ in 0..1000 {
         feed.publish(&cycle);
@@ -90,7 +93,7 @@ fn viewers_that_vanish_stall_or_babble_do_not_hold_up_the_feed() {
         Some(next(&mut late))
     })
     .take(50)
-    .any(|event| matches!(event, Event::Cycle(_)));
+    .any(|event| matches!(event, StreamEvent::Cycle(_)));
     assert!(got, "who comes late and reads is served");
 }
 
@@ -101,9 +104,9 @@ fn the_end_of_the_run_ends_the_stream() {
     let mut client = client(&server);
     next(&mut client);
     drop(server);
-    let ended = (0..1000).any(|_| client.next(Duration::from_millis(20)).is_err());
+    let ended = (0..1000).any(|_| client.next_event(Duration::from_millis(20)).is_err());
     assert!(ended);
-    let nobody = Client::connect("127.0.0.1:1", PATIENCE)
+    let nobody = StreamClient::connect("127.0.0.1:1", PATIENCE)
         .err()
         .expect("an error");
     assert!(format!("{nobody:#}").contains("127.0.0.1:1"));

@@ -142,10 +142,10 @@ impl Devices {
             camera.fault = Some(fault.clone());
         } else {
             // Two images with the same line points to the last bit are one image.
-            let first = cycle.points.first();
+            let first = cycle.line_points.first();
             let reading = first.map_or([0; 6], |point| {
-                let last = cycle.points.last().map_or(point.at, |last| last.at);
-                let count = cycle.points.len() as u32;
+                let last = cycle.line_points.last().map_or(point.at, |last| last.at);
+                let count = cycle.line_points.len() as u32;
                 let unlike = if count < 2 { cycle.stamp.0 as u32 } else { 0 };
                 [
                     bits(point.at.x),

@@ -202,7 +202,7 @@ impl Painter {
             let heading = heading.or(job.cycle.inputs.compass.last().map(|last| last.heading));
             painted.landscape = Some(Arc::new(landscape(
                 stage,
-                &job.cycle.points,
+                &job.cycle.line_points,
                 heading.unwrap_or(0.0),
             )));
         }

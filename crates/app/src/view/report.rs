@@ -11,7 +11,7 @@ use super::series::Quantity;
 use super::session::Session;
 use super::settings;
 use super::source::image_of;
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 
 /// Columns of the table of the run, with what they are scaled by.
 const COLUMNS: [(&str, Quantity); 8] = [
@@ -45,7 +45,7 @@ pub(crate) fn save(picture: &ColorImage, path: &Path) -> Result<()> {
 pub(crate) fn write(
     folder: &Path,
     session: &Session,
-    config: &SpineConfig,
+    config: &PipelineConfig,
     window: Option<&ColorImage>,
 ) -> Result<()> {
     std::fs::create_dir_all(folder)
@@ -62,7 +62,7 @@ pub(crate) fn write(
         image.save(&folder.join("camera.png"))?;
     }
     put("run.csv", table(session))?;
-    let overlay = settings::overlay(&SpineConfig::default(), config);
+    let overlay = settings::overlay(&PipelineConfig::default(), config);
     put("overlay.toml", overlay.to_string())?;
     put("report.md", words(session)?)
 }

@@ -177,8 +177,8 @@ impl Sample {
                 set(Quantity::HeadingError, turn.to_degrees());
             }
         }
-        set(Quantity::LinePoints, cycle.points.len() as f32);
-        if let Some(seen) = &cycle.seen {
+        set(Quantity::LinePoints, cycle.line_points.len() as f32);
+        if let Some(seen) = &cycle.detections {
             set(Quantity::Refused, seen.rejected_candidates.len() as f32);
         }
         if let Some(image) = image_of(cycle) {

@@ -17,8 +17,8 @@ use super::source::survey::Survey;
 use super::source::worker::{Order, SimWorker};
 use super::source::{Shown, Source, remote};
 use super::stage::Stage;
-use pipeline::cycle::{SPINE_FILE, SpineConfig};
-use pipeline::log::Index;
+use pipeline::cycle::{PIPELINE_FILE, PipelineConfig};
+use pipeline::log::LogIndex;
 use pipeline::setup::Setup;
 
 /// What moves the moment that is shown.
@@ -74,7 +74,7 @@ pub(crate) struct Session {
     /// What went wrong last.
     pub(crate) fault: Option<String>,
     /// The settings the source runs with (a log: ran with).
-    pub(crate) ran_with: SpineConfig,
+    pub(crate) ran_with: PipelineConfig,
     /// Device by device.
     pub(crate) devices: Devices,
     /// Layers painted last.
@@ -101,7 +101,7 @@ impl Default for Session {
             marks: Vec::new(),
             missing: Vec::new(),
             fault: None,
-            ran_with: SpineConfig::default(),
+            ran_with: PipelineConfig::default(),
             devices: Devices::default(),
             painted: Painted::default(),
             table: None,
@@ -121,7 +121,7 @@ impl Session {
             return Session::remote(&text);
         }
         if path.extension().is_some_and(|end| end == "toml") {
-            Session::simulate(path, None, SpineConfig::default())
+            Session::simulate(path, None, PipelineConfig::default())
         } else {
             Session::log(path)
         }
@@ -129,8 +129,8 @@ impl Session {
 
     /// Opens a log of any version.
     pub(crate) fn log(path: &Path) -> Result<Self> {
-        let mut player = Player::new(Index::open(path)?);
-        let mut missing = player.index().missing().to_vec();
+        let mut player = Player::new(LogIndex::open(path)?);
+        let mut missing = player.index().warnings().to_vec();
         let stage = match player.setup() {
             Ok(setup) => Some(Arc::new(Stage::new(setup))),
             Err(error) => {
@@ -140,7 +140,10 @@ impl Session {
                 None
             }
         };
-        let ran_with = settings(player.index().header().files.get(SPINE_FILE), &mut missing);
+        let ran_with = settings(
+            player.index().header().files.get(PIPELINE_FILE),
+            &mut missing,
+        );
         let base = base_of(stage.as_deref());
         let survey = Survey::start(player.index().clone(), base)?;
         let mut session = Session {
@@ -161,7 +164,7 @@ impl Session {
     }
 
     /// Plays a scenario.
-    pub(crate) fn simulate(path: &Path, seed: Option<u64>, config: SpineConfig) -> Result<Self> {
+    pub(crate) fn simulate(path: &Path, seed: Option<u64>, config: PipelineConfig) -> Result<Self> {
         let inbox = Inbox::default();
         let (worker, setup) = SimWorker::start(path, seed, config.clone(), inbox.clone())?;
         let live = Live::new(inbox, Some(worker));
@@ -173,8 +176,8 @@ impl Session {
     pub(crate) fn remote(address: &str) -> Result<Self> {
         let inbox = Inbox::default();
         let remote = remote::connect(address, inbox.clone())?;
-        let mut missing: Vec<String> = remote.header.other_version().into_iter().collect();
-        let ran_with = settings(remote.header.files.get(SPINE_FILE), &mut missing);
+        let mut missing: Vec<String> = remote.header.version_mismatch().into_iter().collect();
+        let ran_with = settings(remote.header.files.get(PIPELINE_FILE), &mut missing);
         let live = Live::new(inbox, None).with_lease(remote.lease, Some(remote.folder));
         let name = format!("{address}: {}", remote.header.source);
         Ok(Session {
@@ -184,7 +187,7 @@ impl Session {
     }
 
     /// Watches something that goes on by itself.
-    pub(crate) fn live(name: String, live: Live, setup: Setup, ran_with: SpineConfig) -> Self {
+    pub(crate) fn live(name: String, live: Live, setup: Setup, ran_with: PipelineConfig) -> Self {
         Session {
             name,
             source: Source::Live(Box::new(live)),
@@ -376,7 +379,7 @@ impl Session {
     }
 
     /// Computes the log once more with other settings.
-    pub(crate) fn compute_again(&mut self, config: &SpineConfig) {
+    pub(crate) fn compute_again(&mut self, config: &PipelineConfig) {
         let Some(path) = self.log_path() else {
             return;
         };
@@ -387,7 +390,7 @@ impl Session {
     }
 
     /// The shown cycle as a job for the painter.
-    pub(crate) fn job(&self, config: &SpineConfig, wanted: Wanted) -> Option<Job> {
+    pub(crate) fn job(&self, config: &PipelineConfig, wanted: Wanted) -> Option<Job> {
         let (stage, shown) = (self.stage.as_ref()?, self.now.as_ref()?);
         Some(Job {
             stage: stage.clone(),
@@ -408,9 +411,9 @@ fn base_of(stage: Option<&Stage>) -> BaseConfig {
 }
 
 /// The settings in a log; those of another version as far as they are known here.
-fn settings(text: Option<&Vec<u8>>, missing: &mut Vec<String>) -> SpineConfig {
+fn settings(text: Option<&Vec<u8>>, missing: &mut Vec<String>) -> PipelineConfig {
     let Some(text) = text else {
-        return SpineConfig::default();
+        return PipelineConfig::default();
     };
     let text = String::from_utf8_lossy(text);
     toml::from_str(&text).unwrap_or_else(|error: toml::de::Error| {
@@ -418,6 +421,6 @@ fn settings(text: Option<&Vec<u8>>, missing: &mut Vec<String>) -> SpineConfig {
             "its settings are another version's ({}): the defaults are shown",
             error.message()
         ));
-        SpineConfig::default()
+        PipelineConfig::default()
     })
 }

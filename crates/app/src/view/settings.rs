@@ -3,7 +3,7 @@
 use schemars::schema_for;
 use serde_json::Value as Json;
 
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 
 /// In place of a value that is not given.
 pub(crate) const UNSET: &str = "not given";
@@ -32,8 +32,8 @@ impl Setting {
 
 /// Every setting of vision and localisation, section by section.
 pub(crate) fn all() -> Vec<Setting> {
-    let schema = Json::from(schema_for!(SpineConfig));
-    let defaults = toml::Table::try_from(SpineConfig::default()).unwrap_or_default();
+    let schema = Json::from(schema_for!(PipelineConfig));
+    let defaults = toml::Table::try_from(PipelineConfig::default()).unwrap_or_default();
     let mut settings = Vec::new();
     collect(&schema, &schema, &defaults, &mut Vec::new(), &mut settings);
     settings
@@ -83,7 +83,7 @@ pub(crate) fn unset(table: &mut toml::Table, path: &[String]) {
 }
 
 /// What of `config` differs from `base`: an overlay that `--config` takes.
-pub(crate) fn overlay(base: &SpineConfig, config: &SpineConfig) -> toml::Table {
+pub(crate) fn overlay(base: &PipelineConfig, config: &PipelineConfig) -> toml::Table {
     let tables = [base, config].map(|config| toml::Table::try_from(config).unwrap_or_default());
     let mut overlay = toml::Table::new();
     for setting in all() {
@@ -258,14 +258,14 @@ mod tests {
 
     #[test]
     fn an_overlay_holds_what_differs_and_brings_it_back() {
-        let mut config = SpineConfig::default();
+        let mut config = PipelineConfig::default();
         config.vision.scan.range_max = 7.1;
         config.localize.mode.suspect_frames_max = 3;
-        let overlay = overlay(&SpineConfig::default(), &config);
+        let overlay = overlay(&PipelineConfig::default(), &config);
         let text = overlay.to_string();
         assert!(text.contains("range_max = 7.1\n"), "{text}");
         assert_eq!(text.matches('=').count(), 2, "{text}");
-        let back: SpineConfig = toml::from_str(&text).expect("a configuration");
+        let back: PipelineConfig = toml::from_str(&text).expect("a configuration");
         assert_eq!(back.vision, config.vision);
         assert_eq!(back.localize, config.localize);
     }

@@ -14,9 +14,9 @@ use super::session::Session;
 use super::shell::View;
 use super::source::live::Inbox;
 use super::source::worker::{Order, SimWorker};
-use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::start_log;
-use pipeline::log::{ImageMode, LogConfig};
+use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::simulation::Simulation;
 
 /// Long enough for a loaded machine; nothing waits for it to pass.
@@ -27,19 +27,19 @@ fn scenario() -> PathBuf {
 }
 
 /// Records the first second of the demo.
-fn record(path: &Path, images: ImageMode) {
+fn record(path: &Path, images: ImageCompression) {
     let simulation = Simulation::load(&scenario(), None, Some(1.0)).expect("a scenario");
     let setup = simulation.setup().expect("a robot");
-    let config = SpineConfig::default();
-    let mut spine = Spine::new(&setup, &config).expect("a spine");
+    let config = PipelineConfig::default();
+    let mut spine = Pipeline::new(&setup, &config).expect("a spine");
     let log = LogConfig {
         images,
         ..LogConfig::default()
     };
     let mut recorder =
         start_log(path, "sim demo", Some(1), (&setup, &config), &log).expect("a log");
-    for cycle in simulation.filter_map(|sample| spine.take(sample)) {
-        recorder.cycle(Arc::new(cycle)).expect("written");
+    for cycle in simulation.filter_map(|sample| spine.process_sample(sample)) {
+        recorder.record_cycle(Arc::new(cycle)).expect("written");
     }
     recorder.finish().expect("closed");
 }
@@ -50,7 +50,7 @@ fn log() -> &'static Path {
     let (_, path) = LOG.get_or_init(|| {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("demo.mcap");
-        record(&path, ImageMode::Png);
+        record(&path, ImageCompression::Png);
         (folder, path)
     });
     path
@@ -187,7 +187,7 @@ fn the_error_landscape_is_lowest_where_the_robot_is() {
 #[test]
 fn a_changed_setting_is_marked_and_goes_back_to_its_default() {
     let mut harness = opened(Preset::Eyes);
-    let mut config = SpineConfig::default();
+    let mut config = PipelineConfig::default();
     config.vision.scan.range_max = 7.0;
     let view = harness.state_mut();
     view.panels.parameters.apply(&mut view.session, config);
@@ -212,7 +212,7 @@ fn a_log_computed_again_with_its_own_settings_gives_its_own_poses_and_with_other
     let recompute = harness.state().session.recompute.as_ref().expect("a run");
     assert_eq!((recompute.fault.as_deref(), recompute.different), (None, 0));
     assert!(recompute.cycles >= 29, "{}", recompute.cycles);
-    let mut config = SpineConfig::default();
+    let mut config = PipelineConfig::default();
     config.vision.scan.range_max = 4.0;
     let view = harness.state_mut();
     view.panels.parameters.apply(&mut view.session, config);
@@ -228,13 +228,13 @@ fn a_log_computed_again_with_its_own_settings_gives_its_own_poses_and_with_other
 fn a_log_without_images_says_so_and_shows_the_rest() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("bare.mcap");
-    record(&path, ImageMode::None);
+    record(&path, ImageCompression::None);
     let mut harness = harness(Session::open(&path).expect("a session"), Preset::Watch);
     harness.run_steps(3);
     harness.get_by_label("no images: the camera panel stays empty");
     let session = &harness.state().session;
     let now = session.now.as_ref().expect("a cycle");
-    assert!(now.cycle.seen.is_some() && now.cycle.inputs.truth.is_some());
+    assert!(now.cycle.detections.is_some() && now.cycle.inputs.truth.is_some());
 }
 
 #[test]
@@ -265,7 +265,7 @@ fn every_arrangement_is_drawn_with_a_log_and_with_nothing() {
 #[test]
 fn a_simulation_of_its_own_is_kidnapped_between_two_samples() {
     let inbox = Inbox::default();
-    let (worker, _) = SimWorker::start(&scenario(), None, SpineConfig::default(), inbox.clone())
+    let (worker, _) = SimWorker::start(&scenario(), None, PipelineConfig::default(), inbox.clone())
         .expect("a simulation");
     worker.order(Order::Pace(100.0));
     worker.order(Order::Kidnap(Pose::new(3.0, 1.0, 0.5)));

@@ -17,7 +17,7 @@ use super::session::Session;
 use super::shell::{Picture, View};
 use super::source::live::{Inbox, Live};
 use super::source::remote;
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 use pipeline::feed::Feed;
 use pipeline::setup::Setup;
 
@@ -152,7 +152,7 @@ impl eframe::App for Window {
         let late = |seconds| self.opened.elapsed().as_secs_f64() > seconds;
         if self.wishes.leave_after.is_some_and(late)
             || self.wishes.leave.load(Ordering::Relaxed)
-            || crate::interrupt::asked()
+            || crate::interrupt::stop_requested()
         {
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
@@ -219,7 +219,7 @@ pub enum AfterRun {
 /// with it.
 pub fn beside(
     name: &str,
-    (setup, config): (Setup, SpineConfig),
+    (setup, config): (Setup, PipelineConfig),
     after: AfterRun,
     drive: impl FnOnce(Feed) -> Result<()> + Send,
 ) -> Result<()> {

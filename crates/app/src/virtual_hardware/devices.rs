@@ -15,7 +15,7 @@ use super::inertial::{ImuEncoder, ImuFault};
 use super::line::VirtualSerialPort;
 use super::world::ScheduledSample;
 use super::{FaultInterval, Options, folder};
-use pipeline::csv_table::{Written, seconds};
+use pipeline::csv_table::{CsvWriter, format_seconds};
 
 /// Where the wheels' counters stand at the start: they wrap in every run, after five turns of a wheel.
 const INITIAL_COUNT: u32 = 0u32.wrapping_sub(20_000);
@@ -33,7 +33,7 @@ pub(super) struct VirtualDevices {
     pub(super) base_firmware: VirtualBase,
     imu_encoder: ImuEncoder,
     faults: FaultPlan,
-    pub(super) ground_truth: Option<Written>,
+    pub(super) ground_truth: Option<CsvWriter>,
     /// What the inertial unit said last, for one that is stuck.
     last_imu_bytes: Vec<u8>,
     last_image: Option<QueuedImage>,
@@ -47,7 +47,7 @@ impl VirtualDevices {
         sim: &Sim,
         plan: FaultPlan,
         options: &Options<'_>,
-        truth: Option<Written>,
+        truth: Option<CsvWriter>,
     ) -> Result<Self> {
         let at = options.folder;
         std::fs::create_dir_all(at).with_context(|| format!("cannot make {}", at.display()))?;
@@ -108,8 +108,8 @@ impl VirtualDevices {
             sim::SimSample::Image(image) => self.send_image(image, at, time),
             sim::SimSample::Truth(truth) => {
                 if let Some(file) = &mut self.ground_truth {
-                    let (stamp, pose) = (seconds(at), truth.robot.pose);
-                    file.row(format_args!(
+                    let (stamp, pose) = (format_seconds(at), truth.robot.pose);
+                    file.write_row(format_args!(
                         "{stamp},{:.5},{:.5},{:.6}",
                         pose.x, pose.y, pose.theta
                     ))?;

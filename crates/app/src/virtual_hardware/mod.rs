@@ -25,7 +25,7 @@ use crate::run::stop::StopFlag;
 use devices::VirtualDevices;
 use faults::{FaultPlan, HardwareFaultKind};
 use orders::CommandStats;
-use pipeline::csv_table::Written;
+use pipeline::csv_table::CsvWriter;
 use world::RealTimeSim;
 
 /// What the devices are made from.
@@ -67,7 +67,7 @@ struct FaultInterval {
 pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
     let plan = options.faults.map(FaultPlan::load).transpose()?;
     let header = "stamp_s,x_m,y_m,theta_rad";
-    let truth = options.truth.map(|path| Written::create(path, header));
+    let truth = options.truth.map(|path| CsvWriter::create(path, header));
     let mut devices =
         VirtualDevices::new(&sim, plan.unwrap_or_default(), options, truth.transpose()?)?;
     folder::write_robot_folder(&sim, options)?;
@@ -95,7 +95,7 @@ pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result
     devices
         .ground_truth
         .take()
-        .map_or(Ok(()), Written::finish)?;
+        .map_or(Ok(()), CsvWriter::finish)?;
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
     } else {

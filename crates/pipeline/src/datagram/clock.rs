@@ -3,21 +3,21 @@
 use std::collections::VecDeque;
 
 /// Exchanges that are remembered: of them the quickest tells best, since what delays a word delays it one way.
-const REMEMBERED: usize = 32;
+const MAX_EXCHANGES: usize = 32;
 /// Clocks that jump by more than this were set: what was known of them counts no more, nanoseconds.
-const SET_NS: i64 = 500_000_000;
+const CLOCK_STEP_NS: i64 = 500_000_000;
 
 /// A team-mate's clock.
 #[derive(Debug, Clone, Default)]
-pub struct Clock {
+pub struct PeerClock {
     /// Offset and how long the way there and back took; one-way words take "twice as long as can be".
     exchanges: VecDeque<(i64, i64)>,
 }
 
-impl Clock {
+impl PeerClock {
     /// A word sent at `sent_ns` of theirs was heard at `heard_ns` of ours. `echo`: our own word's sending, by our clock,
     /// and how long they held it.
-    pub fn hear(&mut self, sent_ns: i64, heard_ns: i64, echo: Option<(i64, i64)>) {
+    pub fn add_exchange(&mut self, sent_ns: i64, heard_ns: i64, echo: Option<(i64, i64)>) {
         // Clocks of strangers may say anything: nothing here may overflow.
         let one_way = heard_ns.saturating_sub(sent_ns);
         let whole =
@@ -26,14 +26,14 @@ impl Clock {
             // Half of the way lies behind the word; an impossible way says nothing.
             Some(way @ 0..1_000_000_000) => (one_way.saturating_sub(way / 2), way),
             // Only that the word was under way: some milliseconds on a wireless network.
-            _ => (one_way, SET_NS),
+            _ => (one_way, CLOCK_STEP_NS),
         };
         if let Some(known) = self.offset_ns()
-            && known.saturating_sub(offset).saturating_abs() > SET_NS
+            && known.saturating_sub(offset).saturating_abs() > CLOCK_STEP_NS
         {
             self.exchanges.clear();
         }
-        if self.exchanges.len() == REMEMBERED {
+        if self.exchanges.len() == MAX_EXCHANGES {
             self.exchanges.pop_front();
         }
         self.exchanges.push_back((offset, way));
@@ -49,44 +49,44 @@ impl Clock {
     }
 
     /// How long the quickest way there and back took, nanoseconds: the offset is known to half of it.
-    pub fn way_ns(&self) -> Option<i64> {
+    pub fn round_trip_ns(&self) -> Option<i64> {
         let quickest = self.exchanges.iter().map(|(_, way)| *way).min()?;
-        (quickest < SET_NS).then_some(quickest)
+        (quickest < CLOCK_STEP_NS).then_some(quickest)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Clock;
+    use super::PeerClock;
 
     const MS: i64 = 1_000_000;
 
     #[test]
-    fn the_offset_is_right_to_half_the_quickest_way_whatever_the_delays() {
-        let (offset, mut clock) = (-7_123 * MS, Clock::default());
+    fn clock_offset_error_is_below_half_the_shortest_round_trip() {
+        let (offset, mut clock) = (-7_123 * MS, PeerClock::default());
         let mut now = 1_000 * MS;
         for k in 0..40_i64 {
             // There in 2 to 42 ms, held for 30 ms, back in 1 to 31 ms.
             let (there, held, back) = (2 * MS + k % 5 * 10 * MS, 30 * MS, MS + k % 4 * 10 * MS);
             let theirs = now + there + held - offset;
             let heard = now + there + held + back;
-            clock.hear(theirs, heard, Some((now, held)));
+            clock.add_exchange(theirs, heard, Some((now, held)));
             now += 100 * MS;
         }
         let error = clock.offset_ns().expect("known") - offset;
         assert!(error.abs() <= 2 * MS, "{error}");
-        assert_eq!(clock.way_ns(), Some(3 * MS));
+        assert_eq!(clock.round_trip_ns(), Some(3 * MS));
     }
 
     #[test]
-    fn a_clock_that_is_set_is_known_anew_at_once_and_nonsense_does_not_overflow() {
-        let mut clock = Clock::default();
-        clock.hear(0, 5 * MS, Some((0, 4 * MS)));
-        clock.hear(100_000 * MS, 10 * MS, None);
+    fn clock_step_resets_the_offset_and_extreme_times_do_not_overflow() {
+        let mut clock = PeerClock::default();
+        clock.add_exchange(0, 5 * MS, Some((0, 4 * MS)));
+        clock.add_exchange(100_000 * MS, 10 * MS, None);
         assert_eq!(clock.offset_ns(), Some(10 * MS - 100_000 * MS));
         for wild in [i64::MIN, i64::MAX, 0] {
-            clock.hear(wild, i64::MIN, Some((wild, i64::MIN)));
-            clock.hear(wild, i64::MAX, Some((i64::MIN, wild)));
+            clock.add_exchange(wild, i64::MIN, Some((wild, i64::MIN)));
+            clock.add_exchange(wild, i64::MAX, Some((i64::MIN, wild)));
         }
         assert!(clock.offset_ns().is_some());
     }

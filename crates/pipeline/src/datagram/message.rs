@@ -31,16 +31,16 @@ pub struct State {
     pub pose: Option<Pose>,
     /// The ball.
     #[prost(message, optional)]
-    pub ball: Option<Thing>,
+    pub ball: Option<ObjectReport>,
     /// Robots.
     #[prost(message, repeated)]
-    pub robots: Vec<Thing>,
+    pub robots: Vec<ObjectReport>,
     /// How it is.
     #[prost(message, optional)]
     pub health: Option<Health>,
     /// The ball that the team agrees on.
     #[prost(message, optional)]
-    pub team_ball: Option<Spot>,
+    pub team_ball: Option<ObjectState>,
 }
 
 /// A pose on the field, metres and radians.
@@ -67,7 +67,7 @@ pub struct Pose {
 /// A place on the field, metres, with its motion, m/s.
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
-pub struct Spot {
+pub struct ObjectState {
     /// Metres.
     #[prost(float)]
     pub x: f32,
@@ -88,16 +88,16 @@ pub struct Spot {
 /// An object: where it is seen from the robot, and on the field.
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
-pub struct Thing {
+pub struct ObjectReport {
     /// Stays with it while it is followed.
     #[prost(uint32)]
     pub id: u32,
     /// Robot frame.
     #[prost(message, optional)]
-    pub from_robot: Option<Spot>,
+    pub from_robot: Option<ObjectState>,
     /// Field frame; none while the robot is lost.
     #[prost(message, optional)]
-    pub on_field: Option<Spot>,
+    pub on_field: Option<ObjectState>,
     /// That there is such a thing, 0 to 1.
     #[prost(float)]
     pub probability: f32,
@@ -196,7 +196,7 @@ pub struct Kick {
 /// A word to the team.
 #[derive(Clone, PartialEq, prost::Message)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
-pub struct TeamWord {
+pub struct TeamMessage {
     /// [`VERSION`].
     #[prost(uint32)]
     pub version: u32,
@@ -226,13 +226,13 @@ pub struct TeamWord {
     pub pose: Option<Pose>,
     /// The ball that it sees itself.
     #[prost(message, optional)]
-    pub ball: Option<Spot>,
+    pub ball: Option<ObjectState>,
     /// When it last saw it, by its clock.
     #[prost(sint64)]
     pub ball_seen_ns: i64,
     /// Robots that it sees.
     #[prost(message, repeated)]
-    pub obstacles: Vec<Spot>,
+    pub obstacles: Vec<ObjectState>,
 }
 
 /// When a word of another was heard.
@@ -252,15 +252,15 @@ pub struct Echo {
 
 impl State {
     /// What a cycle says; `sequence`: the cycle's number.
-    pub fn of(robot: u32, sequence: u64, cycle: &Cycle) -> Self {
+    pub fn from_cycle(robot: u32, sequence: u64, cycle: &Cycle) -> Self {
         let estimate = &cycle.estimate;
-        let thing = |object: &TrackedObject| Thing::of(object, cycle);
+        let thing = |object: &TrackedObject| ObjectReport::from_object(object, cycle);
         State {
             version: VERSION,
             robot,
             sequence,
             stamp_ns: cycle.stamp.0,
-            pose: Pose::of(estimate),
+            pose: Pose::from_estimate(estimate),
             ball: cycle.world.ball.as_ref().map(thing),
             robots: cycle.world.robots.iter().map(thing).collect(),
             health: Some(Health {
@@ -271,7 +271,7 @@ impl State {
                 see_ms: cycle.timings.see_ms,
                 localize_ms: cycle.timings.localize_ms,
             }),
-            team_ball: cycle.team.ball.as_ref().map(|ball| Spot {
+            team_ball: cycle.team.ball.as_ref().map(|ball| ObjectState {
                 x: ball.at.x,
                 y: ball.at.y,
                 velocity_x: ball.velocity[0],
@@ -284,7 +284,7 @@ impl State {
 
 impl Pose {
     /// The pose of an estimate, if it has one.
-    pub fn of(estimate: &Estimate) -> Option<Self> {
+    pub fn from_estimate(estimate: &Estimate) -> Option<Self> {
         let pose = estimate.pose?;
         let std = |i: usize| estimate.covariance[(i, i)].max(0.0).sqrt();
         Some(Pose {
@@ -297,21 +297,22 @@ impl Pose {
     }
 }
 
-impl Thing {
-    fn of(object: &TrackedObject, cycle: &Cycle) -> Self {
-        let place = |x, y, [velocity_x, velocity_y]: [f32; 2], p: &nalgebra::Matrix4<f32>| Spot {
-            x,
-            y,
-            velocity_x,
-            velocity_y,
-            covariance: vec![p[(0, 0)], p[(0, 1)], p[(1, 1)]],
-        };
+impl ObjectReport {
+    fn from_object(object: &TrackedObject, cycle: &Cycle) -> Self {
+        let place =
+            |x, y, [velocity_x, velocity_y]: [f32; 2], p: &nalgebra::Matrix4<f32>| ObjectState {
+                x,
+                y,
+                velocity_x,
+                velocity_y,
+                covariance: vec![p[(0, 0)], p[(0, 1)], p[(1, 1)]],
+            };
         let team = object.team.map(|team| match team {
             TeamColour::Cyan => "cyan",
             TeamColour::Magenta => "magenta",
         });
         let (at, velocity) = (object.at, object.velocity);
-        Thing {
+        ObjectReport {
             id: object.id,
             from_robot: Some(place(at.x, at.y, velocity, &object.covariance)),
             on_field: object

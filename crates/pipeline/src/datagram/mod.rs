@@ -7,8 +7,8 @@ pub mod message;
 pub mod seal;
 mod team_link;
 
-pub use clock::Clock;
-pub use team_link::{Counts, Talk};
+pub use clock::PeerClock;
+pub use team_link::{TeamLink, TeamLinkCounts};
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 /// Words among team-mates by UDP multicast.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct LinkConfig {
+pub struct TeamLinkConfig {
     /// Multicast group and port.
     pub group: String,
     /// Address of the network card; the loopback's keeps the words on this machine.
@@ -34,9 +34,9 @@ pub struct LinkConfig {
     pub silence: f64,
 }
 
-impl Default for LinkConfig {
+impl Default for TeamLinkConfig {
     fn default() -> Self {
-        LinkConfig {
+        TeamLinkConfig {
             // Administratively scoped: no router hands it on (RFC 2365).
             group: "239.255.77.1:7072".to_owned(),
             interface: Ipv4Addr::LOCALHOST,
@@ -50,7 +50,7 @@ impl Default for LinkConfig {
     }
 }
 
-impl LinkConfig {
+impl TeamLinkConfig {
     /// Group and port, or why it cannot be used.
     pub fn address(&self) -> Result<SocketAddrV4> {
         let group: SocketAddrV4 = self

@@ -4,15 +4,15 @@ use hmac::{Hmac, Mac};
 use sha2::Sha256;
 
 /// Bytes of the code behind a datagram's content: HMAC-SHA256, its first half.
-pub const CODE_BYTES: usize = 16;
+pub const MAC_BYTES: usize = 16;
 /// Shorter keys are guessed.
-const KEY_SHORTEST: usize = 8;
+const MIN_KEY_LENGTH: usize = 8;
 
 /// A key that the speakers share.
 #[derive(Clone)]
-pub struct Key(Hmac<Sha256>);
+pub struct MacKey(Hmac<Sha256>);
 
-impl std::fmt::Debug for Key {
+impl std::fmt::Debug for MacKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Key")
     }
@@ -23,7 +23,7 @@ impl std::fmt::Debug for Key {
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, thiserror::Error, serde::Serialize,
 )]
 #[serde(rename_all = "lowercase")]
-pub enum Refused {
+pub enum RejectReason {
     /// Something else speaks here.
     #[error("no message of ours")]
     Foreign,
@@ -44,71 +44,71 @@ pub enum Refused {
     Own,
 }
 
-impl Key {
+impl MacKey {
     /// A key from a phrase; a short one is refused.
     pub fn new(phrase: &str) -> anyhow::Result<Self> {
         anyhow::ensure!(
-            phrase.len() >= KEY_SHORTEST,
-            "key: must have at least {KEY_SHORTEST} characters"
+            phrase.len() >= MIN_KEY_LENGTH,
+            "key: must have at least {MIN_KEY_LENGTH} characters"
         );
-        Ok(Key(Hmac::new_from_slice(phrase.as_bytes())?))
+        Ok(MacKey(Hmac::new_from_slice(phrase.as_bytes())?))
     }
 
-    fn code(&self, content: &[u8]) -> [u8; CODE_BYTES] {
+    fn mac(&self, content: &[u8]) -> [u8; MAC_BYTES] {
         let whole = self.0.clone().chain_update(content).finalize().into_bytes();
-        let mut code = [0; CODE_BYTES];
-        code.copy_from_slice(&whole[..CODE_BYTES]);
+        let mut code = [0; MAC_BYTES];
+        code.copy_from_slice(&whole[..MAC_BYTES]);
         code
     }
 }
 
 /// Puts the code behind a datagram's content, if there is a key.
-pub fn seal(mut content: Vec<u8>, key: Option<&Key>) -> Vec<u8> {
+pub fn append_mac(mut content: Vec<u8>, key: Option<&MacKey>) -> Vec<u8> {
     if let Some(key) = key {
-        let code = key.code(&content);
+        let code = key.mac(&content);
         content.extend(code);
     }
     content
 }
 
 /// A datagram's content, if its code is right or none is wanted.
-pub fn open<'a>(datagram: &'a [u8], key: Option<&Key>) -> Result<&'a [u8], Refused> {
+pub fn verify_mac<'a>(datagram: &'a [u8], key: Option<&MacKey>) -> Result<&'a [u8], RejectReason> {
     let Some(key) = key else {
         return Ok(datagram);
     };
     let (content, code) = datagram
-        .split_last_chunk::<CODE_BYTES>()
-        .ok_or(Refused::Unsealed)?;
+        .split_last_chunk::<MAC_BYTES>()
+        .ok_or(RejectReason::Unsealed)?;
     key.0
         .clone()
         .chain_update(content)
         .verify_truncated_left(code)
         .map(|()| content)
-        .map_err(|_wrong| Refused::Unsealed)
+        .map_err(|_wrong| RejectReason::Unsealed)
 }
 
 /// Lets each message of a speaker pass once, and none that was overtaken.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Turnstile {
+pub struct ReplayGuard {
     last: Option<(u64, u64, f64)>,
 }
 
-impl Turnstile {
+impl ReplayGuard {
     /// Takes the message `sequence` of a speaker's `session` (larger for each start of the speaker) at `now`, seconds.
     ///
     /// A speaker that was silent for `silence` seconds may come back with any session: its clock may have been set.
-    pub fn pass(
+    pub fn accept(
         &mut self,
         session: u64,
         sequence: u64,
         now: f64,
         silence: f64,
-    ) -> Result<(), Refused> {
+    ) -> Result<(), RejectReason> {
         if let Some((last_session, last_sequence, heard)) = self.last
             && (session, sequence) <= (last_session, last_sequence)
             && (session == last_session || now - heard < silence)
         {
-            return Err(Refused::Old);
+            return Err(RejectReason::Old);
         }
         self.last = Some((session, sequence, now));
         Ok(())

@@ -9,74 +9,74 @@ use localize::world::TrackedObject;
 use localize::{Pose, Stamp};
 use prost::Message;
 
-use super::{Clock, LinkConfig};
+use super::{PeerClock, TeamLinkConfig};
 use crate::cycle::Cycle;
-use crate::datagram::message::{self, Echo, Spot, TeamWord, VERSION};
-use crate::datagram::seal::{Key, Refused, Turnstile, open, seal};
+use crate::datagram::message::{self, Echo, ObjectState, TeamMessage, VERSION};
+use crate::datagram::seal::{MacKey, RejectReason, ReplayGuard, append_mac, verify_mac};
 
 /// Speakers that are remembered; a team has fewer, and a stranger who makes up numbers shall not fill the memory.
-const MATES_MOST: usize = 16;
+const MAX_PEERS: usize = 16;
 /// Robots that are told to the team: the surest ones.
-const OBSTACLES_MOST: usize = 16;
+const MAX_OBSTACLES: usize = 16;
 
 /// Datagrams so far.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct TeamLinkCounts {
     /// Words taken.
-    pub heard: u64,
+    pub received: u64,
     /// Datagrams refused, by reason.
-    pub refused: BTreeMap<Refused, u64>,
+    pub refused: BTreeMap<RejectReason, u64>,
 }
 
 /// One robot's side of the talk.
 #[derive(Debug)]
-pub struct Talk {
+pub struct TeamLink {
     team: u32,
     robot: u32,
     silence: f64,
-    key: Option<Key>,
+    key: Option<MacKey>,
     session: u64,
     sequence: u64,
-    mates: BTreeMap<u32, Heard>,
-    counts: Counts,
+    peers: BTreeMap<u32, Peer>,
+    counts: TeamLinkCounts,
 }
 
 /// The last of a team-mate.
 #[derive(Debug, Clone, Default)]
-struct Heard {
-    turnstile: Turnstile,
-    clock: Clock,
+struct Peer {
+    replay_guard: ReplayGuard,
+    clock: PeerClock,
     sent_ns: i64,
-    heard_ns: i64,
+    received_ns: i64,
 }
 
-impl Talk {
+impl TeamLink {
     /// Begins; `session`: larger for each start, nanoseconds since 1970 will do.
-    pub fn new(config: &LinkConfig, session: u64) -> Result<Self> {
-        Ok(Talk {
+    pub fn new(config: &TeamLinkConfig, session: u64) -> Result<Self> {
+        Ok(TeamLink {
             team: config.team,
             robot: config.robot,
             silence: config.silence,
-            key: config.key.as_deref().map(Key::new).transpose()?,
+            key: config.key.as_deref().map(MacKey::new).transpose()?,
             session,
             sequence: 0,
-            mates: BTreeMap::new(),
-            counts: Counts::default(),
+            peers: BTreeMap::new(),
+            counts: TeamLinkCounts::default(),
         })
     }
 
     /// The datagram that tells the team of a cycle, sent at `now` of the clock that stamped it.
-    pub fn word(&mut self, cycle: &Cycle, now: Stamp) -> Vec<u8> {
+    pub fn encode_message(&mut self, cycle: &Cycle, now: Stamp) -> Vec<u8> {
         self.sequence += 1;
-        let echo = |(robot, heard): (&u32, &Heard)| Echo {
+        let echo = |(robot, heard): (&u32, &Peer)| Echo {
             robot: *robot,
             sent_ns: heard.sent_ns,
-            held_ns: now.0.saturating_sub(heard.heard_ns),
+            held_ns: now.0.saturating_sub(heard.received_ns),
         };
         let ball = cycle.world.ball.as_ref();
         let mut obstacles: Vec<&TrackedObject> = cycle.world.robots.iter().collect();
         obstacles.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-        let word = TeamWord {
+        let word = TeamMessage {
             version: VERSION,
             team: self.team,
             robot: self.robot,
@@ -84,78 +84,78 @@ impl Talk {
             sequence: self.sequence,
             sent_ns: now.0,
             stamp_ns: cycle.stamp.0,
-            echoes: self.mates.iter().map(echo).collect(),
-            pose: message::Pose::of(&cycle.estimate),
-            ball: ball.and_then(spot),
+            echoes: self.peers.iter().map(echo).collect(),
+            pose: message::Pose::from_estimate(&cycle.estimate),
+            ball: ball.and_then(object_state),
             ball_seen_ns: ball.map_or(0, |ball| ball.last_seen.0),
             obstacles: obstacles
                 .into_iter()
-                .filter_map(spot)
-                .take(OBSTACLES_MOST)
+                .filter_map(object_state)
+                .take(MAX_OBSTACLES)
                 .collect(),
         };
-        seal(word.encode_to_vec(), self.key.as_ref())
+        append_mac(word.encode_to_vec(), self.key.as_ref())
     }
 
     /// What a datagram says that was heard at `now` of our clock.
-    pub fn hear(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, Refused> {
-        let report = self.understand(datagram, now);
+    pub fn receive(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, RejectReason> {
+        let report = self.decode_message(datagram, now);
         match &report {
-            Ok(_) => self.counts.heard += 1,
+            Ok(_) => self.counts.received += 1,
             Err(why) => *self.counts.refused.entry(*why).or_default() += 1,
         }
         report
     }
 
     /// Datagrams so far.
-    pub fn counts(&self) -> &Counts {
+    pub fn counts(&self) -> &TeamLinkCounts {
         &self.counts
     }
 
     /// A team-mate's clock.
-    pub fn clock(&self, robot: u32) -> Option<&Clock> {
-        self.mates.get(&robot).map(|heard| &heard.clock)
+    pub fn peer_clock(&self, robot: u32) -> Option<&PeerClock> {
+        self.peers.get(&robot).map(|heard| &heard.clock)
     }
 
-    fn understand(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, Refused> {
-        let content = open(datagram, self.key.as_ref())?;
-        let word = TeamWord::decode(content).map_err(|_foreign| Refused::Foreign)?;
+    fn decode_message(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, RejectReason> {
+        let content = verify_mac(datagram, self.key.as_ref())?;
+        let word = TeamMessage::decode(content).map_err(|_foreign| RejectReason::Foreign)?;
         // What decodes by chance has no version of ours.
         if word.version == 0 {
-            return Err(Refused::Foreign);
+            return Err(RejectReason::Foreign);
         }
         if word.version != VERSION {
-            return Err(Refused::Version);
+            return Err(RejectReason::Version);
         }
         if word.team != self.team {
-            return Err(Refused::Foreign);
+            return Err(RejectReason::Foreign);
         }
         if word.robot == self.robot {
-            return Err(Refused::Own);
+            return Err(RejectReason::Own);
         }
-        if !is_sensible(&word) {
-            return Err(Refused::Senseless);
+        if !is_plausible(&word) {
+            return Err(RejectReason::Senseless);
         }
-        if !self.mates.contains_key(&word.robot) && self.mates.len() >= MATES_MOST {
-            return Err(Refused::Foreign);
+        if !self.peers.contains_key(&word.robot) && self.peers.len() >= MAX_PEERS {
+            return Err(RejectReason::Foreign);
         }
         let (own, silence) = (self.robot, self.silence);
-        let heard = self.mates.entry(word.robot).or_default();
+        let heard = self.peers.entry(word.robot).or_default();
         heard
-            .turnstile
-            .pass(word.session, word.sequence, now.seconds(), silence)?;
+            .replay_guard
+            .accept(word.session, word.sequence, now.seconds(), silence)?;
         let echo = word.echoes.iter().find(|echo| echo.robot == own);
         let echo = echo.map(|echo| (echo.sent_ns, echo.held_ns));
-        heard.clock.hear(word.sent_ns, now.0, echo);
-        (heard.sent_ns, heard.heard_ns) = (word.sent_ns, now.0);
+        heard.clock.add_exchange(word.sent_ns, now.0, echo);
+        (heard.sent_ns, heard.received_ns) = (word.sent_ns, now.0);
         let offset = heard.clock.offset_ns().unwrap_or(0);
         // Nothing that was said can be of the future, whatever the clocks think.
         let ours = |theirs: i64| Stamp(theirs.saturating_add(offset).min(now.0));
-        Ok(report(&word, ours))
+        Ok(report_from_message(&word, ours))
     }
 }
 
-fn report(word: &TeamWord, ours: impl Fn(i64) -> Stamp) -> TeamReport {
+fn report_from_message(word: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> TeamReport {
     let pose = word.pose.as_ref();
     let std = |i: usize| {
         pose.and_then(|pose| pose.std.get(i))
@@ -184,10 +184,10 @@ fn report(word: &TeamWord, ours: impl Fn(i64) -> Stamp) -> TeamReport {
     }
 }
 
-fn spot(object: &TrackedObject) -> Option<Spot> {
+fn object_state(object: &TrackedObject) -> Option<ObjectState> {
     let on_field = object.on_field?;
     let p = &on_field.covariance;
-    Some(Spot {
+    Some(ObjectState {
         x: on_field.at.x,
         y: on_field.at.y,
         velocity_x: on_field.velocity[0],
@@ -196,8 +196,8 @@ fn spot(object: &TrackedObject) -> Option<Spot> {
     })
 }
 
-fn is_sensible(word: &TeamWord) -> bool {
-    let sensible = |spot: &Spot| {
+fn is_plausible(word: &TeamMessage) -> bool {
+    let sensible = |spot: &ObjectState| {
         let numbers = [spot.x, spot.y, spot.velocity_x, spot.velocity_y];
         numbers.iter().all(|value| value.abs() < 100.0)
             && spot.covariance.len() == 3
@@ -211,6 +211,6 @@ fn is_sensible(word: &TeamWord) -> bool {
             && pose.std.iter().all(|std| *std >= 0.0 && std.is_finite())
     });
     pose && word.ball.as_ref().is_none_or(sensible)
-        && word.obstacles.len() <= OBSTACLES_MOST
+        && word.obstacles.len() <= MAX_OBSTACLES
         && word.obstacles.iter().all(sensible)
 }

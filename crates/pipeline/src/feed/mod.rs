@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
-pub use queue::{Dropped, Nothing, Pace};
-use queue::{Entry, Queue};
+use queue::{CycleQueue, IndexedCycle};
+pub use queue::{DropCounts, Pace, RecvError};
 
 use crate::cycle::Cycle;
 
@@ -25,18 +25,18 @@ const CYCLES_PER_IMAGE: usize = 4;
 /// Clones publish to the same subscribers; when the last one is dropped, the subscriptions end.
 #[derive(Clone, Default)]
 pub struct Feed {
-    shared: Arc<Shared>,
+    shared: Arc<FeedShared>,
 }
 
 #[derive(Default)]
-struct Shared {
-    state: Mutex<State>,
+struct FeedShared {
+    state: Mutex<FeedState>,
 }
 
 #[derive(Default)]
-struct State {
+struct FeedState {
     next_index: u64,
-    subscribers: Vec<Weak<Queue>>,
+    subscribers: Vec<Weak<CycleQueue>>,
 }
 
 impl Feed {
@@ -65,7 +65,7 @@ impl Feed {
     /// newest cycle that waits.
     pub fn subscribe(&self, capacity: usize) -> Subscription {
         let images = capacity / CYCLES_PER_IMAGE;
-        let queue = Arc::new(Queue::new(Pace::Live, images, capacity));
+        let queue = Arc::new(CycleQueue::new(Pace::Live, images, capacity));
         self.shared.lock().subscribers.push(Arc::downgrade(&queue));
         Subscription {
             queue,
@@ -74,14 +74,14 @@ impl Feed {
     }
 }
 
-impl Shared {
+impl FeedShared {
     // A panic elsewhere leaves a list that is still true.
-    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, FeedState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Drop for Shared {
+impl Drop for FeedShared {
     fn drop(&mut self) {
         for queue in self.lock().subscribers.iter().filter_map(Weak::upgrade) {
             queue.close();
@@ -91,33 +91,36 @@ impl Drop for Shared {
 
 /// A subscriber's side: take what waits.
 pub struct Subscription {
-    queue: Arc<Queue>,
+    queue: Arc<CycleQueue>,
     dropped: [AtomicU64; 2],
 }
 
 impl Subscription {
     /// The oldest cycle that waits, at once.
-    pub fn try_recv(&self) -> Result<Arc<Cycle>, Nothing> {
+    pub fn try_recv(&self) -> Result<Arc<Cycle>, RecvError> {
         self.recv_timeout(Duration::ZERO)
     }
 
     /// The oldest cycle that waits or comes within `patience`.
-    pub fn recv_timeout(&self, patience: Duration) -> Result<Arc<Cycle>, Nothing> {
-        self.entry(patience).map(|((_, cycle), _)| cycle)
+    pub fn recv_timeout(&self, patience: Duration) -> Result<Arc<Cycle>, RecvError> {
+        self.recv_indexed(patience).map(|((_, cycle), _)| cycle)
     }
 
     /// What this subscriber lost by being slow, as far as it was told by what it received since.
-    pub fn dropped(&self) -> Dropped {
+    pub fn dropped(&self) -> DropCounts {
         let [images, cycles] = &self.dropped;
-        Dropped {
+        DropCounts {
             images: images.load(Ordering::Relaxed),
             cycles: cycles.load(Ordering::Relaxed),
         }
     }
 
     /// As [`Subscription::recv_timeout`], with the cycle's number and what was dropped before it.
-    pub fn entry(&self, patience: Duration) -> Result<(Entry, Dropped), Nothing> {
-        let (entry, dropped) = self.queue.pop_within(patience)?;
+    pub fn recv_indexed(
+        &self,
+        patience: Duration,
+    ) -> Result<(IndexedCycle, DropCounts), RecvError> {
+        let (entry, dropped) = self.queue.pop_timeout(patience)?;
         let [images, cycles] = &self.dropped;
         images.fetch_add(dropped.images, Ordering::Relaxed);
         cycles.fetch_add(dropped.cycles, Ordering::Relaxed);

@@ -16,72 +16,72 @@ pub enum Pace {
 }
 
 /// A cycle, and its number since the start of the run (dropped ones count).
-pub(crate) type Entry = (u64, Arc<Cycle>);
+pub(crate) type IndexedCycle = (u64, Arc<Cycle>);
 
 /// What was dropped for want of time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Dropped {
+pub struct DropCounts {
     /// Images; their cycles were kept.
     pub images: u64,
     /// Whole cycles.
     pub cycles: u64,
 }
 
-impl Dropped {
+impl DropCounts {
     /// Nothing was dropped.
-    pub fn none(self) -> bool {
-        self == Dropped::default()
+    pub fn is_zero(self) -> bool {
+        self == DropCounts::default()
     }
 }
 
 /// Why there is no cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Nothing {
+pub enum RecvError {
     /// None came in time.
     #[error("no cycle yet")]
-    Yet,
+    Timeout,
     /// The run has ended.
     #[error("the run has ended")]
-    Ever,
+    Closed,
 }
 
 #[derive(Default)]
-struct State {
-    entries: VecDeque<Entry>,
+struct QueueState {
+    entries: VecDeque<IndexedCycle>,
     images: usize,
-    dropped: Dropped,
+    dropped: DropCounts,
     closed: bool,
 }
 
 /// The queue itself; one side pushes, the other pops.
-pub(crate) struct Queue {
-    state: Mutex<State>,
+pub(crate) struct CycleQueue {
+    state: Mutex<QueueState>,
     changed: Condvar,
-    pace: Pace,
-    most_images: usize,
-    most_entries: usize,
+    run_mode: Pace,
+    max_images: usize,
+    max_entries: usize,
 }
 
-impl Queue {
+impl CycleQueue {
     /// A queue of at most so many entries, of which at most so many hold an image.
     pub(crate) fn new(pace: Pace, most_images: usize, most_entries: usize) -> Self {
-        Queue {
+        CycleQueue {
             state: Mutex::default(),
             changed: Condvar::new(),
-            pace,
-            most_images: most_images.max(1),
-            most_entries: most_entries.max(1),
+            run_mode: pace,
+            max_images: most_images.max(1),
+            max_entries: most_entries.max(1),
         }
     }
 
     /// Adds an entry: at live pace by dropping the oldest of a full queue, images first; in lockstep by waiting.
-    pub(crate) fn push(&self, entry: Entry) {
+    pub(crate) fn push(&self, entry: IndexedCycle) {
         let mut state = self.lock();
-        let has_image = holds_image(&entry);
-        if self.pace == Pace::Lockstep {
-            let full = |state: &mut State| {
-                let images = state.images >= self.most_images && has_image;
-                !state.closed && (images || state.entries.len() >= self.most_entries)
+        let has_image = has_image(&entry);
+        if self.run_mode == Pace::Lockstep {
+            let full = |state: &mut QueueState| {
+                let images = state.images >= self.max_images && has_image;
+                !state.closed && (images || state.entries.len() >= self.max_entries)
             };
             state = self
                 .changed
@@ -93,11 +93,11 @@ impl Queue {
         }
         state.images += usize::from(has_image);
         state.entries.push_back(entry);
-        if self.pace == Pace::Live {
-            if state.images > self.most_images {
+        if self.run_mode == Pace::Live {
+            if state.images > self.max_images {
                 state.drop_oldest_image();
             }
-            if state.entries.len() > self.most_entries {
+            if state.entries.len() > self.max_entries {
                 state.drop_oldest();
             }
         }
@@ -106,8 +106,8 @@ impl Queue {
     }
 
     /// The oldest entry and what was dropped since the last call; none when the queue is closed and empty.
-    pub(crate) fn pop(&self) -> Option<(Entry, Dropped)> {
-        let waiting = |state: &mut State| state.entries.is_empty() && !state.closed;
+    pub(crate) fn pop(&self) -> Option<(IndexedCycle, DropCounts)> {
+        let waiting = |state: &mut QueueState| state.entries.is_empty() && !state.closed;
         let mut state = self
             .changed
             .wait_while(self.lock(), waiting)
@@ -119,17 +119,20 @@ impl Queue {
     }
 
     /// As [`Queue::pop`], but waits no longer than `patience`.
-    pub(crate) fn pop_within(&self, patience: Duration) -> Result<(Entry, Dropped), Nothing> {
-        let waiting = |state: &mut State| state.entries.is_empty() && !state.closed;
+    pub(crate) fn pop_timeout(
+        &self,
+        patience: Duration,
+    ) -> Result<(IndexedCycle, DropCounts), RecvError> {
+        let waiting = |state: &mut QueueState| state.entries.is_empty() && !state.closed;
         let (mut state, _) = self
             .changed
             .wait_timeout_while(self.lock(), patience, waiting)
             .unwrap_or_else(PoisonError::into_inner);
         let popped = state.pop();
         let nothing = if state.closed {
-            Nothing::Ever
+            RecvError::Closed
         } else {
-            Nothing::Yet
+            RecvError::Timeout
         };
         drop(state);
         self.changed.notify_all();
@@ -143,20 +146,20 @@ impl Queue {
     }
 
     // A panic of the other side leaves entries and counts that are still true.
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, QueueState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl State {
-    fn pop(&mut self) -> Option<(Entry, Dropped)> {
+impl QueueState {
+    fn pop(&mut self) -> Option<(IndexedCycle, DropCounts)> {
         let entry = self.entries.pop_front()?;
-        self.images -= usize::from(holds_image(&entry));
+        self.images -= usize::from(has_image(&entry));
         Some((entry, std::mem::take(&mut self.dropped)))
     }
 
     fn drop_oldest_image(&mut self) {
-        let holder = self.entries.iter_mut().find(|entry| holds_image(entry));
+        let holder = self.entries.iter_mut().find(|entry| has_image(entry));
         if let Some((_, cycle)) = holder {
             Arc::make_mut(cycle).inputs.image = None;
             self.images -= 1;
@@ -166,12 +169,12 @@ impl State {
 
     fn drop_oldest(&mut self) {
         if let Some(entry) = self.entries.pop_front() {
-            self.images -= usize::from(holds_image(&entry));
+            self.images -= usize::from(has_image(&entry));
             self.dropped.cycles += 1;
         }
     }
 }
 
-fn holds_image((_, cycle): &Entry) -> bool {
+fn has_image((_, cycle): &IndexedCycle) -> bool {
     cycle.inputs.image.is_some()
 }

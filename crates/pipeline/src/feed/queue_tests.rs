@@ -2,19 +2,19 @@
 
 use std::sync::Arc;
 
-use super::queue::{Dropped, Queue};
+use super::queue::{CycleQueue, DropCounts};
 use crate::feed::Pace;
-use crate::testing::cycle;
+use crate::testing::random_cycle;
 
 #[test]
 fn a_full_live_queue_drops_images_before_cycles_and_counts_them() {
-    let queue = Queue::new(Pace::Live, 2, 4);
+    let queue = CycleQueue::new(Pace::Live, 2, 4);
     for number in 0..6 {
-        queue.push((number, Arc::new(cycle(number))));
+        queue.push((number, Arc::new(random_cycle(number))));
     }
     queue.close();
     let mut found = Vec::new();
-    let mut dropped = Dropped::default();
+    let mut dropped = DropCounts::default();
     while let Some(((number, cycle), lost)) = queue.pop() {
         found.push((number, cycle.inputs.image.is_some()));
         dropped.images += lost.images;
@@ -26,14 +26,14 @@ fn a_full_live_queue_drops_images_before_cycles_and_counts_them() {
 
 #[test]
 fn a_lockstep_queue_waits_and_drops_nothing() {
-    let queue = Queue::new(Pace::Lockstep, 1, 2);
+    let queue = CycleQueue::new(Pace::Lockstep, 1, 2);
     let popped = std::thread::scope(|scope| {
         let reader = scope.spawn(|| {
             std::iter::from_fn(|| queue.pop())
-                .map(|(_, lost)| u64::from(lost.none()))
+                .map(|(_, lost)| u64::from(lost.is_zero()))
                 .sum::<u64>()
         });
-        (0..50).for_each(|number| queue.push((number, Arc::new(cycle(number)))));
+        (0..50).for_each(|number| queue.push((number, Arc::new(random_cycle(number)))));
         queue.close();
         reader.join().expect("joined")
     });

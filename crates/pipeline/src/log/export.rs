@@ -6,26 +6,26 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use super::picture::ImageMode;
-use super::read::{Log, Logged};
-use super::stream::End;
-use crate::csv_table::seconds;
+use super::picture::ImageCompression;
+use super::read::{LogReader, LoggedCycle};
+use super::stream::LogEnd;
+use crate::csv_table::format_seconds;
 
 /// What an export wrote.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Exported {
+pub struct ExportSummary {
     /// Images, or frames of line points where the log holds no images.
     pub frames: u64,
     /// Rows of odometry.csv.
     pub odometry: u64,
     /// How the log ended.
-    pub end: End,
+    pub end: LogEnd,
 }
 
 /// Writes a log as a recording folder, which appears whole or not at all.
 ///
 /// A log without images gives points.csv in place of frames.csv. A folder that is there must be empty.
-pub fn export(log: Log, folder: &Path) -> Result<Exported> {
+pub fn export(log: LogReader, folder: &Path) -> Result<ExportSummary> {
     let taken = folder.exists()
         && folder
             .read_dir()
@@ -41,8 +41,8 @@ pub fn export(log: Log, folder: &Path) -> Result<Exported> {
         .to_owned();
     name.push(".part");
     let partial = folder.with_file_name(name);
-    let exported = fresh(&partial)
-        .and_then(|()| fill(log, &partial))
+    let exported = create_partial_folder(&partial)
+        .and_then(|()| write_recording(log, &partial))
         .and_then(|exported| {
             std::fs::rename(&partial, folder)
                 .with_context(|| format!("cannot write {}", folder.display()))?;
@@ -55,7 +55,7 @@ pub fn export(log: Log, folder: &Path) -> Result<Exported> {
     exported
 }
 
-fn fresh(partial: &Path) -> Result<()> {
+fn create_partial_folder(partial: &Path) -> Result<()> {
     if partial.exists() {
         std::fs::remove_dir_all(partial)
             .with_context(|| format!("cannot clear {}", partial.display()))?;
@@ -64,38 +64,38 @@ fn fresh(partial: &Path) -> Result<()> {
         .with_context(|| format!("cannot write {}", partial.display()))
 }
 
-fn fill(mut log: Log, folder: &Path) -> Result<Exported> {
+fn write_recording(mut log: LogReader, folder: &Path) -> Result<ExportSummary> {
     let header = log.header().clone();
     header.write_files(folder)?;
     if !header.files.contains_key("robot.toml") {
         // A run on line points alone has no camera to tell of.
         std::fs::write(folder.join("robot.toml"), "field = \"field.toml\"\n")?;
     }
-    let mut tables = Tables::create(folder)?;
+    let mut tables = RecordingTables::create(folder)?;
     for logged in log.by_ref() {
-        tables.add(&logged?)?;
+        tables.write_cycle(&logged?)?;
     }
-    let end = log.end().unwrap_or(End::Cut);
+    let end = log.end().unwrap_or(LogEnd::Truncated);
     tables.finish(end)
 }
 
 /// The folder's CSV files, written as the log is read.
-struct Tables {
+struct RecordingTables {
     folder: PathBuf,
-    frames: Table,
-    points: Table,
-    odometry: Table,
-    compass: Table,
-    magnetometer: Table,
-    truth: Table,
-    objects: Table,
+    frames: OptionalCsv,
+    points: OptionalCsv,
+    odometry: OptionalCsv,
+    compass: OptionalCsv,
+    magnetometer: OptionalCsv,
+    truth: OptionalCsv,
+    objects: OptionalCsv,
     point_frames: u64,
 }
 
-impl Tables {
+impl RecordingTables {
     fn create(folder: &Path) -> Result<Self> {
-        let table = |name: &str, columns: &str| Table::create(folder.join(name), columns);
-        Ok(Tables {
+        let table = |name: &str, columns: &str| OptionalCsv::create(folder.join(name), columns);
+        Ok(RecordingTables {
             folder: folder.to_owned(),
             frames: table("frames.csv", "stamp_s,file")?,
             points: table("points.csv", "stamp_s,x_m,y_m")?,
@@ -108,39 +108,42 @@ impl Tables {
         })
     }
 
-    fn add(&mut self, logged: &Logged) -> Result<()> {
+    fn write_cycle(&mut self, logged: &LoggedCycle) -> Result<()> {
         let cycle = &logged.cycle;
         for sample in &cycle.inputs.odometry {
             let row = format!(
                 "{},{},{},{}",
-                seconds(sample.stamp),
+                format_seconds(sample.stamp),
                 sample.dx,
                 sample.dy,
                 sample.dtheta
             );
-            self.odometry.row(&row)?;
+            self.odometry.write_row(&row)?;
         }
         for sample in &cycle.inputs.compass {
-            self.compass
-                .row(&format!("{},{}", seconds(sample.stamp), sample.heading))?;
+            self.compass.write_row(&format!(
+                "{},{}",
+                format_seconds(sample.stamp),
+                sample.heading
+            ))?;
             if let Some([x, y]) = sample.magnetic_field {
                 self.magnetometer
-                    .row(&format!("{},{x},{y}", seconds(sample.stamp)))?;
+                    .write_row(&format!("{},{x},{y}", format_seconds(sample.stamp)))?;
             }
         }
         if let Some(truth) = &cycle.inputs.truth {
-            let (stamp, pose) = (seconds(truth.stamp), truth.pose);
+            let (stamp, pose) = (format_seconds(truth.stamp), truth.pose);
             self.truth
-                .row(&format!("{stamp},{},{},{}", pose.x, pose.y, pose.theta))?;
+                .write_row(&format!("{stamp},{},{},{}", pose.x, pose.y, pose.theta))?;
             let robots = truth.robots.iter().map(|at| ("robot", at));
             for (kind, at) in truth.ball.iter().map(|at| ("ball", at)).chain(robots) {
                 self.objects
-                    .row(&format!("{stamp},{kind},{},{}", at.x, at.y))?;
+                    .write_row(&format!("{stamp},{kind},{},{}", at.x, at.y))?;
             }
         }
-        let stamp = seconds(cycle.stamp);
+        let stamp = format_seconds(cycle.stamp);
         if let Some(image) = &logged.image {
-            let ending = if image.mode == ImageMode::Jpeg {
+            let ending = if image.compression == ImageCompression::Jpeg {
                 "jpg"
             } else {
                 "png"
@@ -149,19 +152,19 @@ impl Tables {
             let path = self.folder.join(&file);
             std::fs::write(&path, &image.bytes)
                 .with_context(|| format!("cannot write {}", path.display()))?;
-            self.frames.row(&format!("{stamp},{file}"))?;
+            self.frames.write_row(&format!("{stamp},{file}"))?;
         }
-        for point in &cycle.points {
+        for point in &cycle.line_points {
             self.points
-                .row(&format!("{stamp},{},{}", point.at.x, point.at.y))?;
+                .write_row(&format!("{stamp},{},{}", point.at.x, point.at.y))?;
         }
-        self.point_frames += u64::from(!cycle.points.is_empty());
+        self.point_frames += u64::from(!cycle.line_points.is_empty());
         Ok(())
     }
 
-    fn finish(self, end: End) -> Result<Exported> {
+    fn finish(self, end: LogEnd) -> Result<ExportSummary> {
         let images = self.frames.rows;
-        let exported = Exported {
+        let exported = ExportSummary {
             frames: if images > 0 {
                 images
             } else {
@@ -189,31 +192,31 @@ impl Tables {
 }
 
 /// A CSV file that is kept if it has rows.
-struct Table {
+struct OptionalCsv {
     path: PathBuf,
     file: BufWriter<File>,
     rows: u64,
 }
 
-impl Table {
+impl OptionalCsv {
     fn create(path: PathBuf, columns: &str) -> Result<Self> {
         let file =
             File::create(&path).with_context(|| format!("cannot write {}", path.display()))?;
-        let mut table = Table {
+        let mut table = OptionalCsv {
             path,
             file: BufWriter::new(file),
             rows: 0,
         };
-        table.line(columns)?;
+        table.write_line(columns)?;
         Ok(table)
     }
 
-    fn row(&mut self, row: &str) -> Result<()> {
+    fn write_row(&mut self, row: &str) -> Result<()> {
         self.rows += 1;
-        self.line(row)
+        self.write_line(row)
     }
 
-    fn line(&mut self, line: &str) -> Result<()> {
+    fn write_line(&mut self, line: &str) -> Result<()> {
         writeln!(self.file, "{line}")
             .with_context(|| format!("cannot write {}", self.path.display()))
     }

@@ -8,8 +8,8 @@ use localize::robot::{MapConfig, RobotConfig};
 use vision::GroundMap;
 use vision::labels::ColourTable;
 
-use super::picture::ImageMode;
-use super::schema::{ABOUT, FORMAT, wire};
+use super::picture::ImageCompression;
+use super::schema::{FORMAT_VERSION, PROJECT_NAME, wire};
 
 /// What a log starts with.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,7 +21,7 @@ pub struct Header {
     /// The seed of a simulation.
     pub seed: Option<u64>,
     /// How images are kept.
-    pub images: ImageMode,
+    pub images: ImageCompression,
     /// The files it ran with, by their names in a recording folder: robot.toml, field.toml, map.npz, mirror.csv, …
     ///
     /// robot.toml names the others by these names, so that they stand for themselves wherever they are put.
@@ -35,7 +35,7 @@ impl Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             source: source.to_owned(),
             seed,
-            images: ImageMode::Png,
+            images: ImageCompression::Png,
             files: BTreeMap::new(),
         }
     }
@@ -86,7 +86,7 @@ impl Header {
     }
 
     /// Why bits may differ from what this program computes, though the log can be read.
-    pub fn other_version(&self) -> Option<String> {
+    pub fn version_mismatch(&self) -> Option<String> {
         let own = env!("CARGO_PKG_VERSION");
         (self.version != own).then(|| {
             format!(
@@ -111,7 +111,7 @@ impl Header {
 
     /// The message with which a live stream greets.
     pub fn to_message(&self) -> wire::About {
-        let file = |(name, content): (&String, &Vec<u8>)| wire::File {
+        let file = |(name, content): (&String, &Vec<u8>)| wire::Attachment {
             name: name.clone(),
             content: content.clone().into(),
         };
@@ -119,7 +119,7 @@ impl Header {
             metadata: self
                 .metadata()
                 .into_iter()
-                .map(|(key, value)| wire::Entry { key, value })
+                .map(|(key, value)| wire::MetadataEntry { key, value })
                 .collect(),
             files: self.files.iter().map(file).collect(),
         }
@@ -145,7 +145,7 @@ impl Header {
     pub(crate) fn metadata(&self) -> BTreeMap<String, String> {
         let seed = self.seed.map_or_else(String::new, |seed| seed.to_string());
         [
-            ("format", FORMAT.to_string()),
+            ("format", FORMAT_VERSION.to_string()),
             ("version", self.version.clone()),
             ("source", self.source.clone()),
             ("seed", seed),
@@ -158,15 +158,15 @@ impl Header {
     /// Reads the metadata record of the log at `path`; one of another form is refused.
     pub(crate) fn from_metadata(values: &BTreeMap<String, String>, path: &Path) -> Result<Self> {
         let value = |key: &str| {
-            values
-                .get(key)
-                .with_context(|| format!("{}: its {ABOUT} record has no {key}", path.display()))
+            values.get(key).with_context(|| {
+                format!("{}: its {PROJECT_NAME} record has no {key}", path.display())
+            })
         };
         let (format, version) = (value("format")?, value("version")?);
-        if *format != FORMAT.to_string() {
+        if *format != FORMAT_VERSION.to_string() {
             bail!(
                 "{}: written by mirrorball {version} in log format {format}; this is mirrorball {}, which reads \
-                 format {FORMAT}",
+                 format {FORMAT_VERSION}",
                 path.display(),
                 env!("CARGO_PKG_VERSION")
             );
@@ -183,7 +183,7 @@ impl Header {
                         .with_context(|| format!("{}: seed {seed:?}", path.display()))?,
                 ),
             },
-            images: ImageMode::named(images).with_context(|| {
+            images: ImageCompression::from_name(images).with_context(|| {
                 format!(
                     "{}: keeps images as {images:?}, which is unknown",
                     path.display()

@@ -16,68 +16,70 @@ use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryRead
 use prost::Message;
 
 use super::header::Header;
-use super::old::Stock;
-use super::picture::Encoded;
-use super::read::Logged;
-use super::schema::{ABOUT, CYCLE_TOPIC, IMAGE_TOPIC, convert, picture_from_bytes, wire};
-use super::stream::{End, LONGEST_RECORD_BYTES, PREFIX_BYTES, Stream, unpack};
+use super::old::FallbackReader;
+use super::picture::EncodedImage;
+use super::read::LoggedCycle;
+use super::schema::{
+    CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
+};
+use super::stream::{LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk};
 
 /// A cut file's topics are sought in so many of its first chunks; ours are all in the first.
-const CHUNKS_WITH_TOPICS: usize = 16;
+const TOPIC_SEARCH_CHUNKS: usize = 16;
 /// Before a chunk's compressed records: times, size, checksum, length of the compression's name.
 const CHUNK_TIMES_BYTES: usize = 16;
 
 /// A chunk of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Part {
+pub struct ChunkInfo {
     offset: u64,
     length: u64,
     /// Of its first message.
     pub start: Stamp,
     /// Of its last message.
-    pub stop: Stamp,
+    pub end: Stamp,
 }
 
 /// A log of which any moment can be loaded.
-pub struct Index {
+pub struct LogIndex {
     path: PathBuf,
     header: Header,
-    parts: Vec<Part>,
+    chunks: Vec<ChunkInfo>,
     topics: Mutex<HashMap<u16, String>>,
-    end: End,
-    missing: Vec<String>,
+    end: LogEnd,
+    warnings: Vec<String>,
     /// Its cycles can be read; else what its other topics say stands in.
-    own: bool,
+    cycles_readable: bool,
 }
 
-impl Index {
+impl LogIndex {
     /// Opens a log of any version; what it lacks is told by [`Index::missing`].
     ///
     /// What is no MCAP file is refused, and one without a single whole chunk.
     pub fn open(path: &Path) -> Result<Self> {
         let mut missing = Vec::new();
-        let header = header(path, &mut missing)?;
+        let header = read_header(path, &mut missing)?;
         let mut topics = HashMap::new();
-        let (parts, end) = match summary(path) {
+        let (parts, end) = match read_summary(path) {
             Ok(Some(summary)) => {
                 let channels = summary.channels.iter();
                 topics.extend(channels.map(|(id, channel)| (*id, channel.topic.clone())));
-                let part = |chunk: &mcap::records::ChunkIndex| Part {
+                let part = |chunk: &mcap::records::ChunkIndex| ChunkInfo {
                     offset: chunk.chunk_start_offset,
                     length: chunk.chunk_length,
-                    start: stamp(chunk.message_start_time),
-                    stop: stamp(chunk.message_end_time),
+                    start: stamp_from_log_time(chunk.message_start_time),
+                    end: stamp_from_log_time(chunk.message_end_time),
                 };
-                let mut parts: Vec<Part> = summary.chunk_indexes.iter().map(part).collect();
+                let mut parts: Vec<ChunkInfo> = summary.chunk_indexes.iter().map(part).collect();
                 parts.sort_by_key(|part| part.offset);
-                (parts, End::Whole)
+                (parts, LogEnd::Complete)
             }
             _ => {
                 missing.push(
                     "the log is cut: it has no summary, and ends with its last whole chunk"
                         .to_owned(),
                 );
-                (walk(path)?, End::Cut)
+                (scan_chunks(path)?, LogEnd::Truncated)
             }
         };
         ensure!(
@@ -85,40 +87,44 @@ impl Index {
             "{} holds no whole chunk of messages",
             path.display()
         );
-        let index = Index {
+        let index = LogIndex {
             path: path.to_owned(),
             header,
-            parts,
+            chunks: parts,
             topics: Mutex::new(topics),
             end,
-            missing,
-            own: true,
+            warnings: missing,
+            cycles_readable: true,
         };
-        let first = index.parts.len().min(CHUNKS_WITH_TOPICS);
-        let own = (0..first).any(|part| index.cycles_can_be_read(part));
-        Ok(Index { own, ..index }.with_topics_missing())
+        let first = index.chunks.len().min(TOPIC_SEARCH_CHUNKS);
+        let own = (0..first).any(|part| index.chunk_has_readable_cycle(part));
+        Ok(LogIndex {
+            cycles_readable: own,
+            ..index
+        }
+        .with_topic_warnings())
     }
 
     /// True if a chunk holds a cycle in our form; a broken chunk is told when somebody wants what is in it.
-    fn cycles_can_be_read(&self, part: usize) -> bool {
-        let records = self.records(part).unwrap_or_default();
+    fn chunk_has_readable_cycle(&self, part: usize) -> bool {
+        let records = self.read_chunk_messages(part).unwrap_or_default();
         records
             .iter()
             .any(|(topic, _, data)| topic == CYCLE_TOPIC && wire::Cycle::decode(&data[..]).is_ok())
     }
 
-    fn with_topics_missing(mut self) -> Self {
+    fn with_topic_warnings(mut self) -> Self {
         if !self.has_topic(CYCLE_TOPIC) {
-            self.missing.push(format!(
+            self.warnings.push(format!(
                 "no topic {CYCLE_TOPIC}: images and poses alone are shown"
             ));
         }
         if !self.has_topic(IMAGE_TOPIC) {
-            self.missing
+            self.warnings
                 .push("no images: the camera panel stays empty".to_owned());
         }
         if !self.has_topic("/truth/pose") {
-            self.missing
+            self.warnings
                 .push("no truth: errors are not shown".to_owned());
         }
         self
@@ -135,76 +141,76 @@ impl Index {
     }
 
     /// How the file ends.
-    pub fn end(&self) -> End {
+    pub fn end(&self) -> LogEnd {
         self.end
     }
 
     /// What cannot be shown of this log, and why; a line each.
-    pub fn missing(&self) -> &[String] {
-        &self.missing
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
     }
 
     /// The chunks, in the order of the file.
-    pub fn parts(&self) -> &[Part] {
-        &self.parts
+    pub fn chunks(&self) -> &[ChunkInfo] {
+        &self.chunks
     }
 
     /// From the first to the last message.
     pub fn span(&self) -> (Stamp, Stamp) {
-        let start = self.parts.iter().map(|part| part.start).min();
-        let stop = self.parts.iter().map(|part| part.stop).max();
+        let start = self.chunks.iter().map(|part| part.start).min();
+        let stop = self.chunks.iter().map(|part| part.end).max();
         (start.unwrap_or_default(), stop.unwrap_or_default())
     }
 
     /// The chunk in which a moment lies, or the last one before it.
-    pub fn part_at(&self, at: Stamp) -> usize {
-        let behind = self.parts.partition_point(|part| part.start <= at);
+    pub fn chunk_at(&self, at: Stamp) -> usize {
+        let behind = self.chunks.partition_point(|part| part.start <= at);
         behind.saturating_sub(1)
     }
 
     /// The cycles that a chunk holds, images still packed.
-    pub fn load(&self, part: usize) -> Result<Vec<Logged>> {
-        let mut images: HashMap<u64, Encoded> = HashMap::new();
+    pub fn load(&self, part: usize) -> Result<Vec<LoggedCycle>> {
+        let mut images: HashMap<u64, EncodedImage> = HashMap::new();
         let mut cycles = Vec::new();
-        let mut stock = Stock::default();
-        for (topic, time, data) in self.records(part)? {
+        let mut stock = FallbackReader::default();
+        for (topic, time, data) in self.read_chunk_messages(part)? {
             match topic.as_str() {
-                IMAGE_TOPIC => drop(images.insert(time, picture_from_bytes(&data)?)),
+                IMAGE_TOPIC => drop(images.insert(time, decode_compressed_image(&data)?)),
                 CYCLE_TOPIC => match wire::Cycle::decode(&data[..]) {
                     Ok(message) => cycles.push((time, message)),
                     // Another version's: what its other topics say is shown.
-                    Err(_) => stock.frame(time),
+                    Err(_) => stock.add_stamp(time),
                 },
-                _ if self.own => {}
-                topic => stock.take(topic, time, &data),
+                _ if self.cycles_readable => {}
+                topic => stock.add_message(topic, time, &data),
             }
         }
         if !cycles.is_empty() {
-            self.earlier_image(part, &cycles, &mut images);
+            self.load_image_from_previous_chunk(part, &cycles, &mut images);
         }
         let logged = cycles.into_iter().map(|(time, message)| {
-            Ok(Logged {
+            Ok(LoggedCycle {
                 index: message.index,
                 cycle: convert::cycle_from_wire(message)?,
                 image: images.remove(&time),
             })
         });
-        let logged: Vec<Logged> = logged
+        let logged: Vec<LoggedCycle> = logged
             .collect::<Result<_>>()
             .with_context(|| self.path.display().to_string())?;
-        if self.own {
+        if self.cycles_readable {
             Ok(logged)
         } else {
-            stock.cycles(images)
+            stock.into_cycles(images)
         }
     }
 
     /// An image that stands in the chunk before its cycle's.
-    fn earlier_image(
+    fn load_image_from_previous_chunk(
         &self,
         part: usize,
         cycles: &[(u64, wire::Cycle)],
-        images: &mut HashMap<u64, Encoded>,
+        images: &mut HashMap<u64, EncodedImage>,
     ) {
         let wanted = |(time, cycle): &&(u64, wire::Cycle)| {
             cycle.image != "none" && !cycle.image.is_empty() && !images.contains_key(time)
@@ -215,10 +221,10 @@ impl Index {
         let Some(before) = part.checked_sub(1) else {
             return;
         };
-        let records = self.records(before).unwrap_or_default();
+        let records = self.read_chunk_messages(before).unwrap_or_default();
         for (topic, at, data) in records {
             if at == *time && topic == IMAGE_TOPIC {
-                images.extend(picture_from_bytes(&data).ok().map(|image| (at, image)));
+                images.extend(decode_compressed_image(&data).ok().map(|image| (at, image)));
             }
         }
     }
@@ -235,15 +241,15 @@ impl Index {
     }
 
     /// Topic, time and bytes of a chunk's messages.
-    fn records(&self, part: usize) -> Result<Vec<(String, u64, Vec<u8>)>> {
-        let part = self.parts.get(part).context("no such chunk")?;
+    fn read_chunk_messages(&self, part: usize) -> Result<Vec<(String, u64, Vec<u8>)>> {
+        let part = self.chunks.get(part).context("no such chunk")?;
         let broken = || format!("{}: the chunk at byte {}", self.path.display(), part.offset);
         let mut file = File::open(&self.path)
             .with_context(|| format!("cannot read {}", self.path.display()))?;
         file.seek(SeekFrom::Start(part.offset))
             .with_context(broken)?;
         ensure!(
-            (PREFIX_BYTES as u64..LONGEST_RECORD_BYTES).contains(&part.length),
+            (RECORD_HEADER_BYTES as u64..MAX_RECORD_BYTES).contains(&part.length),
             "{}: of {} bytes, which none has",
             broken(),
             part.length
@@ -253,7 +259,7 @@ impl Index {
         if body.first() != Some(&op::CHUNK) {
             bail!("{}: is none", broken());
         }
-        let records = unpack(&body[PREFIX_BYTES..]).with_context(broken)?;
+        let records = decode_chunk(&body[RECORD_HEADER_BYTES..]).with_context(broken)?;
         let mut topics = self.topics();
         let mut messages = Vec::new();
         for record in records {
@@ -271,18 +277,20 @@ impl Index {
     }
 }
 
-fn stamp(log_time: u64) -> Stamp {
+fn stamp_from_log_time(log_time: u64) -> Stamp {
     Stamp(i64::try_from(log_time).unwrap_or(i64::MAX))
 }
 
 /// What stands before the first chunk; of another version, or of another program, as much as can be understood.
-fn header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
-    let mut stream = Stream::open(path)?;
+fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
+    let mut stream = RecordReader::open(path)?;
     let mut about = None;
     let mut files = std::collections::BTreeMap::new();
-    while let Ok(Some(record)) = stream.next() {
+    while let Ok(Some(record)) = stream.next_record() {
         match record {
-            Record::Metadata(metadata) if metadata.name == ABOUT => about = Some(metadata.metadata),
+            Record::Metadata(metadata) if metadata.name == PROJECT_NAME => {
+                about = Some(metadata.metadata)
+            }
             Record::Attachment { header, data, .. } => {
                 files.insert(header.name, data.into_owned());
             }
@@ -292,7 +300,7 @@ fn header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
     }
     let header = match about.map(|values| (Header::from_metadata(&values, path), values)) {
         Some((Ok(header), _)) => {
-            missing.extend(header.other_version());
+            missing.extend(header.version_mismatch());
             header
         }
         Some((Err(error), values)) => {
@@ -320,12 +328,12 @@ fn header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
 }
 
 /// The summary at the end of a file that was closed.
-fn summary(path: &Path) -> Result<Option<mcap::Summary>> {
+fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
     let mut file = BufReader::new(File::open(path)?);
     let size = file.get_ref().metadata()?.len();
     let options = SummaryReaderOptions::default()
         .with_file_size(size)
-        .with_record_length_limit(LONGEST_RECORD_BYTES as usize);
+        .with_record_length_limit(MAX_RECORD_BYTES as usize);
     let mut reader = SummaryReader::new_with_options(options);
     while let Some(event) = reader.next_event() {
         match event? {
@@ -342,7 +350,7 @@ fn summary(path: &Path) -> Result<Option<mcap::Summary>> {
 }
 
 /// The whole chunks of a file without a summary: record after record by their lengths, contents passed over.
-fn walk(path: &Path) -> Result<Vec<Part>> {
+fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
     let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
     let size = file.metadata()?.len();
     let mut file = BufReader::new(file);
@@ -350,14 +358,14 @@ fn walk(path: &Path) -> Result<Vec<Part>> {
     file.seek(SeekFrom::Start(offset))?;
     let mut parts = Vec::new();
     loop {
-        let mut prefix = [0; PREFIX_BYTES];
+        let mut prefix = [0; RECORD_HEADER_BYTES];
         if file.read_exact(&mut prefix).is_err() {
             return Ok(parts);
         }
         let [opcode, length @ ..] = prefix;
         let length = u64::from_le_bytes(length);
-        let whole = (PREFIX_BYTES as u64).saturating_add(length);
-        if length > LONGEST_RECORD_BYTES || offset + whole > size {
+        let whole = (RECORD_HEADER_BYTES as u64).saturating_add(length);
+        if length > MAX_RECORD_BYTES || offset + whole > size {
             return Ok(parts);
         }
         let mut passed = 0;
@@ -368,13 +376,13 @@ fn walk(path: &Path) -> Result<Vec<Part>> {
             let time = |at: usize| {
                 let mut bytes = [0; 8];
                 bytes.copy_from_slice(&times[at..at + 8]);
-                stamp(u64::from_le_bytes(bytes))
+                stamp_from_log_time(u64::from_le_bytes(bytes))
             };
-            parts.push(Part {
+            parts.push(ChunkInfo {
                 offset,
                 length: whole,
                 start: time(0),
-                stop: time(8),
+                end: time(8),
             });
         }
         file.seek_relative((length - passed) as i64)?;

@@ -4,34 +4,34 @@ use anyhow::Result;
 use localize::estimate::Mode;
 use localize::{Field, Stamp};
 
-use super::picture::{Encoded, ImageMode};
+use super::picture::{EncodedImage, ImageCompression};
 use super::schema::{Level, Topics, annotate, convert, scene, wire};
 use crate::cycle::Cycle;
-use crate::feed::Dropped;
-use crate::sample::Picture;
+use crate::feed::DropCounts;
+use crate::sample::SourceImage;
 
 /// Turns cycles into messages, and remembers what it said last.
-pub struct Messages {
+pub struct CyclePublisher {
     pub(super) topics: Topics,
-    images: ImageMode,
+    images: ImageCompression,
     jpeg_quality: u8,
     /// Of the cycle before.
-    mode: Option<Mode>,
+    last_mode: Option<Mode>,
 }
 
-impl Messages {
+impl CyclePublisher {
     /// `jpeg_quality`: 1 to 100, of JPEG images.
-    pub fn new(topics: Topics, images: ImageMode, jpeg_quality: u8) -> Self {
-        Messages {
+    pub fn new(topics: Topics, images: ImageCompression, jpeg_quality: u8) -> Self {
+        CyclePublisher {
             topics,
             images,
             jpeg_quality,
-            mode: None,
+            last_mode: None,
         }
     }
 
     /// The field, for viewers to draw.
-    pub fn field(&self, field: &Field, stamp: Stamp) {
+    pub fn publish_field(&self, field: &Field, stamp: Stamp) {
         let (points, lines) = (
             scene::field_points(field, stamp),
             scene::field_scene(field, stamp),
@@ -41,23 +41,23 @@ impl Messages {
     }
 
     /// A cycle on all its topics; says whether its image was among them.
-    pub fn cycle(&mut self, index: u64, cycle: &Cycle) -> Result<bool> {
+    pub fn publish_cycle(&mut self, index: u64, cycle: &Cycle) -> Result<bool> {
         let stamp = cycle.stamp;
-        self.inputs(cycle);
+        self.publish_inputs(cycle);
         let image = match &cycle.inputs.image {
-            Some(image) if self.topics.image_is_wanted() => self.packed(image)?,
+            Some(image) if self.topics.has_image_sinks() => self.encode_image(image)?,
             _ => None,
         };
         let has_image = image.is_some();
         let image_name = image
             .as_ref()
-            .map_or(ImageMode::None, |image| image.mode)
+            .map_or(ImageCompression::None, |image| image.compression)
             .name();
         if let Some(image) = image {
-            self.topics.picture(image, stamp);
+            self.topics.publish_image(image, stamp);
         }
-        self.findings(cycle);
-        self.tell_change(cycle);
+        self.publish_results(cycle);
+        self.log_state_changes(cycle);
         // Last, so that whoever reads it has its image already.
         self.topics
             .cycle
@@ -66,19 +66,19 @@ impl Messages {
     }
 
     /// The image as viewers get it; one that PNG would not keep exactly is not called exact, and becomes JPEG.
-    fn packed(&self, picture: &Picture) -> Result<Option<Encoded>> {
+    fn encode_image(&self, picture: &SourceImage) -> Result<Option<EncodedImage>> {
         let mode = match self.images {
-            ImageMode::None => return Ok(None),
-            ImageMode::Png if !picture.is_exact_in_rgb() => ImageMode::Jpeg,
+            ImageCompression::None => return Ok(None),
+            ImageCompression::Png if !picture.is_lossless_in_rgb() => ImageCompression::Jpeg,
             mode => mode,
         };
-        match picture.rgb() {
-            Some(image) => Encoded::new(&image, mode, self.jpeg_quality),
+        match picture.to_rgb() {
+            Some(image) => EncodedImage::new(&image, mode, self.jpeg_quality),
             None => Ok(None),
         }
     }
 
-    fn inputs(&self, cycle: &Cycle) {
+    fn publish_inputs(&self, cycle: &Cycle) {
         for sample in &cycle.inputs.odometry {
             self.topics
                 .odometry
@@ -106,12 +106,12 @@ impl Messages {
         }
     }
 
-    fn findings(&self, cycle: &Cycle) {
+    fn publish_results(&self, cycle: &Cycle) {
         let (topics, stamp, estimate) = (&self.topics, cycle.stamp, &cycle.estimate);
-        if let Some(annotations) = annotate::annotations(cycle) {
+        if let Some(annotations) = annotate::image_annotations(cycle) {
             topics.annotations.log_at(&annotations, stamp);
         }
-        if let Some(seen) = &cycle.seen {
+        if let Some(seen) = &cycle.detections {
             let sensors = wire::Sensors {
                 line_points: seen.line_points.len() as u32,
                 refused: seen.rejected_candidates.len() as u32,
@@ -131,14 +131,14 @@ impl Messages {
         }
         topics
             .line_points
-            .log_at(&scene::line_points(&cycle.points, stamp), stamp);
+            .log_at(&scene::line_points(&cycle.line_points, stamp), stamp);
         if let Some(pose) = estimate.pose {
             topics
                 .pose
                 .log_at(&scene::pose_in_frame(pose, stamp), stamp);
             topics
-                .frames
-                .log_at(&scene::robot_frame(pose, stamp), stamp);
+                .transforms
+                .log_at(&scene::robot_transform(pose, stamp), stamp);
         }
         if !estimate.runners_up.is_empty() {
             let poses = estimate.runners_up.iter().map(|other| other.pose);
@@ -155,37 +155,39 @@ impl Messages {
     }
 
     /// A line for people about what was lost, and to whom.
-    pub fn tell_dropped(&self, whose: &str, dropped: Dropped, stamp: Stamp) {
-        if !dropped.none() {
-            let Dropped { images, cycles } = dropped;
+    pub fn log_dropped(&self, whose: &str, dropped: DropCounts, stamp: Stamp) {
+        if !dropped.is_zero() {
+            let DropCounts { images, cycles } = dropped;
             let text = format!("{whose} is slow: dropped {images} images, {cycles} cycles");
-            self.topics.note(stamp, Level::Warning, text);
+            self.topics.log_message(stamp, Level::Warning, text);
         }
     }
 
     /// A line for people about what went wrong here.
-    pub fn tell_fault(&self, fault: &str, stamp: Stamp) {
-        self.topics.note(stamp, Level::Error, fault.to_owned());
+    pub fn log_error(&self, fault: &str, stamp: Stamp) {
+        self.topics
+            .log_message(stamp, Level::Error, fault.to_owned());
     }
 
     /// A line for people when the robot gets lost, finds itself, or cannot use a frame.
-    fn tell_change(&mut self, cycle: &Cycle) {
+    fn log_state_changes(&mut self, cycle: &Cycle) {
         let (stamp, estimate) = (cycle.stamp, &cycle.estimate);
         if let Some(fault) = &cycle.fault {
             self.topics
-                .note(stamp, Level::Warning, format!("frame not used: {fault}"));
+                .log_message(stamp, Level::Warning, format!("frame not used: {fault}"));
         }
         if cycle.exposure.is_some_and(|reading| reading.warning) {
             let text = "the light changed, and this camera's exposure cannot be controlled";
-            self.topics.note(stamp, Level::Warning, text.to_owned());
+            self.topics
+                .log_message(stamp, Level::Warning, text.to_owned());
         }
-        if self.mode.replace(estimate.mode) != Some(estimate.mode) {
+        if self.last_mode.replace(estimate.mode) != Some(estimate.mode) {
             let level = match estimate.mode {
                 Mode::Lost => Level::Warning,
                 Mode::Tracking | Mode::Global => Level::Info,
             };
             self.topics
-                .note(stamp, level, convert::mode_and_reason(estimate));
+                .log_message(stamp, level, convert::mode_and_reason(estimate));
         }
     }
 }

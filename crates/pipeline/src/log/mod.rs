@@ -21,22 +21,22 @@ use serde::{Deserialize, Serialize};
 
 pub use export::export;
 pub use header::Header;
-pub use index::{Index, Part};
-pub use picture::{Encoded, ImageMode};
-pub use read::{Log, Logged};
-pub use record::{Recorder, Written};
+pub use index::{ChunkInfo, LogIndex};
+pub use picture::{EncodedImage, ImageCompression};
+pub use read::{LogReader, LoggedCycle};
+pub use record::{LogStats, Recorder};
 pub use recover::recover;
 pub use schema::convert::mode_and_reason;
 pub use start::start_log;
-pub use stream::End;
-pub use verify::{Difference, Verdict, verify};
+pub use stream::LogEnd;
+pub use verify::{Difference, VerificationReport, verify};
 
 /// How a log is written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LogConfig {
     /// How images are kept.
-    pub images: ImageMode,
+    pub images: ImageCompression,
     /// Of JPEG images, 1 to 100.
     pub jpeg_quality: u8,
     /// Images that may wait to be written; beyond it the oldest is dropped (live) or the run waits (simulation).
@@ -50,7 +50,7 @@ pub struct LogConfig {
 impl Default for LogConfig {
     fn default() -> Self {
         LogConfig {
-            images: ImageMode::Png,
+            images: ImageCompression::Png,
             jpeg_quality: 90,
             // A second at 30 Hz: 20 MB at 480 × 480 pixels.
             queue_images: 30,

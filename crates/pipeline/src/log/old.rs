@@ -9,44 +9,46 @@ use localize::frame::At;
 use localize::sample::LinePoint;
 use prost::Message;
 
-use super::picture::Encoded;
-use super::read::Logged;
+use super::picture::EncodedImage;
+use super::read::LoggedCycle;
 use super::schema::{convert, wire};
 use crate::cycle::Cycle;
 
 /// What of each moment is known.
 #[derive(Default)]
-pub(super) struct Stock {
-    moments: BTreeMap<u64, Moment>,
+pub(super) struct FallbackReader {
+    cycles: BTreeMap<u64, FallbackCycle>,
 }
 
 #[derive(Default)]
-struct Moment {
+struct FallbackCycle {
     pose: Option<wire::Pose>,
     truth: Option<wire::Pose>,
     points: Vec<LinePoint>,
 }
 
-impl Stock {
+impl FallbackReader {
     /// There was a frame at that time.
-    pub(super) fn frame(&mut self, time: u64) {
-        self.moments.entry(time).or_default();
+    pub(super) fn add_stamp(&mut self, time: u64) {
+        self.cycles.entry(time).or_default();
     }
 
     /// Takes a message of any topic; those that say nothing of a frame are passed over.
-    pub(super) fn take(&mut self, topic: &str, time: u64, data: &[u8]) {
+    pub(super) fn add_message(&mut self, topic: &str, time: u64, data: &[u8]) {
         match topic {
             "/pose" => {
                 let found = PoseInFrame::decode(data).ok().and_then(|m| m.pose);
-                self.moments.entry(time).or_default().pose = found.and_then(|pose| planar(&pose));
+                self.cycles.entry(time).or_default().pose =
+                    found.and_then(|pose| planar_pose(&pose));
             }
             "/truth/pose" => {
                 let found = PoseInFrame::decode(data).ok().and_then(|m| m.pose);
-                self.moments.entry(time).or_default().truth = found.and_then(|pose| planar(&pose));
+                self.cycles.entry(time).or_default().truth =
+                    found.and_then(|pose| planar_pose(&pose));
             }
             "/vision/line_points" => {
                 if let Ok(cloud) = PointCloud::decode(data) {
-                    self.moments.entry(time).or_default().points = points(&cloud);
+                    self.cycles.entry(time).or_default().points = line_points_from_cloud(&cloud);
                 }
             }
             _ => {}
@@ -54,30 +56,33 @@ impl Stock {
     }
 
     /// A cycle for each moment, with its image where there is one.
-    pub(super) fn cycles(mut self, mut images: HashMap<u64, Encoded>) -> Result<Vec<Logged>> {
+    pub(super) fn into_cycles(
+        mut self,
+        mut images: HashMap<u64, EncodedImage>,
+    ) -> Result<Vec<LoggedCycle>> {
         let mut times: Vec<u64> = images.keys().copied().collect();
         times.sort_unstable();
         for time in times {
-            self.frame(time);
+            self.add_stamp(time);
         }
-        let logged = |(index, (time, moment)): (usize, (u64, Moment))| {
-            Ok(Logged {
+        let logged = |(index, (time, moment)): (usize, (u64, FallbackCycle))| {
+            Ok(LoggedCycle {
                 index: index as u64,
                 image: images.remove(&time),
-                cycle: moment.cycle(Stamp(i64::try_from(time).unwrap_or(i64::MAX)))?,
+                cycle: moment.into_cycle(Stamp(i64::try_from(time).unwrap_or(i64::MAX)))?,
             })
         };
-        self.moments.into_iter().enumerate().map(logged).collect()
+        self.cycles.into_iter().enumerate().map(logged).collect()
     }
 }
 
-impl Moment {
+impl FallbackCycle {
     // By way of the message: what it leaves out comes to rest at its defaults.
-    fn cycle(self, stamp: Stamp) -> Result<Cycle> {
-        let truth = self.truth.map(|pose| wire::Truth {
+    fn into_cycle(self, stamp: Stamp) -> Result<Cycle> {
+        let truth = self.truth.map(|pose| wire::GroundTruth {
             stamp_ns: stamp.0,
             pose,
-            ..wire::Truth::default()
+            ..wire::GroundTruth::default()
         });
         let mode = match self.pose {
             Some(_) => "tracking",
@@ -111,7 +116,7 @@ impl Moment {
     }
 }
 
-fn planar(pose: &StockPose) -> Option<wire::Pose> {
+fn planar_pose(pose: &StockPose) -> Option<wire::Pose> {
     let (at, turn) = (pose.position.as_ref()?, pose.orientation.as_ref()?);
     Some(wire::Pose {
         x: at.x as f32,
@@ -121,7 +126,7 @@ fn planar(pose: &StockPose) -> Option<wire::Pose> {
 }
 
 /// x, y and the deviations of a cloud whose every field is a 32-bit float, as ours are.
-fn points(cloud: &PointCloud) -> Vec<LinePoint> {
+fn line_points_from_cloud(cloud: &PointCloud) -> Vec<LinePoint> {
     let stride = cloud.point_stride as usize;
     let offset = |name: &str| {
         let field = cloud.fields.iter().find(|field| field.name == name)?;

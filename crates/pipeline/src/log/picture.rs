@@ -13,7 +13,7 @@ use vision::image::Image;
 /// How a log keeps images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum ImageMode {
+pub enum ImageCompression {
     /// Every bit, so that replay can recompute vision too.
     #[default]
     Png,
@@ -23,43 +23,53 @@ pub enum ImageMode {
     None,
 }
 
-impl ImageMode {
+impl ImageCompression {
     /// Every mode.
-    pub const ALL: [ImageMode; 3] = [ImageMode::Png, ImageMode::Jpeg, ImageMode::None];
+    pub const ALL: [ImageCompression; 3] = [
+        ImageCompression::Png,
+        ImageCompression::Jpeg,
+        ImageCompression::None,
+    ];
 
     /// The `format` of foxglove.CompressedImage and the end of a file's name.
     pub fn name(self) -> &'static str {
         match self {
-            ImageMode::Png => "png",
-            ImageMode::Jpeg => "jpeg",
-            ImageMode::None => "none",
+            ImageCompression::Png => "png",
+            ImageCompression::Jpeg => "jpeg",
+            ImageCompression::None => "none",
         }
     }
 
     /// The mode of that name.
-    pub fn named(name: &str) -> Option<Self> {
-        ImageMode::ALL.into_iter().find(|mode| mode.name() == name)
+    pub fn from_name(name: &str) -> Option<Self> {
+        ImageCompression::ALL
+            .into_iter()
+            .find(|mode| mode.name() == name)
     }
 }
 
 /// An image as the log holds it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Encoded {
+pub struct EncodedImage {
     /// PNG or JPEG.
-    pub mode: ImageMode,
+    pub compression: ImageCompression,
     /// The file's bytes.
     pub bytes: Vec<u8>,
 }
 
-impl Encoded {
+impl EncodedImage {
     /// Packs an image; none if the mode leaves images out.
-    pub(super) fn new(picture: &Image, mode: ImageMode, jpeg_quality: u8) -> Result<Option<Self>> {
+    pub(super) fn new(
+        picture: &Image,
+        mode: ImageCompression,
+        jpeg_quality: u8,
+    ) -> Result<Option<Self>> {
         let (width_px, height_px) = (picture.width_px, picture.height_px);
         let about = || format!("cannot pack an image of {width_px} × {height_px} pixels");
         let mut bytes = Vec::with_capacity(picture.rgb.len());
         match mode {
             // 1.1 ms for 480 × 480 pixels with sensor noise; the next better setting takes six times as long for 1 %.
-            ImageMode::Png => {
+            ImageCompression::Png => {
                 let encoder =
                     PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up);
                 let (width, height) = (width_px as u32, height_px as u32);
@@ -67,23 +77,26 @@ impl Encoded {
                 let written = encoder.write_image(&picture.rgb, width, height, rgb);
                 written.with_context(about)?;
             }
-            ImageMode::Jpeg => {
+            ImageCompression::Jpeg => {
                 let size = |size_px| u16::try_from(size_px).with_context(about);
                 let (width, height) = (size(width_px)?, size(height_px)?);
                 jpeg_encoder::Encoder::new(&mut bytes, jpeg_quality)
                     .encode(&picture.rgb, width, height, ColorType::Rgb)
                     .with_context(about)?;
             }
-            ImageMode::None => return Ok(None),
+            ImageCompression::None => return Ok(None),
         }
-        Ok(Some(Encoded { mode, bytes }))
+        Ok(Some(EncodedImage {
+            compression: mode,
+            bytes,
+        }))
     }
 
     /// Unpacks the image.
     pub fn decode(&self) -> Result<Image> {
-        let format = match self.mode {
-            ImageMode::Jpeg => ImageFormat::Jpeg,
-            ImageMode::Png | ImageMode::None => ImageFormat::Png,
+        let format = match self.compression {
+            ImageCompression::Jpeg => ImageFormat::Jpeg,
+            ImageCompression::Png | ImageCompression::None => ImageFormat::Png,
         };
         let image = image::load(Cursor::new(&self.bytes), format)
             .context("an image of the log is broken")?;

@@ -9,28 +9,30 @@ use mcap::records::Record;
 use prost::Message;
 
 use super::header::Header;
-use super::picture::{Encoded, ImageMode};
-use super::schema::{ABOUT, CYCLE_TOPIC, IMAGE_TOPIC, convert, picture_from_bytes, wire};
-use super::stream::{End, Stream};
+use super::picture::{EncodedImage, ImageCompression};
+use super::schema::{
+    CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
+};
+use super::stream::{LogEnd, RecordReader};
 use crate::cycle::Cycle;
-use crate::sample::{Content, Frame, Sample};
+use crate::sample::{CameraImage, ImageContent, Sample};
 
 /// A log that is being read; iterate for its cycles.
-pub struct Log {
+pub struct LogReader {
     path: PathBuf,
     header: Header,
-    stream: Stream,
+    stream: RecordReader,
     /// What the reader met first behind the header.
-    first: Option<Record<'static>>,
-    topics: HashMap<u16, Topic>,
-    assembler: Assembler,
-    until: Option<Stamp>,
+    pending_record: Option<Record<'static>>,
+    topics: HashMap<u16, TopicKind>,
+    assembler: CycleAssembler,
+    last_stamp: Option<Stamp>,
     failed: bool,
 }
 
 /// What the messages of a topic are to a reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Topic {
+pub enum TopicKind {
     /// Everything of a cycle but its image.
     Cycle,
     /// The image of the cycle that follows.
@@ -39,35 +41,40 @@ pub enum Topic {
     Other,
 }
 
-impl Topic {
+impl TopicKind {
     /// What a topic of that name is.
-    pub fn named(name: &str) -> Self {
+    pub fn from_name(name: &str) -> Self {
         match name {
-            CYCLE_TOPIC => Topic::Cycle,
-            IMAGE_TOPIC => Topic::Image,
-            _ => Topic::Other,
+            CYCLE_TOPIC => TopicKind::Cycle,
+            IMAGE_TOPIC => TopicKind::Image,
+            _ => TopicKind::Other,
         }
     }
 }
 
 /// Puts cycles together from messages, those of a log and those of a live stream alike.
 #[derive(Default)]
-pub struct Assembler {
-    image: Option<(u64, Encoded)>,
+pub struct CycleAssembler {
+    image: Option<(u64, EncodedImage)>,
 }
 
-impl Assembler {
+impl CycleAssembler {
     /// Takes a message; a cycle's is the last of its cycle.
-    pub fn message(&mut self, topic: Topic, log_time: u64, data: &[u8]) -> Result<Option<Logged>> {
+    pub fn push_message(
+        &mut self,
+        topic: TopicKind,
+        log_time: u64,
+        data: &[u8],
+    ) -> Result<Option<LoggedCycle>> {
         match topic {
-            Topic::Image => self.image = Some((log_time, picture_from_bytes(data)?)),
-            Topic::Cycle => return self.cycle(log_time, data).map(Some),
-            Topic::Other => {}
+            TopicKind::Image => self.image = Some((log_time, decode_compressed_image(data)?)),
+            TopicKind::Cycle => return self.assemble_cycle(log_time, data).map(Some),
+            TopicKind::Other => {}
         }
         Ok(None)
     }
 
-    fn cycle(&mut self, log_time: u64, data: &[u8]) -> Result<Logged> {
+    fn assemble_cycle(&mut self, log_time: u64, data: &[u8]) -> Result<LoggedCycle> {
         let message = wire::Cycle::decode(data)?;
         let index = message.index;
         // A recovered log may have lost an image with the chunk before its cycle's, a slow viewer either.
@@ -77,7 +84,7 @@ impl Assembler {
             .filter(|(time, _)| *time == log_time)
             .map(|(_, image)| image);
         let cycle = convert::cycle_from_wire(message)?;
-        Ok(Logged {
+        Ok(LoggedCycle {
             index,
             cycle,
             image,
@@ -87,27 +94,29 @@ impl Assembler {
 
 /// A cycle as it was recorded.
 #[derive(Debug, Clone)]
-pub struct Logged {
+pub struct LoggedCycle {
     /// Counts from 0; a gap is a cycle that was dropped.
     pub index: u64,
     /// The cycle; its image is beside it, still packed.
     pub cycle: Cycle,
     /// The image as the log holds it.
-    pub image: Option<Encoded>,
+    pub image: Option<EncodedImage>,
 }
 
-impl Log {
+impl LogReader {
     /// Opens a log and reads its header.
     ///
     /// What is no MCAP file, no log of ours, or a log of another form is refused.
     pub fn open(path: &Path) -> Result<Self> {
-        let mut stream = Stream::open(path)?;
+        let mut stream = RecordReader::open(path)?;
         let mut about = None;
         let mut files = std::collections::BTreeMap::new();
         let first = loop {
-            let next = stream.next().map_err(|damage| damage.in_file(path))?;
+            let next = stream
+                .next_record()
+                .map_err(|damage| damage.to_error(path))?;
             match next {
-                Some(Record::Metadata(metadata)) if metadata.name == ABOUT => {
+                Some(Record::Metadata(metadata)) if metadata.name == PROJECT_NAME => {
                     about = Some(Header::from_metadata(&metadata.metadata, path)?);
                 }
                 Some(Record::Attachment { header, data, .. }) => {
@@ -123,14 +132,14 @@ impl Log {
                 path.display()
             );
         };
-        Ok(Log {
+        Ok(LogReader {
             path: path.to_owned(),
             header: Header { files, ..header },
             stream,
-            first,
+            pending_record: first,
             topics: HashMap::new(),
-            assembler: Assembler::default(),
-            until: None,
+            assembler: CycleAssembler::default(),
+            last_stamp: None,
             failed: false,
         })
     }
@@ -141,18 +150,18 @@ impl Log {
     }
 
     /// How the log ended; none while there is more to read.
-    pub fn end(&self) -> Option<End> {
+    pub fn end(&self) -> Option<LogEnd> {
         self.stream.end()
     }
 
-    fn advance(&mut self) -> Result<Option<Logged>> {
+    fn read_next(&mut self) -> Result<Option<LoggedCycle>> {
         loop {
-            let record = match self.first.take() {
+            let record = match self.pending_record.take() {
                 Some(record) => record,
                 None => match self
                     .stream
-                    .next()
-                    .map_err(|damage| damage.in_file(&self.path))?
+                    .next_record()
+                    .map_err(|damage| damage.to_error(&self.path))?
                 {
                     Some(record) => record,
                     None => return Ok(None),
@@ -160,15 +169,18 @@ impl Log {
             };
             match record {
                 Record::Channel(channel) => {
-                    self.topics.insert(channel.id, Topic::named(&channel.topic));
+                    self.topics
+                        .insert(channel.id, TopicKind::from_name(&channel.topic));
                 }
                 Record::Message { header, data } => {
                     let Some(topic) = self.topics.get(&header.channel_id) else {
                         bail!("a message without a channel");
                     };
-                    let logged = self.assembler.message(*topic, header.log_time, &data)?;
+                    let logged = self
+                        .assembler
+                        .push_message(*topic, header.log_time, &data)?;
                     if let Some(logged) = logged {
-                        self.until = Some(logged.cycle.stamp);
+                        self.last_stamp = Some(logged.cycle.stamp);
                         return Ok(Some(logged));
                     }
                 }
@@ -178,15 +190,15 @@ impl Log {
     }
 }
 
-impl Iterator for Log {
-    type Item = Result<Logged>;
+impl Iterator for LogReader {
+    type Item = Result<LoggedCycle>;
 
     /// The next cycle; after an error there is none.
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed {
             return None;
         }
-        let next = self.advance().with_context(|| match self.until {
+        let next = self.read_next().with_context(|| match self.last_stamp {
             Some(until) => format!(
                 "{}: behind the cycle at {} s",
                 self.path.display(),
@@ -199,28 +211,28 @@ impl Iterator for Log {
     }
 }
 
-impl Logged {
+impl LoggedCycle {
     /// The samples that led to the cycle, the frame last.
     ///
     /// With `sight` the frame is the image if the log holds it exactly; else, and without, what was found in it stands in.
     pub fn samples(&self, sight: bool) -> Result<Vec<Sample>> {
-        let mut samples = self.cycle.inputs.in_order();
+        let mut samples = self.cycle.inputs.sorted_samples();
         let exact = self
             .image
             .as_ref()
-            .filter(|image| sight && image.mode == ImageMode::Png);
+            .filter(|image| sight && image.compression == ImageCompression::Png);
         let content = match (exact, &self.cycle.fault) {
-            (Some(image), _) => Content::Image(image.decode()?.into()),
-            (None, Some(fault)) => Content::Unreadable(fault.clone()),
-            (None, None) => match &self.cycle.seen {
-                Some(seen) => Content::Seen(Box::new(seen.clone())),
-                None => Content::Found {
-                    points: self.cycle.points.clone(),
+            (Some(image), _) => ImageContent::Pixels(image.decode()?.into()),
+            (None, Some(fault)) => ImageContent::Unreadable(fault.clone()),
+            (None, None) => match &self.cycle.detections {
+                Some(seen) => ImageContent::Detections(Box::new(seen.clone())),
+                None => ImageContent::Features {
+                    points: self.cycle.line_points.clone(),
                     goals: Vec::new(),
                 },
             },
         };
-        samples.push(Sample::Frame(Frame {
+        samples.push(Sample::Image(CameraImage {
             stamp: self.cycle.stamp,
             content,
         }));

@@ -11,31 +11,31 @@ use localize::{Field, Stamp};
 
 use super::LogConfig;
 use super::header::Header;
-use super::writer::Writer;
+use super::writer::LogWriter;
 use crate::cycle::Cycle;
-use crate::feed::Dropped;
+use crate::feed::DropCounts;
 use crate::feed::Pace;
-use crate::feed::queue::Queue;
+use crate::feed::queue::CycleQueue;
 
 /// What a recorder wrote.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Written {
+pub struct LogStats {
     /// Cycles.
     pub cycles: u64,
     /// Images.
     pub images: u64,
     /// What a slow disk cost.
-    pub dropped: Dropped,
+    pub dropped: DropCounts,
 }
 
 /// Writes the cycles of one run into one log.
 pub struct Recorder {
-    queue: Arc<Queue>,
+    queue: Arc<CycleQueue>,
     next_index: u64,
-    writer: Option<JoinHandle<Result<Written>>>,
-    fault: Arc<OnceLock<String>>,
-    safe: Arc<AtomicU64>,
-    notes: Notes,
+    writer: Option<JoinHandle<Result<LogStats>>>,
+    write_error: Arc<OnceLock<String>>,
+    flushed_cycles: Arc<AtomicU64>,
+    notes: NoteQueue,
     path: PathBuf,
 }
 
@@ -61,12 +61,16 @@ impl Recorder {
         (pace, config): (Pace, &LogConfig),
         prepare: impl FnOnce() + Send + 'static,
     ) -> Result<Self> {
-        let notes = Notes::default();
-        let mut writer = Writer::begin(path, header, field, (pace, config), notes.clone())?;
-        let queue = Arc::new(Queue::new(pace, config.queue_images, config.queue_cycles));
+        let notes = NoteQueue::default();
+        let mut writer = LogWriter::create(path, header, field, (pace, config), notes.clone())?;
+        let queue = Arc::new(CycleQueue::new(
+            pace,
+            config.queue_images,
+            config.queue_cycles,
+        ));
         let fault = Arc::new(OnceLock::new());
-        let safe = writer.safe();
-        let (end, failed) = (Closing(queue.clone()), fault.clone());
+        let safe = writer.flushed_cycles();
+        let (end, failed) = (CloseOnDrop(queue.clone()), fault.clone());
         let run = move || {
             prepare();
             let done = writer.run(&end.0).and_then(|()| writer.close());
@@ -82,15 +86,15 @@ impl Recorder {
             queue,
             next_index: 0,
             writer: Some(thread),
-            fault,
-            safe,
+            write_error: fault,
+            flushed_cycles: safe,
             notes,
             path: path.to_owned(),
         })
     }
 
     /// Takes a cycle; fails once the log could not be written.
-    pub fn cycle(&mut self, cycle: Arc<Cycle>) -> Result<()> {
+    pub fn record_cycle(&mut self, cycle: Arc<Cycle>) -> Result<()> {
         let index = self.next_index;
         self.next_index += 1;
         self.queue.push((index, cycle));
@@ -99,26 +103,26 @@ impl Recorder {
 
     /// Takes a line for people, which goes into the log with the next cycle.
     pub fn note(&self, stamp: Stamp, text: &str) {
-        self.notes.put(stamp, text);
+        self.notes.push(stamp, text);
     }
 
     /// Cycles that are safe from a kill.
-    pub fn safe(&self) -> u64 {
-        self.safe.load(Ordering::Relaxed)
+    pub fn flushed_cycles(&self) -> u64 {
+        self.flushed_cycles.load(Ordering::Relaxed)
     }
 
     /// Writes what waits, then index and summary.
-    pub fn finish(mut self) -> Result<Written> {
+    pub fn finish(mut self) -> Result<LogStats> {
         self.join()
     }
 
     fn check(&self) -> Result<()> {
-        self.fault
+        self.write_error
             .get()
             .map_or(Ok(()), |fault| Err(anyhow!("{fault}")))
     }
 
-    fn join(&mut self) -> Result<Written> {
+    fn join(&mut self) -> Result<LogStats> {
         self.queue.close();
         let Some(writer) = self.writer.take() else {
             bail!("the log {} is closed already", self.path.display());
@@ -138,13 +142,13 @@ const NOTES_MAX: usize = 256;
 
 /// Lines for people that wait for the writer.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Notes {
-    waiting: Arc<Mutex<VecDeque<(Stamp, String)>>>,
+pub(super) struct NoteQueue {
+    queue: Arc<Mutex<VecDeque<(Stamp, String)>>>,
 }
 
-impl Notes {
-    fn put(&self, stamp: Stamp, text: &str) {
-        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+impl NoteQueue {
+    fn push(&self, stamp: Stamp, text: &str) {
+        let mut waiting = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         if waiting.len() == NOTES_MAX {
             waiting.pop_front();
         }
@@ -152,8 +156,8 @@ impl Notes {
     }
 
     /// The oldest, if there is one.
-    pub(super) fn take(&self) -> Option<(Stamp, String)> {
-        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+    pub(super) fn pop(&self) -> Option<(Stamp, String)> {
+        let mut waiting = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         waiting.pop_front()
     }
 }
@@ -168,9 +172,9 @@ impl Drop for Recorder {
 }
 
 /// Closes the queue when the writer ends, however it ends: nobody waits for a writer that is gone.
-struct Closing(Arc<Queue>);
+struct CloseOnDrop(Arc<CycleQueue>);
 
-impl Drop for Closing {
+impl Drop for CloseOnDrop {
     fn drop(&mut self) {
         self.0.close();
     }

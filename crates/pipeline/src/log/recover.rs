@@ -10,11 +10,11 @@ use localize::Stamp;
 use mcap::records::{MessageHeader, Record};
 use mcap::{Attachment, WriteOptions, Writer};
 
-use super::stream::{Damage, End, Stream};
+use super::stream::{DamagedRange, LogEnd, RecordReader};
 
 /// What was saved.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Recovered {
+pub struct RecoverySummary {
     /// Messages of all topics.
     pub messages: u64,
     /// The latest message's time; none if there is no message.
@@ -26,7 +26,7 @@ pub struct Recovered {
 }
 
 /// Writes all that can be read of the log `from` into a proper log `to`, which appears whole or not at all.
-pub fn recover(from: &Path, to: &Path) -> Result<Recovered> {
+pub fn recover(from: &Path, to: &Path) -> Result<RecoverySummary> {
     let same = from
         .canonicalize()
         .ok()
@@ -36,11 +36,11 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered> {
         "{} cannot be recovered into itself: name another file with --out",
         from.display()
     );
-    let mut stream = Stream::open(from)?;
+    let mut stream = RecordReader::open(from)?;
     let partial = PathBuf::from(format!("{}.part", to.display()));
     let saved = File::create(&partial)
         .map_err(anyhow::Error::from)
-        .and_then(|file| copy(&mut stream, BufWriter::new(file)))
+        .and_then(|file| copy_records(&mut stream, BufWriter::new(file)))
         .and_then(|recovered| {
             std::fs::rename(&partial, to)?;
             Ok(recovered)
@@ -52,21 +52,21 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered> {
     saved.with_context(|| format!("cannot write {}", to.display()))
 }
 
-fn copy(stream: &mut Stream, file: BufWriter<File>) -> Result<Recovered> {
-    let mut recovered = Recovered {
+fn copy_records(stream: &mut RecordReader, file: BufWriter<File>) -> Result<RecoverySummary> {
+    let mut recovered = RecoverySummary {
         messages: 0,
         until: None,
         lost: Vec::new(),
         was_whole: false,
     };
-    let mut lost = |damage: Damage| {
+    let mut lost = |damage: DamagedRange| {
         recovered
             .lost
             .push(format!("at byte {}: {}", damage.offset, damage.reason))
     };
     let mut options = WriteOptions::new().compression_threads(0);
     let first = loop {
-        match stream.next() {
+        match stream.next_record() {
             Err(damage) => lost(damage),
             Ok(first) => break first,
         }
@@ -75,24 +75,24 @@ fn copy(stream: &mut Stream, file: BufWriter<File>) -> Result<Recovered> {
     if let Some(Record::Header(header)) = &next {
         options = options.profile(&header.profile).library(&header.library);
     }
-    let mut copy = Copy {
+    let mut copy = LogCopier {
         writer: options.create(file)?,
         schemas: HashMap::new(),
         channels: HashMap::new(),
     };
     let mut strays = 0_u64;
     while let Some(record) = next {
-        match copy.put(record)? {
-            Put::Message(log_time) => {
+        match copy.copy_record(record)? {
+            CopiedRecord::Message(log_time) => {
                 recovered.messages += 1;
                 let stamp = Stamp(i64::try_from(log_time).unwrap_or(i64::MAX));
                 recovered.until = recovered.until.max(Some(stamp));
             }
-            Put::Stray => strays += 1,
-            Put::Other => {}
+            CopiedRecord::Orphan => strays += 1,
+            CopiedRecord::Other => {}
         }
         next = loop {
-            match stream.next() {
+            match stream.next_record() {
                 Err(damage) => lost(damage),
                 Ok(next) => break next,
             }
@@ -103,7 +103,7 @@ fn copy(stream: &mut Stream, file: BufWriter<File>) -> Result<Recovered> {
             .lost
             .push(format!("{strays} records whose channel was in a lost part"));
     }
-    recovered.was_whole = stream.end() == Some(End::Whole) && recovered.lost.is_empty();
+    recovered.was_whole = stream.end() == Some(LogEnd::Complete) && recovered.lost.is_empty();
     copy.writer.write_metadata(&mcap::records::Metadata {
         name: "recovery".to_owned(),
         metadata: BTreeMap::from([
@@ -127,20 +127,20 @@ fn copy(stream: &mut Stream, file: BufWriter<File>) -> Result<Recovered> {
 }
 
 /// A writer, and how the old file's numbers for schemas and channels translate to its own.
-struct Copy {
+struct LogCopier {
     writer: Writer<BufWriter<File>>,
     schemas: HashMap<u16, u16>,
     channels: HashMap<u16, u16>,
 }
 
-enum Put {
+enum CopiedRecord {
     Message(u64),
     Other,
-    Stray,
+    Orphan,
 }
 
-impl Copy {
-    fn put(&mut self, record: Record<'static>) -> Result<Put> {
+impl LogCopier {
+    fn copy_record(&mut self, record: Record<'static>) -> Result<CopiedRecord> {
         match record {
             Record::Schema { header, data } => {
                 let id = self
@@ -155,7 +155,7 @@ impl Copy {
                     id => self.schemas.get(&id),
                 };
                 let Some(&schema) = schema else {
-                    return Ok(Put::Stray);
+                    return Ok(CopiedRecord::Orphan);
                 };
                 let (topic, encoding) = (&channel.topic, &channel.message_encoding);
                 let id = self
@@ -165,7 +165,7 @@ impl Copy {
             }
             Record::Message { header, data } => {
                 let Some(&channel_id) = self.channels.get(&header.channel_id) else {
-                    return Ok(Put::Stray);
+                    return Ok(CopiedRecord::Orphan);
                 };
                 let log_time = header.log_time;
                 self.writer.write_to_known_channel(
@@ -175,7 +175,7 @@ impl Copy {
                     },
                     &data,
                 )?;
-                return Ok(Put::Message(log_time));
+                return Ok(CopiedRecord::Message(log_time));
             }
             Record::Attachment { header, data, .. } => self.writer.attach(&Attachment {
                 log_time: header.log_time,
@@ -187,6 +187,6 @@ impl Copy {
             Record::Metadata(metadata) => self.writer.write_metadata(&metadata)?,
             _ => {}
         }
-        Ok(Put::Other)
+        Ok(CopiedRecord::Other)
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use crate::cycle::{SPINE_FILE, SpineConfig};
+use crate::cycle::{PIPELINE_FILE, PipelineConfig};
 use crate::feed::Pace;
 use crate::log::{Header, LogConfig, Recorder};
 use crate::setup::Setup;
@@ -16,13 +16,13 @@ pub fn start_log(
     path: &Path,
     source: &str,
     seed: Option<u64>,
-    (setup, config): (&Setup, &SpineConfig),
+    (setup, config): (&Setup, &PipelineConfig),
     log_config: &LogConfig,
 ) -> Result<Recorder> {
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let settings = toml::to_string(config).context("cannot write the settings")?;
     let header = Header::new(source, seed)
         .with_robot(&setup.robot, map, setup.colours.as_ref())?
-        .with_file(SPINE_FILE, settings);
+        .with_file(PIPELINE_FILE, settings);
     Recorder::create(path, &header, &setup.field, Pace::Lockstep, log_config)
 }

@@ -13,22 +13,22 @@ use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// No record of ours comes near this; a longer one is a broken length, and is not allocated.
-pub(super) const LONGEST_RECORD_BYTES: u64 = 256 * 1024 * 1024;
+pub(super) const MAX_RECORD_BYTES: u64 = 256 * 1024 * 1024;
 /// Before a record's content: what it is, and its length.
-pub(super) const PREFIX_BYTES: usize = 9;
+pub(super) const RECORD_HEADER_BYTES: usize = 9;
 
 /// A part of the file that cannot be read; the reader stands behind it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Damage {
+pub(super) struct DamagedRange {
     /// Where the part starts, bytes from the file's start.
     pub(super) offset: u64,
     /// What is wrong with it.
     pub(super) reason: String,
 }
 
-impl Damage {
+impl DamagedRange {
     /// The error that a reader gives for it.
-    pub(super) fn in_file(&self, path: &Path) -> anyhow::Error {
+    pub(super) fn to_error(&self, path: &Path) -> anyhow::Error {
         anyhow!(
             "{} is damaged at byte {}: {}; `mirrorball recover` saves what can be read",
             path.display(),
@@ -40,23 +40,23 @@ impl Damage {
 
 /// How a file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum End {
+pub enum LogEnd {
     /// With its index and summary, as a writer that was closed leaves it.
-    Whole,
+    Complete,
     /// In the middle: its writer was killed, or it was not copied whole.
-    Cut,
+    Truncated,
 }
 
 /// The records of an MCAP file, those of chunks unpacked, up to the end of its data section.
-pub(super) struct Stream {
+pub(super) struct RecordReader {
     path: PathBuf,
     file: BufReader<File>,
     offset: u64,
     chunk: VecDeque<Record<'static>>,
-    end: Option<End>,
+    end: Option<LogEnd>,
 }
 
-impl Stream {
+impl RecordReader {
     /// Opens a file; anything but MCAP is refused.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -68,7 +68,7 @@ impl Stream {
             .with_context(|| format!("cannot read {}", path.display()))?;
         ensure!(magic == mcap::MAGIC, "{} is no MCAP file", path.display());
         let offset = magic.len() as u64;
-        Ok(Stream {
+        Ok(RecordReader {
             path: path.to_owned(),
             file,
             offset,
@@ -78,12 +78,12 @@ impl Stream {
     }
 
     /// How the file ended; none while there is more to read.
-    pub(super) fn end(&self) -> Option<End> {
+    pub(super) fn end(&self) -> Option<LogEnd> {
         self.end
     }
 
     /// The next record; none at the end; a damaged part as an error, after which reading may go on.
-    pub(super) fn next(&mut self) -> Result<Option<Record<'static>>, Damage> {
+    pub(super) fn next_record(&mut self) -> Result<Option<Record<'static>>, DamagedRange> {
         loop {
             if let Some(record) = self.chunk.pop_front() {
                 return Ok(Some(record));
@@ -92,20 +92,20 @@ impl Stream {
                 return Ok(None);
             }
             let offset = self.offset;
-            let Some((opcode, body)) = self.frame()? else {
-                self.end = Some(End::Cut);
+            let Some((opcode, body)) = self.read_record()? else {
+                self.end = Some(LogEnd::Truncated);
                 return Ok(None);
             };
-            let damage = |reason: String| Damage { offset, reason };
-            if opcode == op::ATTACHMENT && !attachment_is_whole(&body) {
+            let damage = |reason: String| DamagedRange { offset, reason };
+            if opcode == op::ATTACHMENT && !is_complete_attachment(&body) {
                 return Err(damage("a broken attachment".to_owned()));
             }
             if opcode == op::CHUNK {
-                self.chunk = unpack(&body).map_err(|error| damage(error.to_string()))?;
+                self.chunk = decode_chunk(&body).map_err(|error| damage(error.to_string()))?;
                 continue;
             }
             match parse_record(opcode, &body).map_err(|error| damage(error.to_string()))? {
-                Record::DataEnd(_) => self.end = Some(End::Whole),
+                Record::DataEnd(_) => self.end = Some(LogEnd::Complete),
                 Record::MessageIndex(_) | Record::Unknown { .. } => {}
                 record => return Ok(Some(record.into_owned())),
             }
@@ -113,40 +113,40 @@ impl Stream {
     }
 
     // One record's kind and bytes; none where the file ends before it does.
-    fn frame(&mut self) -> Result<Option<(u8, Vec<u8>)>, Damage> {
-        let mut prefix = [0; PREFIX_BYTES];
+    fn read_record(&mut self) -> Result<Option<(u8, Vec<u8>)>, DamagedRange> {
+        let mut prefix = [0; RECORD_HEADER_BYTES];
         if !self.fill(&mut prefix)? {
             return Ok(None);
         }
         let [opcode, length @ ..] = prefix;
         let length = u64::from_le_bytes(length);
-        if length > LONGEST_RECORD_BYTES {
+        if length > MAX_RECORD_BYTES {
             // Where the next record starts is lost with this one's length.
-            self.end = Some(End::Cut);
+            self.end = Some(LogEnd::Truncated);
             let reason = format!("a record of {length} bytes, which none is");
-            return Err(Damage {
+            return Err(DamagedRange {
                 offset: self.offset,
                 reason,
             });
         }
         let mut body = Vec::new();
         let read = (&mut self.file).take(length).read_to_end(&mut body);
-        let read = read.map_err(|error| self.unreadable(&error))?;
-        self.offset += (PREFIX_BYTES + read) as u64;
+        let read = read.map_err(|error| self.io_damage(&error))?;
+        self.offset += (RECORD_HEADER_BYTES + read) as u64;
         Ok((read as u64 == length).then_some((opcode, body)))
     }
 
-    fn fill(&mut self, bytes: &mut [u8]) -> Result<bool, Damage> {
+    fn fill(&mut self, bytes: &mut [u8]) -> Result<bool, DamagedRange> {
         match self.file.read_exact(bytes) {
             Ok(()) => Ok(true),
             Err(error) if error.kind() == ErrorKind::UnexpectedEof => Ok(false),
-            Err(error) => Err(self.unreadable(&error)),
+            Err(error) => Err(self.io_damage(&error)),
         }
     }
 
-    fn unreadable(&mut self, error: &std::io::Error) -> Damage {
-        self.end = Some(End::Cut);
-        Damage {
+    fn io_damage(&mut self, error: &std::io::Error) -> DamagedRange {
+        self.end = Some(LogEnd::Truncated);
+        DamagedRange {
             offset: self.offset,
             reason: format!("cannot read {}: {error}", self.path.display()),
         }
@@ -154,13 +154,13 @@ impl Stream {
 }
 
 /// The records of a chunk whose checksum is right.
-pub(super) fn unpack(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
+pub(super) fn decode_chunk(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
     // The limit and the check beforehand keep broken lengths from being allocated.
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
         .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(LONGEST_RECORD_BYTES as usize);
+        .with_record_length_limit(MAX_RECORD_BYTES as usize);
     let mut reader = LinearReader::new_with_options(options);
     let prefix: Vec<u8> = [op::CHUNK]
         .into_iter()
@@ -183,7 +183,7 @@ pub(super) fn unpack(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
 }
 
 /// True if an attachment record's parts fit into it; the parser trusts that they do.
-fn attachment_is_whole(body: &[u8]) -> bool {
+fn is_complete_attachment(body: &[u8]) -> bool {
     // Log and creation time, name, media type, data, checksum.
     let mut rest = body.get(16..);
     for _ in 0..2 {

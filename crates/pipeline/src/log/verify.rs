@@ -4,10 +4,10 @@ use anyhow::{Result, bail};
 use localize::Stamp;
 use prost::Message;
 
-use super::picture::ImageMode;
-use super::read::Log;
+use super::picture::ImageCompression;
+use super::read::LogReader;
 use super::schema::{convert, wire};
-use super::stream::End;
+use super::stream::LogEnd;
 use crate::cycle::Cycle;
 use crate::sample::Sample;
 
@@ -17,7 +17,7 @@ pub struct Difference {
     /// Of the cycle.
     pub stamp: Stamp,
     /// Which value.
-    pub what: String,
+    pub quantity: String,
     /// As the log holds it.
     pub recorded: String,
     /// As it came out now.
@@ -26,31 +26,34 @@ pub struct Difference {
 
 /// What a verification found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Verdict {
+pub struct VerificationReport {
     /// Cycles whose estimate was computed again.
     pub cycles: u64,
     /// Those of them whose vision was computed again, too.
-    pub seen: u64,
+    pub vision_cycles: u64,
     /// Cycles that differ.
     pub different: u64,
     /// The first difference.
-    pub first: Option<Difference>,
+    pub first_difference: Option<Difference>,
     /// Where a cycle was dropped: what comes behind it cannot be computed from the log.
     pub gap: Option<Stamp>,
     /// Cycles behind the gap.
     pub unverified: u64,
     /// How the log ended.
-    pub end: End,
+    pub end: LogEnd,
 }
 
 /// Computes every cycle of a log again and compares it bit for bit.
 ///
 /// `take` is a fresh spine built from the log's own files: a sample in, after a frame a cycle out. Vision is computed
 /// again as long as every image is there exactly; after a dropped one its memory of the light may be another.
-pub fn verify(mut log: Log, mut take: impl FnMut(Sample) -> Option<Cycle>) -> Result<Verdict> {
+pub fn verify(
+    mut log: LogReader,
+    mut take: impl FnMut(Sample) -> Option<Cycle>,
+) -> Result<VerificationReport> {
     let (mut cycles, mut seen, mut different, mut unverified) = (0, 0, 0, 0);
     let (mut first, mut gap) = (None, None);
-    let mut sight = log.header().images == ImageMode::Png;
+    let mut sight = log.header().images == ImageCompression::Png;
     for logged in log.by_ref() {
         let logged = logged?;
         if gap.is_some() || logged.index != cycles {
@@ -58,7 +61,7 @@ pub fn verify(mut log: Log, mut take: impl FnMut(Sample) -> Option<Cycle>) -> Re
             unverified += 1;
             continue;
         }
-        sight &= logged.image.is_some() || logged.cycle.seen.is_none();
+        sight &= logged.image.is_some() || logged.cycle.detections.is_none();
         let mut computed = None;
         for sample in logged.samples(sight)? {
             computed = take(sample);
@@ -67,18 +70,18 @@ pub fn verify(mut log: Log, mut take: impl FnMut(Sample) -> Option<Cycle>) -> Re
             bail!("a frame of the log gave no cycle")
         };
         cycles += 1;
-        seen += u64::from(sight && computed.seen.is_some());
-        if let Some(difference) = compare(&logged.cycle, &computed) {
+        seen += u64::from(sight && computed.detections.is_some());
+        if let Some(difference) = first_difference(&logged.cycle, &computed) {
             different += 1;
             first.get_or_insert(difference);
         }
     }
-    let end = log.end().unwrap_or(End::Cut);
-    Ok(Verdict {
+    let end = log.end().unwrap_or(LogEnd::Truncated);
+    Ok(VerificationReport {
         cycles,
-        seen,
+        vision_cycles: seen,
         different,
-        first,
+        first_difference: first,
         gap,
         unverified,
         end,
@@ -88,11 +91,11 @@ pub fn verify(mut log: Log, mut take: impl FnMut(Sample) -> Option<Cycle>) -> Re
 /// The first difference in what was computed, in the order of the stages; timings are no part of it.
 ///
 /// What vision saw is compared where both cycles hold it.
-pub(super) fn compare(recorded: &Cycle, computed: &Cycle) -> Option<Difference> {
+pub(super) fn first_difference(recorded: &Cycle, computed: &Cycle) -> Option<Difference> {
     let difference = |what: &str, recorded: String, computed: String, stamp: Stamp| {
         Some(Difference {
             stamp,
-            what: what.to_owned(),
+            quantity: what.to_owned(),
             recorded,
             computed,
         })
@@ -100,7 +103,7 @@ pub(super) fn compare(recorded: &Cycle, computed: &Cycle) -> Option<Difference> 
     let stamp = recorded.stamp;
     // One message holds every value of a cycle, and its bytes every bit.
     let [ours, theirs] = [recorded, computed].map(|cycle| convert::cycle_to_wire(0, cycle, ""));
-    for (what, a, b) in parts(&ours, &theirs) {
+    for (what, a, b) in comparable_values(&ours, &theirs) {
         if a.0 != b.0 {
             return difference(what, a.1, b.1, stamp);
         }
@@ -108,9 +111,12 @@ pub(super) fn compare(recorded: &Cycle, computed: &Cycle) -> Option<Difference> 
     None
 }
 
-type Part = (Vec<u8>, String);
+type ComparableValue = (Vec<u8>, String);
 
-fn parts(ours: &wire::Cycle, theirs: &wire::Cycle) -> Vec<(&'static str, Part, Part)> {
+fn comparable_values(
+    ours: &wire::Cycle,
+    theirs: &wire::Cycle,
+) -> Vec<(&'static str, ComparableValue, ComparableValue)> {
     let (a, b) = (ours, theirs);
     let text = |value: &dyn std::fmt::Debug| {
         let text = format!("{value:?}");
@@ -121,8 +127,8 @@ fn parts(ours: &wire::Cycle, theirs: &wire::Cycle) -> Vec<(&'static str, Part, P
         ("fault", text(&a.fault), text(&b.fault)),
     ];
     if let (Some(a), Some(b)) = (&a.seen, &b.seen) {
-        let brief = |seen: &wire::Seen| {
-            let wire::Seen {
+        let brief = |seen: &wire::Detections| {
+            let wire::Detections {
                 points,
                 refused_reason,
                 carpet_share,

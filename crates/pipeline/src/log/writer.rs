@@ -10,32 +10,32 @@ use localize::Field;
 
 use super::LogConfig;
 use super::header::Header;
-use super::messages::Messages;
-use super::record::{Notes, Written};
-use super::schema::{ABOUT, Level, Sink};
+use super::messages::CyclePublisher;
+use super::record::{LogStats, NoteQueue};
+use super::schema::{Level, PROJECT_NAME, Sink};
 use crate::feed::Pace;
-use crate::feed::queue::Queue;
+use crate::feed::queue::CycleQueue;
 
 /// The thread's side of a recorder.
-pub(super) struct Writer {
+pub(super) struct LogWriter {
     sink: Sink,
-    messages: Messages,
+    messages: CyclePublisher,
     period: Duration,
     /// Until it is drawn, at the first cycle's time.
-    field_scene: Option<Field>,
-    notes: Notes,
-    written: Written,
-    safe: Arc<AtomicU64>,
+    pending_field: Option<Field>,
+    notes: NoteQueue,
+    stats: LogStats,
+    flushed_cycles: Arc<AtomicU64>,
 }
 
-impl Writer {
+impl LogWriter {
     /// Starts a log with its header.
-    pub(super) fn begin(
+    pub(super) fn create(
         path: &Path,
         header: &Header,
         field: &Field,
         (pace, config): (Pace, &LogConfig),
-        notes: Notes,
+        notes: NoteQueue,
     ) -> Result<Self> {
         if !(1..=100).contains(&config.jpeg_quality) {
             bail!(
@@ -54,7 +54,7 @@ impl Writer {
             images: config.images,
             ..header.clone()
         };
-        sink.metadata(ABOUT, header.metadata())?;
+        sink.metadata(PROJECT_NAME, header.metadata())?;
         let mut files = header.files;
         if !files.contains_key("field.toml") {
             files.insert(
@@ -66,46 +66,47 @@ impl Writer {
             sink.attach(name, content)?;
         }
         sink.flush()?;
-        Ok(Writer {
+        Ok(LogWriter {
             sink,
-            messages: Messages::new(topics, config.images, config.jpeg_quality),
+            messages: CyclePublisher::new(topics, config.images, config.jpeg_quality),
             period,
-            field_scene: Some(field.clone()),
+            pending_field: Some(field.clone()),
             notes,
-            written: Written::default(),
-            safe: Arc::default(),
+            stats: LogStats::default(),
+            flushed_cycles: Arc::default(),
         })
     }
 
     /// Where the number of cycles stands that are safe from a kill.
-    pub(super) fn safe(&self) -> Arc<AtomicU64> {
-        self.safe.clone()
+    pub(super) fn flushed_cycles(&self) -> Arc<AtomicU64> {
+        self.flushed_cycles.clone()
     }
 
     /// Writes what the queue holds until it is closed.
-    pub(super) fn run(&mut self, queue: &Queue) -> Result<()> {
+    pub(super) fn run(&mut self, queue: &CycleQueue) -> Result<()> {
         let mut flushed = Instant::now();
         while let Some(((index, cycle), dropped)) = queue.pop() {
-            if let Some(field) = self.field_scene.take() {
-                self.messages.field(&field, cycle.stamp);
+            if let Some(field) = self.pending_field.take() {
+                self.messages.publish_field(&field, cycle.stamp);
             }
-            let has_image = self.messages.cycle(index, &cycle)?;
-            self.messages.tell_dropped("the disk", dropped, cycle.stamp);
-            while let Some((stamp, text)) = self.notes.take() {
-                self.messages.topics.note(stamp, Level::Info, text);
+            let has_image = self.messages.publish_cycle(index, &cycle)?;
+            self.messages.log_dropped("the disk", dropped, cycle.stamp);
+            while let Some((stamp, text)) = self.notes.pop() {
+                self.messages.topics.log_message(stamp, Level::Info, text);
             }
-            let Written {
+            let LogStats {
                 cycles,
                 images,
                 dropped: lost,
-            } = &mut self.written;
+            } = &mut self.stats;
             *cycles += 1;
             *images += u64::from(has_image);
             lost.images += dropped.images;
             lost.cycles += dropped.cycles;
             if flushed.elapsed() >= self.period {
                 self.sink.flush()?;
-                self.safe.store(self.written.cycles, Ordering::Relaxed);
+                self.flushed_cycles
+                    .store(self.stats.cycles, Ordering::Relaxed);
                 flushed = Instant::now();
             }
         }
@@ -113,8 +114,8 @@ impl Writer {
     }
 
     /// Writes index and summary.
-    pub(super) fn close(self) -> Result<Written> {
+    pub(super) fn close(self) -> Result<LogStats> {
         self.sink.close()?;
-        Ok(self.written)
+        Ok(self.stats)
     }
 }

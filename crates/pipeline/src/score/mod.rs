@@ -9,10 +9,10 @@ use localize::{Pose, Stamp};
 use serde::Serialize;
 
 use crate::cycle::Cycle;
-use crate::sample::Truth;
+use crate::sample::GroundTruth;
 
 /// Truth is interpolated between rows no further apart than this, seconds.
-const LONGEST_GAP: f64 = 0.25;
+const MAX_INTERPOLATION_GAP: f64 = 0.25;
 
 /// One frame's error.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,8 +28,8 @@ pub struct PoseError {
 }
 
 /// The error of an estimate against the truth at its stamp; none where the truth says nothing about that time.
-pub fn pose_error(truth: &[Truth], stamp: Stamp, estimate: Pose) -> Option<PoseError> {
-    let wanted = pose_at(truth, stamp)?;
+pub fn pose_error(truth: &[GroundTruth], stamp: Stamp, estimate: Pose) -> Option<PoseError> {
+    let wanted = true_pose_at(truth, stamp)?;
     let (x, y) = (estimate.x - wanted.x, estimate.y - wanted.y);
     Some(PoseError {
         position: x.hypot(y),
@@ -50,7 +50,7 @@ pub fn cycle_error(cycle: &Cycle) -> Option<PoseError> {
 }
 
 /// The true pose at a stamp, interpolated between the rows around it.
-pub fn pose_at(truth: &[Truth], stamp: Stamp) -> Option<Pose> {
+pub fn true_pose_at(truth: &[GroundTruth], stamp: Stamp) -> Option<Pose> {
     let after = truth.partition_point(|row| row.stamp < stamp);
     let later = truth.get(after);
     if let Some(row) = later.filter(|row| row.stamp == stamp) {
@@ -63,7 +63,7 @@ pub fn pose_at(truth: &[Truth], stamp: Stamp) -> Option<Pose> {
     }
     let later = later?;
     let gap = later.stamp - earlier.stamp;
-    if gap > LONGEST_GAP {
+    if gap > MAX_INTERPOLATION_GAP {
         return (later.stamp - stamp < 1e-3).then_some(later.pose);
     }
     let share = ((stamp - earlier.stamp) / gap) as f32;
@@ -78,7 +78,7 @@ pub fn pose_at(truth: &[Truth], stamp: Stamp) -> Option<Pose> {
 
 /// A list of magnitudes in four numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Spread {
+pub struct SampleStatistics {
     /// Arithmetic mean.
     pub mean: f64,
     /// Half lie below.
@@ -90,13 +90,13 @@ pub struct Spread {
 }
 
 /// Summarises magnitudes; none of an empty list.
-pub fn spread(values: impl IntoIterator<Item = f64>) -> Option<Spread> {
+pub fn sample_statistics(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);
     let last = values.len().checked_sub(1)?;
     let at = |share: f64| values[(share * last as f64).round() as usize];
     let mean = values.iter().sum::<f64>() / values.len() as f64;
-    Some(Spread {
+    Some(SampleStatistics {
         mean,
         median: at(0.5),
         p95: at(0.95),
@@ -108,8 +108,8 @@ pub fn spread(values: impl IntoIterator<Item = f64>) -> Option<Spread> {
 mod tests {
     use super::*;
 
-    fn truth(seconds: f64, x: f32, theta: f32) -> Truth {
-        Truth {
+    fn truth(seconds: f64, x: f32, theta: f32) -> GroundTruth {
+        GroundTruth {
             stamp: Stamp::from_seconds(seconds),
             pose: Pose::new(x, 0.0, theta),
             ball: None,
@@ -119,25 +119,25 @@ mod tests {
     }
 
     #[test]
-    fn truth_between_rows_is_interpolated_across_the_half_turn() {
+    fn true_pose_interpolates_heading_across_pi() {
         let rows = [truth(0.0, 0.0, 3.1), truth(0.1, 1.0, -3.1)];
-        let pose = pose_at(&rows, Stamp::from_seconds(0.05)).expect("a pose");
+        let pose = true_pose_at(&rows, Stamp::from_seconds(0.05)).expect("a pose");
         assert!((pose.x - 0.5).abs() < 1e-6 && pose.theta.abs() > 3.13);
     }
 
     #[test]
-    fn nothing_is_said_far_from_any_row() {
+    fn true_pose_is_none_inside_long_gaps() {
         let rows = [truth(0.0, 0.0, 0.0), truth(40.0, 1.0, 0.0)];
-        assert_eq!(pose_at(&rows, Stamp::from_seconds(20.0)), None);
-        assert!(pose_at(&rows, Stamp::from_seconds(40.0)).is_some());
+        assert_eq!(true_pose_at(&rows, Stamp::from_seconds(20.0)), None);
+        assert!(true_pose_at(&rows, Stamp::from_seconds(40.0)).is_some());
     }
 
     #[test]
-    fn a_spread_of_nothing_is_nothing() {
-        assert_eq!(spread([]), None);
+    fn statistics_of_an_empty_list_are_none() {
+        assert_eq!(sample_statistics([]), None);
         assert_eq!(
-            spread([3.0, 1.0, 2.0]),
-            Some(Spread {
+            sample_statistics([3.0, 1.0, 2.0]),
+            Some(SampleStatistics {
                 mean: 2.0,
                 median: 2.0,
                 p95: 3.0,

@@ -9,11 +9,11 @@ use sim::world::OTHER_HALF_SIDE;
 use vision::config::ObjectConfig;
 use vision::{Detections, GroundMap, overlay};
 
-use crate::score::visibility::{self, Body, Outline};
+use crate::score::visibility::{self, Body, BodyOutline};
 
 /// A thing whose place is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TrueObject {
+pub struct GroundTruthObject {
     /// Ball, or else robot.
     pub is_ball: bool,
     /// On the field.
@@ -25,11 +25,11 @@ pub struct TrueObject {
 }
 
 /// What a frame is scored by.
-pub struct TrueScene<'a> {
+pub struct GroundTruthScene<'a> {
     /// Where the robot was.
     pub pose: Pose,
     /// Its lean (a, b) as estimated, radians.
-    pub lean: [f32; 2],
+    pub tilt: [f32; 2],
     /// Height of the mirror above the ground, metres.
     pub viewpoint_height: f32,
     /// Field, with its markings.
@@ -37,14 +37,14 @@ pub struct TrueScene<'a> {
     /// What a pixel shows.
     pub map: &'a GroundMap,
     /// Sectors without sight: middle and whole width, radians, robot frame.
-    pub covered: &'a [(f32, f32)],
+    pub occluded_sectors: &'a [(f32, f32)],
     /// Ball and robots; none where nobody knows what is there.
-    pub objects: Option<&'a [TrueObject]>,
+    pub objects: Option<&'a [GroundTruthObject]>,
 }
 
 /// What `--json` prints of the eyes.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct SightSummary {
+pub struct DetectionSummary {
     /// Line points within 5 m, and the share of them within max(5 cm, 2 pixels) of a marking.
     pub points: usize,
     /// See `points`.
@@ -75,18 +75,18 @@ pub struct SightSummary {
 
 /// One thing that could be seen or was believed to be, and whether that was right.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Note {
+pub struct ScoredItem {
     /// What.
-    pub kind: NoteKind,
+    pub kind: ScoredKind,
     /// How far from the robot, metres; of what was taken for something, where that lies.
     pub range: f32,
     /// Right, or found.
-    pub right: bool,
+    pub correct: bool,
 }
 
 /// What a note is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum NoteKind {
+pub enum ScoredKind {
     /// A line point; right within max(5 cm, 2 pixels) of a marking.
     Point,
     /// Five centimetres of marking; right with a right point within a quarter of a metre.
@@ -105,41 +105,41 @@ pub enum NoteKind {
 
 /// Collects frames.
 #[derive(Default)]
-pub struct SightTally {
-    summary: SightSummary,
-    right: usize,
-    near: usize,
-    near_right: usize,
-    pieces: usize,
-    sampled: usize,
-    edges_right: usize,
+pub struct DetectionStatistics {
+    summary: DetectionSummary,
+    points_correct: usize,
+    near_points: usize,
+    near_points_correct: usize,
+    marking_segments: usize,
+    segments_sampled: usize,
+    edges_correct: usize,
 }
 
 /// Markings are cut into pieces of this length, metres.
-const PIECE: f32 = 0.05;
+const SEGMENT_LENGTH: f32 = 0.05;
 /// A piece is sampled if a right point lies this near, metres: between spirals of one another lies less at 4 m.
-const REACH: f32 = 0.25;
+const SEGMENT_RADIUS: f32 = 0.25;
 /// Markings nearer than this are under the robot, metres.
-const NEAREST: f32 = 0.4;
+const MIN_MARKING_RANGE: f32 = 0.4;
 /// Markings farther than this are not looked for, metres.
-const FARTHEST: f32 = 6.0;
+const MAX_MARKING_RANGE: f32 = 6.0;
 /// A find this near to the true ball, metres and share of its distance, is a find.
 const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
 /// A find whose middle is this near to a robot's is a find of it, metres: as wide as a robot.
 const ROBOT_TOLERANCE: f32 = 0.5;
 
-impl SightTally {
+impl DetectionStatistics {
     /// Scores one frame.
-    pub fn add(&mut self, seen: &Detections, scene: &TrueScene<'_>) {
-        self.add_noting(seen, scene, &mut |_| {});
+    pub fn add_image(&mut self, seen: &Detections, scene: &GroundTruthScene<'_>) {
+        self.add_image_with(seen, scene, &mut |_| {});
     }
 
     /// Scores one frame, thing by thing.
-    pub fn add_noting(
+    pub fn add_image_with(
         &mut self,
         seen: &Detections,
-        scene: &TrueScene<'_>,
-        note: &mut impl FnMut(Note),
+        scene: &GroundTruthScene<'_>,
+        note: &mut impl FnMut(ScoredItem),
     ) {
         self.add_points(seen, scene, note);
         self.add_ball(seen, scene, note);
@@ -159,7 +159,7 @@ impl SightTally {
             .iter()
             .filter(|goal| goal.kind == vision::goals::GoalKind::Post)
         {
-            let at = scene.pose * scene.upright(goal.at);
+            let at = scene.pose * scene.compensate_tilt(goal.at);
             self.summary.posts += 1;
             let right = posts.iter().any(|post| post.distance_to(at) <= 0.5);
             self.summary.posts_right += usize::from(right);
@@ -169,13 +169,13 @@ impl SightTally {
     fn add_points(
         &mut self,
         seen: &Detections,
-        scene: &TrueScene<'_>,
-        note: &mut impl FnMut(Note),
+        scene: &GroundTruthScene<'_>,
+        note: &mut impl FnMut(ScoredItem),
     ) {
         let markings = &scene.field.markings;
         let mut good = Vec::new();
         for point in &seen.line_points {
-            let at = scene.upright(point.point.at);
+            let at = scene.compensate_tilt(point.point.at);
             let on_field = scene.pose * at;
             let off = markings
                 .iter()
@@ -187,41 +187,50 @@ impl SightTally {
             if right {
                 good.push(on_field);
             }
-            note(Note {
-                kind: NoteKind::Point,
+            note(ScoredItem {
+                kind: ScoredKind::Point,
                 range: at.distance(),
-                right,
+                correct: right,
             });
             if at.distance() <= 5.0 {
                 self.summary.points += 1;
-                self.right += usize::from(right);
+                self.points_correct += usize::from(right);
             }
             if at.distance() <= 4.0 {
-                self.near += 1;
-                self.near_right += usize::from(off <= 0.1);
+                self.near_points += 1;
+                self.near_points_correct += usize::from(off <= 0.1);
             }
         }
-        for at in overlay::marking_points(markings, PIECE) {
+        for at in overlay::marking_points(markings, SEGMENT_LENGTH) {
             let from_robot = scene.pose.inverse() * at;
             let range = from_robot.distance();
-            if !(NEAREST..=FARTHEST).contains(&range) || scene.hidden(from_robot) {
+            if !(MIN_MARKING_RANGE..=MAX_MARKING_RANGE).contains(&range)
+                || scene.is_occluded(from_robot)
+            {
                 continue;
             }
-            let right = good.iter().any(|point| point.distance_to(at) <= REACH);
-            note(Note {
-                kind: NoteKind::Marking,
+            let right = good
+                .iter()
+                .any(|point| point.distance_to(at) <= SEGMENT_RADIUS);
+            note(ScoredItem {
+                kind: ScoredKind::Marking,
                 range,
-                right,
+                correct: right,
             });
             if range <= 4.0 {
-                self.pieces += 1;
-                self.sampled += usize::from(right);
+                self.marking_segments += 1;
+                self.segments_sampled += usize::from(right);
             }
         }
     }
 
-    fn add_ball(&mut self, seen: &Detections, scene: &TrueScene<'_>, note: &mut impl FnMut(Note)) {
-        let truth = scene.things().iter().find(|object| object.is_ball);
+    fn add_ball(
+        &mut self,
+        seen: &Detections,
+        scene: &GroundTruthScene<'_>,
+        note: &mut impl FnMut(ScoredItem),
+    ) {
+        let truth = scene.known_objects().iter().find(|object| object.is_ball);
         let at = truth.map(|ball| scene.pose.inverse() * ball.at);
         let hit = match (&seen.ball, at) {
             (Some(found), Some(at)) => {
@@ -236,19 +245,19 @@ impl SightTally {
             .filter(|_| !hit && scene.objects.is_some())
         {
             self.summary.balls_false += 1;
-            note(Note {
-                kind: NoteKind::FalseBall,
+            note(ScoredItem {
+                kind: ScoredKind::FalseBall,
                 range: found.at.distance(),
-                right: false,
+                correct: false,
             });
         }
         if let (Some(ball), Some(at)) = (truth, at)
-            && scene.more_than_half(ball, at)
+            && scene.is_ball_mostly_visible(ball, at)
         {
-            note(Note {
-                kind: NoteKind::Ball,
+            note(ScoredItem {
+                kind: ScoredKind::Ball,
                 range: at.distance(),
-                right: hit,
+                correct: hit,
             });
             let near = at.distance() <= 6.0;
             self.summary.balls += usize::from(near);
@@ -259,20 +268,20 @@ impl SightTally {
     fn add_robots(
         &mut self,
         seen: &Detections,
-        scene: &TrueScene<'_>,
-        note: &mut impl FnMut(Note),
+        scene: &GroundTruthScene<'_>,
+        note: &mut impl FnMut(ScoredItem),
     ) {
         if scene.objects.is_none() {
             return;
         }
-        let bodies = scene.robots();
+        let bodies = scene.robot_bodies();
         let truths: Vec<At<RobotFrame>> = bodies.iter().map(|body| body.at).collect();
-        let sights = visibility::sights(&bodies, scene.covered);
+        let sights = visibility::body_visibilities(&bodies, scene.occluded_sectors);
         // What stands behind others is no miss, and no false find either.
         let visible = truths
             .iter()
             .zip(sights)
-            .filter(|(_, sight)| sight.share > 0.5);
+            .filter(|(_, sight)| sight.visible_fraction > 0.5);
         for (truth, sight) in visible {
             let near = truth.distance() <= 4.0;
             let found = seen
@@ -284,19 +293,19 @@ impl SightTally {
                 })
                 .filter(|robot| robot.at.distance_to(*truth) <= ROBOT_TOLERANCE);
             let mut noted = |kind, right| {
-                note(Note {
+                note(ScoredItem {
                     kind,
                     range: truth.distance(),
-                    right,
+                    correct: right,
                 });
             };
-            noted(NoteKind::Robot, found.is_some());
+            noted(ScoredKind::Robot, found.is_some());
             self.summary.robots += usize::from(near);
             if let Some(found) = found {
-                let right = (found.edge.distance() - sight.nearest).abs() <= 0.1;
-                noted(NoteKind::Edge, right);
+                let right = (found.edge.distance() - sight.nearest_distance).abs() <= 0.1;
+                noted(ScoredKind::Edge, right);
                 self.summary.robots_found += usize::from(near);
-                self.edges_right += usize::from(near && right);
+                self.edges_correct += usize::from(near && right);
             }
         }
         let strangers = seen.robots.iter().filter(|robot| {
@@ -307,28 +316,28 @@ impl SightTally {
         for stranger in strangers {
             let range = stranger.edge.distance();
             self.summary.robots_false += usize::from(range <= 4.0);
-            note(Note {
-                kind: NoteKind::FalseRobot,
+            note(ScoredItem {
+                kind: ScoredKind::FalseRobot,
                 range,
-                right: false,
+                correct: false,
             });
         }
     }
 
     /// All frames in numbers; none if no frame was added.
-    pub fn summary(self) -> Option<SightSummary> {
+    pub fn summary(self) -> Option<DetectionSummary> {
         let share = |part: usize, all: usize| part as f64 / all.max(1) as f64;
-        (self.pieces > 0).then(|| SightSummary {
-            points_right: share(self.right, self.summary.points),
-            points_near_right: share(self.near_right, self.near),
-            markings_sampled: share(self.sampled, self.pieces),
-            robot_edges_right: share(self.edges_right, self.summary.robots_found),
+        (self.marking_segments > 0).then(|| DetectionSummary {
+            points_right: share(self.points_correct, self.summary.points),
+            points_near_right: share(self.near_points_correct, self.near_points),
+            markings_sampled: share(self.segments_sampled, self.marking_segments),
+            robot_edges_right: share(self.edges_correct, self.summary.robots_found),
             ..self.summary
         })
     }
 }
 
-impl SightSummary {
+impl DetectionSummary {
     /// In a few lines for people.
     pub fn print(&self) {
         println!(
@@ -362,38 +371,38 @@ impl SightSummary {
     }
 }
 
-impl TrueScene<'_> {
-    fn things(&self) -> &[TrueObject] {
+impl GroundTruthScene<'_> {
+    fn known_objects(&self) -> &[GroundTruthObject] {
         self.objects.unwrap_or_default()
     }
 
     /// Where a point of the upright map really lies (MATH.md 2, "Tilt").
-    fn upright(&self, at: At<RobotFrame>) -> At<RobotFrame> {
-        let ([a, b], height) = (self.lean, self.viewpoint_height);
+    fn compensate_tilt(&self, at: At<RobotFrame>) -> At<RobotFrame> {
+        let ([a, b], height) = (self.tilt, self.viewpoint_height);
         let stretch = height / (height - a * at.x - b * at.y).max(0.5 * height);
         At::new((at.x + a * height) * stretch, (at.y + b * height) * stretch)
     }
 
     /// The other robots.
-    fn robots(&self) -> Vec<Body> {
-        let robots = self.things().iter().filter(|object| !object.is_ball);
-        let body = |robot: &TrueObject| Body {
+    fn robot_bodies(&self) -> Vec<Body> {
+        let robots = self.known_objects().iter().filter(|object| !object.is_ball);
+        let body = |robot: &GroundTruthObject| Body {
             at: self.pose.inverse() * robot.at,
             outline: match robot.heading {
-                Some(heading) => Outline::Square(OTHER_HALF_SIDE, heading - self.pose.theta),
-                None => Outline::Circle(ObjectConfig::default().robot_radius),
+                Some(heading) => BodyOutline::Square(OTHER_HALF_SIDE, heading - self.pose.theta),
+                None => BodyOutline::Circle(ObjectConfig::default().robot_radius),
             },
         };
         robots.map(body).collect()
     }
 
     /// Does a robot stand before this place, or is it covered?
-    fn hidden(&self, at: At<RobotFrame>) -> bool {
+    fn is_occluded(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
-        let covered = visibility::is_covered(at.y.atan2(at.x), self.covered);
+        let covered = visibility::is_in_sectors(at.y.atan2(at.x), self.occluded_sectors);
         covered
             || self
-                .things()
+                .known_objects()
                 .iter()
                 .filter(|object| !object.is_ball)
                 .any(|robot| {
@@ -405,19 +414,21 @@ impl TrueScene<'_> {
     }
 
     /// Is more than half of the ball visible, on the carpet? Where nobody counted its pixels, directions are counted.
-    fn more_than_half(&self, ball: &TrueObject, at: At<RobotFrame>) -> bool {
+    fn is_ball_mostly_visible(&self, ball: &GroundTruthObject, at: At<RobotFrame>) -> bool {
         let (half_length, half_width) = self.field.carpet_half_extent();
         if ball.at.x.abs() > half_length || ball.at.y.abs() > half_width {
             return false;
         }
         let Some(visible) = ball.visible_px else {
-            let mut bodies = self.robots();
+            let mut bodies = self.robot_bodies();
             bodies.push(Body {
                 at,
-                outline: Outline::Circle(ObjectConfig::default().ball_radius),
+                outline: BodyOutline::Circle(ObjectConfig::default().ball_radius),
             });
-            let sights = visibility::sights(&bodies, self.covered);
-            return sights.last().is_some_and(|ball| ball.share > 0.5);
+            let sights = visibility::body_visibilities(&bodies, self.occluded_sectors);
+            return sights
+                .last()
+                .is_some_and(|ball| ball.visible_fraction > 0.5);
         };
         vision::ball::expected_ball_pixels_at(
             self.map,

@@ -5,8 +5,8 @@ use vision::ball::BallDetection;
 use vision::exposure::ExposureStatus;
 
 use crate::cycle::Cycle;
-use crate::sample::Truth;
-use crate::score::{self, PoseError, Spread};
+use crate::sample::GroundTruth;
+use crate::score::{self, PoseError, SampleStatistics};
 
 /// A ball farther than this is not counted as missed, metres.
 const BALL_RANGE: f32 = 6.0;
@@ -31,9 +31,9 @@ pub struct Summary {
     /// Frames that truth says something about.
     pub scored: usize,
     /// Distance from the true position, metres.
-    pub position_error_m: Option<Spread>,
+    pub position_error_m: Option<SampleStatistics>,
     /// Magnitude of the heading's error, radians.
-    pub heading_error_rad: Option<Spread>,
+    pub heading_error_rad: Option<SampleStatistics>,
     /// The ball, where truth knows it.
     pub ball: Option<BallSummary>,
     /// How exposure followed the light, where it was commanded.
@@ -69,7 +69,7 @@ pub struct ExposureSummary {
 
 /// Collects a run, cycle by cycle.
 #[derive(Default)]
-pub struct Tally {
+pub struct RunStatistics {
     modes: [usize; 3],
     unreadable: usize,
     line_points: Vec<f64>,
@@ -84,12 +84,12 @@ pub struct Tally {
     localize_ms: Vec<f64>,
 }
 
-impl Tally {
+impl RunStatistics {
     /// Counts one cycle; the error is against truth, where truth is known.
-    pub fn add(&mut self, cycle: &Cycle, error: Option<PoseError>) {
+    pub fn add_cycle(&mut self, cycle: &Cycle, error: Option<PoseError>) {
         self.modes[cycle.estimate.mode as usize] += 1;
         self.unreadable += usize::from(cycle.fault.is_some());
-        self.line_points.push(cycle.points.len() as f64);
+        self.line_points.push(cycle.line_points.len() as f64);
         self.see_ms.push(f64::from(cycle.timings.see_ms));
         self.localize_ms.push(f64::from(cycle.timings.localize_ms));
         if let Some(error) = error {
@@ -99,7 +99,7 @@ impl Tally {
         if let Some(reading) = &cycle.exposure {
             self.add_exposure(reading);
         }
-        if let (Some(truth), Some(seen)) = (&cycle.inputs.truth, &cycle.seen) {
+        if let (Some(truth), Some(seen)) = (&cycle.inputs.truth, &cycle.detections) {
             self.add_ball(truth, seen.ball.as_ref());
         }
     }
@@ -117,7 +117,7 @@ impl Tally {
         }
     }
 
-    fn add_ball(&mut self, truth: &Truth, found: Option<&BallDetection>) {
+    fn add_ball(&mut self, truth: &GroundTruth, found: Option<&BallDetection>) {
         let Some(ball) = truth.ball else { return };
         let ball = truth.pose.inverse() * ball;
         let (tolerance, share) = BALL_TOLERANCE;
@@ -133,7 +133,8 @@ impl Tally {
 
     /// The run in numbers.
     pub fn summary(self) -> Summary {
-        let median = |values: Vec<f64>| score::spread(values).map_or(0.0, |spread| spread.median);
+        let median =
+            |values: Vec<f64>| score::sample_statistics(values).map_or(0.0, |spread| spread.median);
         let [tracking, global, lost] = self.modes;
         let knows_ball = self.ball.within_range > 0 || self.ball.false_finds > 0;
         Summary {
@@ -144,8 +145,8 @@ impl Tally {
             unreadable: self.unreadable,
             line_points: median(self.line_points),
             scored: self.position.len(),
-            position_error_m: score::spread(self.position),
-            heading_error_rad: score::spread(self.heading),
+            position_error_m: score::sample_statistics(self.position),
+            heading_error_rad: score::sample_statistics(self.heading),
             ball: knows_ball.then(|| BallSummary {
                 error_m: median(self.ball_errors),
                 ..self.ball
@@ -158,7 +159,7 @@ impl Tally {
 }
 
 /// A number of things: `1 frame`, `2 frames`.
-pub fn counted(count: usize, thing: &str) -> String {
+pub fn pluralize(count: usize, thing: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
     format!("{count} {thing}{plural}")
 }
@@ -172,7 +173,7 @@ impl Summary {
         };
         println!(
             "{}: {} tracked, {} found anew, {} lost{unreadable}",
-            counted(self.frames, "frame"),
+            pluralize(self.frames, "frame"),
             self.tracking,
             self.global,
             self.lost
@@ -185,7 +186,7 @@ impl Summary {
                 100.0 * position.median,
                 100.0 * position.p95,
                 100.0 * position.max,
-                counted(self.scored, "frame")
+                pluralize(self.scored, "frame")
             );
             println!(
                 "heading error:  mean {:.2}°, median {:.2}°, 95 % below {:.2}°, largest {:.2}°",

@@ -15,12 +15,12 @@ pub struct Body {
     /// Its middle.
     pub at: At<RobotFrame>,
     /// Its outline.
-    pub outline: Outline,
+    pub outline: BodyOutline,
 }
 
 /// A body's outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Outline {
+pub enum BodyOutline {
     /// Radius in metres.
     Circle(f32),
     /// Half its side in metres, and its heading in radians, robot frame.
@@ -29,24 +29,24 @@ pub enum Outline {
 
 /// What of a body can be seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
+pub struct Visibility {
     /// Share of its directions in which nothing is before it.
-    pub share: f32,
+    pub visible_fraction: f32,
     /// The nearest point that can be seen, metres; infinite if none can.
-    pub nearest: f32,
+    pub nearest_distance: f32,
 }
 
 impl Body {
     /// How far a ray from the robot goes until it meets the body; none if it passes it.
-    fn meets(&self, [x, y]: [f32; 2]) -> Option<f32> {
+    fn ray_distance(&self, [x, y]: [f32; 2]) -> Option<f32> {
         match self.outline {
-            Outline::Circle(radius) => {
+            BodyOutline::Circle(radius) => {
                 let along = self.at.x * x + self.at.y * y;
                 let across = self.at.x * y - self.at.y * x;
                 let half2 = radius * radius - across * across;
                 (half2 >= 0.0 && along > 0.0).then(|| (along - half2.sqrt()).max(0.0))
             }
-            Outline::Square(half, heading) => {
+            BodyOutline::Square(half, heading) => {
                 let (sin, cos) = heading.sin_cos();
                 let in_body = |x: f32, y: f32| [cos * x + sin * y, cos * y - sin * x];
                 let (to, towards) = (in_body(self.at.x, self.at.y), in_body(x, y));
@@ -65,7 +65,7 @@ impl Body {
 }
 
 /// What can be seen of each body among all of them; `covered`: sectors without sight, middle and whole width, radians.
-pub fn sights(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Sight> {
+pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibility> {
     let mut spans = vec![(0u32, 0u32); bodies.len()];
     let mut nearest = vec![f32::INFINITY; bodies.len()];
     for direction in 0..DIRECTIONS {
@@ -73,10 +73,10 @@ pub fn sights(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Sight> {
         let (sin, cos) = angle.sin_cos();
         let met: Vec<f32> = bodies
             .iter()
-            .map(|body| body.meets([cos, sin]).unwrap_or(f32::INFINITY))
+            .map(|body| body.ray_distance([cos, sin]).unwrap_or(f32::INFINITY))
             .collect();
         let first = met.iter().copied().fold(f32::INFINITY, f32::min);
-        let hidden = is_covered(angle, covered);
+        let hidden = is_in_sectors(angle, covered);
         for (index, &range) in met
             .iter()
             .enumerate()
@@ -94,15 +94,15 @@ pub fn sights(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Sight> {
     spans
         .into_iter()
         .zip(nearest)
-        .map(|(span, nearest)| Sight {
-            share: share(span),
-            nearest,
+        .map(|(span, nearest)| Visibility {
+            visible_fraction: share(span),
+            nearest_distance: nearest,
         })
         .collect()
 }
 
 /// Is a direction (radians, robot frame) inside a covered sector?
-pub fn is_covered(angle: f32, covered: &[(f32, f32)]) -> bool {
+pub fn is_in_sectors(angle: f32, covered: &[(f32, f32)]) -> bool {
     let inside = |&(middle, width): &(f32, f32)| wrap_angle(angle - middle).abs() <= width / 2.0;
     covered.iter().any(inside)
 }
@@ -114,35 +114,49 @@ mod tests {
     fn square(x: f32, y: f32) -> Body {
         Body {
             at: At::new(x, y),
-            outline: Outline::Square(0.25, 0.0),
+            outline: BodyOutline::Square(0.25, 0.0),
         }
     }
 
     #[test]
-    fn a_robot_behind_another_is_hidden_and_beside_it_is_not() {
-        let seen = sights(&[square(1.0, 0.0), square(3.0, 0.0), square(0.0, 2.0)], &[]);
+    fn only_the_robot_behind_another_is_occluded() {
+        let seen = body_visibilities(&[square(1.0, 0.0), square(3.0, 0.0), square(0.0, 2.0)], &[]);
         assert_eq!(
-            [seen[0].share, seen[1].share, seen[2].share],
+            [
+                seen[0].visible_fraction,
+                seen[1].visible_fraction,
+                seen[2].visible_fraction
+            ],
             [1.0, 0.0, 1.0]
         );
-        assert!((seen[0].nearest - 0.75).abs() < 1e-3 && (seen[2].nearest - 1.75).abs() < 1e-3);
-        assert!(seen[1].nearest.is_infinite());
+        assert!(
+            (seen[0].nearest_distance - 0.75).abs() < 1e-3
+                && (seen[2].nearest_distance - 1.75).abs() < 1e-3
+        );
+        assert!(seen[1].nearest_distance.is_infinite());
     }
 
     #[test]
-    fn half_of_a_robot_shows_beside_the_edge_of_another() {
-        let seen = sights(&[square(2.0, 0.25), square(4.0, 0.0)], &[]);
-        assert!((0.3..0.7).contains(&seen[1].share), "{}", seen[1].share);
+    fn partially_occluded_robot_is_half_visible() {
+        let seen = body_visibilities(&[square(2.0, 0.25), square(4.0, 0.0)], &[]);
+        assert!(
+            (0.3..0.7).contains(&seen[1].visible_fraction),
+            "{}",
+            seen[1].visible_fraction
+        );
     }
 
     #[test]
-    fn a_covered_sector_hides_what_is_in_it_and_a_corner_is_nearer_than_a_side() {
+    fn occluded_sector_hides_bodies_and_a_corner_is_the_nearest_point() {
         let turned = Body {
-            outline: Outline::Square(0.25, std::f32::consts::FRAC_PI_4),
+            outline: BodyOutline::Square(0.25, std::f32::consts::FRAC_PI_4),
             ..square(2.0, 0.0)
         };
-        assert_eq!(sights(&[turned], &[(0.1, 1.0)])[0].share, 0.0);
-        let corner = sights(&[turned], &[])[0].nearest;
+        assert_eq!(
+            body_visibilities(&[turned], &[(0.1, 1.0)])[0].visible_fraction,
+            0.0
+        );
+        let corner = body_visibilities(&[turned], &[])[0].nearest_distance;
         assert!(
             (corner - (2.0 - 0.25 * 2f32.sqrt())).abs() < 0.01,
             "{corner}"

@@ -43,7 +43,7 @@ fn worse_cm([x, y, _]: [f32; 3]) -> f64 {
 
 /// Drives on 18 × 12 m as existing systems were measured on: 30 Hz, σ 3 to 5 cm, odometry biased by 3 %.
 pub(super) fn drives(figures: &mut Vec<Figure>) -> Result<()> {
-    let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
+    let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let config = LocalizeConfig::default();
     let usual = SyntheticDriveConfig::default();
     // Ten minutes, by one robot after another.

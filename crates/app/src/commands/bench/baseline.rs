@@ -6,9 +6,9 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
 /// A difference below this part of the old value is the host's noise, in times.
-const NOISE: f64 = 0.1;
+const TIME_TOLERANCE: f64 = 0.1;
 /// The same in all else: equal seeds give equal figures, another compiler or processor other last digits.
-const ROUNDING: f64 = 0.01;
+const VALUE_TOLERANCE: f64 = 0.01;
 
 /// Figures of a run, as `bench --json` prints them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -16,12 +16,12 @@ pub struct Baseline {
     /// Processor and number of cores.
     pub machine: String,
     /// Name, value, unit and what is wanted.
-    pub figures: Vec<Measured>,
+    pub figures: Vec<BaselineFigure>,
 }
 
 /// One figure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Measured {
+pub struct BaselineFigure {
     /// Its name.
     pub name: String,
     /// Its value.
@@ -32,9 +32,9 @@ pub struct Measured {
     pub wanted: String,
 }
 
-impl Measured {
+impl BaselineFigure {
     /// How bad a value is, as its bound tells: small ones are good under `<=`, large ones under `>=`, near ones to `about`.
-    fn badness(&self, value: f64) -> f64 {
+    fn cost(&self, value: f64) -> f64 {
         if self.wanted.starts_with(">=") || self.unit.contains("real time") {
             return -value;
         }
@@ -46,7 +46,7 @@ impl Measured {
     }
 
     /// Is its bound met? None where there is none.
-    fn met(&self) -> Option<bool> {
+    fn meets_bound(&self) -> Option<bool> {
         let bound = self.wanted.trim_start_matches(['<', '>', '=', ' ']);
         let bound: f64 = bound.parse().ok()?;
         Some(if self.wanted.starts_with(">=") {
@@ -57,15 +57,19 @@ impl Measured {
     }
 
     /// Changes below this part of the value mean nothing.
-    fn noise(&self) -> f64 {
+    fn tolerance(&self) -> f64 {
         let timed = self.unit == "ms" || self.unit.contains("real time");
-        if timed { NOISE } else { ROUNDING }
+        if timed {
+            TIME_TOLERANCE
+        } else {
+            VALUE_TOLERANCE
+        }
     }
 }
 
 /// A figure beside its earlier value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Compared {
+pub struct FigureComparison {
     /// Its name.
     pub name: String,
     /// What it was.
@@ -93,7 +97,7 @@ impl Baseline {
     }
 
     /// Figures that both have, in this one's order.
-    pub fn compared(&self, earlier: &Baseline) -> Vec<Compared> {
+    pub fn compare_with(&self, earlier: &Baseline) -> Vec<FigureComparison> {
         let pairs = self.figures.iter().filter_map(|now| {
             let before = earlier
                 .figures
@@ -103,14 +107,14 @@ impl Baseline {
         });
         pairs
             .map(|(before, now)| {
-                let change = now.badness(now.value) - now.badness(before.value);
-                let noise = now.noise() * before.value.abs();
+                let change = now.cost(now.value) - now.cost(before.value);
+                let noise = now.tolerance() * before.value.abs();
                 let verdict = match change {
                     change if change > noise => "worse",
                     change if change < -noise => "better",
                     _ => "same",
                 };
-                Compared {
+                FigureComparison {
                     name: now.name.clone(),
                     before: before.value,
                     now: now.value,
@@ -130,7 +134,12 @@ impl Baseline {
 }
 
 /// The table for people: each figure beside its bound and, if there is a baseline, beside what it was.
-pub fn print(now: &Baseline, earlier: Option<&Baseline>, compared: &[Compared], gone: &[String]) {
+pub fn print(
+    now: &Baseline,
+    earlier: Option<&Baseline>,
+    compared: &[FigureComparison],
+    gone: &[String],
+) {
     if let Some(earlier) = earlier.filter(|earlier| earlier.machine != now.machine) {
         println!(
             "the baseline is of another machine ({}): its times are not these",
@@ -149,22 +158,22 @@ pub fn print(now: &Baseline, earlier: Option<&Baseline>, compared: &[Compared], 
         count("better"),
         count("worse"),
         count("same"),
-        100.0 * NOISE,
-        100.0 * ROUNDING
+        100.0 * TIME_TOLERANCE,
+        100.0 * VALUE_TOLERANCE
     );
     if !gone.is_empty() {
         println!("in the baseline only: {}", gone.join(", "));
     }
 }
 
-fn line(figure: &Measured, has_baseline: bool, compared: &[Compared]) -> String {
-    let Measured {
+fn line(figure: &BaselineFigure, has_baseline: bool, compared: &[FigureComparison]) -> String {
+    let BaselineFigure {
         name,
         value,
         unit,
         wanted,
     } = figure;
-    let missed = if figure.met() == Some(false) {
+    let missed = if figure.meets_bound() == Some(false) {
         " missed"
     } else {
         ""
@@ -195,12 +204,14 @@ mod tests {
     }
 
     fn bounded(values: &[(&str, f64, &str, &str)]) -> Baseline {
-        let figures = values.iter().map(|&(name, value, unit, wanted)| Measured {
-            name: name.to_owned(),
-            value,
-            unit: unit.to_owned(),
-            wanted: wanted.to_owned(),
-        });
+        let figures = values
+            .iter()
+            .map(|&(name, value, unit, wanted)| BaselineFigure {
+                name: name.to_owned(),
+                value,
+                unit: unit.to_owned(),
+                wanted: wanted.to_owned(),
+            });
         Baseline {
             machine: "a machine".to_owned(),
             figures: figures.collect(),
@@ -208,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn less_time_and_more_speed_are_better_and_noise_is_neither() {
+    fn verdict_follows_speed_and_ignores_changes_below_tolerance() {
         let before = baseline(&[
             ("see", 1.0, "ms"),
             ("play", 8.0, "x real time"),
@@ -220,17 +231,17 @@ mod tests {
             ("new", 1.0, "ms"),
         ]);
         let verdicts: Vec<_> = now
-            .compared(&before)
+            .compare_with(&before)
             .iter()
             .map(|one| one.verdict)
             .collect();
         assert_eq!(verdicts, ["better", "worse"]);
         let near = baseline(&[("see", 1.05, "ms")]);
-        assert_eq!(near.compared(&before)[0].verdict, "same");
+        assert_eq!(near.compare_with(&before)[0].verdict, "same");
     }
 
     #[test]
-    fn accuracies_are_judged_by_the_direction_of_their_bound() {
+    fn accuracy_verdict_follows_the_direction_of_the_bound() {
         let before = bounded(&[
             ("error", 0.40, "cm", "<= 0.7"),
             ("found", 99.0, "%", ">= 97"),
@@ -243,12 +254,12 @@ mod tests {
             ("nees", 2.9, "", "about 3"),
             ("alarms", 2.0, "frames", "0"),
         ]);
-        let compared = now.compared(&before);
+        let compared = now.compare_with(&before);
         let verdicts: Vec<_> = compared.iter().map(|one| one.verdict).collect();
         assert_eq!(verdicts, ["worse", "same", "better", "worse"]);
         assert_eq!(compared[3].ratio, None);
-        assert_eq!(now.figures[3].met(), Some(false));
-        assert_eq!(now.figures[2].met(), None);
+        assert_eq!(now.figures[3].meets_bound(), Some(false));
+        assert_eq!(now.figures[2].meets_bound(), None);
         assert_eq!(baseline(&[]).missing(&now).len(), 4);
         assert!(line(&now.figures[3], true, &compared).contains("missed"));
     }

@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use serde::Serialize;
 
-use self::baseline::{Baseline, Compared, Measured};
-use crate::commands::arguments::WrongArguments;
-use pipeline::score::spread;
+use self::baseline::{Baseline, BaselineFigure, FigureComparison};
+use crate::commands::arguments::UsageError;
+use pipeline::score::sample_statistics;
 
 /// Measure every stage on this machine: times (medians, one core) and accuracies.
 ///
@@ -47,20 +47,20 @@ pub struct Figure {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct Outcome {
     machine: String,
     figures: Vec<Figure>,
     /// Beside the baseline's, if one was given.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    compared: Vec<Compared>,
+    compared: Vec<FigureComparison>,
     /// What the baseline has and this run has not.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     gone: Vec<String>,
 }
 
-impl Report {
-    fn kept(&self) -> Baseline {
-        let figures = self.figures.iter().map(|figure| Measured {
+impl Outcome {
+    fn to_baseline(&self) -> Baseline {
+        let figures = self.figures.iter().map(|figure| BaselineFigure {
             name: figure.name.to_owned(),
             value: figure.value,
             unit: figure.unit.to_owned(),
@@ -78,7 +78,7 @@ const REPEATS: usize = 300;
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
-    let mut report = Report {
+    let mut report = Outcome {
         machine: machine(),
         figures: Vec::new(),
         compared: Vec::new(),
@@ -108,14 +108,14 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         .figures
         .retain(|figure| figure.name.contains(&args.only));
     if report.figures.is_empty() {
-        return Err(WrongArguments(format!("no figure's name contains {:?}", args.only)).into());
+        return Err(UsageError(format!("no figure's name contains {:?}", args.only)).into());
     }
-    let kept = report.kept();
+    let kept = report.to_baseline();
     if let Some(path) = &args.save {
         kept.save(path)?;
     }
     if let Some(earlier) = &earlier {
-        report.compared = kept.compared(earlier);
+        report.compared = kept.compare_with(earlier);
         report.gone = kept.missing(earlier);
         // What was not asked for is not missing.
         report.gone.retain(|name| name.contains(&args.only));
@@ -147,7 +147,7 @@ pub(crate) fn machine() -> String {
 }
 
 /// A stage is measured for so long at least: other guests of a shared machine come and go within a second.
-const LONG_ENOUGH: Duration = Duration::from_secs(2);
+const MIN_DURATION: Duration = Duration::from_secs(2);
 
 /// Median time of a call in milliseconds.
 fn median_ms(repeats: usize, mut call: impl FnMut()) -> f64 {
@@ -161,10 +161,10 @@ fn median_ms(repeats: usize, mut call: impl FnMut()) -> f64 {
         once();
     }
     let (started, mut times) = (Instant::now(), Vec::new());
-    while times.len() < repeats || started.elapsed() < LONG_ENOUGH {
+    while times.len() < repeats || started.elapsed() < MIN_DURATION {
         times.push(once());
     }
-    spread(times).map_or(f64::NAN, |spread| spread.median)
+    sample_statistics(times).map_or(f64::NAN, |spread| spread.median)
 }
 
 fn figure(name: &'static str, value: f64, unit: &'static str, wanted: &'static str) -> Figure {

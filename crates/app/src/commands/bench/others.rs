@@ -24,7 +24,7 @@ pub(super) const FUSED: &[&str] = &[
 
 /// Everything that can go wrong at once on a drive, late frames, and a far ball.
 pub(super) fn fused(figures: &mut Vec<Figure>) -> Result<()> {
-    let robot = RobotConfig::load(&paths::find("config/robots/default.toml")?)?;
+    let robot = RobotConfig::load(&paths::find_resource("config/robots/default.toml")?)?;
     let field = Field::load(&robot.field)?;
     let experiment = FusionExperiment {
         seeds: 1..4,
@@ -74,7 +74,7 @@ pub(super) const SEEN: &[&str] = &[
 
 /// What the eyes find in the recording that comes with Mirrorball.
 pub(super) fn seen(figures: &mut Vec<Figure>) -> Result<()> {
-    let shares = eyes::shares_found(&paths::find("samples/sequence")?)?;
+    let shares = eyes::shares_found(&paths::find_resource("samples/sequence")?)?;
     let wanted = [">= 97", ">= 60", ">= 97", ">= 95"];
     for ((&name, value), wanted) in SEEN.iter().zip(shares).zip(wanted) {
         figures.push(figure(name, value.unwrap_or(f64::NAN), "%", wanted));

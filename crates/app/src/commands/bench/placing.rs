@@ -15,9 +15,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 use pipeline::paths;
-use pipeline::score::spread;
+use pipeline::score::sample_statistics;
 
 /// The league's drive that existing systems were measured on: 30 Hz, about 113 points within 5 m.
 fn frames(field: &Field) -> Vec<SyntheticSample> {
@@ -40,9 +40,9 @@ pub(super) const NAMES: &[&str] = &[
 
 /// Our own matching, tracking and search.
 pub(super) fn placing(figures: &mut Vec<Figure>) -> Result<()> {
-    let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
+    let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let frames = frames(&field);
-    let config = SpineConfig::default().localize;
+    let config = PipelineConfig::default().localize;
     let distances = DistanceField::new(&field, &config.distance_field);
     let mut matcher = Matcher::new(config.matching.clone());
     let mut search = BranchAndBound::new(&field, &distances, config.branch_and_bound.clone());
@@ -66,7 +66,7 @@ pub(super) fn placing(figures: &mut Vec<Figure>) -> Result<()> {
         black_box(localizer.process_points(frame.stamp, &frame.points));
         times.push(started.elapsed().as_secs_f64() * 1e3);
     }
-    let value = spread(times).map_or(f64::NAN, |spread| spread.median);
+    let value = sample_statistics(times).map_or(f64::NAN, |spread| spread.median);
     figures.push(figure("track_frame", value, "ms", "<= 0.03"));
     let value = median_ms(REPEATS, || {
         black_box(search.find_hypotheses(&distances, &mut matcher, &next().points, None));
@@ -94,9 +94,9 @@ pub(super) const PAPERS: &[&str] = &[
 
 /// The three papers' relocalisers.
 pub(super) fn papers(figures: &mut Vec<Figure>) -> Result<()> {
-    let field = Field::load(&paths::find("config/fields/msl_18x12.toml")?)?;
+    let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let frames = frames(&field);
-    let config = SpineConfig::default().localize;
+    let config = PipelineConfig::default().localize;
     let distances = DistanceField::new(&field, &config.distance_field);
     let mut number = 0;
     let mut next = || {

@@ -15,7 +15,7 @@ use sim::world::RobotState;
 use vision::Profile;
 
 use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::setup::Setup;
@@ -40,7 +40,8 @@ pub(super) struct Demo {
 impl Demo {
     /// With a camera of so many pixels a side in place of its own: the same view, as much finer.
     pub(super) fn load(side_px: usize) -> Result<Self> {
-        let (scenario, robot) = Scenario::load(&paths::find("config/scenarios/demo.toml")?)?;
+        let (scenario, robot) =
+            Scenario::load(&paths::find_resource("config/scenarios/demo.toml")?)?;
         let field = Field::load(&robot.field)?;
         let own = robot.camera.context("the demo's robot has no camera")?;
         let finer = side_px as f32 / own.width_px as f32;
@@ -125,7 +126,7 @@ pub(super) fn rendering(figures: &mut Vec<Figure>) -> Result<()> {
 
 /// The demo on one core, and the league's game as `sim` runs it: the simulator a step ahead in a thread of its own.
 pub(super) fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
-    let load = |name| Simulation::load(&paths::find(name)?, None, Some(f64::MAX));
+    let load = |name| Simulation::load(&paths::find_resource(name)?, None, Some(f64::MAX));
     let demo = load("config/scenarios/demo.toml")?;
     let mut setup = demo.setup()?;
     // Nothing is commanded here.
@@ -141,7 +142,7 @@ pub(super) fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
     setup.robot.exposure = None;
     figures.push(figure(
         "game_all_cores",
-        times_real_time(game.ahead()?, &setup)?,
+        times_real_time(game.prefetch()?, &setup)?,
         "x real time",
         ">= 8",
     ));
@@ -149,10 +150,10 @@ pub(super) fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
 }
 
 fn times_real_time(mut source: impl Iterator<Item = Sample>, setup: &Setup) -> Result<f64> {
-    let mut spine = Spine::new(setup, &SpineConfig::default())?;
+    let mut spine = Pipeline::new(setup, &PipelineConfig::default())?;
     let mut next = || {
         source
-            .find_map(|sample| spine.take(sample))
+            .find_map(|sample| spine.process_sample(sample))
             .context("the scenario ends at once")
     };
     // The first image builds tables and learns colours.

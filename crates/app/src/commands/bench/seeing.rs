@@ -9,10 +9,10 @@ use vision::{Mount, Profile, Vision, optics};
 
 use super::playing::Demo;
 use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::paths;
 use pipeline::sample::Sample;
-use pipeline::score::spread;
+use pipeline::score::sample_statistics;
 use pipeline::setup::Setup;
 
 /// Figures of `seeing`.
@@ -25,7 +25,7 @@ pub(super) const NAMES: &[&str] = &[
 
 /// Each part of a frame's way, images of a drive in turn.
 pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
-    let folder = paths::find("samples/sequence")?;
+    let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup
         .camera
@@ -37,7 +37,7 @@ pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
             &folder.join(format!("frames/{number:03}.jpg")),
         )?);
     }
-    let config = SpineConfig::default();
+    let config = PipelineConfig::default();
     let mut eyes = Vision::new(
         map,
         camera,
@@ -59,14 +59,14 @@ pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
     figures.push(figure("see_all_480", see_all, "ms", "<= 0.5"));
     figures.push(figure("see_new_light_480", see_new_light, "ms", "-"));
     let recording =
-        pipeline::recording::Recording::open(&folder, crate::commands::locate::FOREIGN_POINT_STD)?;
+        pipeline::recording::Recording::open(&folder, crate::commands::locate::EXTERNAL_POINT_STD)?;
     let samples: Vec<Sample> = recording.collect();
     let mut whole = Vec::new();
     for _ in 0..10 {
-        let mut spine = Spine::new(&setup, &config)?;
+        let mut spine = Pipeline::new(&setup, &config)?;
         for sample in &samples {
             let started = Instant::now();
-            if let Some(cycle) = spine.take(sample.clone()) {
+            if let Some(cycle) = spine.process_sample(sample.clone()) {
                 // The first frame learns its colours and searches the field.
                 if cycle
                     .inputs
@@ -79,7 +79,7 @@ pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
             }
         }
     }
-    let value = spread(whole).map_or(f64::NAN, |spread| spread.median);
+    let value = sample_statistics(whole).map_or(f64::NAN, |spread| spread.median);
     figures.push(figure("image_to_pose_480", value, "ms", "<= 1"));
     Ok(())
 }
@@ -104,7 +104,7 @@ pub(super) fn seeing_large(figures: &mut Vec<Figure>) -> Result<()> {
         &map,
         &demo.camera,
         demo.field.config.line_width,
-        SpineConfig::default().vision,
+        PipelineConfig::default().vision,
     )?;
     let mut number = 0;
     let mut next = || {

@@ -10,8 +10,8 @@ use vision::image::{Image, rgb_to_yuv};
 use vision::labels::{ColourTable, Label, TableKind, canonical_class_name, load_labels};
 use vision::{Vision, overlay};
 
-use super::{LeftOut, drive_images};
-use pipeline::cycle::SpineConfig;
+use super::{SkippedImage, load_drive_images};
+use pipeline::cycle::PipelineConfig;
 use pipeline::setup::Setup;
 
 /// From images: what each colour means, as a table that robot.toml can name (`colours = "FILE"`).
@@ -47,7 +47,7 @@ struct Outcome {
     /// Images that were used, of those given (without labels).
     #[serde(skip_serializing_if = "Option::is_none")]
     images: Option<[usize; 2]>,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<SkippedImage>,
     /// Labelled pixels by class, and the share of them that the table gives back.
     labels: Vec<ClassShare>,
     table: PathBuf,
@@ -67,8 +67,8 @@ struct ClassShare {
 /// Runs the command.
 pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
     let (tables, mut outcome, picture) = match &args.labels {
-        Some(labels) => from_labels(args, labels)?,
-        None => from_images(args)?,
+        Some(labels) => learn_from_labels(args, labels)?,
+        None => learn_from_images(args)?,
     };
     let [yuv, uv] = tables;
     yuv.save(&args.out)?;
@@ -77,7 +77,7 @@ pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
         outcome.uv_table = Some(path.clone());
     }
     if let (Some(path), Some(image)) = (&args.picture, picture) {
-        classified(&image, &yuv).save(path)?;
+        draw_classes(&image, &yuv).save(path)?;
     }
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
@@ -105,9 +105,9 @@ pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
     Ok(())
 }
 
-type Found = ([ColourTable; 2], Outcome, Option<Image>);
+type LearnedTables = ([ColourTable; 2], Outcome, Option<Image>);
 
-fn from_labels(args: &ColoursArgs, path: &Path) -> Result<Found> {
+fn learn_from_labels(args: &ColoursArgs, path: &Path) -> Result<LearnedTables> {
     let labels = load_labels(path)?;
     let learn = |kind| {
         ColourTable::learn(&labels, kind)
@@ -144,7 +144,7 @@ fn from_labels(args: &ColoursArgs, path: &Path) -> Result<Found> {
         tables_agree: agreement(&tables, labels.iter().map(|label| label.rgb)),
     };
     let picture = match &args.dir {
-        Some(dir) => drive_images(dir)?
+        Some(dir) => load_drive_images(dir)?
             .into_iter()
             .next()
             .map(|image| image.image),
@@ -153,7 +153,7 @@ fn from_labels(args: &ColoursArgs, path: &Path) -> Result<Found> {
     Ok((tables, outcome, picture))
 }
 
-fn from_images(args: &ColoursArgs) -> Result<Found> {
+fn learn_from_images(args: &ColoursArgs) -> Result<LearnedTables> {
     let dir = args.dir.as_deref().context("no recording folder")?;
     let robot_file = dir.join("robot.toml");
     let setup = Setup::load(&robot_file, None)?;
@@ -161,17 +161,17 @@ fn from_images(args: &ColoursArgs) -> Result<Found> {
         .camera
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
-    let config = SpineConfig::default().vision;
+    let config = PipelineConfig::default().vision;
     let line_width = setup.field.config.line_width;
     let mask = setup.mask.as_deref();
     let mut eyes = Vision::with_mask(map, camera, mask, line_width, config.clone())?;
-    let images = drive_images(dir)?;
+    let images = load_drive_images(dir)?;
     let learned: LearnedColours =
         learn_colours(&mut eyes, &images).with_context(|| dir.display().to_string())?;
     let tables = [TableKind::Yuv, TableKind::Uv].map(|kind| learned.table(kind, &config));
     let outcome = Outcome {
         images: Some([learned.models.len(), images.len()]),
-        left_out: LeftOut::of(&learned.images),
+        left_out: SkippedImage::from_residuals(&learned.images),
         labels: Vec::new(),
         table: args.out.clone(),
         uv_table: None,
@@ -198,7 +198,7 @@ fn agreement(tables: &[ColourTable; 2], pixels: impl Iterator<Item = [u8; 3]>) -
 }
 
 /// An image beside the classes of its pixels.
-fn classified(image: &Image, table: &ColourTable) -> Image {
+fn draw_classes(image: &Image, table: &ColourTable) -> Image {
     let mut classes = image.clone();
     for rgb in classes.rgb.chunks_exact_mut(3) {
         let class = table.class(rgb_to_yuv([rgb[0], rgb[1], rgb[2]]));
@@ -209,5 +209,5 @@ fn classified(image: &Image, table: &ColourTable) -> Image {
             ColourClass::OTHER
         }));
     }
-    crate::pictures::field::beside(image, &classes)
+    crate::pictures::field::side_by_side(image, &classes)
 }

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use localize::compass::{CompassFit, fit_calibration};
 use serde::Serialize;
 
-use pipeline::csv_table::{Table, Written, seconds};
+use pipeline::csv_table::{CsvTable, CsvWriter, format_seconds};
 
 /// From magnetometer readings of the robot turning once all round: hard and soft iron.
 ///
@@ -46,7 +46,7 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
     let path = args.dir.join("magnetometer.csv");
     let mut stamps = Vec::new();
     let mut readings = Vec::new();
-    for row in Table::read(&path, &["stamp_s", "x", "y"])?.rows() {
+    for row in CsvTable::read(&path, &["stamp_s", "x", "y"])?.rows() {
         stamps.push(localize::Stamp::from_seconds(row.number("stamp_s")?));
         readings.push([row.number("x")? as f32, row.number("y")? as f32]);
     }
@@ -56,10 +56,10 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
     std::fs::write(&args.out, text)
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     if let Some(path) = &args.headings {
-        let mut file = Written::create(path, "stamp_s,heading_rad")?;
+        let mut file = CsvWriter::create(path, "stamp_s,heading_rad")?;
         for (stamp, reading) in stamps.iter().zip(&readings) {
             let (heading, _) = fit.calibration.heading(*reading);
-            file.row(format_args!("{},{heading}", seconds(*stamp)))?;
+            file.write_row(format_args!("{},{heading}", format_seconds(*stamp)))?;
         }
         file.finish()?;
     }

@@ -9,7 +9,7 @@ use vision::calibrate::calibrate_mask;
 use vision::calibrate::mask::save_mask;
 use vision::image::Image;
 
-use super::drive_images;
+use super::load_drive_images;
 
 /// From a few images of the robot turning in place: its own body and rods.
 ///
@@ -47,7 +47,7 @@ pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
         .camera
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
-    let images: Vec<Image> = drive_images(&args.dir)?
+    let images: Vec<Image> = load_drive_images(&args.dir)?
         .into_iter()
         .map(|image| image.image)
         .collect();

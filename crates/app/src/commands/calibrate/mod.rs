@@ -17,8 +17,8 @@ use vision::calibrate::{
 use vision::image::Image;
 use vision::{GroundMap, Mount, Profile, overlay};
 
-use pipeline::csv_table::Table;
-use pipeline::cycle::SpineConfig;
+use pipeline::csv_table::CsvTable;
+use pipeline::cycle::PipelineConfig;
 use pipeline::setup::Setup;
 
 /// Calibrate what the camera shows of the ground.
@@ -26,11 +26,11 @@ use pipeline::setup::Setup;
 #[command(subcommand_required = true, arg_required_else_help = true)]
 pub struct Args {
     #[command(subcommand)]
-    what: What,
+    command: CalibrateCommand,
 }
 
 #[derive(clap::Subcommand)]
-enum What {
+enum CalibrateCommand {
     Map(MapArgs),
     Lines(LinesArgs),
     Colours(colours::ColoursArgs),
@@ -86,7 +86,7 @@ pub struct LinesArgs {
 pub(crate) struct Outcome {
     pub(crate) images: usize,
     pub(crate) used: usize,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<SkippedImage>,
     /// Root mean square residual, pixels along the radius (strip, profile).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) rms_px: Option<f64>,
@@ -103,15 +103,15 @@ pub(crate) struct Outcome {
 }
 
 #[derive(Serialize)]
-struct LeftOut {
+struct SkippedImage {
     file: String,
     reason: String,
 }
 
-impl LeftOut {
-    fn of(images: &[ImageResidual]) -> Vec<LeftOut> {
+impl SkippedImage {
+    fn from_residuals(images: &[ImageResidual]) -> Vec<SkippedImage> {
         let left_out = images.iter().filter_map(|image| {
-            Some(LeftOut {
+            Some(SkippedImage {
                 file: image.name.clone(),
                 reason: image.left_out.clone()?,
             })
@@ -125,13 +125,13 @@ const RINGS: [f32; 8] = [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0];
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
-    let (outcome, residuals) = match &args.what {
-        What::Map(args) => map(args)?,
-        What::Lines(args) => lines(args)?,
-        What::Colours(args) => return colours::run(args, json),
-        What::Mask(args) => return mask::run(args, json),
-        What::Sizes(args) => return sizes::run(args, json),
-        What::Compass(args) => return compass::run(args, json),
+    let (outcome, residuals) = match &args.command {
+        CalibrateCommand::Map(args) => calibrate_map(args)?,
+        CalibrateCommand::Lines(args) => calibrate_map_from_lines(args)?,
+        CalibrateCommand::Colours(args) => return colours::run(args, json),
+        CalibrateCommand::Mask(args) => return mask::run(args, json),
+        CalibrateCommand::Sizes(args) => return sizes::run(args, json),
+        CalibrateCommand::Compass(args) => return compass::run(args, json),
     };
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
@@ -167,7 +167,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     Ok(())
 }
 
-pub(crate) fn map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
+pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     let robot_file = args.dir.join("robot.toml");
     let robot = RobotConfig::load(&robot_file)?;
     let camera = robot
@@ -178,7 +178,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     let text = std::fs::read_to_string(&path)
         .with_context(|| format!("cannot read {}", path.display()))?;
     let strip: Strip = toml::from_str(&text).with_context(|| path.display().to_string())?;
-    let images = strip_images(&args.dir)?;
+    let images = load_strip_images(&args.dir)?;
     let found =
         calibrate_strip(camera, &strip, &images).with_context(|| args.dir.display().to_string())?;
     let (map, rms_px, mount) = if args.profile {
@@ -208,9 +208,9 @@ pub(crate) fn map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     Ok((outcome, found.images))
 }
 
-fn strip_images(folder: &Path) -> Result<Vec<StripImage>> {
+fn load_strip_images(folder: &Path) -> Result<Vec<StripImage>> {
     let path = folder.join("strip.csv");
-    let table = Table::read(&path, &["file", "direction_rad"])?;
+    let table = CsvTable::read(&path, &["file", "direction_rad"])?;
     let mut images = Vec::new();
     for row in table.rows() {
         let name = row.text("file")?.to_owned();
@@ -221,7 +221,7 @@ fn strip_images(folder: &Path) -> Result<Vec<StripImage>> {
                 direction,
                 image,
             }),
-            Err(error) => eprintln!("{}: left out: {error}", row.place()),
+            Err(error) => eprintln!("{}: left out: {error}", row.location()),
         }
     }
     ensure!(
@@ -232,20 +232,20 @@ fn strip_images(folder: &Path) -> Result<Vec<StripImage>> {
     Ok(images)
 }
 
-pub(crate) fn lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
+pub(crate) fn calibrate_map_from_lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
     let robot_file = args.dir.join("robot.toml");
     let setup = Setup::load(&robot_file, args.map.as_deref())?;
     let (camera, start) = setup
         .camera
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
-    let images = drive_images(&args.dir)?;
+    let images = load_drive_images(&args.dir)?;
     let found = calibrate_lines(
         camera,
         start,
         &setup.field,
         &images,
-        &SpineConfig::default().vision,
+        &PipelineConfig::default().vision,
     )
     .with_context(|| args.dir.display().to_string())?;
     save(
@@ -263,7 +263,7 @@ pub(crate) fn lines(args: &LinesArgs) -> Result<(Outcome, Vec<ImageResidual>)> {
 }
 
 /// The images that a recording's frames.csv names, or strip.csv where there is none; those that cannot be read are named.
-fn drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
+fn load_drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
     let frames = folder.join("frames.csv");
     let path = if frames.exists() {
         frames
@@ -271,11 +271,11 @@ fn drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
         folder.join("strip.csv")
     };
     let mut images = Vec::new();
-    for row in Table::read(&path, &["file"])?.rows() {
+    for row in CsvTable::read(&path, &["file"])?.rows() {
         let name = row.text("file")?.to_owned();
         match Image::load(&folder.join(&name)) {
             Ok(image) => images.push(NamedImage { name, image }),
-            Err(error) => eprintln!("{}: left out: {error}", row.place()),
+            Err(error) => eprintln!("{}: left out: {error}", row.location()),
         }
     }
     ensure!(
@@ -287,7 +287,7 @@ fn drive_images(folder: &Path) -> Result<Vec<NamedImage>> {
 }
 
 fn outcome(images: &[ImageResidual], out: &Path) -> Outcome {
-    let left_out = LeftOut::of(images);
+    let left_out = SkippedImage::from_residuals(images);
     Outcome {
         images: images.len(),
         used: images.len() - left_out.len(),

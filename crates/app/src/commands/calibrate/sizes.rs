@@ -8,9 +8,9 @@ use vision::calibrate::{SizeCalibration, calibrate_sizes};
 use vision::image::Image;
 use vision::overlay::{self, Rgb};
 
-use super::{LeftOut, drive_images};
-use pipeline::csv_table::Written;
-use pipeline::cycle::SpineConfig;
+use super::{SkippedImage, load_drive_images};
+use pipeline::csv_table::CsvWriter;
+use pipeline::cycle::PipelineConfig;
 use pipeline::setup::Setup;
 
 /// From a drive: width of lines and ball in pixels over distance, measured beside what the map makes of them.
@@ -39,7 +39,7 @@ pub(super) struct SizesArgs {
 #[derive(Serialize)]
 struct Outcome {
     images: usize,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<SkippedImage>,
     lines: usize,
     balls: usize,
     /// Root mean square difference between measured and predicted widths, pixels.
@@ -56,11 +56,11 @@ pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
         .camera
         .as_ref()
         .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
-    let mut config = SpineConfig::default().vision;
+    let mut config = PipelineConfig::default().vision;
     if let Some(height) = setup.viewpoint_height {
         config.objects.viewpoint_height = height;
     }
-    let images = drive_images(&args.dir)?;
+    let images = load_drive_images(&args.dir)?;
     let found = calibrate_sizes(camera, map, setup.field.config.line_width, &images, &config)
         .with_context(|| args.dir.display().to_string())?;
     write(&found, &args.out)?;
@@ -69,7 +69,7 @@ pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
     }
     let outcome = Outcome {
         images: images.len(),
-        left_out: LeftOut::of(&found.images),
+        left_out: SkippedImage::from_residuals(&found.images),
         lines: found.rows.iter().map(|row| row.lines).sum(),
         balls: found.rows.iter().map(|row| row.balls).sum(),
         line_rms_px: found.line_rms_px,
@@ -108,10 +108,10 @@ pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
 
 fn write(found: &SizeCalibration, path: &Path) -> Result<()> {
     let header = "distance_m,line_px,line_px_by_map,lines,ball_px,ball_px_by_map,balls";
-    let mut file = Written::create(path, header)?;
+    let mut file = CsvWriter::create(path, header)?;
     let px = |value: Option<f32>| value.map_or(String::new(), |value| format!("{value:.2}"));
     for row in &found.rows {
-        file.row(format_args!(
+        file.write_row(format_args!(
             "{:.2},{},{},{},{},{},{}",
             row.distance,
             px(row.line_px),

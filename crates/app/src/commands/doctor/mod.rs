@@ -19,7 +19,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR", default_value = ".")]
     logs: PathBuf,
     /// Seconds for which each device is listened to.
-    #[arg(long, value_name = "SECONDS", value_parser = crate::commands::arguments::duration, default_value = "2")]
+    #[arg(long, value_name = "SECONDS", value_parser = crate::commands::arguments::parse_duration, default_value = "2")]
     listen: f64,
 }
 

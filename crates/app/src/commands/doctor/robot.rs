@@ -10,8 +10,8 @@ use crate::net::NetworkConfig;
 use crate::run::outside::NETWORK_FILE;
 use crate::run::raw_image::raw_image;
 use crate::run::robot::resolve_robot_path;
-use pipeline::cycle::{Spine, SpineConfig};
-use pipeline::sample::{Content, Frame, Picture, Sample};
+use pipeline::cycle::{Pipeline, PipelineConfig};
+use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use pipeline::setup::Setup;
 
 /// Line points that a camera on a field shows at least.
@@ -215,10 +215,11 @@ fn missing_device_remedy(port: &str) -> String {
 
 /// Looks at one frame as `run` would.
 fn check_vision(setup: &Setup, frame: hw::camera::CapturedImage) -> Finding {
-    let spine = Spine::new(setup, &SpineConfig::default());
+    let spine = Pipeline::new(setup, &PipelineConfig::default());
     let stamp = frame.stamp;
-    let content = Content::Image(Picture::Raw(raw_image(frame)));
-    let looked = spine.map(|mut spine| spine.take(Sample::Frame(Frame { stamp, content })));
+    let content = ImageContent::Pixels(SourceImage::Raw(raw_image(frame)));
+    let looked =
+        spine.map(|mut spine| spine.process_sample(Sample::Image(CameraImage { stamp, content })));
     let bad = |found: String| {
         let remedy = "compare the camera's size and format with robot.toml's";
         Finding::bad("sight", found, remedy)
@@ -229,7 +230,7 @@ fn check_vision(setup: &Setup, frame: hw::camera::CapturedImage) -> Finding {
         Ok(Some(cycle)) => match cycle.fault {
             Some(fault) => bad(fault),
             None => {
-                let points = cycle.points.len();
+                let points = cycle.line_points.len();
                 let found = format!("{points} line points in one image");
                 if points < LINE_POINTS_MIN {
                     let remedy = "on a field: uncover the lens, set exposure, check the map with `calibrate`";

@@ -19,7 +19,7 @@ use crate::view::session::Session;
 use crate::view::settings;
 use crate::view::source::calibrate::{Found, Kind, Running};
 use crate::view::source::image_of;
-use pipeline::cycle::SPINE_FILE;
+use pipeline::cycle::PIPELINE_FILE;
 use pipeline::log::Header;
 
 /// Images of a turning robot that the mask is found from, at most: spread over what is at hand.
@@ -232,7 +232,7 @@ impl Calibration {
         let header = Header::new("view", None).with_robot(&stage.robot, map.as_ref(), table)?;
         let overlay = settings::overlay(&Default::default(), parameters.config());
         header
-            .with_file(SPINE_FILE, overlay.to_string())
+            .with_file(PIPELINE_FILE, overlay.to_string())
             .write_files(folder)?;
         if !brush.strokes.is_empty() {
             write_labels(folder, brush)?;

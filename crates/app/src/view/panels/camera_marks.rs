@@ -90,10 +90,10 @@ pub(crate) fn draw(drawing: &Drawing<'_>) {
     if shows.windows {
         windows(drawing);
     }
-    let Some(seen) = &drawing.cycle.seen else {
+    let Some(seen) = &drawing.cycle.detections else {
         if shows.points {
             // Line points of another vision have no pixel of their own.
-            for point in &drawing.cycle.points {
+            for point in &drawing.cycle.line_points {
                 if let Some(at) = drawing.ground(point.at) {
                     drawing.cross(at, 3.0, ink::LINE_POINT);
                 }
@@ -120,7 +120,7 @@ pub(crate) fn draw(drawing: &Drawing<'_>) {
 
 fn objects(drawing: &Drawing<'_>) {
     let (shows, painter) = (drawing.shows, drawing.painter);
-    let Some(seen) = &drawing.cycle.seen else {
+    let Some(seen) = &drawing.cycle.detections else {
         return;
     };
     if let (true, Some(ball)) = (shows.ball, &seen.ball) {
@@ -192,11 +192,11 @@ pub(crate) fn draw_bird(drawing: &Drawing<'_>) {
         }
     }
     if shows.points {
-        for point in &drawing.cycle.points {
+        for point in &drawing.cycle.line_points {
             drawing.cross(place(point.at), 3.0, ink::LINE_POINT);
         }
     }
-    let Some(seen) = &drawing.cycle.seen else {
+    let Some(seen) = &drawing.cycle.detections else {
         return;
     };
     if let (true, Some(ball)) = (shows.ball, &seen.ball) {
@@ -217,7 +217,7 @@ pub(crate) fn draw_bird(drawing: &Drawing<'_>) {
 fn windows(drawing: &Drawing<'_>) {
     let readings = drawing
         .cycle
-        .seen
+        .detections
         .as_ref()
         .map(|seen| &seen.virtual_sensors);
     let mut bumpers = readings

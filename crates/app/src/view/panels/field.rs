@@ -284,7 +284,7 @@ impl FieldView {
             return;
         };
         if self.shows.points {
-            for point in &cycle.points {
+            for point in &cycle.line_points {
                 painter.circle_filled(screen.at(pose * point.at), 1.8, ink::LINE_POINT);
             }
         }
@@ -315,7 +315,7 @@ impl FieldView {
                 painter.circle_stroke(screen.at(ball), radius, (1.5, ink::BALL));
             }
         }
-        let (Some(pose), Some(seen)) = (cycle.estimate.pose, &cycle.seen) else {
+        let (Some(pose), Some(seen)) = (cycle.estimate.pose, &cycle.detections) else {
             return;
         };
         for robot in &seen.robots {

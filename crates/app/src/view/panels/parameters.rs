@@ -10,7 +10,7 @@ use crate::view::named::Named;
 use crate::view::session::Session;
 use crate::view::settings::{self, Setting};
 use crate::view::source::worker::Order;
-use pipeline::cycle::SpineConfig;
+use pipeline::cycle::PipelineConfig;
 
 /// Room for a setting's name, points.
 const NAME_WIDTH: f32 = 170.0;
@@ -19,7 +19,7 @@ const NAME_WIDTH: f32 = 170.0;
 pub(crate) struct Parameters {
     all: Vec<Setting>,
     /// What runs: a simulation with it, layers are painted by it, a log can be computed again with it.
-    config: SpineConfig,
+    config: PipelineConfig,
     /// What is typed, perhaps not fit to run.
     edited: toml::Table,
     /// Of the source whose settings these are.
@@ -36,7 +36,7 @@ pub(crate) struct Parameters {
 
 impl Default for Parameters {
     fn default() -> Self {
-        let config = SpineConfig::default();
+        let config = PipelineConfig::default();
         Parameters {
             all: settings::all(),
             edited: toml::Table::try_from(&config).unwrap_or_default(),
@@ -52,7 +52,7 @@ impl Default for Parameters {
 
 impl Parameters {
     /// The settings in force.
-    pub(crate) fn config(&self) -> &SpineConfig {
+    pub(crate) fn config(&self) -> &PipelineConfig {
         &self.config
     }
 
@@ -64,13 +64,13 @@ impl Parameters {
         }
     }
 
-    fn take(&mut self, config: SpineConfig) {
+    fn take(&mut self, config: PipelineConfig) {
         self.edited = toml::Table::try_from(&config).unwrap_or_default();
         self.config = config;
     }
 
     /// Puts settings in force: a simulation takes them between two cycles, layers are painted by them.
-    pub(crate) fn apply(&mut self, session: &mut Session, config: SpineConfig) {
+    pub(crate) fn apply(&mut self, session: &mut Session, config: PipelineConfig) {
         self.take(config);
         session.version += 1;
         if let Some(worker) = session.source.simulation() {
@@ -110,7 +110,7 @@ impl Parameters {
             ui.menu_button("Preset", |ui| {
                 for name in localize::presets::PRESETS {
                     if ui.button(name).clicked() {
-                        match SpineConfig::preset(name) {
+                        match PipelineConfig::preset(name) {
                             Ok(config) => self.apply(session, config),
                             Err(error) => self.word = Some((false, format!("{error:#}"))),
                         }
@@ -135,7 +135,7 @@ impl Parameters {
                 self.word = Some(self.save());
             }
             if ui.button("Load overlay").clicked() {
-                match SpineConfig::load("default", Some(Path::new(&self.file))) {
+                match PipelineConfig::load("default", Some(Path::new(&self.file))) {
                     Ok(config) => {
                         self.apply(session, config);
                         self.word = Some((true, format!("loaded {}", self.file)));
@@ -147,7 +147,7 @@ impl Parameters {
     }
 
     fn save(&self) -> (bool, String) {
-        let overlay = settings::overlay(&SpineConfig::default(), &self.config);
+        let overlay = settings::overlay(&PipelineConfig::default(), &self.config);
         let count = self
             .all
             .iter()
@@ -160,7 +160,7 @@ impl Parameters {
     }
 
     /// Changes settings by hand of another panel; what does not work is said here.
-    pub(crate) fn edit(&mut self, session: &mut Session, change: impl FnOnce(&mut SpineConfig)) {
+    pub(crate) fn edit(&mut self, session: &mut Session, change: impl FnOnce(&mut PipelineConfig)) {
         let mut config = self.config.clone();
         change(&mut config);
         match config.vision.check() {
@@ -178,7 +178,7 @@ impl Parameters {
         let checked = self
             .edited
             .clone()
-            .try_into::<SpineConfig>()
+            .try_into::<PipelineConfig>()
             .map_err(anyhow::Error::from)
             .and_then(|config| {
                 config.vision.check()?;

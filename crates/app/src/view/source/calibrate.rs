@@ -35,13 +35,13 @@ impl Running {
             .spawn(move || {
                 let picture = None;
                 let found = match kind {
-                    Kind::Lines => calibrate::lines(&LinesArgs {
+                    Kind::Lines => calibrate::calibrate_map_from_lines(&LinesArgs {
                         dir,
                         map: None,
                         out,
                         picture,
                     }),
-                    Kind::Strip | Kind::Profile => calibrate::map(&MapArgs {
+                    Kind::Strip | Kind::Profile => calibrate::calibrate_map(&MapArgs {
                         dir,
                         out,
                         picture,

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use localize::Stamp;
 
 use super::Shown;
-use pipeline::log::{Index, Logged};
+use pipeline::log::{LogIndex, LoggedCycle};
 use pipeline::setup::Setup;
 
 /// Chunks kept unpacked: about a megabyte each.
@@ -17,8 +17,8 @@ const SEARCHED: usize = 64;
 
 /// Plays a log.
 pub(crate) struct Player {
-    index: Arc<Index>,
-    kept: VecDeque<(usize, Arc<Vec<Logged>>)>,
+    index: Arc<LogIndex>,
+    kept: VecDeque<(usize, Arc<Vec<LoggedCycle>>)>,
     /// Chunk, and cycle in it.
     place: Option<(usize, usize)>,
     /// What was shown last, and its place.
@@ -29,7 +29,7 @@ pub(crate) struct Player {
 
 impl Player {
     /// Nothing is read yet but the index.
-    pub(crate) fn new(index: Index) -> Self {
+    pub(crate) fn new(index: LogIndex) -> Self {
         Player {
             index: Arc::new(index),
             kept: VecDeque::new(),
@@ -40,7 +40,7 @@ impl Player {
     }
 
     /// The log.
-    pub(crate) fn index(&self) -> &Arc<Index> {
+    pub(crate) fn index(&self) -> &Arc<LogIndex> {
         &self.index
     }
 
@@ -64,7 +64,7 @@ impl Player {
     /// The last cycle at or before a time, else the first one.
     pub(crate) fn seek(&mut self, time: f64) -> Result<Option<Shown>> {
         let wanted = Stamp::from_seconds(time);
-        let first = self.index.part_at(wanted);
+        let first = self.index.chunk_at(wanted);
         for part in (first.saturating_sub(SEARCHED)..=first).rev() {
             let cycles = self.part(part)?;
             let behind = cycles.partition_point(|logged| logged.cycle.stamp <= wanted);
@@ -73,7 +73,7 @@ impl Player {
                 return self.shown();
             }
         }
-        for part in first..self.index.parts().len().min(first + SEARCHED) {
+        for part in first..self.index.chunks().len().min(first + SEARCHED) {
             if !self.part(part)?.is_empty() {
                 self.place = Some((part, 0));
                 return self.shown();
@@ -97,7 +97,7 @@ impl Player {
                 part = before;
                 place += self.part(part)?.len() as i64;
             } else if place >= held {
-                if part + 1 >= self.index.parts().len() {
+                if part + 1 >= self.index.chunks().len() {
                     return Ok(None);
                 }
                 place -= held;
@@ -132,7 +132,7 @@ impl Player {
         Ok(Some(shown))
     }
 
-    fn part(&mut self, part: usize) -> Result<Arc<Vec<Logged>>> {
+    fn part(&mut self, part: usize) -> Result<Arc<Vec<LoggedCycle>>> {
         if let Some((_, cycles)) = self.kept.iter().find(|(kept, _)| *kept == part) {
             return Ok(cycles.clone());
         }

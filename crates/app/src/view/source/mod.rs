@@ -14,7 +14,7 @@ use localize::Pose;
 use vision::image::Image;
 
 use pipeline::cycle::Cycle;
-use pipeline::sample::Picture;
+use pipeline::sample::SourceImage;
 
 /// A cycle as it is shown, its image unpacked.
 #[derive(Debug, Clone)]
@@ -28,10 +28,10 @@ pub(crate) struct Shown {
 impl Shown {
     /// A camera's own bytes become red, green and blue here, in the thread that brings them.
     pub(crate) fn new(mut cycle: Arc<Cycle>, particles: Vec<Pose>) -> Self {
-        if let Some(Picture::Raw(_)) = &cycle.inputs.image {
+        if let Some(SourceImage::Raw(_)) = &cycle.inputs.image {
             let cycle = Arc::make_mut(&mut cycle);
-            let rgb = cycle.inputs.image.as_ref().and_then(Picture::rgb);
-            cycle.inputs.image = rgb.map(Picture::Rgb);
+            let rgb = cycle.inputs.image.as_ref().and_then(SourceImage::to_rgb);
+            cycle.inputs.image = rgb.map(SourceImage::Rgb);
         }
         Shown { cycle, particles }
     }
@@ -40,7 +40,7 @@ impl Shown {
 /// The image of a cycle that is shown.
 pub(crate) fn image_of(cycle: &Cycle) -> Option<&Arc<Image>> {
     match &cycle.inputs.image {
-        Some(Picture::Rgb(image)) => Some(image),
+        Some(SourceImage::Rgb(image)) => Some(image),
         _ => None,
     }
 }

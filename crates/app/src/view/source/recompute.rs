@@ -9,8 +9,8 @@ use anyhow::{Context, Result};
 use localize::robot::BaseConfig;
 
 use crate::view::series::{Sample, Series};
-use pipeline::cycle::{Spine, SpineConfig};
-use pipeline::log::{ImageMode, Log};
+use pipeline::cycle::{Pipeline, PipelineConfig};
+use pipeline::log::{ImageCompression, LogReader};
 use pipeline::setup::Setup;
 
 /// Cycles that may wait for the view to take them.
@@ -44,8 +44,8 @@ pub(crate) struct Recompute {
 
 impl Recompute {
     /// Starts to compute the log at `path` with other settings.
-    pub(crate) fn start(path: &Path, config: SpineConfig) -> Result<Self> {
-        let sight = Log::open(path)?.header().images == ImageMode::Png;
+    pub(crate) fn start(path: &Path, config: PipelineConfig) -> Result<Self> {
+        let sight = LogReader::open(path)?.header().images == ImageCompression::Png;
         let (sender, news) = sync_channel(WAITING);
         let stop = Arc::new(AtomicBool::new(false));
         let (stopped, path) = (stop.clone(), path.to_owned());
@@ -97,21 +97,21 @@ impl Drop for Recompute {
 
 fn compute(
     path: &Path,
-    config: &SpineConfig,
+    config: &PipelineConfig,
     sight: bool,
     stop: &AtomicBool,
     sender: &SyncSender<News>,
 ) -> Result<()> {
-    let log = Log::open(path)?;
+    let log = LogReader::open(path)?;
     let folder = tempfile::tempdir().context("no room for the log's files")?;
     log.header().write_files(folder.path())?;
     let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
-    let mut spine = Spine::new(&setup, config)?;
+    let mut spine = Pipeline::new(&setup, config)?;
     let base: BaseConfig = setup.robot.base.clone().unwrap_or_default();
     for logged in log {
         let logged = logged?;
         for sample in logged.samples(sight)? {
-            let Some(cycle) = spine.take(sample) else {
+            let Some(cycle) = spine.process_sample(sample) else {
                 continue;
             };
             let same = cycle.estimate.pose == logged.cycle.estimate.pose;

@@ -8,9 +8,9 @@ use anyhow::{Context, Result, bail};
 
 use super::Shown;
 use super::live::Inbox;
-use crate::stream::{Client, Event};
-use pipeline::feed::{Nothing, Subscription};
-use pipeline::log::{Header, Logged};
+use crate::stream::{StreamClient, StreamEvent};
+use pipeline::feed::{RecvError, Subscription};
+use pipeline::log::{Header, LoggedCycle};
 use pipeline::setup::Setup;
 
 /// A robot that listens answers within this.
@@ -43,11 +43,11 @@ pub(crate) struct Remote {
 
 /// Connects to `host:port`, waits for the robot's files, and then hands its cycles over.
 pub(crate) fn connect(address: &str, inbox: Inbox) -> Result<Remote> {
-    let mut client = Client::connect(address, PATIENCE)?;
+    let mut client = StreamClient::connect(address, PATIENCE)?;
     let until = Instant::now() + PATIENCE;
     let header = loop {
-        match client.next(POLL)? {
-            Some(Event::Header(header)) => break *header,
+        match client.next_event(POLL)? {
+            Some(StreamEvent::Header(header)) => break *header,
             _ if Instant::now() > until => bail!("{address} does not say which robot it is"),
             _ => {}
         }
@@ -68,10 +68,10 @@ pub(crate) fn connect(address: &str, inbox: Inbox) -> Result<Remote> {
     })
 }
 
-fn watch(mut client: Client, address: &str, inbox: &Inbox, stop: &AtomicBool) {
+fn watch(mut client: StreamClient, address: &str, inbox: &Inbox, stop: &AtomicBool) {
     while !stop.load(Ordering::Relaxed) {
-        match client.next(POLL) {
-            Ok(Some(Event::Cycle(logged))) => inbox.put(shown(*logged)),
+        match client.next_event(POLL) {
+            Ok(Some(StreamEvent::Cycle(logged))) => inbox.put(shown(*logged)),
             Ok(_) => {}
             Err(error) => {
                 inbox.say(Some(format!("{error:#}; waiting for it to come back")));
@@ -85,9 +85,9 @@ fn watch(mut client: Client, address: &str, inbox: &Inbox, stop: &AtomicBool) {
     }
 }
 
-fn reconnect(address: &str, stop: &AtomicBool) -> Option<Client> {
+fn reconnect(address: &str, stop: &AtomicBool) -> Option<StreamClient> {
     while !stop.load(Ordering::Relaxed) {
-        if let Ok(client) = Client::connect(address, PATIENCE) {
+        if let Ok(client) = StreamClient::connect(address, PATIENCE) {
             return Some(client);
         }
         std::thread::sleep(RETRY);
@@ -95,7 +95,7 @@ fn reconnect(address: &str, stop: &AtomicBool) -> Option<Client> {
     None
 }
 
-fn shown(logged: Logged) -> Shown {
+fn shown(logged: LoggedCycle) -> Shown {
     let mut cycle = logged.cycle;
     // A broken image leaves a cycle that is still worth seeing.
     let image = logged.image.and_then(|image| image.decode().ok());
@@ -116,8 +116,8 @@ pub(crate) fn pump(subscription: Subscription, inbox: Inbox) -> std::io::Result<
             while !stopped.load(Ordering::Relaxed) {
                 match subscription.recv_timeout(POLL) {
                     Ok(cycle) => inbox.put(Shown::new(cycle, Vec::new())),
-                    Err(Nothing::Yet) => {}
-                    Err(Nothing::Ever) => {
+                    Err(RecvError::Timeout) => {}
+                    Err(RecvError::Closed) => {
                         inbox.say(Some("the run has ended".to_owned()));
                         return;
                     }

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use localize::robot::BaseConfig;
 
 use crate::view::series::Sample;
-use pipeline::log::Index;
+use pipeline::log::LogIndex;
 
 /// Samples that may wait for the view to take them, in batches of a chunk.
 const WAITING: usize = 64;
@@ -23,7 +23,7 @@ pub(crate) struct Survey {
 
 impl Survey {
     /// Starts to read.
-    pub(crate) fn start(index: Arc<Index>, base: BaseConfig) -> std::io::Result<Self> {
+    pub(crate) fn start(index: Arc<LogIndex>, base: BaseConfig) -> std::io::Result<Self> {
         let (sender, batches) = sync_channel(WAITING);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
@@ -64,9 +64,9 @@ impl Drop for Survey {
     }
 }
 
-fn read(index: &Index, base: &BaseConfig, stop: &AtomicBool, sender: &SyncSender<Vec<Sample>>) {
+fn read(index: &LogIndex, base: &BaseConfig, stop: &AtomicBool, sender: &SyncSender<Vec<Sample>>) {
     let mut next = 0;
-    for part in 0..index.parts().len() {
+    for part in 0..index.chunks().len() {
         if stop.load(Ordering::Relaxed) {
             return;
         }

@@ -14,7 +14,7 @@ use sim::scenario::FaultKind;
 
 use super::Shown;
 use super::live::Inbox;
-use pipeline::cycle::{Spine, SpineConfig};
+use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 
@@ -54,7 +54,7 @@ pub(crate) enum Order {
     /// A sensor fails, or works again.
     Fault(FaultKind, usize, bool),
     /// Other settings of vision and localisation; the pose is kept.
-    Configure(Box<SpineConfig>),
+    Configure(Box<PipelineConfig>),
     /// From the start, with this seed.
     Restart(u64),
 }
@@ -91,12 +91,12 @@ impl SimWorker {
     pub(crate) fn start(
         scenario: &Path,
         seed: Option<u64>,
-        config: SpineConfig,
+        config: PipelineConfig,
         inbox: Inbox,
     ) -> Result<(Self, Setup)> {
         let simulation = Simulation::load(scenario, seed, None)?;
         let setup = simulation.setup()?;
-        let spine = Spine::new(&setup, &config)?;
+        let spine = Pipeline::new(&setup, &config)?;
         let status = Arc::new(Mutex::new(Status {
             time: 0.0,
             seed: simulation.sim().scenario().seed,
@@ -151,8 +151,8 @@ struct Running {
     scenario: PathBuf,
     setup: Setup,
     simulation: Simulation,
-    spine: Spine,
-    config: SpineConfig,
+    spine: Pipeline,
+    config: PipelineConfig,
     inbox: Inbox,
     status: Arc<Mutex<Status>>,
     paused: bool,
@@ -192,7 +192,7 @@ impl Running {
     }
 
     fn take(&mut self, sample: pipeline::sample::Sample) {
-        let Some(cycle) = self.spine.take(sample) else {
+        let Some(cycle) = self.spine.process_sample(sample) else {
             return;
         };
         if let Some(command) = cycle.camera_command() {
@@ -266,10 +266,10 @@ impl Running {
         }
     }
 
-    fn configure(&mut self, config: SpineConfig) {
-        match Spine::new(&self.setup, &config) {
+    fn configure(&mut self, config: PipelineConfig) {
+        match Pipeline::new(&self.setup, &config) {
             Ok(mut spine) => {
-                spine.go_on_from(&self.spine);
+                spine.warm_start_from(&self.spine);
                 self.spine = spine;
                 self.config = config;
             }
@@ -279,7 +279,7 @@ impl Running {
 
     fn restart(&mut self, seed: u64) {
         let fresh = Simulation::load(&self.scenario, Some(seed), None)
-            .and_then(|simulation| Ok((simulation, Spine::new(&self.setup, &self.config)?)));
+            .and_then(|simulation| Ok((simulation, Pipeline::new(&self.setup, &self.config)?)));
         match fresh {
             Ok((simulation, spine)) => {
                 let film = *simulation.sim().image_sensor();

@@ -13,8 +13,8 @@ const REFUSED: [f64; 4] = [1.0, 0.8, 0.0, 0.7];
 const TEXT: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
 
 /// What was found and refused in a cycle's image; none if it had no image.
-pub(crate) fn annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
-    let seen = cycle.seen.as_ref()?;
+pub(crate) fn image_annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
+    let seen = cycle.detections.as_ref()?;
     let stamp = timestamp(cycle.stamp);
     // Viewers count from the corner of the first pixel, we from its centre.
     let point = |[u, v]: [f32; 2]| Point2 {

@@ -9,7 +9,7 @@ use std::sync::{Arc, OnceLock};
 pub(crate) struct LogFile {
     path: PathBuf,
     file: BufWriter<File>,
-    fault: Arc<OnceLock<String>>,
+    write_error: Arc<OnceLock<String>>,
 }
 
 impl LogFile {
@@ -19,7 +19,7 @@ impl LogFile {
         Ok(LogFile {
             path: path.to_owned(),
             file,
-            fault,
+            write_error: fault,
         })
     }
 
@@ -28,9 +28,9 @@ impl LogFile {
         self.flush()
     }
 
-    fn watched<T>(&self, result: Result<T>) -> Result<T> {
+    fn record_error<T>(&self, result: Result<T>) -> Result<T> {
         if let Err(error) = &result {
-            self.fault
+            self.write_error
                 .get_or_init(|| format!("cannot write {}: {error}", self.path.display()));
         }
         result
@@ -40,18 +40,18 @@ impl LogFile {
 impl Write for LogFile {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
         let result = self.file.write(bytes);
-        self.watched(result)
+        self.record_error(result)
     }
 
     fn flush(&mut self) -> Result<()> {
         let result = self.file.flush();
-        self.watched(result)
+        self.record_error(result)
     }
 }
 
 impl Seek for LogFile {
     fn seek(&mut self, to: SeekFrom) -> Result<u64> {
         let result = self.file.seek(to);
-        self.watched(result)
+        self.record_error(result)
     }
 }

@@ -31,13 +31,13 @@ use prost::Message;
 
 use file::LogFile;
 
-use super::picture::{Encoded, ImageMode};
+use super::picture::{EncodedImage, ImageCompression};
 use crate::feed::Pace;
 
 /// The form of what our own topics and records hold; a log of another form is refused.
-pub(crate) const FORMAT: u32 = 2;
+pub(crate) const FORMAT_VERSION: u32 = 2;
 /// The name of the metadata record that makes an MCAP file a log of ours.
-pub const ABOUT: &str = "mirrorball";
+pub const PROJECT_NAME: &str = "mirrorball";
 /// Topic of [`wire::Cycle`], all that replay needs.
 pub const CYCLE_TOPIC: &str = "/cycle";
 /// Topic of [`wire::About`], with which a live stream greets whoever subscribes.
@@ -55,76 +55,76 @@ const LIVE_CHUNK_BYTES: u64 = 4 * 1024 * 1024;
 
 /// The channels of a run; they reach whatever sinks their context has.
 pub struct Topics {
-    image: Shown<CompressedImage>,
-    pub(crate) annotations: Shown<ImageAnnotations>,
-    pub(crate) line_points: Shown<PointCloud>,
-    pub(crate) ball: Own<wire::Ball>,
-    pub(crate) robots: Own<wire::Robots>,
-    pub(crate) sensors: Own<wire::Sensors>,
-    pub(crate) odometry: Own<wire::Odometry>,
-    pub(crate) imu: Own<wire::Imu>,
-    pub(crate) compass: Own<wire::Compass>,
-    pub(crate) command: Own<wire::Command>,
-    pub(crate) team: Own<wire::TeamView>,
-    pub(crate) pose: Shown<PoseInFrame>,
-    pub(crate) particles: Shown<PosesInFrame>,
-    pub(crate) truth: Shown<PoseInFrame>,
-    pub(crate) frames: Shown<FrameTransforms>,
-    pub(crate) field_lines: Shown<PointCloud>,
-    pub(crate) scene: Shown<SceneUpdate>,
-    pub(crate) cycle: Own<wire::Cycle>,
-    log: Shown<Log>,
+    image: FoxgloveChannel<CompressedImage>,
+    pub(crate) annotations: FoxgloveChannel<ImageAnnotations>,
+    pub(crate) line_points: FoxgloveChannel<PointCloud>,
+    pub(crate) ball: CustomChannel<wire::Ball>,
+    pub(crate) robots: CustomChannel<wire::Robots>,
+    pub(crate) sensors: CustomChannel<wire::Sensors>,
+    pub(crate) odometry: CustomChannel<wire::Odometry>,
+    pub(crate) imu: CustomChannel<wire::Imu>,
+    pub(crate) compass: CustomChannel<wire::Compass>,
+    pub(crate) command: CustomChannel<wire::Command>,
+    pub(crate) team: CustomChannel<wire::TeamView>,
+    pub(crate) pose: FoxgloveChannel<PoseInFrame>,
+    pub(crate) particles: FoxgloveChannel<PosesInFrame>,
+    pub(crate) truth: FoxgloveChannel<PoseInFrame>,
+    pub(crate) transforms: FoxgloveChannel<FrameTransforms>,
+    pub(crate) field_lines: FoxgloveChannel<PointCloud>,
+    pub(crate) scene: FoxgloveChannel<SceneUpdate>,
+    pub(crate) cycle: CustomChannel<wire::Cycle>,
+    log: FoxgloveChannel<Log>,
 }
 
 impl Topics {
     /// Every channel of a run, in a context.
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         Ok(Topics {
-            image: Shown::new(context, IMAGE_TOPIC),
-            annotations: Shown::new(context, "/camera/annotations"),
-            line_points: Shown::new(context, "/vision/line_points"),
-            ball: Own::new(context, "/vision/ball")?,
-            robots: Own::new(context, "/vision/robots")?,
-            sensors: Own::new(context, "/vision/sensors")?,
-            odometry: Own::new(context, "/odometry")?,
-            imu: Own::new(context, "/imu")?,
-            compass: Own::new(context, "/compass")?,
-            command: Own::new(context, "/command")?,
-            team: Own::new(context, "/team")?,
-            pose: Shown::new(context, "/pose"),
-            particles: Shown::new(context, "/pose/particles"),
-            truth: Shown::new(context, "/truth/pose"),
-            frames: Shown::new(context, "/tf"),
-            field_lines: Shown::new(context, "/field/lines"),
-            scene: Shown::new(context, "/field/scene"),
-            cycle: Own::new(context, CYCLE_TOPIC)?,
-            log: Shown::new(context, "/log"),
+            image: FoxgloveChannel::new(context, IMAGE_TOPIC),
+            annotations: FoxgloveChannel::new(context, "/camera/annotations"),
+            line_points: FoxgloveChannel::new(context, "/vision/line_points"),
+            ball: CustomChannel::new(context, "/vision/ball")?,
+            robots: CustomChannel::new(context, "/vision/robots")?,
+            sensors: CustomChannel::new(context, "/vision/sensors")?,
+            odometry: CustomChannel::new(context, "/odometry")?,
+            imu: CustomChannel::new(context, "/imu")?,
+            compass: CustomChannel::new(context, "/compass")?,
+            command: CustomChannel::new(context, "/command")?,
+            team: CustomChannel::new(context, "/team")?,
+            pose: FoxgloveChannel::new(context, "/pose"),
+            particles: FoxgloveChannel::new(context, "/pose/particles"),
+            truth: FoxgloveChannel::new(context, "/truth/pose"),
+            transforms: FoxgloveChannel::new(context, "/tf"),
+            field_lines: FoxgloveChannel::new(context, "/field/lines"),
+            scene: FoxgloveChannel::new(context, "/field/scene"),
+            cycle: CustomChannel::new(context, CYCLE_TOPIC)?,
+            log: FoxgloveChannel::new(context, "/log"),
         })
     }
 
     /// True if somebody takes images: packing them is most of the work.
-    pub(crate) fn image_is_wanted(&self) -> bool {
+    pub(crate) fn has_image_sinks(&self) -> bool {
         self.image.0.has_sinks()
     }
 
     /// Logs an image as it is packed.
-    pub(crate) fn picture(&self, picture: Encoded, stamp: Stamp) {
+    pub(crate) fn publish_image(&self, picture: EncodedImage, stamp: Stamp) {
         let message = CompressedImage {
             timestamp: timestamp(stamp),
             frame_id: "camera".to_owned(),
-            format: picture.mode.name().to_owned(),
+            format: picture.compression.name().to_owned(),
             data: picture.bytes.into(),
         };
         self.image.log_at(&message, stamp);
     }
 
     /// Logs a line for people.
-    pub(crate) fn note(&self, stamp: Stamp, level: Level, message: String) {
+    pub(crate) fn log_message(&self, stamp: Stamp, level: Level, message: String) {
         let line = Log {
             timestamp: timestamp(stamp),
             level: level as i32,
             message,
-            name: ABOUT.to_owned(),
+            name: PROJECT_NAME.to_owned(),
             ..Log::default()
         };
         self.log.log_at(&line, stamp);
@@ -136,7 +136,7 @@ pub(crate) struct Sink {
     /// Joins channels and file for as long as it lives.
     _context: Arc<Context>,
     file: McapWriterHandle<LogFile>,
-    fault: Arc<OnceLock<String>>,
+    write_error: Arc<OnceLock<String>>,
 }
 
 impl Sink {
@@ -151,7 +151,7 @@ impl Sink {
             .with_context(|| format!("cannot write {}", path.display()))?;
         // A seeking writer would leave a chunk without its length when it is killed.
         let options = McapWriteOptions::new()
-            .profile(ABOUT)
+            .profile(PROJECT_NAME)
             .compression(Some(McapCompression::Zstd))
             .compression_level(1)
             .compression_threads(0)
@@ -165,7 +165,7 @@ impl Sink {
         let topics = Topics::new(&context)?;
         let sink = Sink {
             file,
-            fault,
+            write_error: fault,
             _context: context,
         };
         Ok((sink, topics))
@@ -175,7 +175,7 @@ impl Sink {
     pub(crate) fn metadata(&self, name: &str, values: BTreeMap<String, String>) -> Result<()> {
         self.file
             .write_metadata(name, values)
-            .map_err(|error| self.reason(&error.to_string()))
+            .map_err(|error| self.io_error(&error.to_string()))
     }
 
     /// Writes an attachment.
@@ -189,35 +189,35 @@ impl Sink {
         };
         self.file
             .attach(&attachment)
-            .map_err(|error| self.reason(&error.to_string()))
+            .map_err(|error| self.io_error(&error.to_string()))
     }
 
     /// Ends the chunk and hands everything to the system: from here on a kill loses nothing of it.
     pub(crate) fn flush(&self) -> Result<()> {
         self.file
             .flush()
-            .map_err(|error| self.reason(&error.to_string()))
+            .map_err(|error| self.io_error(&error.to_string()))
     }
 
     /// Writes index and summary.
     pub(crate) fn close(self) -> Result<()> {
-        let fault = self.fault.clone();
+        let fault = self.write_error.clone();
         let closed = self.file.close().and_then(|mut file| Ok(file.finish()?));
         closed.map_err(|error| anyhow!("{}", fault.get().cloned().unwrap_or(error.to_string())))
     }
 
     // The SDK's own word after a first failure is only that there was one.
-    fn reason(&self, word: &str) -> anyhow::Error {
-        anyhow!("{}", self.fault.get().map_or(word, String::as_str))
+    fn io_error(&self, word: &str) -> anyhow::Error {
+        anyhow!("{}", self.write_error.get().map_or(word, String::as_str))
     }
 }
 
 /// A channel of one of foxglove's messages, which viewers know.
-pub(crate) struct Shown<M: Encode>(Channel<M>);
+pub(crate) struct FoxgloveChannel<M: Encode>(Channel<M>);
 
-impl<M: Encode> Shown<M> {
+impl<M: Encode> FoxgloveChannel<M> {
     fn new(context: &Arc<Context>, topic: &str) -> Self {
-        Shown(context.channel_builder(topic).build())
+        FoxgloveChannel(context.channel_builder(topic).build())
     }
 
     /// Logs a message.
@@ -227,20 +227,20 @@ impl<M: Encode> Shown<M> {
 }
 
 /// A channel of one of our own messages.
-pub struct Own<M> {
+pub struct CustomChannel<M> {
     channel: Arc<RawChannel>,
     message: std::marker::PhantomData<M>,
 }
 
-impl<M: Message + Encode> Own<M> {
+impl<M: Message + Encode> CustomChannel<M> {
     /// Opens the channel of a topic.
     pub fn new(context: &Arc<Context>, topic: &str) -> Result<Self> {
         let channel = context
             .channel_builder(topic)
             .message_encoding("protobuf")
-            .schema(own_schema::<M>()?)
+            .schema(custom_schema::<M>()?)
             .build_raw()?;
-        Ok(Own {
+        Ok(CustomChannel {
             channel,
             message: std::marker::PhantomData,
         })
@@ -255,15 +255,15 @@ impl<M: Message + Encode> Own<M> {
 }
 
 /// The derived schema under our own package, `mirrorball.Cycle` rather than `cycle.Cycle`.
-fn own_schema<M: Encode>() -> Result<Schema> {
+fn custom_schema<M: Encode>() -> Result<Schema> {
     let derived = M::get_schema().context("a message of ours has no schema")?;
     let mut files = FileDescriptorSet::decode(&derived.data[..])?;
     for file in &mut files.file {
-        file.package = Some(ABOUT.to_owned());
+        file.package = Some(PROJECT_NAME.to_owned());
     }
     let message = derived.name.rsplit('.').next().unwrap_or(&derived.name);
     Ok(Schema::new(
-        format!("{ABOUT}.{message}"),
+        format!("{PROJECT_NAME}.{message}"),
         "protobuf",
         files.encode_to_vec(),
     ))
@@ -293,12 +293,12 @@ fn media_type(name: &str) -> &'static str {
 }
 
 /// The image that a message of [`IMAGE_TOPIC`] holds.
-pub(crate) fn picture_from_bytes(message: &[u8]) -> Result<Encoded> {
+pub(crate) fn decode_compressed_image(message: &[u8]) -> Result<EncodedImage> {
     let message = CompressedImage::decode(message)?;
-    let mode = ImageMode::named(&message.format)
+    let mode = ImageCompression::from_name(&message.format)
         .with_context(|| format!("an image of the unknown format {:?}", message.format))?;
-    Ok(Encoded {
-        mode,
+    Ok(EncodedImage {
+        compression: mode,
         bytes: message.data.into(),
     })
 }

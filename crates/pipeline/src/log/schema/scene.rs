@@ -27,14 +27,14 @@ const BALL_DIAMETER: f64 = 0.22;
 const ROBOT_SIDE: f64 = 0.52;
 const ROBOT_HEIGHT: f64 = 0.8;
 /// What moves is drawn for so long after its last message, seconds.
-const SHOWN_S: f64 = 0.5;
+const LIFETIME_S: f64 = 0.5;
 
 const WHITE: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
 const TRUTH: [f64; 4] = [0.2, 0.9, 0.3, 0.6];
 const ESTIMATE: [f64; 4] = [0.2, 0.5, 1.0, 0.9];
 const ORANGE: [f64; 4] = [1.0, 0.5, 0.0, 1.0];
 /// As our own robot sees it, and as the team does.
-const SEEN_BALL: [f64; 4] = [1.0, 0.8, 0.2, 0.9];
+const OWN_BALL: [f64; 4] = [1.0, 0.8, 0.2, 0.9];
 const TEAM_BALL: [f64; 4] = [1.0, 0.2, 0.6, 0.9];
 const GREY: [f64; 4] = [0.4, 0.4, 0.4, 0.7];
 
@@ -47,7 +47,7 @@ pub(crate) fn field_points(field: &Field, stamp: Stamp) -> PointCloud {
     let points = field
         .markings
         .iter()
-        .flat_map(centre_line)
+        .flat_map(sample_centre_line)
         .map(|at| [at.x, at.y, 0.0]);
     cloud(stamp, FIELD_FRAME, ["x", "y", "z"], points)
 }
@@ -57,7 +57,7 @@ pub(crate) fn field_scene(field: &Field, stamp: Stamp) -> SceneUpdate {
     let line = |marking: &Marking| LinePrimitive {
         r#type: line_primitive::Type::LineStrip as i32,
         thickness: f64::from(field.config.line_width),
-        points: centre_line(marking)
+        points: sample_centre_line(marking)
             .into_iter()
             .map(|at| point3(at, 0.0))
             .collect(),
@@ -96,7 +96,7 @@ pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
     if let Some(pose) = cycle.estimate.pose {
         entities.push(SceneEntity {
             arrows: vec![arrow(pose, ESTIMATE)],
-            ..entity(cycle.stamp, "estimate", Some(SHOWN_S))
+            ..entity(cycle.stamp, "estimate", Some(LIFETIME_S))
         });
     }
     let placed = |object: &TrackedObject| object.on_field.map(|on| on.at);
@@ -106,20 +106,20 @@ pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
             .ball
             .iter()
             .filter_map(placed)
-            .map(|at| sphere(at, SEEN_BALL))
+            .map(|at| sphere(at, OWN_BALL))
             .collect(),
         cylinders: cycle
             .world
             .robots
             .iter()
-            .filter_map(|robot| Some(cylinder(placed(robot)?, marker(robot.team))))
+            .filter_map(|robot| Some(cylinder(placed(robot)?, team_color(robot.team))))
             .collect(),
-        ..entity(cycle.stamp, "world", Some(SHOWN_S))
+        ..entity(cycle.stamp, "world", Some(LIFETIME_S))
     });
     if let Some(ball) = &cycle.team.ball {
         entities.push(SceneEntity {
             spheres: vec![sphere(ball.at, TEAM_BALL)],
-            ..entity(cycle.stamp, "team", Some(SHOWN_S))
+            ..entity(cycle.stamp, "team", Some(LIFETIME_S))
         });
     }
     if let Some(truth) = &cycle.inputs.truth {
@@ -131,7 +131,7 @@ pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
                 .into_iter()
                 .collect(),
             cylinders: truth.robots.iter().map(|at| cylinder(*at, GREY)).collect(),
-            ..entity(truth.stamp, "truth", Some(SHOWN_S))
+            ..entity(truth.stamp, "truth", Some(LIFETIME_S))
         });
     }
     SceneUpdate {
@@ -158,7 +158,7 @@ fn sphere(at: At<FieldFrame>, shade: [f64; 4]) -> SpherePrimitive {
     }
 }
 
-fn marker(team: Option<TeamColour>) -> [f64; 4] {
+fn team_color(team: Option<TeamColour>) -> [f64; 4] {
     match team {
         Some(TeamColour::Cyan) => [0.0, 0.8, 0.9, 0.6],
         Some(TeamColour::Magenta) => [0.9, 0.1, 0.8, 0.6],
@@ -204,13 +204,13 @@ pub(crate) fn poses_in_frame(poses: impl Iterator<Item = Pose>, stamp: Stamp) ->
 }
 
 /// Where viewers find the robot's frame in the field's.
-pub(crate) fn robot_frame(pose: Pose, stamp: Stamp) -> FrameTransforms {
+pub(crate) fn robot_transform(pose: Pose, stamp: Stamp) -> FrameTransforms {
     let transform = FrameTransform {
         timestamp: timestamp(stamp),
         parent_frame_id: FIELD_FRAME.to_owned(),
         child_frame_id: ROBOT_FRAME.to_owned(),
         translation: vector([f64::from(pose.x), f64::from(pose.y), 0.0]),
-        rotation: Some(turned(pose.theta)),
+        rotation: Some(yaw_quaternion(pose.theta)),
     };
     FrameTransforms {
         transforms: vec![transform],
@@ -240,7 +240,7 @@ fn cloud<const N: usize>(
 }
 
 /// Points along a marking's centre line, ends included.
-fn centre_line(marking: &Marking) -> Vec<At<FieldFrame>> {
+fn sample_centre_line(marking: &Marking) -> Vec<At<FieldFrame>> {
     let steps = |length: f32| (length / LINE_STEP).ceil().max(1.0) as usize;
     let along = |count: usize| (0..=count).map(move |step| step as f32 / count as f32);
     match *marking {
@@ -295,18 +295,18 @@ fn arrow(pose: Pose, shade: [f64; 4]) -> ArrowPrimitive {
 fn pose3(pose: Pose) -> Option<foxglove::messages::Pose> {
     Some(foxglove::messages::Pose {
         position: vector([f64::from(pose.x), f64::from(pose.y), 0.0]),
-        orientation: Some(turned(pose.theta)),
+        orientation: Some(yaw_quaternion(pose.theta)),
     })
 }
 
 fn upright<F>(at: At<F>, height: f32) -> Option<foxglove::messages::Pose> {
     Some(foxglove::messages::Pose {
         position: vector([at.x, at.y, height].map(f64::from)),
-        orientation: Some(turned(0.0)),
+        orientation: Some(yaw_quaternion(0.0)),
     })
 }
 
-fn turned(theta: f32) -> Quaternion {
+fn yaw_quaternion(theta: f32) -> Quaternion {
     let (z, w) = (f64::from(theta) / 2.0).sin_cos();
     Quaternion {
         x: 0.0,

@@ -7,8 +7,12 @@
 use foxglove::Encode;
 use prost::bytes::Bytes;
 
-pub(crate) use super::wire_seen::{Ball, Exposure, Goal, Robot, Robots, Seen, Sensors, Windows};
-pub(crate) use super::wire_world::{Mate, Object, OnField, Report, SharedBall, TeamView, World};
+pub(crate) use super::wire_seen::{
+    Ball, Detections, Exposure, Goal, Robot, Robots, Sensors, Windows,
+};
+pub(crate) use super::wire_world::{
+    Object, OnField, SharedBall, TeamReport, TeamView, Teammate, WorldView,
+};
 
 /// A pose, metres and radians, field_from_robot.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
@@ -152,7 +156,7 @@ pub(crate) struct Estimate {
 
 /// Where things truly were, field frame, metres.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct Truth {
+pub(crate) struct GroundTruth {
     #[prost(sint64)]
     pub(crate) stamp_ns: i64,
     #[prost(message, required)]
@@ -183,11 +187,11 @@ pub(crate) struct Cycle {
     #[prost(message, repeated)]
     pub(crate) imu: Vec<Imu>,
     #[prost(message, optional)]
-    pub(crate) truth: Option<Truth>,
+    pub(crate) truth: Option<GroundTruth>,
     #[prost(message, required)]
     pub(crate) points: LinePoints,
     #[prost(message, optional)]
-    pub(crate) seen: Option<Seen>,
+    pub(crate) seen: Option<Detections>,
     #[prost(message, required)]
     pub(crate) estimate: Estimate,
     #[prost(string, optional)]
@@ -201,16 +205,16 @@ pub(crate) struct Cycle {
     #[prost(message, repeated)]
     pub(crate) commands: Vec<Command>,
     #[prost(message, repeated)]
-    pub(crate) reports: Vec<Report>,
+    pub(crate) reports: Vec<TeamReport>,
     #[prost(message, required)]
-    pub(crate) world: World,
+    pub(crate) world: WorldView,
     #[prost(message, required)]
     pub(crate) team: TeamView,
 }
 
 /// A file that a run works with, under its name in a recording folder.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct File {
+pub(crate) struct Attachment {
     #[prost(string)]
     pub(crate) name: String,
     #[prost(bytes = "bytes")]
@@ -219,7 +223,7 @@ pub(crate) struct File {
 
 /// A line of the metadata record.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct Entry {
+pub(crate) struct MetadataEntry {
     #[prost(string)]
     pub(crate) key: String,
     #[prost(string)]
@@ -230,7 +234,7 @@ pub(crate) struct Entry {
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub struct About {
     #[prost(message, repeated)]
-    pub(crate) metadata: Vec<Entry>,
+    pub(crate) metadata: Vec<MetadataEntry>,
     #[prost(message, repeated)]
-    pub(crate) files: Vec<File>,
+    pub(crate) files: Vec<Attachment>,
 }

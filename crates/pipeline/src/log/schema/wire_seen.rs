@@ -126,7 +126,7 @@ pub(crate) struct Exposure {
 
 /// `vision::eyes::Seen`: all that a frame shows.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct Seen {
+pub(crate) struct Detections {
     #[prost(message, required)]
     pub(crate) points: LinePoints,
     #[prost(float, repeated)]

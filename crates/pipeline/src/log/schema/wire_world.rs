@@ -46,7 +46,7 @@ pub(crate) struct Object {
 
 /// `localize::world::World`: what is around the robot.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct World {
+pub(crate) struct WorldView {
     #[prost(message, optional)]
     pub(crate) ball: Option<Object>,
     #[prost(message, repeated)]
@@ -55,7 +55,7 @@ pub(crate) struct World {
 
 /// `localize::team::Report`: a team-mate's word; times by our clock.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct Report {
+pub(crate) struct TeamReport {
     #[prost(uint32)]
     pub(crate) robot: u32,
     #[prost(sint64)]
@@ -100,7 +100,7 @@ pub(crate) struct SharedBall {
 
 /// `localize::team::Mate`: a team-mate and how old its word is, seconds.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct Mate {
+pub(crate) struct Teammate {
     #[prost(uint32)]
     pub(crate) robot: u32,
     #[prost(float, required)]
@@ -118,7 +118,7 @@ pub(crate) struct TeamView {
     #[prost(message, optional)]
     pub(crate) ball: Option<SharedBall>,
     #[prost(message, repeated)]
-    pub(crate) mates: Vec<Mate>,
+    pub(crate) mates: Vec<Teammate>,
     #[prost(float, required)]
     pub(crate) half_evidence: f32,
 }

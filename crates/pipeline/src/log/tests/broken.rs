@@ -7,11 +7,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::feed::Pace;
-use crate::log::{End, Header, ImageMode, Log, LogConfig, Recorder, recover};
-use crate::testing::{complaint, cycle, field, read, record};
+use crate::log::{Header, ImageCompression, LogConfig, LogEnd, LogReader, Recorder, recover};
+use crate::testing::{field, random_cycle, read, read_error, record};
 
 #[test]
-fn a_cut_log_reads_to_its_last_whole_chunk_and_is_recovered() {
+fn truncated_log_reads_to_its_last_complete_chunk_and_is_recovered() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, cut, whole) = (
         folder.path().join("a.mcap"),
@@ -26,15 +26,18 @@ fn a_cut_log_reads_to_its_last_whole_chunk_and_is_recovered() {
     let recovered = recover(&cut, &whole).expect("recovered");
     assert!(!recovered.was_whole && recovered.lost.is_empty());
     assert!(recovered.until >= before.last().map(|logged| logged.cycle.stamp));
-    let mut log = Log::open(&whole).expect("a log");
-    assert_eq!(log.header(), Log::open(&path).expect("a log").header());
+    let mut log = LogReader::open(&whole).expect("a log");
+    assert_eq!(
+        log.header(),
+        LogReader::open(&path).expect("a log").header()
+    );
     assert_eq!(
         log.by_ref()
             .map(|logged| logged.expect("a cycle").index)
             .last(),
         before.last().map(|logged| logged.index)
     );
-    assert_eq!(log.end(), Some(End::Whole));
+    assert_eq!(log.end(), Some(LogEnd::Complete));
     let bytes = std::fs::read(&whole).expect("bytes");
     let summary = mcap::Summary::read(&bytes)
         .expect("readable")
@@ -47,7 +50,7 @@ fn a_cut_log_reads_to_its_last_whole_chunk_and_is_recovered() {
 }
 
 #[test]
-fn a_damaged_log_is_one_clear_message_and_recover_skips_the_damage() {
+fn damaged_log_reports_the_offset_and_recover_skips_the_damage() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, whole) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     record(&path, 300, &LogConfig::default());
@@ -55,7 +58,7 @@ fn a_damaged_log_is_one_clear_message_and_recover_skips_the_damage() {
     let middle = bytes.len() / 2;
     bytes[middle..middle + 16].fill(0x55);
     std::fs::write(&path, &bytes).expect("damaged");
-    let told = complaint(&path);
+    let told = read_error(&path);
     assert!(
         told.contains("is damaged at byte") && told.contains("mirrorball recover"),
         "{told}"
@@ -78,7 +81,7 @@ fn no_truncation_or_damage_panics() {
         &path,
         3,
         &LogConfig {
-            images: ImageMode::None,
+            images: ImageCompression::None,
             ..LogConfig::default()
         },
     );
@@ -96,7 +99,7 @@ fn no_truncation_or_damage_panics() {
             }
         }
         std::fs::write(&path, &broken).expect("written");
-        if let Ok(log) = Log::open(&path) {
+        if let Ok(log) = LogReader::open(&path) {
             log.for_each(drop);
         }
         let _ = recover(&path, &folder.path().join("b.mcap"));
@@ -104,16 +107,16 @@ fn no_truncation_or_damage_panics() {
 }
 
 #[test]
-fn what_is_no_log_of_this_form_says_so() {
+fn foreign_file_and_unknown_log_format_are_rejected_with_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     std::fs::write(&path, "no log at all").expect("written");
-    assert!(complaint(&path).ends_with("a.mcap is no MCAP file"));
-    assert!(complaint(&folder.path().join("b.mcap")).contains("cannot read"));
+    assert!(read_error(&path).ends_with("a.mcap is no MCAP file"));
+    assert!(read_error(&folder.path().join("b.mcap")).contains("cannot read"));
     let mut foreign =
         mcap::Writer::new(std::fs::File::create(&path).expect("a file")).expect("a writer");
     foreign.finish().expect("finished");
-    assert!(complaint(&path).contains("no log of mirrorball"));
+    assert!(read_error(&path).contains("no log of mirrorball"));
     let mut other =
         mcap::Writer::new(std::fs::File::create(&path).expect("a file")).expect("a writer");
     let values = [("format", "99"), ("version", "7.1.0")]
@@ -125,7 +128,7 @@ fn what_is_no_log_of_this_form_says_so() {
         })
         .expect("metadata");
     other.finish().expect("finished");
-    let told = complaint(&path);
+    let told = read_error(&path);
     assert!(
         told.contains("written by mirrorball 7.1.0 in log format 99"),
         "{told}"
@@ -133,7 +136,7 @@ fn what_is_no_log_of_this_form_says_so() {
 }
 
 #[test]
-fn a_disk_that_refuses_is_told_with_its_reason() {
+fn write_failure_reports_the_io_error() {
     if !Path::new("/dev/full").exists() {
         return;
     }
@@ -164,7 +167,9 @@ fn record_until_killed(path: &Path) {
         Recorder::create(path, &header, &field(), Pace::Live, &config).expect("a recorder");
     // Should nobody kill it, it ends by itself.
     for number in 0..4000 {
-        recorder.cycle(Arc::new(cycle(number))).expect("taken");
+        recorder
+            .record_cycle(Arc::new(random_cycle(number)))
+            .expect("taken");
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
 }
@@ -194,18 +199,21 @@ fn a_log_whose_writer_is_killed_can_be_read() {
     }
     child.kill().expect("killed");
     child.wait().expect("ended");
-    let mut log = Log::open(&path).expect("a log");
+    let mut log = LogReader::open(&path).expect("a log");
     let cycles = log
         .by_ref()
         .map(|logged| logged.expect("a cycle").index)
         .collect::<Vec<_>>();
-    assert_eq!(log.end(), Some(End::Cut));
+    assert_eq!(log.end(), Some(LogEnd::Truncated));
     assert!(
         cycles.len() > 10 && cycles.iter().copied().eq(0..cycles.len() as u64),
         "{}",
         cycles.len()
     );
     let recovered = recover(&path, &whole).expect("recovered");
-    assert_eq!(recovered.until, Some(cycle(cycles.len() as u64 - 1).stamp));
+    assert_eq!(
+        recovered.until,
+        Some(random_cycle(cycles.len() as u64 - 1).stamp)
+    );
     assert_eq!(read(&whole).len(), cycles.len());
 }

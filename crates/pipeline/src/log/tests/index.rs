@@ -5,57 +5,57 @@ use std::path::Path;
 
 use mcap::records::{MessageHeader, Metadata};
 
-use crate::log::{Encoded, End, Index, LogConfig, Logged};
-use crate::testing::{cycle, read, record};
+use crate::log::{EncodedImage, LogConfig, LogEnd, LogIndex, LoggedCycle};
+use crate::testing::{random_cycle, read, record};
 
 /// Every cycle, chunk by chunk.
-fn all(index: &Index) -> Vec<Logged> {
-    let parts = 0..index.parts().len();
+fn all(index: &LogIndex) -> Vec<LoggedCycle> {
+    let parts = 0..index.chunks().len();
     parts
         .flat_map(|part| index.load(part).expect("a chunk"))
         .collect()
 }
 
-fn image(logged: &Logged) -> &Encoded {
+fn image(logged: &LoggedCycle) -> &EncodedImage {
     logged.image.as_ref().expect("an image")
 }
 
 #[test]
-fn chunk_by_chunk_it_holds_what_it_holds_front_to_back() {
+fn indexed_chunks_equal_sequential_read() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     record(&path, 200, &LogConfig::default());
-    let index = Index::open(&path).expect("an index");
-    assert_eq!(index.end(), End::Whole);
-    assert!(index.parts().len() > 3, "{} chunks", index.parts().len());
+    let index = LogIndex::open(&path).expect("an index");
+    assert_eq!(index.end(), LogEnd::Complete);
+    assert!(index.chunks().len() > 3, "{} chunks", index.chunks().len());
     let (jumped, walked) = (all(&index), read(&path));
     assert_eq!(jumped.len(), walked.len());
     for (a, b) in jumped.iter().zip(&walked) {
         assert_eq!((a.index, a.cycle.stamp), (b.index, b.cycle.stamp));
         assert_eq!(image(a), image(b), "cycle {}", a.index);
     }
-    let wanted = cycle(150).stamp;
-    let part = index.part_at(wanted);
+    let wanted = random_cycle(150).stamp;
+    let part = index.chunk_at(wanted);
     let near = [part.saturating_sub(1), part].map(|part| index.load(part).expect("a chunk"));
     let found = near.iter().flatten().any(|l| l.cycle.stamp == wanted);
     assert!(found, "cycle 150 is in chunk {part} or before it");
 }
 
 #[test]
-fn a_cut_file_is_walked_to_its_last_whole_chunk() {
+fn truncated_log_is_indexed_to_its_last_complete_chunk() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, cut) = (folder.path().join("a.mcap"), folder.path().join("cut.mcap"));
     record(&path, 200, &LogConfig::default());
     let bytes = std::fs::read(&path).expect("bytes");
     std::fs::write(&cut, &bytes[..bytes.len() * 2 / 3]).expect("cut");
-    let index = Index::open(&cut).expect("an index");
-    assert_eq!(index.end(), End::Cut);
+    let index = LogIndex::open(&cut).expect("an index");
+    assert_eq!(index.end(), LogEnd::Truncated);
     assert_eq!(all(&index).len(), read(&cut).len());
-    assert!(index.missing().iter().any(|line| line.contains("is cut")));
+    assert!(index.warnings().iter().any(|line| line.contains("is cut")));
 }
 
 /// The log once more as another version might write it: another format, cycles that say nothing to us.
-fn rewrite(from: &Path, to: &Path) {
+fn rewrite_as_newer_version(from: &Path, to: &Path) {
     let bytes = std::fs::read(from).expect("bytes");
     let file = std::fs::File::create(to).expect("a file");
     let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).expect("a writer");
@@ -91,35 +91,35 @@ fn rewrite(from: &Path, to: &Path) {
 }
 
 #[test]
-fn a_later_version_shows_its_images_poses_and_line_points_and_says_what_is_missing() {
+fn newer_log_format_still_shows_images_poses_and_line_points() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, later) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
     record(&path, 20, &LogConfig::default());
-    rewrite(&path, &later);
-    let index = Index::open(&later).expect("an index");
-    let told = index.missing().join("\n");
+    rewrite_as_newer_version(&path, &later);
+    let index = LogIndex::open(&later).expect("an index");
+    let told = index.warnings().join("\n");
     assert!(
         told.contains("9.9.9") && told.contains("log format 99"),
         "{told}"
     );
     assert!(told.contains("no robot.toml"), "{told}");
     let cycles = all(&index);
-    let first = |logged: &&Logged| logged.cycle.stamp == cycle(1).stamp;
+    let first = |logged: &&LoggedCycle| logged.cycle.stamp == random_cycle(1).stamp;
     let found = cycles.iter().find(first).expect("cycle 1");
-    let wanted = cycle(1);
+    let wanted = random_cycle(1);
     let (pose, known) = (found.cycle.estimate.pose, wanted.estimate.pose);
     let (pose, known) = (pose.expect("a pose"), known.expect("a pose"));
     assert_eq!((pose.x, pose.y), (known.x, known.y));
     assert!((pose.theta - known.theta).abs() < 1e-5);
-    assert_eq!(found.cycle.points.len(), wanted.points.len());
+    assert_eq!(found.cycle.line_points.len(), wanted.line_points.len());
     assert!(found.image.is_some());
 }
 
 #[test]
-fn what_is_no_log_is_refused_in_a_line() {
+fn non_mcap_file_is_rejected() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("no.mcap");
     std::fs::write(&path, b"no log").expect("written");
-    let error = Index::open(&path).map(|_| ()).expect_err("refused");
+    let error = LogIndex::open(&path).map(|_| ()).expect_err("refused");
     assert!(format!("{error:#}").contains("is no MCAP file"));
 }

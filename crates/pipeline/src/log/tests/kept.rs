@@ -4,35 +4,38 @@ use std::sync::Arc;
 
 use vision::image::Image;
 
-use crate::cycle::{Cycle, Inputs, Spine, SpineConfig};
+use crate::cycle::{Cycle, Inputs, Pipeline, PipelineConfig};
 use crate::feed::Pace;
-use crate::log::verify::compare;
-use crate::log::{End, Header, ImageMode, Log, LogConfig, Recorder, Verdict, export, verify};
+use crate::log::verify::first_difference;
+use crate::log::{
+    Header, ImageCompression, LogConfig, LogEnd, LogReader, Recorder, VerificationReport, export,
+    verify,
+};
 use crate::recording::Recording;
 use crate::setup::Setup;
-use crate::testing::{cycle, picture, read, record, sample_folder};
+use crate::testing::{random_cycle, random_image, read, record, sample_recording};
 
 #[test]
-fn what_is_recorded_reads_back_bit_for_bit() {
+fn recorded_cycles_read_back_bit_for_bit() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
     let written = record(&path, 40, &LogConfig::default());
     assert_eq!(
-        (written.cycles, written.images, written.dropped.none()),
+        (written.cycles, written.images, written.dropped.is_zero()),
         (40, 40, true)
     );
-    let log = Log::open(&path).expect("a log");
+    let log = LogReader::open(&path).expect("a log");
     assert_eq!(
         (log.header().seed, log.header().source.as_str()),
         (Some(7), "test")
     );
-    assert_eq!(log.header().other_version(), None);
+    assert_eq!(log.header().version_mismatch(), None);
     let logged = read(&path);
     assert_eq!(logged.len(), 40);
     for (number, logged) in logged.iter().enumerate() {
-        let wanted = cycle(number as u64);
+        let wanted = random_cycle(number as u64);
         assert_eq!(logged.index, number as u64);
-        assert_eq!(compare(&wanted, &logged.cycle), None);
+        assert_eq!(first_difference(&wanted, &logged.cycle), None);
         assert_eq!(
             format!(
                 "{:?}",
@@ -52,42 +55,42 @@ fn what_is_recorded_reads_back_bit_for_bit() {
             .expect("an image")
             .decode()
             .expect("decoded");
-        assert_eq!(image, picture(number as u64));
+        assert_eq!(image, random_image(number as u64));
     }
 }
 
 #[test]
-fn one_flipped_bit_is_a_difference() {
-    let mut other = cycle(5);
+fn single_bit_flip_is_detected() {
+    let mut other = random_cycle(5);
     other.estimate.covariance[(2, 1)] =
         f32::from_bits(other.estimate.covariance[(2, 1)].to_bits() ^ 1);
-    let difference = compare(&cycle(5), &other).expect("a difference");
-    assert_eq!(difference.what, "covariance");
-    let mut negated = cycle(5);
+    let difference = first_difference(&random_cycle(5), &other).expect("a difference");
+    assert_eq!(difference.quantity, "covariance");
+    let mut negated = random_cycle(5);
     negated.estimate.tilt[0] = 0.0;
-    let mut zero = cycle(5);
+    let mut zero = random_cycle(5);
     zero.estimate.tilt[0] = -0.0;
-    assert!(compare(&negated, &zero).is_some());
+    assert!(first_difference(&negated, &zero).is_some());
 }
 
 #[test]
-fn an_exported_log_is_a_recording_folder_whole_or_not_at_all() {
+fn export_writes_a_complete_recording_or_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, out) = (
         folder.path().join("a.mcap"),
         folder.path().join("recording"),
     );
     record(&path, 5, &LogConfig::default());
-    let exported = export(Log::open(&path).expect("a log"), &out).expect("exported");
+    let exported = export(LogReader::open(&path).expect("a log"), &out).expect("exported");
     assert_eq!(
         (exported.frames, exported.odometry, exported.end),
-        (5, 15, End::Whole)
+        (5, 15, LogEnd::Complete)
     );
     let frames = std::fs::read_to_string(out.join("frames.csv")).expect("frames");
     assert_eq!(frames.lines().nth(2), Some("0.033333333,frames/000001.png"));
     assert_eq!(
         Image::load(&out.join("frames/000004.png")).expect("an image"),
-        picture(4)
+        random_image(4)
     );
     let odometry = std::fs::read_to_string(out.join("odometry.csv")).expect("odometry");
     let dx: f32 = odometry
@@ -97,9 +100,12 @@ fn an_exported_log_is_a_recording_folder_whole_or_not_at_all() {
         .expect("dx")
         .parse()
         .expect("a number");
-    assert_eq!(dx.to_bits(), cycle(1).inputs.odometry[0].dx.to_bits());
+    assert_eq!(
+        dx.to_bits(),
+        random_cycle(1).inputs.odometry[0].dx.to_bits()
+    );
     assert!(!out.join("points.csv").exists());
-    let refused = export(Log::open(&path).expect("a log"), &out).expect_err("refused");
+    let refused = export(LogReader::open(&path).expect("a log"), &out).expect_err("refused");
     assert!(format!("{refused:#}").contains("not an empty folder"));
 
     record(&path, 200, &LogConfig::default());
@@ -108,7 +114,7 @@ fn an_exported_log_is_a_recording_folder_whole_or_not_at_all() {
     bytes[late] ^= 0xff;
     std::fs::write(&path, &bytes).expect("damaged");
     let other = folder.path().join("other");
-    assert!(export(Log::open(&path).expect("a log"), &other).is_err());
+    assert!(export(LogReader::open(&path).expect("a log"), &other).is_err());
     let left: Vec<_> = folder
         .path()
         .read_dir()
@@ -129,12 +135,12 @@ fn a_log_without_images_exports_line_points() {
         &path,
         5,
         &LogConfig {
-            images: ImageMode::None,
+            images: ImageCompression::None,
             ..LogConfig::default()
         },
     );
     assert_eq!(
-        export(Log::open(&path).expect("a log"), &out)
+        export(LogReader::open(&path).expect("a log"), &out)
             .expect("exported")
             .frames,
         5
@@ -145,10 +151,10 @@ fn a_log_without_images_exports_line_points() {
 }
 
 /// The samples' run through the spine: recorded, and computed again from what the log alone holds.
-fn recorded_and_verified(images: ImageMode) -> Verdict {
+fn record_and_verify(images: ImageCompression) -> VerificationReport {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
-    let setup = Setup::load(&sample_folder().join("robot.toml"), None).expect("a setup");
+    let setup = Setup::load(&sample_recording().join("robot.toml"), None).expect("a setup");
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new("test", None)
         .with_robot(&setup.robot, map, None)
@@ -159,35 +165,35 @@ fn recorded_and_verified(images: ImageMode) -> Verdict {
     };
     let mut recorder = Recorder::create(&path, &header, &setup.field, Pace::Lockstep, &config)
         .expect("a recorder");
-    let mut spine = Spine::new(&setup, &SpineConfig::default()).expect("a spine");
-    for sample in Recording::open(&sample_folder(), 0.04).expect("a recording") {
-        if let Some(cycle) = spine.take(sample) {
-            recorder.cycle(Arc::new(cycle)).expect("taken");
+    let mut spine = Pipeline::new(&setup, &PipelineConfig::default()).expect("a spine");
+    for sample in Recording::open(&sample_recording(), 0.04).expect("a recording") {
+        if let Some(cycle) = spine.process_sample(sample) {
+            recorder.record_cycle(Arc::new(cycle)).expect("taken");
         }
     }
     recorder.finish().expect("written");
-    let log = Log::open(&path).expect("a log");
+    let log = LogReader::open(&path).expect("a log");
     log.header().write_files(folder.path()).expect("files");
     let setup = Setup::load(&folder.path().join("robot.toml"), None).expect("the log's own setup");
-    let mut spine = Spine::new(&setup, &SpineConfig::default()).expect("a spine");
-    verify(log, |sample| spine.take(sample)).expect("a verdict")
+    let mut spine = Pipeline::new(&setup, &PipelineConfig::default()).expect("a spine");
+    verify(log, |sample| spine.process_sample(sample)).expect("a verdict")
 }
 
 #[test]
-fn the_samples_verify_bit_for_bit_vision_included() {
-    let verdict = recorded_and_verified(ImageMode::Png);
-    assert_eq!(verdict.first, None);
+fn sample_recording_replays_bit_for_bit_including_vision() {
+    let verdict = record_and_verify(ImageCompression::Png);
+    assert_eq!(verdict.first_difference, None);
     assert_eq!(
-        (verdict.cycles, verdict.seen, verdict.unverified),
+        (verdict.cycles, verdict.vision_cycles, verdict.unverified),
         (20, 20, 0)
     );
 }
 
 #[test]
-fn without_exact_images_localisation_verifies_from_line_points() {
-    for images in [ImageMode::Jpeg, ImageMode::None] {
-        let verdict = recorded_and_verified(images);
-        assert_eq!(verdict.first, None);
-        assert_eq!((verdict.cycles, verdict.seen), (20, 0));
+fn localization_replays_from_line_points_without_lossless_images() {
+    for images in [ImageCompression::Jpeg, ImageCompression::None] {
+        let verdict = record_and_verify(images);
+        assert_eq!(verdict.first_difference, None);
+        assert_eq!((verdict.cycles, verdict.vision_cycles), (20, 0));
     }
 }

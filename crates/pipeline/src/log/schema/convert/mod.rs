@@ -15,14 +15,14 @@ use nalgebra::Matrix3;
 
 pub use estimate::mode_and_reason;
 pub(crate) use estimate::{estimate_from_wire, estimate_to_wire};
-pub(crate) use seen::{ball_to_wire, robot_to_wire, seen_from_wire, seen_to_wire};
+pub(crate) use seen::{ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire};
 use sensors::exposure_from_wire;
 pub(crate) use sensors::{exposure_to_wire, windows_to_wire};
 pub(crate) use team::team_to_wire;
 
 use super::wire;
 use crate::cycle::{Cycle, Inputs, Timings};
-use crate::sample::Truth;
+use crate::sample::GroundTruth;
 
 /// Gives the values of an enum their names in the log, both ways; a value without a name does not compile.
 macro_rules! names {
@@ -45,8 +45,8 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
     let Cycle {
         stamp,
         inputs,
-        seen,
-        points,
+        detections: seen,
+        line_points: points,
         estimate,
         world,
         team,
@@ -70,16 +70,16 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         odometry: odometry.iter().map(odometry_to_wire).collect(),
         compass: compass.iter().map(compass_to_wire).collect(),
         imu: imu.iter().map(imu_to_wire).collect(),
-        truth: truth.as_ref().map(truth_to_wire),
-        points: points_to_wire(points.iter()),
-        seen: seen.as_ref().map(seen_to_wire),
+        truth: truth.as_ref().map(ground_truth_to_wire),
+        points: line_points_to_wire(points.iter()),
+        seen: seen.as_ref().map(detections_to_wire),
         estimate: estimate_to_wire(estimate),
         fault: fault.clone(),
         see_ms: timings.see_ms,
         localize_ms: timings.localize_ms,
         exposure: exposure.as_ref().map(exposure_to_wire),
         commands: commands.iter().map(command_to_wire).collect(),
-        reports: reports.iter().map(team::report_to_wire).collect(),
+        reports: reports.iter().map(team::team_report_to_wire).collect(),
         world: world::world_to_wire(world),
         team: team_to_wire(team),
     }
@@ -122,13 +122,13 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
             reports: cycle
                 .reports
                 .iter()
-                .map(team::report_from_wire)
+                .map(team::team_report_from_wire)
                 .collect::<Result<_>>()?,
-            truth: cycle.truth.map(truth_from_wire).transpose()?,
+            truth: cycle.truth.map(ground_truth_from_wire).transpose()?,
             image: None,
         },
-        seen: cycle.seen.map(seen_from_wire).transpose()?,
-        points: points_from_wire(cycle.points)?,
+        detections: cycle.seen.map(detections_from_wire).transpose()?,
+        line_points: line_points_from_wire(cycle.points)?,
         estimate: estimate_from_wire(cycle.estimate)?,
         world: world::world_from_wire(&cycle.world)?,
         team: team::team_from_wire(&cycle.team)?,
@@ -218,15 +218,15 @@ fn pose_from_wire(pose: &wire::Pose) -> Pose {
     Pose::new(pose.x, pose.y, pose.theta)
 }
 
-fn truth_to_wire(truth: &Truth) -> wire::Truth {
-    let Truth {
+fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
+    let GroundTruth {
         stamp,
         pose,
         ball,
         robots,
         robot_headings: _,
     } = truth;
-    wire::Truth {
+    wire::GroundTruth {
         stamp_ns: stamp.0,
         pose: pose_to_wire(*pose),
         ball: ball.map_or_else(Vec::new, |ball| vec![ball.x, ball.y]),
@@ -235,9 +235,9 @@ fn truth_to_wire(truth: &Truth) -> wire::Truth {
     }
 }
 
-fn truth_from_wire(truth: wire::Truth) -> Result<Truth> {
+fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
     same_length("robots", &[truth.robots_x.len(), truth.robots_y.len()])?;
-    Ok(Truth {
+    Ok(GroundTruth {
         stamp: Stamp(truth.stamp_ns),
         pose: pose_from_wire(&truth.pose),
         ball: match truth.ball[..] {
@@ -258,7 +258,7 @@ fn truth_from_wire(truth: wire::Truth) -> Result<Truth> {
     })
 }
 
-fn points_to_wire<'a>(points: impl Iterator<Item = &'a LinePoint>) -> wire::LinePoints {
+fn line_points_to_wire<'a>(points: impl Iterator<Item = &'a LinePoint>) -> wire::LinePoints {
     let mut lists = wire::LinePoints::default();
     for &LinePoint {
         at,
@@ -274,7 +274,7 @@ fn points_to_wire<'a>(points: impl Iterator<Item = &'a LinePoint>) -> wire::Line
     lists
 }
 
-fn points_from_wire(lists: wire::LinePoints) -> Result<Vec<LinePoint>> {
+fn line_points_from_wire(lists: wire::LinePoints) -> Result<Vec<LinePoint>> {
     let wire::LinePoints {
         x,
         y,

@@ -11,7 +11,7 @@ use vision::robots::{Marker, RobotDetection};
 
 use super::super::wire;
 use super::sensors::{windows_from_wire, windows_to_wire};
-use super::{names, points_from_wire, points_to_wire, same_length};
+use super::{line_points_from_wire, line_points_to_wire, names, same_length};
 
 names!(refusal_name, refusal_named: RejectionReason {
     NoAdjacentCarpet = "no carpet beside",
@@ -25,7 +25,7 @@ names!(refusal_name, refusal_named: RejectionReason {
 names!(marker_name, marker_named: Marker { Cyan = "cyan", Magenta = "magenta" });
 names!(goal_name, goal_named: GoalKind { Blue = "blue", Yellow = "yellow", Post = "post" });
 
-pub(crate) fn seen_to_wire(seen: &Detections) -> wire::Seen {
+pub(crate) fn detections_to_wire(seen: &Detections) -> wire::Detections {
     let Detections {
         line_points,
         rejected_candidates: refused,
@@ -37,7 +37,7 @@ pub(crate) fn seen_to_wire(seen: &Detections) -> wire::Seen {
         carpet_share,
         colours_learned: learned,
     } = seen;
-    let mut points = wire::Seen::default();
+    let mut points = wire::Detections::default();
     for &LinePointDetection {
         point: _,
         position_px: [u, v],
@@ -50,8 +50,8 @@ pub(crate) fn seen_to_wire(seen: &Detections) -> wire::Seen {
         points.point_contrast.push(contrast);
         points.point_width.push(width);
     }
-    wire::Seen {
-        points: points_to_wire(line_points.iter().map(|seen| &seen.point)),
+    wire::Detections {
+        points: line_points_to_wire(line_points.iter().map(|seen| &seen.point)),
         refused_u_px: refused.iter().map(|run| run.position_px[0]).collect(),
         refused_v_px: refused.iter().map(|run| run.position_px[1]).collect(),
         refused_reason: refused
@@ -69,10 +69,10 @@ pub(crate) fn seen_to_wire(seen: &Detections) -> wire::Seen {
     }
 }
 
-pub(crate) fn seen_from_wire(seen: wire::Seen) -> Result<Detections> {
+pub(crate) fn detections_from_wire(seen: wire::Detections) -> Result<Detections> {
     let (u, v) = (seen.point_u_px, seen.point_v_px);
     let (contrast, width) = (seen.point_contrast, seen.point_width);
-    let points = points_from_wire(seen.points)?;
+    let points = line_points_from_wire(seen.points)?;
     same_length(
         "seen points",
         &[points.len(), u.len(), v.len(), contrast.len(), width.len()],

@@ -8,7 +8,7 @@ use localize::team::{ReportedBall, TeamBall, TeamReport, TeamView, Teammate};
 use super::super::wire;
 use super::{pose_from_wire, pose_to_wire, same_length};
 
-pub(super) fn report_to_wire(report: &TeamReport) -> wire::Report {
+pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
     let TeamReport {
         robot,
         stamp,
@@ -22,7 +22,7 @@ pub(super) fn report_to_wire(report: &TeamReport) -> wire::Report {
         let ([vx, vy], [xx, xy, yy]) = (ball.velocity, ball.covariance);
         vec![ball.at.x, ball.at.y, vx, vy, xx, xy, yy]
     };
-    wire::Report {
+    wire::TeamReport {
         robot: *robot,
         stamp_ns: stamp.0,
         pose: pose.map(pose_to_wire),
@@ -35,7 +35,7 @@ pub(super) fn report_to_wire(report: &TeamReport) -> wire::Report {
     }
 }
 
-pub(super) fn report_from_wire(report: &wire::Report) -> Result<TeamReport> {
+pub(super) fn team_report_from_wire(report: &wire::TeamReport) -> Result<TeamReport> {
     let (x, y) = (&report.obstacles_x, &report.obstacles_y);
     same_length("obstacles", &[x.len(), y.len()])?;
     Ok(TeamReport {
@@ -68,7 +68,7 @@ pub(crate) fn team_to_wire(team: &TeamView) -> wire::TeamView {
     } = team;
     wire::TeamView {
         ball: ball.as_ref().map(ball_to_wire),
-        mates: mates.iter().map(mate_to_wire).collect(),
+        mates: mates.iter().map(teammate_to_wire).collect(),
         half_evidence: *half_evidence,
     }
 }
@@ -79,7 +79,7 @@ pub(super) fn team_from_wire(team: &wire::TeamView) -> Result<TeamView> {
         teammates: team
             .mates
             .iter()
-            .map(mate_from_wire)
+            .map(teammate_from_wire)
             .collect::<Result<_>>()?,
         half_log_odds: team.half_evidence,
     })
@@ -116,14 +116,14 @@ fn ball_from_wire(ball: &wire::SharedBall) -> Result<TeamBall> {
     })
 }
 
-fn mate_to_wire(mate: &Teammate) -> wire::Mate {
+fn teammate_to_wire(mate: &Teammate) -> wire::Teammate {
     let Teammate {
         robot,
         age,
         pose,
         agrees,
     } = mate;
-    wire::Mate {
+    wire::Teammate {
         robot: *robot,
         age: *age,
         pose: pose.map(pose_to_wire),
@@ -133,7 +133,7 @@ fn mate_to_wire(mate: &Teammate) -> wire::Mate {
     }
 }
 
-fn mate_from_wire(mate: &wire::Mate) -> Result<Teammate> {
+fn teammate_from_wire(mate: &wire::Teammate) -> Result<Teammate> {
     Ok(Teammate {
         robot: mate.robot,
         age: mate.age,

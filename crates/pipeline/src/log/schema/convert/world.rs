@@ -11,14 +11,14 @@ use super::names;
 
 names!(team_name, team_named: TeamColour { Cyan = "cyan", Magenta = "magenta" });
 
-pub(crate) fn world_to_wire(WorldView { ball, robots }: &WorldView) -> wire::World {
-    wire::World {
+pub(crate) fn world_to_wire(WorldView { ball, robots }: &WorldView) -> wire::WorldView {
+    wire::WorldView {
         ball: ball.as_ref().map(object_to_wire),
         robots: robots.iter().map(object_to_wire).collect(),
     }
 }
 
-pub(crate) fn world_from_wire(world: &wire::World) -> Result<WorldView> {
+pub(crate) fn world_from_wire(world: &wire::WorldView) -> Result<WorldView> {
     Ok(WorldView {
         ball: world.ball.as_ref().map(object_from_wire).transpose()?,
         robots: world
