@@ -59,7 +59,7 @@ struct ExportOutcome {
 pub fn run(args: &Args, json: bool) -> Result<()> {
     #[cfg(feature = "view")]
     if args.view {
-        return crate::view::again(&args.log);
+        return crate::view::show_recomputed(&args.log);
     }
     let mut summary = Outcome::default();
     if let Some(folder) = &args.export {

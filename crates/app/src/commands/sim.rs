@@ -193,7 +193,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
         let name = format!("sim {}", args.scenario.display());
         // The last moment stays to be looked at.
-        return view::beside(&name, (setup, config), AfterRun::Stay, |feed| {
+        return view::run_with_window(&name, (setup, config), AfterRun::KeepOpen, |feed| {
             let started = Instant::now();
             play(args, json, |cycle| {
                 // A person watches at the pace of the world.

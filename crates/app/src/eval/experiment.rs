@@ -20,13 +20,13 @@ pub struct Experiment {
     #[serde(default)]
     pub differs: Vec<String>,
     /// Runs of each drive, with seeds that count up.
-    #[serde(default = "five")]
+    #[serde(default = "default_seeds")]
     pub seeds: u64,
     /// Its parts, in the page's order.
     pub parts: Vec<Part>,
 }
 
-fn five() -> u64 {
+fn default_seeds() -> u64 {
     5
 }
 
@@ -40,15 +40,15 @@ pub struct Part {
     pub title: String,
     /// What the paper says.
     #[serde(default)]
-    pub paper: Vec<Stated>,
+    pub paper: Vec<PaperReference>,
     /// What is run.
-    pub run: Run,
+    pub run: PartRun,
 }
 
 /// A number of the paper.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stated {
+pub struct PaperReference {
     /// Of which variant; of each if left out.
     pub variant: Option<String>,
     /// The figure's name, as `results.json` has it.
@@ -64,7 +64,7 @@ pub struct Stated {
 /// What a part runs.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Run {
+pub enum PartRun {
     /// Simulated drives, rendered images included.
     Drives(Drives),
     /// Single images on known spots, each located by itself.
@@ -76,24 +76,24 @@ pub enum Run {
     /// Error over all places for one sight, and over headings.
     Landscape(Landscape),
     /// What the eyes find of what is there, on recordings and simulated drives.
-    Eyes(Eyes),
+    Eyes(VisionRuns),
     /// Each way of fusing wheels, inertial unit and sights, on simulated drives without images.
-    Fusion(Fusion),
+    Fusion(FusionRuns),
     /// A ball far from everybody as each robot and the team know it, without images.
-    Team(Team),
+    Team(TeamRuns),
     /// The same rendered: a scenario with a squad.
-    Squad(SquadRuns),
+    Squad(MultiRobotRuns),
 }
 
 /// What is looked at.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Eyes {
+pub struct VisionRuns {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Recording folders with truth.csv.
     #[serde(default)]
-    pub recordings: Vec<Recorded>,
+    pub recordings: Vec<RecordingRun>,
     /// Scenarios; each is run with every seed.
     #[serde(default)]
     pub variants: Vec<Variant>,
@@ -102,7 +102,7 @@ pub struct Eyes {
 /// A recording folder.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recorded {
+pub struct RecordingRun {
     /// Its name in tables.
     pub name: String,
     /// Where it lies.
@@ -112,7 +112,7 @@ pub struct Recorded {
 /// Drives of `sim::fusion`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Fusion {
+pub struct FusionRuns {
     /// The robot's file, which names the field.
     pub robot: PathBuf,
     /// What happens on the drives; all courses if left out.
@@ -128,15 +128,15 @@ pub struct Fusion {
 /// Drawn drives of five robots around a ball.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Team {
+pub struct TeamRuns {
     /// Circumstances to compare.
-    pub variants: Vec<Circumstance>,
+    pub variants: Vec<TeamVariant>,
 }
 
 /// What the network and the team do; what is left out is `localize::team::experiment::Trial`'s own.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Circumstance {
+pub struct TeamVariant {
     /// Its name in tables.
     pub name: String,
     /// Frames between two words of a robot, at 30 frames a second.
@@ -156,7 +156,7 @@ pub struct Circumstance {
 /// Scenarios with a squad.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct SquadRuns {
+pub struct MultiRobotRuns {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Scenarios; each is run with every seed.
@@ -257,7 +257,7 @@ impl Experiment {
             toml::from_str(&text).with_context(|| path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         for part in &mut experiment.parts {
-            part.resolve(folder)
+            part.resolve_paths(folder)
                 .with_context(|| format!("{}: part {:?}", path.display(), part.name))?;
         }
         Ok(experiment)
@@ -265,7 +265,7 @@ impl Experiment {
 }
 
 impl Part {
-    fn resolve(&mut self, folder: &Path) -> Result<()> {
+    fn resolve_paths(&mut self, folder: &Path) -> Result<()> {
         if self.name.is_empty() || self.name.contains(['/', '\\', '.']) {
             bail!("its name must do as a file's name");
         }
@@ -286,26 +286,26 @@ impl Part {
             Ok(())
         };
         match &mut self.run {
-            Run::Drives(drives) => {
+            PartRun::Drives(drives) => {
                 known(&drives.presets)?;
                 found(&mut drives.variants, drives.scenario.as_ref())?;
             }
-            Run::Eyes(eyes) => {
+            PartRun::Eyes(eyes) => {
                 known(&eyes.presets)?;
                 found(&mut eyes.variants, None)?;
                 for one in &mut eyes.recordings {
                     one.folder = folder.join(&one.folder);
                 }
             }
-            Run::Squad(squad) => {
+            PartRun::Squad(squad) => {
                 known(&squad.presets)?;
                 found(&mut squad.variants, None)?;
             }
-            Run::Fusion(fusion) => {
+            PartRun::Fusion(fusion) => {
                 fusion.robot = folder.join(&fusion.robot);
                 super::fusion::check(fusion)?;
             }
-            Run::Team(team) => {
+            PartRun::Team(team) => {
                 if let Some(one) = team.variants.iter().find(|one| one.liars >= Some(ROBOTS)) {
                     bail!(
                         "variant {:?}: a team of {ROBOTS} needs an honest robot",
@@ -313,16 +313,16 @@ impl Part {
                     );
                 }
             }
-            Run::Stills(stills) => {
+            PartRun::Stills(stills) => {
                 known(&stills.presets)?;
                 stills.scenario = folder.join(&stills.scenario);
             }
-            Run::Searches(searches) => {
+            PartRun::Searches(searches) => {
                 known(&searches.presets)?;
                 searches.field = folder.join(&searches.field);
             }
-            Run::Times(times) => times.field = folder.join(&times.field),
-            Run::Landscape(landscape) => landscape.field = folder.join(&landscape.field),
+            PartRun::Times(times) => times.field = folder.join(&times.field),
+            PartRun::Landscape(landscape) => landscape.field = folder.join(&landscape.field),
         }
         Ok(())
     }

@@ -4,11 +4,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use super::experiment::Stated;
+use super::experiment::PaperReference;
 
 /// A measured number.
 #[derive(Debug, Clone, Serialize)]
-pub struct Figure {
+pub struct Metric {
     /// Circumstances; empty where there is one kind only.
     pub variant: String,
     /// Preset or stage.
@@ -20,7 +20,7 @@ pub struct Figure {
     /// Its interval.
     pub interval: Option<Interval>,
     /// What the paper says.
-    pub paper: Option<Paper>,
+    pub paper: Option<PaperValue>,
 }
 
 /// Where the value may lie.
@@ -36,7 +36,7 @@ pub struct Interval {
 
 /// A number of the paper.
 #[derive(Debug, Clone, Serialize)]
-pub struct Paper {
+pub struct PaperValue {
     /// The value.
     pub value: f64,
     /// Upper end of a range.
@@ -45,32 +45,37 @@ pub struct Paper {
     pub place: String,
 }
 
-const CONFIDENCE: &str = "95 % confidence";
+const CONFIDENCE_LABEL: &str = "95 % confidence";
 
 /// Student's t, two-sided 95 %, for 1 to 20 degrees of freedom.
-const STUDENT: [f64; 20] = [
+const STUDENT_T_95: [f64; 20] = [
     12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160,
     2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
 ];
 
 /// Of so many degrees of freedom; beyond 20 the normal distribution's 1.96 is near enough, 2.1 on the safe side.
-fn student(freedom: usize) -> f64 {
-    STUDENT.get(freedom - 1).copied().unwrap_or(2.1)
+fn student_t_95(freedom: usize) -> f64 {
+    STUDENT_T_95.get(freedom - 1).copied().unwrap_or(2.1)
 }
 
 /// Resamplings of a bootstrap: the ends of its interval are then good to some percent.
-const RESAMPLES: usize = 1000;
+const BOOTSTRAP_RESAMPLES: usize = 1000;
 
-fn deviation(values: impl Iterator<Item = f64> + Clone) -> f64 {
+fn sample_std(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let count = values.clone().count() as f64;
     let mean = values.clone().sum::<f64>() / count;
     (values.map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()
 }
 
-impl Figure {
+impl Metric {
     /// A number without an interval.
-    pub fn plain(variant: &str, method: &str, name: &'static str, value: Option<f64>) -> Self {
-        Figure {
+    pub fn without_interval(
+        variant: &str,
+        method: &str,
+        name: &'static str,
+        value: Option<f64>,
+    ) -> Self {
+        Metric {
             variant: variant.to_owned(),
             method: method.to_owned(),
             name,
@@ -90,28 +95,28 @@ impl Figure {
                 .map(|value| (value - mean).powi(2))
                 .sum::<f64>()
                 / (count - 1.0);
-            let half = student(values.len() - 1) * (variance / count).sqrt();
+            let half = student_t_95(values.len() - 1) * (variance / count).sqrt();
             Interval {
                 low: mean - half,
                 high: mean + half,
-                kind: CONFIDENCE,
+                kind: CONFIDENCE_LABEL,
             }
         });
-        Figure {
+        Metric {
             interval,
-            ..Figure::plain(variant, method, name, mean)
+            ..Metric::without_interval(variant, method, name, mean)
         }
     }
 
     /// A share in percent, with Wilson's interval.
-    pub fn share(
+    pub fn proportion(
         variant: &str,
         method: &str,
         name: &'static str,
         hits: usize,
         count: usize,
     ) -> Self {
-        let mut figure = Figure::plain(variant, method, name, None);
+        let mut figure = Metric::without_interval(variant, method, name, None);
         if count > 0 {
             let (n, z) = (count as f64, 1.96_f64);
             let p = hits as f64 / n;
@@ -121,7 +126,7 @@ impl Figure {
             figure.interval = Some(Interval {
                 low: 100.0 * (middle - half).max(0.0),
                 high: 100.0 * (middle + half).min(1.0),
-                kind: CONFIDENCE,
+                kind: CONFIDENCE_LABEL,
             });
         }
         figure
@@ -131,7 +136,7 @@ impl Figure {
     ///
     /// What follows one another in a piece is alike and counts once: the pieces are the sample, not their frames. Where
     /// all pieces agree on nothing or all, it is Wilson's interval over the pieces.
-    pub fn ratio(
+    pub fn clustered_proportion(
         variant: &str,
         method: &str,
         name: &'static str,
@@ -142,7 +147,7 @@ impl Figure {
             .filter(|(_, count)| *count > 0)
             .map(|&(hits, count)| (hits as f64, count as f64))
             .collect();
-        let mut figure = Figure::plain(variant, method, name, None);
+        let mut figure = Metric::without_interval(variant, method, name, None);
         let (hits, count) = pieces.iter().fold((0.0, 0.0), |(hits, count), piece| {
             (hits + piece.0, count + piece.1)
         });
@@ -153,60 +158,60 @@ impl Figure {
         figure.value = Some(100.0 * p);
         if hits == 0.0 || hits == count {
             let all = if hits == 0.0 { 0 } else { pieces.len() };
-            figure.interval = Figure::share("", "", name, all, pieces.len()).interval;
+            figure.interval = Metric::proportion("", "", name, all, pieces.len()).interval;
         } else if pieces.len() > 1 {
             let squares: f64 = pieces.iter().map(|(h, n)| (h - p * n).powi(2)).sum();
-            let half = student(pieces.len() - 1) * (k / (k - 1.0) * squares).sqrt() / count;
+            let half = student_t_95(pieces.len() - 1) * (k / (k - 1.0) * squares).sqrt() / count;
             // A share ends at all; a rate (several in a frame) does not.
             let is_share = pieces.iter().all(|(hits, count)| hits <= count);
             let most = if is_share { 1.0 } else { f64::INFINITY };
             figure.interval = Some(Interval {
                 low: 100.0 * (p - half).max(0.0),
                 high: 100.0 * (p + half).min(most),
-                kind: CONFIDENCE,
+                kind: CONFIDENCE_LABEL,
             });
         }
         figure
     }
 
     /// The largest of the runs' own largest, with the range of these.
-    pub fn largest(variant: &str, method: &str, name: &'static str, runs: &[f64]) -> Self {
+    pub fn maximum(variant: &str, method: &str, name: &'static str, runs: &[f64]) -> Self {
         let high = runs.iter().copied().reduce(f64::max);
         let low = runs.iter().copied().reduce(f64::min);
         let interval = low.zip(high).filter(|_| runs.len() > 1);
-        Figure {
+        Metric {
             interval: interval.map(|(low, high)| Interval {
                 low,
                 high,
                 kind: "of each run",
             }),
-            ..Figure::plain(variant, method, name, high)
+            ..Metric::without_interval(variant, method, name, high)
         }
     }
 
     /// Standard deviation of independent values, with the interval of a thousand resamplings: errors have heavy tails, so
     /// that the χ² of Gaussian ones would be too sure.
-    pub fn deviation(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
-        let mut figure = Figure::plain(variant, method, name, None);
+    pub fn std_dev(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
+        let mut figure = Metric::without_interval(variant, method, name, None);
         if values.len() < 2 {
             return figure;
         }
-        figure.value = Some(deviation(values.iter().copied()));
+        figure.value = Some(sample_std(values.iter().copied()));
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut drawn: Vec<f64> = (0..RESAMPLES)
+        let mut drawn: Vec<f64> = (0..BOOTSTRAP_RESAMPLES)
             .map(|_| {
                 let picked: Vec<f64> = values
                     .iter()
                     .map(|_| values[rng.random_range(0..values.len())])
                     .collect();
-                deviation(picked.into_iter())
+                sample_std(picked.into_iter())
             })
             .collect();
         drawn.sort_by(f64::total_cmp);
         figure.interval = Some(Interval {
-            low: drawn[RESAMPLES / 40],
-            high: drawn[RESAMPLES - 1 - RESAMPLES / 40],
-            kind: CONFIDENCE,
+            low: drawn[BOOTSTRAP_RESAMPLES / 40],
+            high: drawn[BOOTSTRAP_RESAMPLES - 1 - BOOTSTRAP_RESAMPLES / 40],
+            kind: CONFIDENCE_LABEL,
         });
         figure
     }
@@ -214,7 +219,7 @@ impl Figure {
     /// The median, with the range of nine values in ten.
     pub fn median(variant: &str, method: &str, name: &'static str, mut values: Vec<f64>) -> Self {
         values.sort_by(f64::total_cmp);
-        let mut figure = Figure::plain(variant, method, name, None);
+        let mut figure = Metric::without_interval(variant, method, name, None);
         if let Some(last) = values.len().checked_sub(1) {
             let at = |share: f64| values[(share * last as f64).round() as usize];
             figure.value = Some(at(0.5));
@@ -228,15 +233,15 @@ impl Figure {
     }
 
     /// Puts the paper's number beside it, if the paper has one.
-    pub fn beside(&mut self, stated: &[Stated]) {
-        let same = |one: &&Stated| {
+    pub fn attach_paper_value(&mut self, stated: &[PaperReference]) {
+        let same = |one: &&PaperReference| {
             one.figure == self.name
                 && one
                     .variant
                     .as_ref()
                     .is_none_or(|name| *name == self.variant || *name == self.method)
         };
-        self.paper = stated.iter().find(same).map(|one| Paper {
+        self.paper = stated.iter().find(same).map(|one| PaperValue {
             value: one.value,
             until: one.until,
             place: one.place.clone(),
@@ -244,17 +249,21 @@ impl Figure {
     }
 
     /// One line of the table on the terminal.
-    pub fn line(&self) -> String {
-        let value = self.value.map_or_else(|| "–".to_owned(), short);
+    pub fn table_line(&self) -> String {
+        let value = self.value.map_or_else(|| "–".to_owned(), format_value);
         let interval = self.interval.map_or_else(String::new, |interval| {
-            format!("[{}, {}]", short(interval.low), short(interval.high))
+            format!(
+                "[{}, {}]",
+                format_value(interval.low),
+                format_value(interval.high)
+            )
         });
         let paper = self
             .paper
             .as_ref()
             .map_or_else(String::new, |paper| match paper.until {
-                Some(until) => format!("{} to {}", short(paper.value), short(until)),
-                None => short(paper.value),
+                Some(until) => format!("{} to {}", format_value(paper.value), format_value(until)),
+                None => format_value(paper.value),
             });
         format!(
             "{:<26} {:<14} {:<35} {value:>10} {interval:<22} {paper}",
@@ -266,7 +275,7 @@ impl Figure {
 }
 
 /// Three or four digits that matter.
-fn short(value: f64) -> String {
+fn format_value(value: f64) -> String {
     let digits = match value.abs() {
         size if size >= 100.0 => 1,
         size if size >= 1.0 => 2,
@@ -281,18 +290,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mean_has_students_interval() {
+    fn mean_has_a_student_t_interval() {
         // Five values with mean 3 and deviation 1.5811: half width 2.776 · 1.5811 / √5.
-        let figure = Figure::mean("", "", "cm", &[1.0, 2.0, 3.0, 4.0, 5.0]);
+        let figure = Metric::mean("", "", "cm", &[1.0, 2.0, 3.0, 4.0, 5.0]);
         let interval = figure.interval.expect("five values");
         assert!((interval.high - 4.9629).abs() < 1e-3 && (interval.low - 1.0371).abs() < 1e-3);
-        assert_eq!(Figure::mean("", "", "cm", &[2.0]).interval, None);
-        assert_eq!(Figure::mean("", "", "cm", &[]).value, None);
+        assert_eq!(Metric::mean("", "", "cm", &[2.0]).interval, None);
+        assert_eq!(Metric::mean("", "", "cm", &[]).value, None);
     }
 
     #[test]
-    fn a_share_of_all_is_not_certain() {
-        let figure = Figure::share("", "", "%", 90, 90);
+    fn proportion_of_all_hits_has_a_wilson_lower_bound_below_100() {
+        let figure = Metric::proportion("", "", "%", 90, 90);
         let interval = figure.interval.expect("counted");
         assert_eq!(figure.value, Some(100.0));
         assert!((interval.high - 100.0).abs() < 1e-9, "{interval:?}");
@@ -300,26 +309,29 @@ mod tests {
     }
 
     #[test]
-    fn what_follows_one_another_counts_once() {
+    fn correlated_frames_of_a_segment_count_as_one_sample() {
         // Ten pieces of a hundred frames, two of them wholly lost: as sure as two of ten, not as two hundred of thousand.
         let pieces: Vec<(usize, usize)> =
             (0..10).map(|k| (100 * usize::from(k < 2), 100)).collect();
-        let figure = Figure::ratio("", "", "%", &pieces);
+        let figure = Metric::clustered_proportion("", "", "%", &pieces);
         let interval = figure.interval.expect("ten pieces");
         // 2.262 · sqrt(10/9 · (2·80² + 8·20²)) / 1000 = 30.2 %.
         assert!((figure.value.expect("counted") - 20.0).abs() < 1e-9);
         assert!((interval.high - 50.16).abs() < 0.05, "{interval:?}");
         assert_eq!(interval.low, 0.0);
-        let never = Figure::ratio("", "", "%", &[(0, 30); 4]).interval;
+        let never = Metric::clustered_proportion("", "", "%", &[(0, 30); 4]).interval;
         assert!((never.expect("four pieces").high - 49.0).abs() < 0.1);
-        assert_eq!(Figure::ratio("", "", "%", &[(0, 0)]).value, None);
+        assert_eq!(
+            Metric::clustered_proportion("", "", "%", &[(0, 0)]).value,
+            None
+        );
     }
 
     #[test]
-    fn a_deviations_interval_holds_it_and_narrows_with_the_number() {
+    fn std_dev_interval_contains_the_value_and_shrinks_with_sample_size() {
         let width = |count: u32| {
             let values: Vec<f64> = (0..count).map(|k| f64::from((k * 37) % 101)).collect();
-            let figure = Figure::deviation("", "", "cm", &values);
+            let figure = Metric::std_dev("", "", "cm", &values);
             let (value, interval) = figure.value.zip(figure.interval).expect("many values");
             assert!(interval.low < value && value < interval.high);
             interval.high - interval.low
@@ -329,8 +341,8 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_number_stands_beside_its_own_variant_only() {
-        let stated = [Stated {
+    fn paper_value_is_attached_to_its_own_variant_only() {
+        let stated = [PaperReference {
             variant: Some("half".to_owned()),
             figure: "cm".to_owned(),
             value: 7.0,
@@ -338,8 +350,8 @@ mod tests {
             place: "table 1".to_owned(),
         }];
         let paper = |variant| {
-            let mut figure = Figure::plain(variant, "default", "cm", Some(1.0));
-            figure.beside(&stated);
+            let mut figure = Metric::without_interval(variant, "default", "cm", Some(1.0));
+            figure.attach_paper_value(&stated);
             figure.paper.map(|paper| paper.value)
         };
         assert_eq!((paper("half"), paper("none")), (Some(7.0), None));

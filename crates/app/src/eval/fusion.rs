@@ -8,12 +8,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 use sim::fusion::{Course, Estimator, FusionExperiment, FusionScore};
 
-use super::experiment::Fusion;
-use super::figure::Figure;
-use super::output::Rows;
+use super::experiment::FusionRuns;
+use super::figure::Metric;
+use super::output::CsvRows;
 
 /// Does it name courses and estimators that exist?
-pub fn check(fusion: &Fusion) -> Result<()> {
+pub fn check(fusion: &FusionRuns) -> Result<()> {
     named(&Course::ALL, &fusion.courses)?;
     named(&Estimator::ALL, &fusion.estimators)?;
     Ok(())
@@ -21,11 +21,11 @@ pub fn check(fusion: &Fusion) -> Result<()> {
 
 /// Drives and judges; a row for each course, seed and estimator to CSV, figures over the seeds back.
 pub fn run(
-    fusion: &Fusion,
+    fusion: &FusionRuns,
     seeds: std::ops::Range<u64>,
-    rows: &mut Rows,
+    rows: &mut CsvRows,
     bar: &ProgressBar,
-) -> Result<Vec<Figure>> {
+) -> Result<Vec<Metric>> {
     let robot = RobotConfig::load(&fusion.robot)?;
     let field = Field::load(&robot.field)?;
     let courses = named(&Course::ALL, &fusion.courses)?;
@@ -64,21 +64,21 @@ pub fn run(
         .flat_map(|(course, estimator)| {
             let mine = all.iter().copied();
             let mine = mine.filter(|row| row.course == course && row.estimator == estimator);
-            figures_of(
-                &name_of(&course),
-                &name_of(&estimator),
+            metrics_of(
+                &snake_case_name(&course),
+                &snake_case_name(&estimator),
                 &mine.collect::<Vec<_>>(),
             )
         })
         .collect())
 }
 
-fn write_row(rows: &mut Rows, seed: u64, row: &FusionScore) -> Result<()> {
+fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
     let maybe = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
     rows.row(format_args!(
         "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5}",
-        name_of(&row.course),
-        name_of(&row.estimator),
+        snake_case_name(&row.course),
+        snake_case_name(&row.estimator),
         row.frames,
         row.position,
         row.position_max,
@@ -93,7 +93,7 @@ fn write_row(rows: &mut Rows, seed: u64, row: &FusionScore) -> Result<()> {
     ))
 }
 
-fn figures_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Figure> {
+fn metrics_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Metric> {
     let values = |get: fn(&FusionScore) -> Option<f32>| -> Vec<f64> {
         rows.iter()
             .filter_map(|row| get(row))
@@ -101,11 +101,11 @@ fn figures_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Figure>
             .collect()
     };
     let mean = |name: &'static str, get: fn(&FusionScore) -> Option<f32>| {
-        Figure::mean(variant, method, name, &values(get))
+        Metric::mean(variant, method, name, &values(get))
     };
     let mut figures = vec![
         mean("mean position, cm", |row| Some(100.0 * row.position)),
-        Figure::largest(
+        Metric::maximum(
             variant,
             method,
             "largest position, cm",
@@ -142,8 +142,8 @@ fn named<T: Copy + Serialize>(all: &[T], wanted: &[String]) -> Result<Vec<T>> {
         return Ok(all.to_vec());
     }
     let find = |name: &String| {
-        let Some(&found) = all.iter().find(|one| name_of(*one) == *name) else {
-            let known: Vec<String> = all.iter().map(name_of).collect();
+        let Some(&found) = all.iter().find(|one| snake_case_name(*one) == *name) else {
+            let known: Vec<String> = all.iter().map(snake_case_name).collect();
             bail!("there is no {name:?}; there are {}", known.join(", "));
         };
         Ok(found)
@@ -152,7 +152,7 @@ fn named<T: Copy + Serialize>(all: &[T], wanted: &[String]) -> Result<Vec<T>> {
 }
 
 /// As it is written in files.
-fn name_of<T: Serialize>(one: &T) -> String {
+fn snake_case_name<T: Serialize>(one: &T) -> String {
     let value = serde_json::to_value(one).unwrap_or_default();
     value.as_str().unwrap_or_default().to_owned()
 }

@@ -9,8 +9,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::experiment::Landscape;
-use super::figure::Figure;
-use super::output::Rows;
+use super::figure::Metric;
+use super::output::CsvRows;
 use pipeline::cycle::PipelineConfig;
 
 /// Mean error of all points (minho2016 eq. 5 on the distance to the nearest marking) at each place, and the height of
@@ -18,9 +18,9 @@ use pipeline::cycle::PipelineConfig;
 pub fn run(
     landscape: &Landscape,
     seed: u64,
-    rows: &mut Rows,
+    rows: &mut CsvRows,
     bar: &ProgressBar,
-) -> Result<Vec<Figure>> {
+) -> Result<Vec<Metric>> {
     let Landscape { step, reach, .. } = *landscape;
     ensure!(step > 0.0 && reach > 0.0, "step and reach must be positive");
     let field = Field::load(&landscape.field)?;
@@ -84,19 +84,19 @@ pub fn run(
     });
     let distance = f64::from((best.1 - x).hypot(best.2 - y));
     Ok(vec![
-        Figure::plain(
+        Metric::without_interval(
             "",
             "error surface",
             "lowest cell from the truth, cm",
             Some(100.0 * distance),
         ),
-        Figure::plain("", "error surface", "error there", Some(f64::from(best.0))),
-        Figure::plain(
+        Metric::without_interval("", "error surface", "error there", Some(f64::from(best.0))),
+        Metric::without_interval(
             "",
             "error surface",
             "error at the truth",
             Some(f64::from(error(x, y))),
         ),
-        Figure::plain("", "histogram", "heading off, °", off),
+        Metric::without_interval("", "histogram", "heading off, °", off),
     ])
 }

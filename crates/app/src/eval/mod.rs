@@ -19,8 +19,8 @@ use anyhow::{Context, Result, bail};
 use serde::Serialize;
 
 use crate::commands::arguments::UsageError;
-use experiment::{Experiment, Part, Run};
-use output::{PartResults, Results, Rows};
+use experiment::{Experiment, Part, PartRun};
+use output::{CsvRows, EvalResults, PartResults};
 use pipeline::paths;
 
 /// Run a paper's experiments again and set our figures beside its own: tables, CSV and one HTML page.
@@ -53,13 +53,13 @@ pub struct Args {
 #[derive(Serialize)]
 struct Outcome<'a> {
     #[serde(flatten)]
-    results: &'a Results,
+    results: &'a EvalResults,
     page: Option<PathBuf>,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, json: bool) -> Result<()> {
-    let path = find(&args.name)?;
+    let path = find_experiment(&args.name)?;
     let experiment = Experiment::load(&path)?;
     let asked = |part: &&Part| part.name.contains(&args.only);
     if !experiment.parts.iter().any(|part| asked(&part)) {
@@ -81,7 +81,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let name = path
         .file_stem()
         .map(|stem| stem.to_string_lossy().into_owned());
-    let results = Results {
+    let results = EvalResults {
         name: name.unwrap_or_default(),
         title: experiment.title.clone(),
         source: experiment.source.clone(),
@@ -113,7 +113,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 }
 
 /// A file, or the name of one of ours.
-fn find(name: &str) -> Result<PathBuf> {
+fn find_experiment(name: &str) -> Result<PathBuf> {
     let file = Path::new(name);
     if file.extension().is_some() {
         return Ok(file.to_owned());
@@ -137,28 +137,28 @@ fn find(name: &str) -> Result<PathBuf> {
 
 fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<PartResults> {
     let file = format!("{}.csv", part.name);
-    let mut rows = Rows::new(folder.join(&file));
+    let mut rows = CsvRows::new(folder.join(&file));
     let seed = seeds.start;
     let bar = crate::progress::bar(0, "of this part");
     bar.set_message(part.name.clone());
     let (kind, figures) = match &part.run {
-        Run::Drives(drives) => ("drives", drives::run(drives, seeds, &mut rows, &bar)),
-        Run::Stills(stills) => ("stills", stills::run(stills, seed, &mut rows, &bar)),
-        Run::Searches(searches) => ("searches", searches::run(searches, seed, &mut rows, &bar)),
-        Run::Times(times) => ("times", times::run(times, seed, &mut rows, &bar)),
-        Run::Landscape(landscape) => (
+        PartRun::Drives(drives) => ("drives", drives::run(drives, seeds, &mut rows, &bar)),
+        PartRun::Stills(stills) => ("stills", stills::run(stills, seed, &mut rows, &bar)),
+        PartRun::Searches(searches) => ("searches", searches::run(searches, seed, &mut rows, &bar)),
+        PartRun::Times(times) => ("times", times::run(times, seed, &mut rows, &bar)),
+        PartRun::Landscape(landscape) => (
             "landscape",
             landscape::run(landscape, seed, &mut rows, &bar),
         ),
-        Run::Eyes(eyes) => ("eyes", eyes::run(eyes, seeds, &mut rows, &bar)),
-        Run::Fusion(fusion) => ("fusion", fusion::run(fusion, seeds, &mut rows, &bar)),
-        Run::Team(team) => ("team", team::drawn(team, seeds, &mut rows, &bar)),
-        Run::Squad(squad) => ("team", team::rendered(squad, seeds, &mut rows, &bar)),
+        PartRun::Eyes(eyes) => ("eyes", eyes::run(eyes, seeds, &mut rows, &bar)),
+        PartRun::Fusion(fusion) => ("fusion", fusion::run(fusion, seeds, &mut rows, &bar)),
+        PartRun::Team(team) => ("team", team::run_synthetic(team, seeds, &mut rows, &bar)),
+        PartRun::Squad(squad) => ("team", team::run_rendered(squad, seeds, &mut rows, &bar)),
     };
     bar.finish_and_clear();
     let mut figures = figures.with_context(|| format!("part {:?}", part.name))?;
     for figure in &mut figures {
-        figure.beside(&part.paper);
+        figure.attach_paper_value(&part.paper);
     }
     rows.finish()?;
     Ok(PartResults {

@@ -5,19 +5,19 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-use super::figure::Figure;
+use super::figure::Metric;
 use pipeline::csv_table::CsvWriter;
 
 /// The rows of one part, written when the first comes.
-pub struct Rows {
+pub struct CsvRows {
     path: PathBuf,
     file: Option<CsvWriter>,
 }
 
-impl Rows {
+impl CsvRows {
     /// Will be written to `path`.
     pub fn new(path: PathBuf) -> Self {
-        Rows { path, file: None }
+        CsvRows { path, file: None }
     }
 
     /// Starts the file.
@@ -41,13 +41,13 @@ impl Rows {
 }
 
 /// A text as one field of a CSV, whatever is in it.
-pub fn quoted(text: &str) -> String {
+pub fn csv_quote(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }
 
 /// What the page is made of.
 #[derive(Debug, Serialize)]
-pub struct Results {
+pub struct EvalResults {
     /// The experiment's name.
     pub name: String,
     /// Its heading.
@@ -78,10 +78,10 @@ pub struct PartResults {
     /// Its rows, beside results.json.
     pub rows: String,
     /// Its figures.
-    pub figures: Vec<Figure>,
+    pub figures: Vec<Metric>,
 }
 
-impl Results {
+impl EvalResults {
     /// Writes results.json and figures.csv.
     pub fn write(&self, folder: &Path) -> Result<()> {
         let path = folder.join("results.json");
@@ -99,16 +99,16 @@ impl Results {
                 table.write_row(format_args!(
                     "{},{},{},{},{},{},{},{},{},{},{}",
                     part.name,
-                    quoted(&figure.variant),
-                    quoted(&figure.method),
-                    quoted(figure.name),
+                    csv_quote(&figure.variant),
+                    csv_quote(&figure.method),
+                    csv_quote(figure.name),
                     number(figure.value),
                     number(interval.map(|interval| interval.low)),
                     number(interval.map(|interval| interval.high)),
                     interval.map_or("", |interval| interval.kind),
                     number(paper.map(|paper| paper.value)),
                     number(paper.and_then(|paper| paper.until)),
-                    quoted(paper.map_or("", |paper| &paper.place)),
+                    csv_quote(paper.map_or("", |paper| &paper.place)),
                 ))?;
             }
         }
@@ -125,7 +125,7 @@ impl Results {
                 "", "", "", "value", "interval"
             );
             for figure in &part.figures {
-                println!("{}", figure.line());
+                println!("{}", figure.table_line());
             }
         }
         if !self.differs.is_empty() {

@@ -14,20 +14,20 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::experiment::Searches;
-use super::figure::Figure;
-use super::output::Rows;
+use super::figure::Metric;
+use super::output::CsvRows;
 use pipeline::cycle::PipelineConfig;
 
 /// A pose this near is the right one, metres and radians (5°).
-const RIGHT: (f32, f32) = (0.25, 0.087);
+const CORRECT_WITHIN: (f32, f32) = (0.25, 0.087);
 
 /// Asks each preset's relocaliser about the same sights, one after the other, so that times mean something.
 pub fn run(
     searches: &Searches,
     seed: u64,
-    rows: &mut Rows,
+    rows: &mut CsvRows,
     bar: &ProgressBar,
-) -> Result<Vec<Figure>> {
+) -> Result<Vec<Metric>> {
     let field = Field::load(&searches.field)?;
     let compass = searches.compass_std_deg.map(f32::to_radians);
     let drive = SyntheticDriveConfig::default();
@@ -73,11 +73,11 @@ pub fn run(
                 ))?;
                 continue;
             };
-            let error = match error(pose, *truth) {
-                error if prior.is_some() || is_right(error) => error,
-                _ => self::error(half_turn(pose), *truth),
+            let error = match pose_error(pose, *truth) {
+                error if prior.is_some() || is_correct(error) => error,
+                _ => self::pose_error(half_turn(pose), *truth),
             };
-            let hit = is_right(error);
+            let hit = is_correct(error);
             rows.row(format_args!(
                 "{preset},{number},{x:.5},{y:.5},{theta:.6},{:.5},{:.5},{:.6},{}",
                 pose.x,
@@ -93,28 +93,34 @@ pub fn run(
             }
         }
         let centimetres = |values: &[f64]| values.iter().map(|v| 100.0 * v).collect::<Vec<_>>();
-        figures.push(Figure::share("", preset, "right, %", right, sights.len()));
-        figures.push(Figure::mean(
+        figures.push(Metric::proportion(
+            "",
+            preset,
+            "right, %",
+            right,
+            sights.len(),
+        ));
+        figures.push(Metric::mean(
             "",
             preset,
             "mean |x| of these, cm",
             &centimetres(&off[0]),
         ));
-        figures.push(Figure::mean(
+        figures.push(Metric::mean(
             "",
             preset,
             "mean |y| of these, cm",
             &centimetres(&off[1]),
         ));
-        figures.push(Figure::mean("", preset, "mean |θ| of these, rad", &off[2]));
-        figures.push(Figure::median("", preset, "time, ms", times));
+        figures.push(Metric::mean("", preset, "mean |θ| of these, rad", &off[2]));
+        figures.push(Metric::median("", preset, "time, ms", times));
     }
     (!figures.is_empty())
         .then_some(figures)
         .context("it names no preset")
 }
 
-fn error(pose: Pose, truth: Pose) -> [f32; 3] {
+fn pose_error(pose: Pose, truth: Pose) -> [f32; 3] {
     [
         pose.x - truth.x,
         pose.y - truth.y,
@@ -122,6 +128,6 @@ fn error(pose: Pose, truth: Pose) -> [f32; 3] {
     ]
 }
 
-fn is_right(error: [f32; 3]) -> bool {
-    error[0].hypot(error[1]) < RIGHT.0 && error[2].abs() < RIGHT.1
+fn is_correct(error: [f32; 3]) -> bool {
+    error[0].hypot(error[1]) < CORRECT_WITHIN.0 && error[2].abs() < CORRECT_WITHIN.1
 }

@@ -4,19 +4,24 @@ use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use rayon::prelude::*;
 
-use super::drives::{Row, row};
+use super::drives::{FrameResult, frame_result};
 use super::experiment::Stills;
-use super::figure::Figure;
-use super::output::Rows;
+use super::figure::Metric;
+use super::output::CsvRows;
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::sample::Sample;
 use pipeline::simulation::Simulation;
 
 /// An error beyond this is another place, not an inaccurate one, metres.
-const OUTLIER: f32 = 0.5;
+const OUTLIER_DISTANCE: f32 = 0.5;
 
 /// Renders and locates each still; a still's seed counts up from `seed`.
-pub fn run(stills: &Stills, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Result<Vec<Figure>> {
+pub fn run(
+    stills: &Stills,
+    seed: u64,
+    rows: &mut CsvRows,
+    bar: &ProgressBar,
+) -> Result<Vec<Metric>> {
     let mut jobs = Vec::new();
     for (spot, &at) in stills.spots.iter().enumerate() {
         for &heading in &stills.headings_deg {
@@ -24,10 +29,10 @@ pub fn run(stills: &Stills, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Re
         }
     }
     bar.set_length(jobs.len() as u64);
-    let located: Vec<Vec<Row>> = jobs
+    let located: Vec<Vec<FrameResult>> = jobs
         .par_iter()
         .map(|&(_, place, seed)| {
-            let found = still(stills, place, seed);
+            let found = locate_still(stills, place, seed);
             bar.inc(1);
             found
         })
@@ -42,8 +47,8 @@ pub fn run(stills: &Stills, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Re
         for (&(spot, _, seed), found) in jobs.iter().zip(&located) {
             let row = &found[index];
             let [tx, ty, tt] = row.truth;
-            let (mode, points) = (pipeline::result_files::mode_name(row.mode), row.points);
-            let Some((pose, error)) = row.pose.zip(row.error()) else {
+            let (mode, points) = (pipeline::result_files::mode_name(row.mode), row.line_points);
+            let Some((pose, error)) = row.pose.zip(row.pose_error()) else {
                 rows.row(format_args!(
                     "{preset},{spot},{seed},{tx:.5},{ty:.5},{tt:.6},,,,,,,{mode},{points}"
                 ))?;
@@ -53,19 +58,19 @@ pub fn run(stills: &Stills, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Re
             rows.row(format_args!(
                 "{preset},{spot},{seed},{tx:.5},{ty:.5},{tt:.6},{x:.5},{y:.5},{t:.6},{ex:.5},{ey:.5},{et:.6},{mode},{points}"
             ))?;
-            if ex.hypot(ey) < OUTLIER {
+            if ex.hypot(ey) < OUTLIER_DISTANCE {
                 errors.push(error);
             } else {
                 outliers += 1;
             }
         }
-        figures.extend(figures_of(preset, &errors, outliers, jobs.len()));
+        figures.extend(metrics_of(preset, &errors, outliers, jobs.len()));
     }
     Ok(figures)
 }
 
 /// One image, located with each preset.
-fn still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<Row>> {
+fn locate_still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<FrameResult>> {
     let [x, y, theta_deg] = place.map(f64::from);
     let start = toml::toml! { x = x  y = y  theta_deg = theta_deg };
     let set = toml::Table::from_iter([("start".to_owned(), toml::Value::Table(start))]);
@@ -89,13 +94,13 @@ fn still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<Row>> {
                 .find_map(|sample| spine.process_sample(sample.clone()));
             cycle
                 .as_ref()
-                .and_then(row)
+                .and_then(frame_result)
                 .context("the scenario ends before its first image")
         })
         .collect()
 }
 
-fn figures_of(preset: &str, errors: &[[f32; 3]], outliers: usize, count: usize) -> Vec<Figure> {
+fn metrics_of(preset: &str, errors: &[[f32; 3]], outliers: usize, count: usize) -> Vec<Metric> {
     let values = |axis: usize, scale: f64| -> Vec<f64> {
         errors
             .iter()
@@ -105,13 +110,13 @@ fn figures_of(preset: &str, errors: &[[f32; 3]], outliers: usize, count: usize) 
     let degrees = 1f64.to_degrees();
     let (x, y, theta) = (values(0, 100.0), values(1, 100.0), values(2, degrees));
     vec![
-        Figure::share("", preset, "located, %", errors.len() + outliers, count),
-        Figure::share("", preset, "within 0.5 m, %", errors.len(), count),
-        Figure::mean("", preset, "mean of x, cm", &x),
-        Figure::mean("", preset, "mean of y, cm", &y),
-        Figure::mean("", preset, "mean of θ, °", &theta),
-        Figure::deviation("", preset, "σ of x, cm", &x),
-        Figure::deviation("", preset, "σ of y, cm", &y),
-        Figure::deviation("", preset, "σ of θ, °", &theta),
+        Metric::proportion("", preset, "located, %", errors.len() + outliers, count),
+        Metric::proportion("", preset, "within 0.5 m, %", errors.len(), count),
+        Metric::mean("", preset, "mean of x, cm", &x),
+        Metric::mean("", preset, "mean of y, cm", &y),
+        Metric::mean("", preset, "mean of θ, °", &theta),
+        Metric::std_dev("", preset, "σ of x, cm", &x),
+        Metric::std_dev("", preset, "σ of y, cm", &y),
+        Metric::std_dev("", preset, "σ of θ, °", &theta),
     ]
 }

@@ -5,17 +5,17 @@ use indicatif::ProgressBar;
 use localize::team::experiment::{BallScore, TeamExperiment, evaluate_team_ball};
 use rayon::prelude::*;
 
-use super::experiment::{Circumstance, SquadRuns, Team, Variant};
-use super::figure::Figure;
-use super::output::{Rows, quoted};
+use super::experiment::{MultiRobotRuns, TeamRuns, TeamVariant, Variant};
+use super::figure::Metric;
+use super::output::{CsvRows, csv_quote};
 use pipeline::cycle::{PipelineConfig, apply_overlay};
 use pipeline::multi_robot::{MultiRobotSimulation, RobotSummary};
 use pipeline::simulation::load_scenario_with_overrides;
 
 /// One run of a team: mean errors of the ball, metres.
-struct Known {
+struct BallErrors {
     /// By each robot alone.
-    alone: Vec<f64>,
+    single_robots: Vec<f64>,
     /// By the team.
     team: Option<f64>,
     /// Squared error of the team's ball in its own standard deviations, where it was scored.
@@ -25,33 +25,33 @@ struct Known {
 const HEADER: &str = "variant,method,seed,robot,error_m";
 
 /// Plays drawn drives, without images.
-pub fn drawn(
-    team: &Team,
+pub fn run_synthetic(
+    team: &TeamRuns,
     seeds: std::ops::Range<u64>,
-    rows: &mut Rows,
+    rows: &mut CsvRows,
     bar: &ProgressBar,
-) -> Result<Vec<Figure>> {
+) -> Result<Vec<Metric>> {
     bar.set_length(team.variants.len() as u64 * (seeds.end - seeds.start));
     rows.header(HEADER)?;
     let mut figures = Vec::new();
     for variant in &team.variants {
-        let trial = trial_of(variant);
+        let trial = team_experiment(variant);
         let seeds: Vec<u64> = seeds.clone().collect();
-        let runs: Vec<Known> = seeds
+        let runs: Vec<BallErrors> = seeds
             .par_iter()
             .map(|&seed| {
                 let score = evaluate_team_ball(seed..seed + 1, &trial);
                 bar.inc(1);
-                known(&score)
+                ball_errors(&score)
             })
             .collect();
         write_rows(rows, &variant.name, &seeds, &runs)?;
-        figures.extend(figures_of(&variant.name, &runs));
+        figures.extend(metrics_of(&variant.name, &runs));
     }
     Ok(figures)
 }
 
-fn trial_of(variant: &Circumstance) -> TeamExperiment {
+fn team_experiment(variant: &TeamVariant) -> TeamExperiment {
     let usual = TeamExperiment::default();
     TeamExperiment {
         frames_per_message: variant
@@ -66,27 +66,27 @@ fn trial_of(variant: &Circumstance) -> TeamExperiment {
     }
 }
 
-fn known(score: &BallScore) -> Known {
+fn ball_errors(score: &BallScore) -> BallErrors {
     let honest = score
         .single_robot
         .iter()
         .copied()
         .filter(|error| *error > 0.0);
     let scored = score.frames > 0;
-    Known {
-        alone: honest.map(f64::from).collect(),
+    BallErrors {
+        single_robots: honest.map(f64::from).collect(),
         team: scored.then_some(f64::from(score.fused)),
         nees: scored.then_some(f64::from(score.nees)),
     }
 }
 
 /// Plays scenarios with a squad, images included; a squad uses all cores by itself.
-pub fn rendered(
-    squads: &SquadRuns,
+pub fn run_rendered(
+    squads: &MultiRobotRuns,
     seeds: std::ops::Range<u64>,
-    rows: &mut Rows,
+    rows: &mut CsvRows,
     bar: &ProgressBar,
-) -> Result<Vec<Figure>> {
+) -> Result<Vec<Metric>> {
     bar.set_length(
         (squads.variants.len() * squads.presets.len()) as u64 * (seeds.end - seeds.start),
     );
@@ -97,31 +97,31 @@ pub fn rendered(
         for preset in &squads.presets {
             let mut runs = Vec::new();
             for &seed in &seeds {
-                let fared = play(variant, preset, seed)
+                let fared = play_scenario(variant, preset, seed)
                     .with_context(|| format!("variant {:?}", variant.name))?;
                 bar.inc(1);
-                runs.push(Known::of(&fared));
+                runs.push(BallErrors::from_summaries(&fared));
             }
             let name = match squads.presets.len() {
                 1 => variant.name.clone(),
                 _ => format!("{}, {preset}", variant.name),
             };
             write_rows(rows, &name, &seeds, &runs)?;
-            figures.extend(figures_of(&name, &runs));
+            figures.extend(metrics_of(&name, &runs));
         }
     }
     Ok(figures)
 }
 
-fn play(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<RobotSummary>> {
+fn play_scenario(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<RobotSummary>> {
     let path = variant.scenario.as_deref().context("no scenario")?;
     let (scenario, _) = load_scenario_with_overrides(path, &variant.set, Some(seed))?;
     let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
     MultiRobotSimulation::new((path, &scenario), &config, scenario.duration, None)?.run(|_| ())
 }
 
-impl Known {
-    fn of(fared: &[RobotSummary]) -> Self {
+impl BallErrors {
+    fn from_summaries(fared: &[RobotSummary]) -> Self {
         let alone = fared
             .iter()
             .filter_map(|one| Some(one.own_far_ball_m?.mean));
@@ -129,27 +129,27 @@ impl Known {
             .iter()
             .filter_map(|one| Some(one.team_far_ball_m?.mean))
             .collect();
-        Known {
-            alone: alone.collect(),
+        BallErrors {
+            single_robots: alone.collect(),
             team: (!team.is_empty()).then(|| team.iter().sum::<f64>() / team.len() as f64),
             nees: None,
         }
     }
 
-    fn best(&self) -> Option<f64> {
-        self.alone.iter().copied().reduce(f64::min)
+    fn best_robot(&self) -> Option<f64> {
+        self.single_robots.iter().copied().reduce(f64::min)
     }
 
-    fn usual(&self) -> Option<f64> {
-        let count = self.alone.len() as f64;
-        (count > 0.0).then(|| self.alone.iter().sum::<f64>() / count)
+    fn mean_robot(&self) -> Option<f64> {
+        let count = self.single_robots.len() as f64;
+        (count > 0.0).then(|| self.single_robots.iter().sum::<f64>() / count)
     }
 }
 
-fn write_rows(rows: &mut Rows, variant: &str, seeds: &[u64], runs: &[Known]) -> Result<()> {
-    let variant = quoted(variant);
+fn write_rows(rows: &mut CsvRows, variant: &str, seeds: &[u64], runs: &[BallErrors]) -> Result<()> {
+    let variant = csv_quote(variant);
     for (seed, run) in seeds.iter().zip(runs) {
-        for (robot, error) in run.alone.iter().enumerate() {
+        for (robot, error) in run.single_robots.iter().enumerate() {
             rows.row(format_args!(
                 "{variant},alone,{seed},{},{error:.5}",
                 robot + 1
@@ -162,23 +162,33 @@ fn write_rows(rows: &mut Rows, variant: &str, seeds: &[u64], runs: &[Known]) -> 
     Ok(())
 }
 
-fn figures_of(variant: &str, runs: &[Known]) -> Vec<Figure> {
-    let centimetres = |get: fn(&Known) -> Option<f64>| -> Vec<f64> {
+fn metrics_of(variant: &str, runs: &[BallErrors]) -> Vec<Metric> {
+    let centimetres = |get: fn(&BallErrors) -> Option<f64>| -> Vec<f64> {
         let values = runs.iter().filter_map(get);
         values.map(|error| 100.0 * error).collect()
     };
     let name = "error of the ball, cm";
     let ratios: Vec<f64> = runs
         .iter()
-        .filter_map(|run| Some(run.team? / run.best()?))
+        .filter_map(|run| Some(run.team? / run.best_robot()?))
         .collect();
     let nees: Vec<f64> = runs.iter().filter_map(|run| run.nees).collect();
     let mut figures = vec![
-        Figure::mean(variant, "mean robot", name, &centimetres(Known::usual)),
-        Figure::mean(variant, "best robot", name, &centimetres(Known::best)),
-        Figure::mean(variant, "team", name, &centimetres(|run| run.team)),
-        Figure::mean(variant, "team", "over the best robot's", &ratios),
-        Figure::mean(variant, "team", "NEES (2 is honest)", &nees),
+        Metric::mean(
+            variant,
+            "mean robot",
+            name,
+            &centimetres(BallErrors::mean_robot),
+        ),
+        Metric::mean(
+            variant,
+            "best robot",
+            name,
+            &centimetres(BallErrors::best_robot),
+        ),
+        Metric::mean(variant, "team", name, &centimetres(|run| run.team)),
+        Metric::mean(variant, "team", "over the best robot's", &ratios),
+        Metric::mean(variant, "team", "NEES (2 is honest)", &nees),
     ];
     figures.retain(|figure| figure.value.is_some());
     figures

@@ -19,8 +19,8 @@ use vision::Vision;
 use vision::image::Image;
 
 use super::experiment::Times;
-use super::figure::Figure;
-use super::output::{Rows, quoted};
+use super::figure::Metric;
+use super::output::{CsvRows, csv_quote};
 use pipeline::cycle::PipelineConfig;
 use pipeline::paths;
 use pipeline::setup::Setup;
@@ -63,7 +63,7 @@ impl Stage {
 }
 
 /// Times each stage; other work on the machine shows in the upper end of the range.
-pub fn run(times: &Times, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Result<Vec<Figure>> {
+pub fn run(times: &Times, seed: u64, rows: &mut CsvRows, bar: &ProgressBar) -> Result<Vec<Metric>> {
     let field = Field::load(&times.field)?;
     let frames: Vec<SyntheticSample> = SyntheticDrive::new(
         &field,
@@ -76,19 +76,22 @@ pub fn run(times: &Times, seed: u64, rows: &mut Rows, bar: &ProgressBar) -> Resu
     rows.header("method,cycle,time_ms")?;
     let mut figures = Vec::new();
     for &stage in &times.stages {
-        let measured =
-            measure(stage, &field, &frames).with_context(|| format!("stage {}", stage.name()))?;
+        let measured = measure_stage(stage, &field, &frames)
+            .with_context(|| format!("stage {}", stage.name()))?;
         for (cycle, time) in measured.iter().enumerate() {
-            rows.row(format_args!("{},{cycle},{time:.5}", quoted(stage.name())))?;
+            rows.row(format_args!(
+                "{},{cycle},{time:.5}",
+                csv_quote(stage.name())
+            ))?;
         }
-        figures.push(Figure::median("", stage.name(), "time, ms", measured));
+        figures.push(Metric::median("", stage.name(), "time, ms", measured));
         bar.inc(1);
     }
     Ok(figures)
 }
 
 /// Milliseconds of each call; the first, which fills caches, is made twice.
-fn each<'a>(
+fn time_each_frame<'a>(
     frames: &'a [SyntheticSample],
     mut call: impl FnMut(&'a SyntheticSample, Option<HeadingPrior>),
 ) -> Vec<f64> {
@@ -105,23 +108,23 @@ fn each<'a>(
     frames.iter().map(once).collect()
 }
 
-fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Vec<f64>> {
+fn measure_stage(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Vec<f64>> {
     let config = PipelineConfig::default().localize;
     let distances = DistanceField::new(field, &config.distance_field);
     let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
     let matching = |config: MatchConfig| {
         let mut matcher = Matcher::new(config);
-        each(frames, |frame, _| {
+        time_each_frame(frames, |frame, _| {
             black_box(matcher.refine(&distances, &frame.points, near(frame.true_pose), 0.05));
         })
     };
     let scan_map = || ScanMap::new(field, &distances, config.global_search.scan_map.clone());
     Ok(match stage {
-        Stage::LinePoints => return line_points(frames.len()),
+        Stage::LinePoints => return measure_line_points(frames.len()),
         Stage::MonteCarlo => {
             let settings = config.global_search.monte_carlo.clone();
             let mut filter = MonteCarlo::new(field, &distances, settings);
-            each(frames, |frame, prior| {
+            time_each_frame(frames, |frame, prior| {
                 filter.reset();
                 black_box(filter.update(&frame.points, prior));
             })
@@ -136,20 +139,20 @@ fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Ve
         Stage::Matching => matching(config.matching.clone()),
         Stage::ScanMapGlobal => {
             let map = scan_map();
-            each(frames, |frame, prior| {
+            time_each_frame(frames, |frame, prior| {
                 let heading = prior.map_or(0.0, |prior| prior.heading);
                 black_box(map.find_poses(&frame.points, heading, 6, 0.4));
             })
         }
         Stage::ScanMapLocal => {
             let map = scan_map();
-            each(frames, |frame, _| {
+            time_each_frame(frames, |frame, _| {
                 black_box(map.find_pose_near(&frame.points, frame.true_pose));
             })
         }
         Stage::Hough => {
             let mut hough = Hough::new(field, config.global_search.hough.clone());
-            each(frames, |frame, prior| {
+            time_each_frame(frames, |frame, prior| {
                 black_box(hough.find_poses(&frame.points, prior));
             })
         }
@@ -157,7 +160,7 @@ fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Ve
             let mut search =
                 BranchAndBound::new(field, &distances, config.branch_and_bound.clone());
             let mut matcher = Matcher::new(config.matching.clone());
-            each(frames, |frame, _| {
+            time_each_frame(frames, |frame, _| {
                 black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, None));
             })
         }
@@ -165,7 +168,7 @@ fn measure(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Ve
 }
 
 /// On the recorded drive's images, again and again.
-fn line_points(cycles: usize) -> Result<Vec<f64>> {
+fn measure_line_points(cycles: usize) -> Result<Vec<f64>> {
     let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup.camera.as_ref().context("the sample has no camera")?;

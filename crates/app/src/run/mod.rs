@@ -103,7 +103,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
         let name = format!("run {}", robot.folder.display());
         let play = |feed| run_robot(args, robot, patrol, feed, &stop, json);
-        return view::beside(&name, (shown, config), AfterRun::Leave, play);
+        return view::run_with_window(&name, (shown, config), AfterRun::Close, play);
     }
     run_robot(args, robot, patrol, Feed::new(), &stop, json)
 }

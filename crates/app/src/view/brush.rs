@@ -13,18 +13,18 @@ use vision::labels::{ColourTable, Label, TableKind};
 pub(crate) enum Tool {
     /// Nothing: dragging pans.
     #[default]
-    None,
+    Pan,
     /// Labels of this class, by its place in [`vision::colours::CLASS_NAMES`].
     Class(usize),
     /// The mask: the robot's own parts.
     Mask,
     /// Away with the mask.
-    Unmask,
+    EraseMask,
 }
 
 /// A labelled pixel.
 #[derive(Debug, Clone)]
-pub(crate) struct Stroke {
+pub(crate) struct PixelLabel {
     /// By its place in [`vision::colours::CLASS_NAMES`].
     pub(crate) class: usize,
     /// Red, green, blue there.
@@ -39,13 +39,13 @@ pub(crate) struct Brush {
     /// Half its width, pixels.
     pub(crate) radius_px: u16,
     /// Labels by their image, column and row.
-    pub(crate) strokes: BTreeMap<(Stamp, [u16; 2]), Stroke>,
+    pub(crate) labels: BTreeMap<(Stamp, [u16; 2]), PixelLabel>,
     /// The images they are in.
-    pub(crate) images: Vec<(Stamp, Arc<Image>)>,
+    pub(crate) labelled_images: Vec<(Stamp, Arc<Image>)>,
     /// One entry a pixel; false where the robot sees itself.
     pub(crate) mask: Option<Vec<bool>>,
     /// Something was painted since the table was learned.
-    pub(crate) fresh: bool,
+    pub(crate) dirty: bool,
 }
 
 impl Brush {
@@ -65,50 +65,54 @@ impl Brush {
         for v in (row - reach).max(0)..(row + reach + 1).min(height) {
             for u in (column - reach).max(0)..(column + reach + 1).min(width) {
                 if (u - column).pow(2) + (v - row).pow(2) <= reach * reach {
-                    self.dot(stamp, image, u as usize, v as usize);
+                    self.paint_pixel(stamp, image, u as usize, v as usize);
                 }
             }
         }
-        self.fresh = true;
+        self.dirty = true;
     }
 
-    fn dot(&mut self, stamp: Stamp, image: &Arc<Image>, u: usize, v: usize) {
+    fn paint_pixel(&mut self, stamp: Stamp, image: &Arc<Image>, u: usize, v: usize) {
         let at = v * image.width_px + u;
         match self.tool {
-            Tool::None => {}
-            Tool::Mask | Tool::Unmask => {
+            Tool::Pan => {}
+            Tool::Mask | Tool::EraseMask => {
                 let size = image.width_px * image.height_px;
                 let mask = self.mask.get_or_insert_with(|| vec![true; size]);
                 if let Some(pixel) = mask.get_mut(at) {
-                    *pixel = self.tool == Tool::Unmask;
+                    *pixel = self.tool == Tool::EraseMask;
                 }
             }
             Tool::Class(class) => {
                 let rgb = &image.rgb[3 * at..3 * at + 3];
                 let rgb = [rgb[0], rgb[1], rgb[2]];
                 let place = (stamp, [u as u16, v as u16]);
-                self.strokes.insert(place, Stroke { class, rgb });
-                if self.images.iter().all(|(known, _)| *known != stamp) {
-                    self.images.push((stamp, image.clone()));
+                self.labels.insert(place, PixelLabel { class, rgb });
+                if self
+                    .labelled_images
+                    .iter()
+                    .all(|(known, _)| *known != stamp)
+                {
+                    self.labelled_images.push((stamp, image.clone()));
                 }
             }
         }
     }
 
     /// Forgets the labels.
-    pub(crate) fn clear(&mut self) {
-        self.strokes.clear();
-        self.images.clear();
-        self.fresh = true;
+    pub(crate) fn clear_labels(&mut self) {
+        self.labels.clear();
+        self.labelled_images.clear();
+        self.dirty = true;
     }
 
     /// The table that the labels make; none without labels.
-    pub(crate) fn learn(&self) -> Option<ColourTable> {
-        let label = |stroke: &Stroke| Label {
+    pub(crate) fn learn_colour_table(&self) -> Option<ColourTable> {
+        let label = |stroke: &PixelLabel| Label {
             rgb: stroke.rgb,
             class: vision::colours::CLASS_NAMES[stroke.class].to_owned(),
         };
-        let labels: Vec<Label> = self.strokes.values().map(label).collect();
+        let labels: Vec<Label> = self.labels.values().map(label).collect();
         ColourTable::learn(&labels, TableKind::Yuv)
     }
 }

@@ -7,15 +7,15 @@ use localize::Stamp;
 use pipeline::cycle::Cycle;
 
 /// Rates are counted over so many seconds.
-const WINDOW: f64 = 2.0;
+const RATE_WINDOW: f64 = 2.0;
 /// So many equal readings in a row come from no living sensor.
-const STUCK: u32 = 20;
+const STUCK_REPEATS: u32 = 20;
 /// A device is silent when its last sample is older than so many of its usual intervals.
 const SILENT_INTERVALS: f64 = 5.0;
 
 /// One device.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Device {
+pub(crate) struct DeviceHealth {
     /// Camera, wheels, compass, IMU.
     pub(crate) name: &'static str,
     recent: VecDeque<Stamp>,
@@ -29,16 +29,16 @@ pub(crate) struct Device {
     repeats: u32,
     reading: [u32; 6],
     /// Faults, and the last one.
-    pub(crate) faults: u64,
+    pub(crate) fault_count: u64,
     /// What the last fault was.
-    pub(crate) fault: Option<String>,
+    pub(crate) last_fault: Option<String>,
 }
 
 /// What a device is doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum State {
+pub(crate) enum DeviceState {
     /// Nothing came yet.
-    Absent,
+    NoData,
     /// It delivers.
     Running,
     /// It delivered once.
@@ -47,20 +47,20 @@ pub(crate) enum State {
     Stuck,
 }
 
-impl State {
+impl DeviceState {
     /// In a word.
-    pub(crate) fn name(self) -> &'static str {
+    pub(crate) fn label(self) -> &'static str {
         match self {
-            State::Absent => "nothing came",
-            State::Running => "running",
-            State::Silent => "silent",
-            State::Stuck => "stuck: repeats itself",
+            DeviceState::NoData => "nothing came",
+            DeviceState::Running => "running",
+            DeviceState::Silent => "silent",
+            DeviceState::Stuck => "stuck: repeats itself",
         }
     }
 }
 
-impl Device {
-    fn take(&mut self, stamp: Stamp, reading: [u32; 6]) {
+impl DeviceHealth {
+    fn record(&mut self, stamp: Stamp, reading: [u32; 6]) {
         if let Some(last) = self.last {
             self.longest_gap = self.longest_gap.max(stamp - last);
         }
@@ -73,7 +73,7 @@ impl Device {
         self.samples += 1;
         self.last = Some(stamp);
         self.recent.push_back(stamp);
-        while (self.recent.front()).is_some_and(|first| stamp - *first > WINDOW) {
+        while (self.recent.front()).is_some_and(|first| stamp - *first > RATE_WINDOW) {
             self.recent.pop_front();
         }
     }
@@ -84,62 +84,62 @@ impl Device {
     }
 
     /// What it is doing as of `now`.
-    pub(crate) fn state(&self, now: Stamp) -> State {
+    pub(crate) fn state(&self, now: Stamp) -> DeviceState {
         let Some(age) = self.age(now) else {
-            return State::Absent;
+            return DeviceState::NoData;
         };
-        let usual = self.recent.len().max(2) as f64 / WINDOW;
+        let usual = self.recent.len().max(2) as f64 / RATE_WINDOW;
         if age > (SILENT_INTERVALS / usual).max(0.2) {
-            State::Silent
-        } else if self.repeats >= STUCK {
-            State::Stuck
+            DeviceState::Silent
+        } else if self.repeats >= STUCK_REPEATS {
+            DeviceState::Stuck
         } else {
-            State::Running
+            DeviceState::Running
         }
     }
 }
 
 /// All devices of the robot.
 #[derive(Debug, Clone)]
-pub(crate) struct Devices {
+pub(crate) struct DeviceMonitor {
     /// One each.
-    pub(crate) all: [Device; 4],
+    pub(crate) devices: [DeviceHealth; 4],
     /// Of the last cycle.
-    pub(crate) now: Stamp,
+    pub(crate) stamp: Stamp,
     /// Cycles that did not get to the view.
     pub(crate) dropped: u64,
     /// Cycles seen.
     pub(crate) cycles: u64,
 }
 
-impl Default for Devices {
+impl Default for DeviceMonitor {
     fn default() -> Self {
-        let device = |name| Device {
+        let device = |name| DeviceHealth {
             name,
-            ..Device::default()
+            ..DeviceHealth::default()
         };
-        Devices {
-            all: ["camera", "wheels", "compass", "IMU"].map(device),
-            now: Stamp::default(),
+        DeviceMonitor {
+            devices: ["camera", "wheels", "compass", "IMU"].map(device),
+            stamp: Stamp::default(),
             dropped: 0,
             cycles: 0,
         }
     }
 }
 
-impl Devices {
+impl DeviceMonitor {
     /// Takes what a cycle brought; a clock set back begins anew.
-    pub(crate) fn take(&mut self, cycle: &Cycle) {
-        if cycle.stamp < self.now {
-            *self = Devices::default();
+    pub(crate) fn update(&mut self, cycle: &Cycle) {
+        if cycle.stamp < self.stamp {
+            *self = DeviceMonitor::default();
         }
-        self.now = cycle.stamp;
+        self.stamp = cycle.stamp;
         self.cycles += 1;
-        let [camera, wheels, compass, imu] = &mut self.all;
+        let [camera, wheels, compass, imu] = &mut self.devices;
         let bits = f32::to_bits;
         if let Some(fault) = &cycle.fault {
-            camera.faults += 1;
-            camera.fault = Some(fault.clone());
+            camera.fault_count += 1;
+            camera.last_fault = Some(fault.clone());
         } else {
             // Two images with the same line points to the last bit are one image.
             let first = cycle.line_points.first();
@@ -162,22 +162,22 @@ impl Devices {
             } else {
                 reading
             };
-            camera.take(cycle.stamp, reading);
+            camera.record(cycle.stamp, reading);
         }
         for one in &cycle.inputs.odometry {
             // Wheels at rest repeat themselves rightly.
             let rests = one.dx == 0.0 && one.dy == 0.0 && one.dtheta == 0.0;
             let unlike = if rests { one.stamp.0 as u32 } else { 0 };
             let reading = [bits(one.dx), bits(one.dy), bits(one.dtheta), unlike, 0, 0];
-            wheels.take(one.stamp, reading);
+            wheels.record(one.stamp, reading);
         }
         for one in &cycle.inputs.compass {
-            compass.take(one.stamp, [bits(one.heading), 0, 0, 0, 0, 0]);
+            compass.record(one.stamp, [bits(one.heading), 0, 0, 0, 0, 0]);
         }
         for one in &cycle.inputs.imu {
             let [ax, ay, az] = one.acceleration.map(bits);
             let [rx, ry, rz] = one.rate.map(bits);
-            imu.take(one.stamp, [ax, ay, az, rx, ry, rz]);
+            imu.record(one.stamp, [ax, ay, az, rx, ry, rz]);
         }
     }
 }

@@ -17,7 +17,7 @@ pub(crate) const GREY: Color32 = Color32::from_rgb(150, 150, 150);
 /// The carpet of the field panel: dark enough for every one of the eight.
 pub(crate) const CARPET: Color32 = Color32::from_rgb(24, 62, 46);
 /// The floor around it.
-pub(crate) const SURROUND: Color32 = Color32::from_rgb(38, 40, 44);
+pub(crate) const FLOOR: Color32 = Color32::from_rgb(38, 40, 44);
 /// Markings.
 pub(crate) const LINE: Color32 = Color32::from_rgb(222, 228, 222);
 /// Where the robot takes itself to be.
@@ -27,7 +27,7 @@ pub(crate) const TRUTH: Color32 = SKY;
 /// Line points.
 pub(crate) const LINE_POINT: Color32 = VERMILION;
 /// The field's lines in the camera's image, and rings on the ground.
-pub(crate) const PROJECTED: Color32 = SKY;
+pub(crate) const PROJECTED_LINE: Color32 = SKY;
 /// The ball.
 pub(crate) const BALL: Color32 = YELLOW;
 /// Robots.
@@ -36,7 +36,7 @@ pub(crate) const ROBOT: Color32 = PURPLE;
 pub(crate) const GOAL: Color32 = Color32::WHITE;
 
 /// The colour that a class is painted in.
-pub(crate) fn class(class: ColourClass) -> Color32 {
+pub(crate) fn class_colour(class: ColourClass) -> Color32 {
     match class {
         ColourClass::BLACK => Color32::BLACK,
         ColourClass::WHITE => Color32::WHITE,
@@ -52,7 +52,7 @@ pub(crate) fn class(class: ColourClass) -> Color32 {
 }
 
 /// The colour and the words of a refusal.
-pub(crate) fn refusal(reason: RejectionReason) -> (Color32, &'static str) {
+pub(crate) fn rejection_style(reason: RejectionReason) -> (Color32, &'static str) {
     match reason {
         RejectionReason::NoAdjacentCarpet => (GREY, "no carpet beside it"),
         RejectionReason::TooNarrow => (YELLOW, "too narrow"),
@@ -64,7 +64,7 @@ pub(crate) fn refusal(reason: RejectionReason) -> (Color32, &'static str) {
 }
 
 /// The colour of a mode.
-pub(crate) fn mode(mode: Mode) -> Color32 {
+pub(crate) fn mode_colour(mode: Mode) -> Color32 {
     match mode {
         Mode::Tracking => GREEN,
         Mode::Global => SKY,

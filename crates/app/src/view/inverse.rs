@@ -7,21 +7,21 @@ use vision::GroundMap;
 const BEARINGS: usize = 180;
 const RANGES: usize = 64;
 /// Nearest distance of the table, metres; each range is a constant factor wider than the one before.
-const NEAREST: f32 = 0.15;
+const RANGE_MIN: f32 = 0.15;
 /// Farthest, metres.
-const FARTHEST: f32 = 20.0;
+const RANGE_MAX: f32 = 20.0;
 /// Newton's steps: the map is smooth, from a neighbouring cell two suffice.
 const STEPS: usize = 4;
 /// A found pixel shows the ground no farther off than so many pixels' worth.
-const CLOSE_PX: f32 = 1.0;
+const MAX_REPROJECTION_ERROR_PX: f32 = 1.0;
 
 /// Starting pixels by direction and distance.
 #[derive(Debug, Clone)]
-pub(crate) struct Inverse {
-    start: Vec<Option<[u16; 2]>>,
+pub(crate) struct InverseGroundMap {
+    initial_pixels: Vec<Option<[u16; 2]>>,
 }
 
-impl Inverse {
+impl InverseGroundMap {
     /// Enters every pixel of the map into the table; empty cells take their neighbour's along the ray.
     pub(crate) fn new(map: &GroundMap) -> Self {
         let mut start: Vec<Option<[u16; 2]>> = vec![None; BEARINGS * RANGES];
@@ -40,12 +40,14 @@ impl Inverse {
                 ray[range - 1] = ray[range - 1].or(ray[range]);
             }
         }
-        Inverse { start }
+        InverseGroundMap {
+            initial_pixels: start,
+        }
     }
 
     /// Column and row that show a point of the ground; none where the camera does not see it.
-    pub(crate) fn pixel(&self, map: &GroundMap, ground: At<RobotFrame>) -> Option<[f32; 2]> {
-        let [column, row] = self.start[cell(ground)?]?;
+    pub(crate) fn project(&self, map: &GroundMap, ground: At<RobotFrame>) -> Option<[f32; 2]> {
+        let [column, row] = self.initial_pixels[cell(ground)?]?;
         let mut at = [f32::from(column), f32::from(row)];
         for _ in 0..STEPS {
             let here = map.interpolate(at[0], at[1])?;
@@ -82,16 +84,16 @@ impl Inverse {
             .interpolate(at[0] + 1.0, at[1])
             .or_else(|| map.interpolate(at[0] - 1.0, at[1]))?;
         let size = found.distance_to(beside).max(0.01);
-        (found.distance_to(ground) < CLOSE_PX * size).then_some(at)
+        (found.distance_to(ground) < MAX_REPROJECTION_ERROR_PX * size).then_some(at)
     }
 }
 
 fn cell(ground: At<RobotFrame>) -> Option<usize> {
     let range = ground.distance();
-    if !(range < FARTHEST) {
+    if !(range < RANGE_MAX) {
         return None;
     }
-    let steps = (range.max(NEAREST) / NEAREST).ln() / (FARTHEST / NEAREST).ln();
+    let steps = (range.max(RANGE_MIN) / RANGE_MIN).ln() / (RANGE_MAX / RANGE_MIN).ln();
     let range = ((steps * RANGES as f32) as usize).min(RANGES - 1);
     let turns = ground.bearing() / std::f32::consts::TAU;
     let bearing = (turns.rem_euclid(1.0) * BEARINGS as f32) as usize % BEARINGS;
@@ -106,11 +108,11 @@ mod tests {
     use pipeline::setup::Setup;
 
     #[test]
-    fn the_ground_of_a_pixel_leads_back_to_that_pixel() {
+    fn inverse_map_returns_the_pixel_of_its_ground_point() {
         let robot = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence/robot.toml");
         let setup = Setup::load(&robot, None).expect("a robot");
         let (_, map) = setup.camera.expect("a camera");
-        let inverse = Inverse::new(&map);
+        let inverse = InverseGroundMap::new(&map);
         let (mut asked, mut found) = (0, 0);
         for v in (0..map.height_px).step_by(7) {
             for u in (0..map.width_px).step_by(7) {
@@ -121,7 +123,7 @@ mod tests {
                     continue;
                 };
                 asked += 1;
-                if let Some([fu, fv]) = inverse.pixel(&map, ground) {
+                if let Some([fu, fv]) = inverse.project(&map, ground) {
                     found += 1;
                     let off = (fu - u as f32).hypot(fv - v as f32);
                     assert!(off < 0.5, "({u}, {v}) came back as ({fu}, {fv})");

@@ -2,14 +2,14 @@
 
 use eframe::egui::{self, Key, Modifiers, Ui};
 
-use super::layout::PRESETS;
-use super::shell::{View, with_command};
+use super::layout::LAYOUTS;
+use super::shell::{View, command_shortcut};
 
 /// Seconds that Shift with an arrow leaps.
-const LEAP: f64 = 1.0;
+const SEEK_STEP: f64 = 1.0;
 
 /// What is listed under `?`.
-const TABLE: [(&str, &str); 17] = [
+const SHORTCUTS: [(&str, &str); 17] = [
     ("Space", "play or pause"),
     ("Left, Right", "a cycle back, on"),
     ("Shift+Left, Shift+Right", "a second back, on"),
@@ -33,14 +33,14 @@ const TABLE: [(&str, &str); 17] = [
 ];
 
 /// Does what the pressed keys say; while a text is typed, none.
-pub(crate) fn follow(ui: &mut Ui, view: &mut View) {
+pub(crate) fn handle_shortcuts(ui: &mut Ui, view: &mut View) {
     let ctx = ui.ctx().clone();
-    let command = |key| ctx.input_mut(|input| input.consume_shortcut(&with_command(key)));
+    let command = |key| ctx.input_mut(|input| input.consume_shortcut(&command_shortcut(key)));
     if command(Key::S) {
-        view.screenshot(&ctx);
+        view.save_screenshot(&ctx);
     }
     if command(Key::R) {
-        view.report(&ctx);
+        view.save_report(&ctx);
     }
     if command(Key::Q) {
         ctx.send_viewport_cmd(egui::ViewportCommand::Close);
@@ -53,18 +53,18 @@ pub(crate) fn follow(ui: &mut Ui, view: &mut View) {
     // A question mark needs Shift on some keyboards and none on others.
     let asked = ctx.input(|input| input.key_pressed(Key::Questionmark));
     if asked || plain(Key::F1) {
-        view.help = !view.help;
+        view.help_open = !view.help_open;
     }
-    moments(view, &plain, &shifted);
-    let shows = &mut view.panels.camera.shows;
+    handle_playback_keys(view, &plain, &shifted);
+    let shows = &mut view.panels.camera.layers;
     for (key, shown) in [
         (Key::C, &mut shows.classes),
-        (Key::L, &mut shows.lines),
+        (Key::L, &mut shows.field_lines),
         (Key::G, &mut shows.grid),
     ] {
         *shown ^= plain(key);
     }
-    view.panels.camera.bird ^= plain(Key::B);
+    view.panels.camera.birds_eye ^= plain(Key::B);
     if plain(Key::T) {
         let dark = ctx.theme() == egui::Theme::Dark;
         ctx.set_theme(if dark {
@@ -81,21 +81,25 @@ pub(crate) fn follow(ui: &mut Ui, view: &mut View) {
         Key::Num5,
         Key::Num6,
     ];
-    for (key, (preset, _)) in numbers.into_iter().zip(PRESETS) {
+    for (key, (preset, _)) in numbers.into_iter().zip(LAYOUTS) {
         if plain(key) {
-            view.arrange(preset);
+            view.set_layout(preset);
         }
     }
 }
 
-fn moments(view: &mut View, plain: &impl Fn(Key) -> bool, shifted: &impl Fn(Key) -> bool) {
+fn handle_playback_keys(
+    view: &mut View,
+    plain: &impl Fn(Key) -> bool,
+    shifted: &impl Fn(Key) -> bool,
+) {
     let session = &mut view.session;
     if plain(Key::Space) {
-        session.play_or_pause();
+        session.toggle_playback();
     }
     for (key, by) in [(Key::ArrowLeft, -1), (Key::ArrowRight, 1)] {
         if shifted(key) {
-            session.seek(session.clock.at + by as f64 * LEAP);
+            session.seek(session.playback.time + by as f64 * SEEK_STEP);
         } else if plain(key) {
             session.step(by);
         }
@@ -106,28 +110,28 @@ fn moments(view: &mut View, plain: &impl Fn(Key) -> bool, shifted: &impl Fn(Key)
         }
         if plain(Key::End) {
             session.seek(end);
-            session.clock.playing = matches!(session.source, super::source::Source::Live(_));
+            session.playback.playing = matches!(session.source, super::source::Source::Live(_));
         }
     }
     if plain(Key::M) {
-        session.mark("");
+        session.add_mark("");
     }
     for (key, factor) in [(Key::OpenBracket, 0.5), (Key::CloseBracket, 2.0)] {
         if plain(key) {
-            session.pace(session.clock.speed * factor);
+            session.set_speed(session.playback.speed * factor);
         }
     }
 }
 
 /// The window that lists the keys.
-pub(crate) fn help(ctx: &egui::Context, open: &mut bool) {
+pub(crate) fn show_shortcut_list(ctx: &egui::Context, open: &mut bool) {
     egui::Window::new("Keys")
         .open(open)
         .resizable(false)
         .collapsible(false)
         .show(ctx, |ui| {
             egui::Grid::new("keys").striped(true).show(ui, |ui| {
-                for (key, does) in TABLE {
+                for (key, does) in SHORTCUTS {
                     ui.monospace(key);
                     ui.label(does);
                     ui.end_row();

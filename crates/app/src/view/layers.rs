@@ -14,120 +14,123 @@ use vision::image::{Image, rgb_to_yuv};
 use vision::labels::ColourTable;
 
 use super::ink;
-use super::source::image_of;
-use super::stage::Stage;
+use super::source::rgb_image;
+use super::stage::StaticScene;
 use pipeline::cycle::Cycle;
 
 /// Half the side of the bird's-eye view, metres: a midfield robot sees the lines of half the field there.
-pub(crate) const BIRD_REACH: f32 = 6.0;
+pub(crate) const BIRDS_EYE_HALF_EXTENT: f32 = 6.0;
 /// Its side, pixels: 2 cm each.
-pub(crate) const BIRD_SIDE: usize = 600;
+pub(crate) const BIRDS_EYE_SIDE_PX: usize = 600;
 /// Side of a cell of the landscapes, metres.
-pub(crate) const LANDSCAPE_CELL: f32 = 0.1;
+pub(crate) const HEATMAP_CELL: f32 = 0.1;
 /// Mean distance that is painted darkest, metres: half the gap between the league's nearest parallel lines.
-const LANDSCAPE_DARK: f32 = 0.75;
+const HEATMAP_MAX_DISTANCE: f32 = 0.75;
 
 /// What is to be painted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Wanted {
+pub(crate) struct LayerSelection {
     /// The class of every pixel.
     pub(crate) classes: bool,
     /// The class of the pixels that vision reads.
-    pub(crate) scan: bool,
+    pub(crate) scan_pixels: bool,
     /// Where the virtual sensors' windows are.
-    pub(crate) windows: bool,
+    pub(crate) virtual_sensors: bool,
     /// The floor from above.
-    pub(crate) bird: bool,
+    pub(crate) birds_eye: bool,
     /// The distance to the nearest marking over the field.
-    pub(crate) distance: bool,
+    pub(crate) distance_field: bool,
     /// The mean distance of this frame's points, were the robot there (minho2016).
-    pub(crate) landscape: bool,
+    pub(crate) error_landscape: bool,
 }
 
 /// One cycle to paint.
 #[derive(Clone)]
-pub(crate) struct Job {
-    pub(crate) stage: Arc<Stage>,
+pub(crate) struct LayerJob {
+    pub(crate) scene: Arc<StaticScene>,
     pub(crate) cycle: Arc<Cycle>,
     pub(crate) vision: VisionConfig,
     /// Classes from painted labels, in place of the robot's own.
-    pub(crate) table: Option<Arc<ColourTable>>,
+    pub(crate) colour_table: Option<Arc<ColourTable>>,
     /// What the robot sees of itself, one entry a pixel; false where it does.
     pub(crate) mask: Option<Arc<Vec<bool>>>,
     /// Counts changes of what does not come with the cycle: settings, table, mask.
-    pub(crate) version: u64,
-    pub(crate) wanted: Wanted,
+    pub(crate) revision: u64,
+    pub(crate) selection: LayerSelection,
 }
 
 /// What was painted.
 #[derive(Clone, Default)]
-pub(crate) struct Painted {
+pub(crate) struct RenderedLayers {
     /// What was painted of.
     pub(crate) cycle: Option<Arc<Cycle>>,
     pub(crate) classes: Option<Arc<ColorImage>>,
-    pub(crate) scan: Option<Arc<ColorImage>>,
-    pub(crate) bird: Option<Arc<ColorImage>>,
-    pub(crate) windows: Option<Arc<Vec<(&'static str, ImageRect)>>>,
-    pub(crate) distance: Option<Arc<ColorImage>>,
-    pub(crate) landscape: Option<Arc<ColorImage>>,
+    pub(crate) scan_pixels: Option<Arc<ColorImage>>,
+    pub(crate) birds_eye: Option<Arc<ColorImage>>,
+    pub(crate) virtual_sensors: Option<Arc<Vec<(&'static str, ImageRect)>>>,
+    pub(crate) distance_field: Option<Arc<ColorImage>>,
+    pub(crate) error_landscape: Option<Arc<ColorImage>>,
     /// Why classes could not be painted.
-    pub(crate) fault: Option<String>,
+    pub(crate) error: Option<String>,
 }
 
 #[derive(Default)]
-struct Desk {
-    job: Option<Job>,
-    done: Option<Painted>,
+struct Mailbox {
+    job: Option<LayerJob>,
+    result: Option<RenderedLayers>,
     closed: bool,
 }
 
 /// The painting thread's desk: one job on it, one result.
-pub(crate) struct Layers {
-    desk: Arc<(Mutex<Desk>, Condvar)>,
-    last: Option<(Stamp, u64, Wanted)>,
+pub(crate) struct LayerWorker {
+    mailbox: Arc<(Mutex<Mailbox>, Condvar)>,
+    last_request: Option<(Stamp, u64, LayerSelection)>,
 }
 
-impl Layers {
+impl LayerWorker {
     /// Starts the thread; `wake` is called when something is painted.
     pub(crate) fn start(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let desk = Arc::new((Mutex::new(Desk::default()), Condvar::new()));
+        let desk = Arc::new((Mutex::new(Mailbox::default()), Condvar::new()));
         let theirs = desk.clone();
         std::thread::Builder::new()
             .name("layers".to_owned())
-            .spawn(move || work(&theirs, &wake))?;
-        Ok(Layers { desk, last: None })
+            .spawn(move || run_worker(&theirs, &wake))?;
+        Ok(LayerWorker {
+            mailbox: desk,
+            last_request: None,
+        })
     }
 
     /// Lays a job on the desk, in place of one that waits; the same one twice is none.
-    pub(crate) fn ask(&mut self, job: Job) {
-        let key = (job.cycle.stamp, job.version, job.wanted);
-        if job.wanted == Wanted::default() || self.last == Some(key) {
+    pub(crate) fn submit(&mut self, job: LayerJob) {
+        let key = (job.cycle.stamp, job.revision, job.selection);
+        if job.selection == LayerSelection::default() || self.last_request == Some(key) {
             return;
         }
-        self.last = Some(key);
-        lock(&self.desk.0).job = Some(job);
-        self.desk.1.notify_all();
+        self.last_request = Some(key);
+        lock(&self.mailbox.0).job = Some(job);
+        self.mailbox.1.notify_all();
     }
 
     /// What was painted since the last call.
-    pub(crate) fn take(&mut self) -> Option<Painted> {
-        lock(&self.desk.0).done.take()
+    pub(crate) fn take_result(&mut self) -> Option<RenderedLayers> {
+        lock(&self.mailbox.0).result.take()
     }
 }
 
-impl Drop for Layers {
+impl Drop for LayerWorker {
     fn drop(&mut self) {
-        lock(&self.desk.0).closed = true;
-        self.desk.1.notify_all();
+        lock(&self.mailbox.0).closed = true;
+        self.mailbox.1.notify_all();
     }
 }
 
-fn lock(desk: &Mutex<Desk>) -> std::sync::MutexGuard<'_, Desk> {
+fn lock(desk: &Mutex<Mailbox>) -> std::sync::MutexGuard<'_, Mailbox> {
     desk.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn work(desk: &(Mutex<Desk>, Condvar), wake: &impl Fn()) {
-    let mut painter = Painter::default();
+fn run_worker(desk: &(Mutex<Mailbox>, Condvar), wake: &impl Fn()) {
+    let mut painter = LayerRenderer::default();
     loop {
         let mut held = lock(&desk.0);
         while held.job.is_none() && !held.closed {
@@ -139,8 +142,8 @@ fn work(desk: &(Mutex<Desk>, Condvar), wake: &impl Fn()) {
         let job = held.job.take();
         drop(held);
         if let Some(job) = job {
-            let painted = painter.paint(&job);
-            lock(&desk.0).done = Some(painted);
+            let painted = painter.render(&job);
+            lock(&desk.0).result = Some(painted);
             wake();
         }
     }
@@ -148,59 +151,69 @@ fn work(desk: &(Mutex<Desk>, Condvar), wake: &impl Fn()) {
 
 /// What painting keeps from one cycle to the next.
 #[derive(Default)]
-struct Painter {
-    eyes: Option<(u64, Vision)>,
+struct LayerRenderer {
+    vision: Option<(u64, Vision)>,
     /// Class by the upper six bits of red, green and blue; 255 is not known yet.
-    cells: Vec<u8>,
+    class_cache: Vec<u8>,
     /// Carpet, white and noise that the cells are of.
-    light: Option<vision::carpet::CarpetModel>,
+    carpet_model: Option<vision::carpet::CarpetModel>,
     /// Pixel of the image under each pixel of the bird's-eye view.
-    bird: Option<(usize, Vec<u32>)>,
-    distance: Option<(usize, Arc<ColorImage>)>,
+    birds_eye_pixels: Option<(usize, Vec<u32>)>,
+    distance_layer: Option<(usize, Arc<ColorImage>)>,
 }
 
-impl Painter {
-    fn paint(&mut self, job: &Job) -> Painted {
-        let mut painted = Painted {
+impl LayerRenderer {
+    fn render(&mut self, job: &LayerJob) -> RenderedLayers {
+        let mut painted = RenderedLayers {
             cycle: Some(job.cycle.clone()),
-            ..Painted::default()
+            ..RenderedLayers::default()
         };
-        let stage = &job.stage;
+        let stage = &job.scene;
         let key = Arc::as_ptr(stage) as usize;
-        if let (Some(image), Some(eye)) = (image_of(&job.cycle), &stage.eye)
+        if let (Some(image), Some(eye)) = (rgb_image(&job.cycle), &stage.camera)
             && (image.width_px, image.height_px) == (eye.map.width_px, eye.map.height_px)
         {
-            if job.wanted.classes || job.wanted.scan || job.wanted.windows {
-                match self.classes(job, image) {
-                    Ok((classes, scan)) => (painted.classes, painted.scan) = (classes, scan),
-                    Err(error) => painted.fault = Some(error),
+            if job.selection.classes || job.selection.scan_pixels || job.selection.virtual_sensors {
+                match self.render_classes(job, image) {
+                    Ok((classes, scan)) => (painted.classes, painted.scan_pixels) = (classes, scan),
+                    Err(error) => painted.error = Some(error),
                 }
-                let eyes = self.eyes.as_ref().filter(|_| job.wanted.windows);
-                painted.windows =
+                let eyes = self
+                    .vision
+                    .as_ref()
+                    .filter(|_| job.selection.virtual_sensors);
+                painted.virtual_sensors =
                     eyes.map(|(_, eyes)| Arc::new(eyes.virtual_sensor_regions().to_vec()));
             }
-            if job.wanted.bird {
-                if self.bird.as_ref().is_none_or(|(known, _)| *known != key) {
-                    self.bird = Some((key, bird_pixels(stage)));
+            if job.selection.birds_eye {
+                if self
+                    .birds_eye_pixels
+                    .as_ref()
+                    .is_none_or(|(known, _)| *known != key)
+                {
+                    self.birds_eye_pixels = Some((key, birds_eye_pixels(stage)));
                 }
-                let pixels = self.bird.as_ref().map_or(&[][..], |(_, pixels)| pixels);
-                painted.bird = Some(Arc::new(bird(image, pixels)));
+                let pixels = self
+                    .birds_eye_pixels
+                    .as_ref()
+                    .map_or(&[][..], |(_, pixels)| pixels);
+                painted.birds_eye = Some(Arc::new(render_birds_eye(image, pixels)));
             }
         }
-        if job.wanted.distance {
+        if job.selection.distance_field {
             if self
-                .distance
+                .distance_layer
                 .as_ref()
                 .is_none_or(|(known, _)| *known != key)
             {
-                self.distance = Some((key, Arc::new(distance(stage))));
+                self.distance_layer = Some((key, Arc::new(render_distance_field(stage))));
             }
-            painted.distance = self.distance.as_ref().map(|(_, image)| image.clone());
+            painted.distance_field = self.distance_layer.as_ref().map(|(_, image)| image.clone());
         }
-        if job.wanted.landscape {
+        if job.selection.error_landscape {
             let heading = job.cycle.estimate.pose.map(|pose| pose.theta);
             let heading = heading.or(job.cycle.inputs.compass.last().map(|last| last.heading));
-            painted.landscape = Some(Arc::new(landscape(
+            painted.error_landscape = Some(Arc::new(render_error_landscape(
                 stage,
                 &job.cycle.line_points,
                 heading.unwrap_or(0.0),
@@ -210,47 +223,51 @@ impl Painter {
     }
 
     /// Classes of all pixels, and of those that vision reads.
-    fn classes(&mut self, job: &Job, image: &Image) -> Result<(Layer, Layer), String> {
-        let stage = &job.stage;
-        let eye = stage.eye.as_ref().ok_or("no camera")?;
-        if self.eyes.as_ref().is_none_or(|(of, _)| *of != job.version) {
+    fn render_classes(&mut self, job: &LayerJob, image: &Image) -> Result<(Layer, Layer), String> {
+        let stage = &job.scene;
+        let eye = stage.camera.as_ref().ok_or("no camera")?;
+        if self
+            .vision
+            .as_ref()
+            .is_none_or(|(of, _)| *of != job.revision)
+        {
             let width = stage.field.config.line_width;
             let mask = job.mask.as_ref().map(|mask| mask.as_slice());
             let mut eyes =
-                Vision::with_mask(&eye.map, &eye.camera, mask, width, job.vision.clone())
+                Vision::with_mask(&eye.map, &eye.config, mask, width, job.vision.clone())
                     .map_err(|error| error.to_string())?;
-            if let Some(table) = job.table.as_deref().or(stage.colours.as_ref()) {
+            if let Some(table) = job.colour_table.as_deref().or(stage.colour_table.as_ref()) {
                 eyes.set_colour_table(table.clone());
             }
-            self.eyes = Some((job.version, eyes));
-            self.light = None;
+            self.vision = Some((job.revision, eyes));
+            self.carpet_model = None;
         }
-        let Some((_, eyes)) = &mut self.eyes else {
+        let Some((_, eyes)) = &mut self.vision else {
             return Err("no eyes".to_owned());
         };
         eyes.process_lines(&image.view())
             .map_err(|error| error.to_string())?;
         let model = *eyes.carpet_model().ok_or("no carpet was learned")?;
-        if self.light != Some(model) {
-            self.light = Some(model);
-            self.cells = vec![u8::MAX; 1 << 18];
+        if self.carpet_model != Some(model) {
+            self.carpet_model = Some(model);
+            self.class_cache = vec![u8::MAX; 1 << 18];
         }
-        let table = job.table.as_deref().or(stage.colours.as_ref());
+        let table = job.colour_table.as_deref().or(stage.colour_table.as_ref());
         let (colours, ball) = (&job.vision.colours, job.vision.objects.ball_hue_deg);
         let mut scan = None;
-        if job.wanted.scan {
+        if job.selection.scan_pixels {
             let mut layer =
                 ColorImage::filled([image.width_px, image.height_px], Color32::TRANSPARENT);
             let classes = eyes.classify_samples(&image.view());
             let classes = classes.map_err(|error| error.to_string())?.to_vec();
             for (sample, class) in eyes.scan_pattern().samples.iter().zip(classes) {
                 let at = usize::from(sample.v) * image.width_px + usize::from(sample.u);
-                layer.pixels[at] = ink::class(class);
+                layer.pixels[at] = ink::class_colour(class);
             }
             scan = Some(Arc::new(layer));
         }
-        let classes = job.wanted.classes.then(|| {
-            let cells = &mut self.cells;
+        let classes = job.selection.classes.then(|| {
+            let cells = &mut self.class_cache;
             let pixels = image.rgb.chunks_exact(3).map(|rgb| {
                 let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(|channel| usize::from(channel >> 2));
                 let cell = &mut cells[r << 12 | g << 6 | b];
@@ -261,7 +278,7 @@ impl Painter {
                         None => model.classify(middle, colours, ball).0,
                     };
                 }
-                ink::class(ColourClass(*cell))
+                ink::class_colour(ColourClass(*cell))
             });
             let size = [image.width_px, image.height_px];
             Arc::new(ColorImage::new(size, pixels.collect()))
@@ -273,20 +290,20 @@ impl Painter {
 type Layer = Option<Arc<ColorImage>>;
 
 /// Index of the image's pixel under each of the bird's-eye view; `u32::MAX` where there is none.
-fn bird_pixels(stage: &Stage) -> Vec<u32> {
-    let Some(eye) = &stage.eye else {
+fn birds_eye_pixels(stage: &StaticScene) -> Vec<u32> {
+    let Some(eye) = &stage.camera else {
         return Vec::new();
     };
-    let step = 2.0 * BIRD_REACH / BIRD_SIDE as f32;
-    let mut pixels = Vec::with_capacity(BIRD_SIDE * BIRD_SIDE);
-    for row in 0..BIRD_SIDE {
-        for column in 0..BIRD_SIDE {
+    let step = 2.0 * BIRDS_EYE_HALF_EXTENT / BIRDS_EYE_SIDE_PX as f32;
+    let mut pixels = Vec::with_capacity(BIRDS_EYE_SIDE_PX * BIRDS_EYE_SIDE_PX);
+    for row in 0..BIRDS_EYE_SIDE_PX {
+        for column in 0..BIRDS_EYE_SIDE_PX {
             // Forward is up, left is left.
             let ground = At::<RobotFrame>::new(
-                BIRD_REACH - (row as f32 + 0.5) * step,
-                BIRD_REACH - (column as f32 + 0.5) * step,
+                BIRDS_EYE_HALF_EXTENT - (row as f32 + 0.5) * step,
+                BIRDS_EYE_HALF_EXTENT - (column as f32 + 0.5) * step,
             );
-            let found = eye.inverse.pixel(&eye.map, ground);
+            let found = eye.inverse.project(&eye.map, ground);
             pixels.push(found.map_or(u32::MAX, |[u, v]| {
                 v.round() as u32 * eye.map.width_px as u32 + u.round() as u32
             }));
@@ -295,38 +312,39 @@ fn bird_pixels(stage: &Stage) -> Vec<u32> {
     pixels
 }
 
-fn bird(image: &Image, pixels: &[u32]) -> ColorImage {
+fn render_birds_eye(image: &Image, pixels: &[u32]) -> ColorImage {
     let colour = |&pixel: &u32| {
         let at = 3 * pixel as usize;
-        image.rgb.get(at..at + 3).map_or(ink::SURROUND, |rgb| {
-            Color32::from_rgb(rgb[0], rgb[1], rgb[2])
-        })
+        image
+            .rgb
+            .get(at..at + 3)
+            .map_or(ink::FLOOR, |rgb| Color32::from_rgb(rgb[0], rgb[1], rgb[2]))
     };
     let mut colours: Vec<Color32> = pixels.iter().map(colour).collect();
-    colours.resize(BIRD_SIDE * BIRD_SIDE, ink::SURROUND);
-    ColorImage::new([BIRD_SIDE, BIRD_SIDE], colours)
+    colours.resize(BIRDS_EYE_SIDE_PX * BIRDS_EYE_SIDE_PX, ink::FLOOR);
+    ColorImage::new([BIRDS_EYE_SIDE_PX, BIRDS_EYE_SIDE_PX], colours)
 }
 
 /// Columns and rows of a landscape over the carpet, and the value of each cell's middle; the first row is at the top.
 ///
 /// On this thread alone: the pool's threads are the robot's.
-fn over_field(stage: &Stage, value: impl Fn(f32, f32) -> f32) -> ColorImage {
+fn render_over_field(stage: &StaticScene, value: impl Fn(f32, f32) -> f32) -> ColorImage {
     let (half_x, half_y) = stage.field.carpet_half_extent();
-    let columns = (2.0 * half_x / LANDSCAPE_CELL).round().max(1.0) as usize;
-    let rows = (2.0 * half_y / LANDSCAPE_CELL).round().max(1.0) as usize;
+    let columns = (2.0 * half_x / HEATMAP_CELL).round().max(1.0) as usize;
+    let rows = (2.0 * half_y / HEATMAP_CELL).round().max(1.0) as usize;
     let (step_x, step_y) = (2.0 * half_x / columns as f32, 2.0 * half_y / rows as f32);
     let pixels: Vec<Color32> = (0..rows * columns)
         .map(|cell| {
             let x = (cell % columns) as f32 * step_x + step_x / 2.0 - half_x;
             let y = half_y - (cell / columns) as f32 * step_y - step_y / 2.0;
-            shade(value(x, y) / LANDSCAPE_DARK)
+            apply_colormap(value(x, y) / HEATMAP_MAX_DISTANCE)
         })
         .collect();
     ColorImage::new([columns, rows], pixels)
 }
 
 /// From bright yellow (0) over orange and purple to nearly black (1): brightness alone orders it.
-fn shade(value: f32) -> Color32 {
+fn apply_colormap(value: f32) -> Color32 {
     const STOPS: [[f32; 3]; 4] = [
         [252.0, 246.0, 170.0],
         [240.0, 140.0, 40.0],
@@ -343,13 +361,13 @@ fn shade(value: f32) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-fn distance(stage: &Stage) -> ColorImage {
+fn render_distance_field(stage: &StaticScene) -> ColorImage {
     let distances: &DistanceField = &stage.distances;
-    over_field(stage, |x, y| distances.nearest(x, y).signed_distance.abs())
+    render_over_field(stage, |x, y| distances.nearest(x, y).signed_distance.abs())
 }
 
 /// Mean distance of the points from the markings, were the robot in the middle of each cell with this heading.
-fn landscape(stage: &Stage, points: &[LinePoint], heading: f32) -> ColorImage {
+fn render_error_landscape(stage: &StaticScene, points: &[LinePoint], heading: f32) -> ColorImage {
     let (sin, cos) = heading.sin_cos();
     let turned: Vec<[f32; 2]> = points
         .iter()
@@ -360,11 +378,11 @@ fn landscape(stage: &Stage, points: &[LinePoint], heading: f32) -> ColorImage {
         .collect();
     let per = 1.0 / turned.len().max(1) as f32;
     let distances = &stage.distances;
-    over_field(stage, |x, y| {
+    render_over_field(stage, |x, y| {
         // Far outliers would drown what the others say (nubot2013 bounds them alike).
         let distance = |at: &[f32; 2]| {
             let near = distances.nearest(x + at[0], y + at[1]);
-            near.signed_distance.abs().min(LANDSCAPE_DARK)
+            near.signed_distance.abs().min(HEATMAP_MAX_DISTANCE)
         };
         per * turned.iter().map(distance).sum::<f32>()
     })

@@ -29,9 +29,9 @@ mod window;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail, ensure};
-use layout::Preset;
+use layout::PanelLayout;
 use session::Session;
-pub use window::{AfterRun, beside};
+pub use window::{AfterRun, run_with_window};
 
 /// Look at a log, at a simulation of the view's own, or at a robot over the network.
 #[derive(clap::Args)]
@@ -82,7 +82,7 @@ struct Outcome {
     dropped_cycles: u64,
     /// What went wrong last.
     #[serde(skip)]
-    fault: Option<String>,
+    error: Option<String>,
 }
 
 /// Runs the command.
@@ -90,7 +90,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     for seconds in [args.at, args.leave_after].into_iter().flatten() {
         ensure!(seconds.is_finite(), "{seconds} is no time");
     }
-    window::display()?;
+    window::require_display()?;
     let mut session = match &args.source {
         Some(path) => Session::open(path)?,
         None => Session::default(),
@@ -98,14 +98,14 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if let Some(at) = args.at {
         session.seek(at);
     }
-    let wishes = window::Wishes {
-        preset: args.preset.map(Task::preset),
+    let wishes = window::WindowOptions {
+        layout: args.preset.map(Task::preset),
         screenshot: args.screenshot.clone(),
-        leave_after: args.leave_after,
-        ..window::Wishes::default()
+        close_after: args.leave_after,
+        ..window::WindowOptions::default()
     };
-    let outcome = window::show(session, wishes)?;
-    if let (Some(_), Some(fault)) = (&args.screenshot, &outcome.fault) {
+    let outcome = window::run_window(session, wishes)?;
+    if let (Some(_), Some(fault)) = (&args.screenshot, &outcome.error) {
         bail!("{fault}");
     }
     if json {
@@ -115,23 +115,23 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 }
 
 /// Shows a log with its run computed again beside the recorded one.
-pub fn again(log: &Path) -> Result<()> {
-    window::display()?;
+pub fn show_recomputed(log: &Path) -> Result<()> {
+    window::require_display()?;
     let mut session = Session::open(log)?;
-    let config = session.ran_with.clone();
-    session.compute_again(&config);
-    window::show(session, window::Wishes::default()).map(drop)
+    let config = session.source_config.clone();
+    session.start_recompute(&config);
+    window::run_window(session, window::WindowOptions::default()).map(drop)
 }
 
 impl Task {
-    fn preset(self) -> Preset {
+    fn preset(self) -> PanelLayout {
         match self {
-            Task::Watch => Preset::Watch,
-            Task::Eyes => Preset::Eyes,
-            Task::Place => Preset::Place,
-            Task::Simulate => Preset::Simulate,
-            Task::Calibrate => Preset::Calibrate,
-            Task::Health => Preset::Health,
+            Task::Watch => PanelLayout::Watch,
+            Task::Eyes => PanelLayout::Vision,
+            Task::Place => PanelLayout::Localization,
+            Task::Simulate => PanelLayout::Simulate,
+            Task::Calibrate => PanelLayout::Calibrate,
+            Task::Health => PanelLayout::Health,
         }
     }
 }

@@ -3,13 +3,13 @@
 use eframe::egui::Response;
 
 /// Gives a widget its name.
-pub(crate) trait Named {
+pub(crate) trait AccessibleLabel {
     /// The widget, known as `name` to whoever does not see it.
-    fn named(self, name: &str) -> Self;
+    fn with_accessible_label(self, name: &str) -> Self;
 }
 
-impl Named for Response {
-    fn named(self, name: &str) -> Self {
+impl AccessibleLabel for Response {
+    fn with_accessible_label(self, name: &str) -> Self {
         self.ctx
             .accesskit_node_builder(self.id, |node| node.set_label(name));
         self

@@ -10,23 +10,23 @@ use vision::image::Image;
 use super::series::Quantity;
 use super::session::Session;
 use super::settings;
-use super::source::image_of;
+use super::source::rgb_image;
 use pipeline::cycle::PipelineConfig;
 
 /// Columns of the table of the run, with what they are scaled by.
 const COLUMNS: [(&str, Quantity); 8] = [
-    ("error_m", Quantity::Error),
+    ("error_m", Quantity::PositionError),
     ("heading_error_deg", Quantity::HeadingError),
     ("std_x_m", Quantity::StdX),
     ("std_y_m", Quantity::StdY),
     ("residual_m", Quantity::Residual),
     ("line_points", Quantity::LinePoints),
-    ("see_ms", Quantity::See),
-    ("localize_ms", Quantity::Localize),
+    ("see_ms", Quantity::VisionTime),
+    ("localize_ms", Quantity::LocalizationTime),
 ];
 
 /// Writes a picture of the window.
-pub(crate) fn save(picture: &ColorImage, path: &Path) -> Result<()> {
+pub(crate) fn write_screenshot(picture: &ColorImage, path: &Path) -> Result<()> {
     let rgb = picture
         .pixels
         .iter()
@@ -42,7 +42,7 @@ pub(crate) fn save(picture: &ColorImage, path: &Path) -> Result<()> {
 }
 
 /// Writes a report: report.md, run.csv, overlay.toml, and pictures of window and camera.
-pub(crate) fn write(
+pub(crate) fn write_report(
     folder: &Path,
     session: &Session,
     config: &PipelineConfig,
@@ -55,19 +55,19 @@ pub(crate) fn write(
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
     };
     if let Some(window) = window {
-        save(window, &folder.join("window.png"))?;
+        write_screenshot(window, &folder.join("window.png"))?;
     }
-    let image = session.now.as_ref().and_then(|now| image_of(&now.cycle));
+    let image = session.shown.as_ref().and_then(|now| rgb_image(&now.cycle));
     if let Some(image) = image {
         image.save(&folder.join("camera.png"))?;
     }
-    put("run.csv", table(session))?;
-    let overlay = settings::overlay(&PipelineConfig::default(), config);
+    put("run.csv", run_csv(session))?;
+    let overlay = settings::diff_overlay(&PipelineConfig::default(), config);
     put("overlay.toml", overlay.to_string())?;
-    put("report.md", words(session)?)
+    put("report.md", report_markdown(session)?)
 }
 
-fn table(session: &Session) -> String {
+fn run_csv(session: &Session) -> String {
     let names: Vec<&str> = COLUMNS.iter().map(|(name, _)| *name).collect();
     let mut text = format!("stamp_s,x_m,y_m,theta_rad,mode,{}\n", names.join(","));
     for sample in session.series.samples() {
@@ -94,10 +94,10 @@ fn table(session: &Session) -> String {
     text
 }
 
-fn words(session: &Session) -> Result<String> {
-    let mut text = format!("# {}\n\n", session.name);
+fn report_markdown(session: &Session) -> Result<String> {
+    let mut text = format!("# {}\n\n", session.title);
     writeln!(text, "mirrorball {}\n", env!("CARGO_PKG_VERSION"))?;
-    if let Some(now) = &session.now {
+    if let Some(now) = &session.shown {
         let estimate = &now.cycle.estimate;
         writeln!(
             text,
@@ -131,7 +131,7 @@ fn words(session: &Session) -> Result<String> {
             text,
             "Computed again with overlay.toml: {:.2} cm, {} of {} poses differ",
             100.0 * error,
-            again.different,
+            again.changed_poses,
             again.cycles
         )?;
     }
@@ -140,20 +140,20 @@ fn words(session: &Session) -> Result<String> {
         writeln!(text, "- {:.3} s {}", mark.time, mark.text)?;
     }
     writeln!(text, "\n## Devices\n")?;
-    for device in &session.devices.all {
-        let state = device.state(session.devices.now).name();
+    for device in &session.devices.devices {
+        let state = device.state(session.devices.stamp).label();
         writeln!(
             text,
             "- {}: {state}, {} samples, longest gap {:.0} ms, {} errors",
             device.name,
             device.samples,
             1e3 * device.longest_gap,
-            device.faults
+            device.fault_count
         )?;
     }
-    if !session.missing.is_empty() {
+    if !session.warnings.is_empty() {
         writeln!(text, "\n## Missing\n")?;
-        for line in &session.missing {
+        for line in &session.warnings {
             writeln!(text, "- {line}")?;
         }
     }

@@ -5,17 +5,17 @@ use localize::frame::wrap_angle;
 use localize::robot::BaseConfig;
 use vision::image::Image;
 
-use super::source::image_of;
+use super::source::rgb_image;
 use pipeline::cycle::Cycle;
 
 /// Beyond so many samples every other one is left out, and from there on of what comes: a day at 30 Hz still fits.
-const MOST: usize = 120_000;
+const MAX_SAMPLES: usize = 120_000;
 /// Pixels looked at for the image's brightness and entropy: one in so many.
 const PIXEL_STRIDE: usize = 23;
 
 /// Numbers of one cycle; NaN where there is none.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Sample {
+pub(crate) struct CycleMetrics {
     /// Seconds.
     pub(crate) time: f64,
     /// Of the estimate.
@@ -25,9 +25,9 @@ pub(crate) struct Sample {
     /// True x, y and heading.
     pub(crate) truth: [f32; 3],
     /// Values by [`Quantity`].
-    pub(crate) values: [f32; QUANTITIES],
+    pub(crate) values: [f32; QUANTITY_COUNT],
     /// What arrived with it: images, odometry, headings, inertial readings.
-    pub(crate) arrived: [u16; 4],
+    pub(crate) sample_counts: [u16; 4],
     /// The frame could not be used.
     pub(crate) fault: bool,
 }
@@ -36,7 +36,7 @@ pub(crate) struct Sample {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub(crate) enum Quantity {
-    Error,
+    PositionError,
     HeadingError,
     StdX,
     StdY,
@@ -44,13 +44,13 @@ pub(crate) enum Quantity {
     Residual,
     InlierShare,
     LinePoints,
-    Refused,
+    RejectedCandidates,
     Entropy,
     Brightness,
     ExposureTime,
     Gain,
-    See,
-    Localize,
+    VisionTime,
+    LocalizationTime,
     Dropped,
     Wheel0,
     Wheel1,
@@ -58,48 +58,48 @@ pub(crate) enum Quantity {
     Wheel3,
     AccelerationX,
     AccelerationY,
-    TurnRate,
-    Interval,
+    YawRate,
+    CyclePeriod,
 }
 
 /// How many there are.
-pub(crate) const QUANTITIES: usize = Quantity::Interval as usize + 1;
+pub(crate) const QUANTITY_COUNT: usize = Quantity::CyclePeriod as usize + 1;
 
 /// Samples in the order of time.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Series {
-    samples: Vec<Sample>,
+pub(crate) struct TimeSeries {
+    samples: Vec<CycleMetrics>,
     stride: usize,
     skipped: usize,
     last_time: Option<f64>,
 }
 
-impl Series {
+impl TimeSeries {
     /// The samples.
-    pub(crate) fn samples(&self) -> &[Sample] {
+    pub(crate) fn samples(&self) -> &[CycleMetrics] {
         &self.samples
     }
 
     /// The samples of an interval, one beyond on each side where there is one.
-    pub(crate) fn between(&self, from: f64, to: f64) -> &[Sample] {
+    pub(crate) fn between(&self, from: f64, to: f64) -> &[CycleMetrics] {
         let start = self.samples.partition_point(|sample| sample.time < from);
         let end = self.samples.partition_point(|sample| sample.time <= to);
         &self.samples[start.saturating_sub(1)..(end + 1).min(self.samples.len())]
     }
 
     /// The last sample at or before a time.
-    pub(crate) fn at(&self, time: f64) -> Option<&Sample> {
+    pub(crate) fn at(&self, time: f64) -> Option<&CycleMetrics> {
         let behind = self.samples.partition_point(|sample| sample.time <= time);
         self.samples.get(behind.checked_sub(1)?)
     }
 
     /// Adds a sample; one from the past starts the series anew.
-    pub(crate) fn push(&mut self, mut sample: Sample) {
+    pub(crate) fn push(&mut self, mut sample: CycleMetrics) {
         if self.last_time.is_some_and(|last| sample.time < last) {
-            *self = Series::default();
+            *self = TimeSeries::default();
         }
         if let Some(last) = self.last_time {
-            sample.values[Quantity::Interval as usize] = ((sample.time - last) * 1e3) as f32;
+            sample.values[Quantity::CyclePeriod as usize] = ((sample.time - last) * 1e3) as f32;
         }
         self.last_time = Some(sample.time);
         self.skipped += 1;
@@ -108,7 +108,7 @@ impl Series {
         }
         self.skipped = 0;
         self.samples.push(sample);
-        if self.samples.len() >= MOST {
+        if self.samples.len() >= MAX_SAMPLES {
             let mut index = 0;
             self.samples.retain(|_| {
                 index += 1;
@@ -130,7 +130,9 @@ impl Series {
         let span = last.time - first.time;
         let share = self.stride.max(1) as f64 / span;
         [0, 1, 2, 3].map(|device| {
-            let arrived = recent[1..].iter().map(|s| f64::from(s.arrived[device]));
+            let arrived = recent[1..]
+                .iter()
+                .map(|s| f64::from(s.sample_counts[device]));
             if span > 0.0 {
                 arrived.sum::<f64>() * share
             } else {
@@ -141,7 +143,10 @@ impl Series {
 
     /// Mean position error over all samples that have one, metres.
     pub(crate) fn mean_error(&self) -> Option<f32> {
-        let errors = self.samples.iter().map(|s| s.value(Quantity::Error));
+        let errors = self
+            .samples
+            .iter()
+            .map(|s| s.value(Quantity::PositionError));
         let (sum, count) = errors
             .filter(|error| error.is_finite())
             .fold((0.0, 0), |(sum, count), error| (sum + error, count + 1));
@@ -149,15 +154,15 @@ impl Series {
     }
 }
 
-impl Sample {
+impl CycleMetrics {
     /// Its value of a quantity.
     pub(crate) fn value(&self, quantity: Quantity) -> f32 {
         self.values[quantity as usize]
     }
 
     /// The numbers of a cycle; `dropped`: cycles that did not get here before it.
-    pub(crate) fn of(cycle: &Cycle, base: &BaseConfig, dropped: u64) -> Self {
-        let mut values = [f32::NAN; QUANTITIES];
+    pub(crate) fn from_cycle(cycle: &Cycle, base: &BaseConfig, dropped: u64) -> Self {
+        let mut values = [f32::NAN; QUANTITY_COUNT];
         let mut set = |quantity: Quantity, value: f32| values[quantity as usize] = value;
         let estimate = &cycle.estimate;
         let truth = cycle.inputs.truth.as_ref();
@@ -170,7 +175,7 @@ impl Sample {
             set(Quantity::InlierShare, estimate.inlier_share);
             if let Some(truth) = truth {
                 set(
-                    Quantity::Error,
+                    Quantity::PositionError,
                     pose.origin().distance_to(truth.pose.origin()),
                 );
                 let turn = wrap_angle(pose.theta - truth.pose.theta);
@@ -179,10 +184,13 @@ impl Sample {
         }
         set(Quantity::LinePoints, cycle.line_points.len() as f32);
         if let Some(seen) = &cycle.detections {
-            set(Quantity::Refused, seen.rejected_candidates.len() as f32);
+            set(
+                Quantity::RejectedCandidates,
+                seen.rejected_candidates.len() as f32,
+            );
         }
-        if let Some(image) = image_of(cycle) {
-            let (entropy, brightness) = look_at(image);
+        if let Some(image) = rgb_image(cycle) {
+            let (entropy, brightness) = image_statistics(image);
             set(Quantity::Entropy, entropy);
             set(Quantity::Brightness, brightness);
         }
@@ -194,25 +202,29 @@ impl Sample {
                 set(Quantity::Gain, setting.gain);
             }
         }
-        set(Quantity::See, cycle.timings.see_ms);
-        set(Quantity::Localize, cycle.timings.localize_ms);
+        set(Quantity::VisionTime, cycle.timings.see_ms);
+        set(Quantity::LocalizationTime, cycle.timings.localize_ms);
         set(Quantity::Dropped, dropped as f32);
-        for (wheel, speed) in wheel_speeds(cycle, base).into_iter().enumerate().take(4) {
+        for (wheel, speed) in wheel_rim_speeds(cycle, base)
+            .into_iter()
+            .enumerate()
+            .take(4)
+        {
             values[Quantity::Wheel0 as usize + wheel] = speed;
         }
         if let Some(imu) = cycle.inputs.imu.last() {
             values[Quantity::AccelerationX as usize] = imu.acceleration[0];
             values[Quantity::AccelerationY as usize] = imu.acceleration[1];
-            values[Quantity::TurnRate as usize] = imu.rate[2].to_degrees();
+            values[Quantity::YawRate as usize] = imu.rate[2].to_degrees();
         }
         let coordinates = |pose: localize::Pose| [pose.x, pose.y, pose.theta];
-        Sample {
+        CycleMetrics {
             time: cycle.stamp.seconds(),
             mode: estimate.mode,
             pose: estimate.pose.map_or([f32::NAN; 3], coordinates),
             truth: truth.map_or([f32::NAN; 3], |truth| coordinates(truth.pose)),
             values,
-            arrived: [
+            sample_counts: [
                 usize::from(cycle.fault.is_none()),
                 cycle.inputs.odometry.len(),
                 cycle.inputs.compass.len(),
@@ -225,7 +237,7 @@ impl Sample {
 }
 
 /// Speed of each wheel's rim as odometry tells it over the cycle, m/s.
-fn wheel_speeds(cycle: &Cycle, base: &BaseConfig) -> Vec<f32> {
+fn wheel_rim_speeds(cycle: &Cycle, base: &BaseConfig) -> Vec<f32> {
     let odometry = &cycle.inputs.odometry;
     let (Some(first), Some(last)) = (odometry.first(), odometry.last()) else {
         return Vec::new();
@@ -250,7 +262,7 @@ fn wheel_speeds(cycle: &Cycle, base: &BaseConfig) -> Vec<f32> {
 }
 
 /// Entropy of the image's brightness (bits; nubot2013 sets the exposure by it) and its mean, of 255.
-fn look_at(image: &Image) -> (f32, f32) {
+fn image_statistics(image: &Image) -> (f32, f32) {
     let mut counts = [0u32; 256];
     let (mut sum, mut total) = (0.0, 0u32);
     for rgb in image.rgb.chunks_exact(3).step_by(PIXEL_STRIDE) {
@@ -271,25 +283,25 @@ fn look_at(image: &Image) -> (f32, f32) {
 mod tests {
     use super::*;
 
-    fn sample(time: f64) -> Sample {
-        Sample {
+    fn sample(time: f64) -> CycleMetrics {
+        CycleMetrics {
             time,
             mode: Mode::Lost,
             pose: [f32::NAN; 3],
             truth: [f32::NAN; 3],
-            values: [0.0; QUANTITIES],
-            arrived: [1; 4],
+            values: [0.0; QUANTITY_COUNT],
+            sample_counts: [1; 4],
             fault: false,
         }
     }
 
     #[test]
-    fn a_long_run_keeps_its_span_in_bounded_memory() {
-        let mut series = Series::default();
+    fn series_memory_is_bounded_and_keeps_the_time_range() {
+        let mut series = TimeSeries::default();
         for step in 0..400_000 {
             series.push(sample(f64::from(step)));
         }
-        assert!(series.samples().len() < MOST);
+        assert!(series.samples().len() < MAX_SAMPLES);
         let last = series.samples().last().expect("samples").time;
         assert!(
             last > 399_990.0 && series.samples()[0].time == 0.0,
@@ -298,8 +310,8 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_reaches_one_sample_beyond_each_end() {
-        let mut series = Series::default();
+    fn range_includes_one_sample_beyond_each_end() {
+        let mut series = TimeSeries::default();
         for step in 0..10 {
             series.push(sample(f64::from(step)));
         }

@@ -6,7 +6,7 @@ use serde_json::Value as Json;
 use pipeline::cycle::PipelineConfig;
 
 /// In place of a value that is not given.
-pub(crate) const UNSET: &str = "not given";
+pub(crate) const NOT_SET: &str = "not given";
 
 /// One setting.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,7 +31,7 @@ impl Setting {
 }
 
 /// Every setting of vision and localisation, section by section.
-pub(crate) fn all() -> Vec<Setting> {
+pub(crate) fn list_settings() -> Vec<Setting> {
     let schema = Json::from(schema_for!(PipelineConfig));
     let defaults = toml::Table::try_from(PipelineConfig::default()).unwrap_or_default();
     let mut settings = Vec::new();
@@ -68,7 +68,7 @@ pub(crate) fn set(table: &mut toml::Table, path: &[String], value: toml::Value) 
 }
 
 /// Takes the value at a path away.
-pub(crate) fn unset(table: &mut toml::Table, path: &[String]) {
+pub(crate) fn remove(table: &mut toml::Table, path: &[String]) {
     let Some((last, sections)) = path.split_last() else {
         return;
     };
@@ -83,26 +83,26 @@ pub(crate) fn unset(table: &mut toml::Table, path: &[String]) {
 }
 
 /// What of `config` differs from `base`: an overlay that `--config` takes.
-pub(crate) fn overlay(base: &PipelineConfig, config: &PipelineConfig) -> toml::Table {
+pub(crate) fn diff_overlay(base: &PipelineConfig, config: &PipelineConfig) -> toml::Table {
     let tables = [base, config].map(|config| toml::Table::try_from(config).unwrap_or_default());
     let mut overlay = toml::Table::new();
-    for setting in all() {
+    for setting in list_settings() {
         let [before, after] = [&tables[0], &tables[1]].map(|table| get(table, &setting.path));
         if let (true, Some(value)) = (before != after, after) {
-            set(&mut overlay, &setting.path, tidy(value));
+            set(&mut overlay, &setting.path, round_to_f32(value));
         }
     }
     overlay
 }
 
 /// A value as people write it: 0.1 where a 32-bit float holds 0.10000000149.
-pub(crate) fn tidy(value: &toml::Value) -> toml::Value {
+pub(crate) fn round_to_f32(value: &toml::Value) -> toml::Value {
     match value {
         toml::Value::Float(number) => {
             let short = format!("{:?}", *number as f32).parse();
             toml::Value::Float(short.unwrap_or(*number))
         }
-        toml::Value::Array(values) => toml::Value::Array(values.iter().map(tidy).collect()),
+        toml::Value::Array(values) => toml::Value::Array(values.iter().map(round_to_f32).collect()),
         other => other.clone(),
     }
 }
@@ -119,10 +119,10 @@ fn collect(
     };
     for (key, property) in properties {
         // What may be left out, and is by default.
-        let unset = toml::Value::from(UNSET);
+        let unset = toml::Value::from(NOT_SET);
         let default = defaults.get(key).unwrap_or(&unset);
         path.push(key.clone());
-        let target = resolve(root, property);
+        let target = resolve_ref(root, property);
         match default {
             toml::Value::Table(inner) => collect(root, target, inner, path, settings),
             default => {
@@ -130,10 +130,10 @@ fn collect(
                 let help = own.or(target.get("description").and_then(Json::as_str));
                 let help = help.unwrap_or_default().replace('\n', " ");
                 settings.push(Setting {
-                    unit: unit(key, &help, default),
+                    unit: infer_unit(key, &help, default),
                     choices: choices(target),
                     path: path.clone(),
-                    default: tidy(default),
+                    default: round_to_f32(default),
                     help,
                 });
             }
@@ -143,7 +143,7 @@ fn collect(
 }
 
 /// What a reference stands for.
-fn resolve<'a>(root: &'a Json, schema: &'a Json) -> &'a Json {
+fn resolve_ref<'a>(root: &'a Json, schema: &'a Json) -> &'a Json {
     let inner = schema
         .get("allOf")
         .and_then(|all| all.get(0))
@@ -184,7 +184,7 @@ fn choices(schema: &Json) -> Vec<String> {
 }
 
 /// The unit that a name ends with, else the one that the comment names.
-fn unit(key: &str, help: &str, default: &toml::Value) -> &'static str {
+fn infer_unit(key: &str, help: &str, default: &toml::Value) -> &'static str {
     let number = matches!(
         default,
         toml::Value::Float(_) | toml::Value::Integer(_) | toml::Value::Array(_)
@@ -235,8 +235,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_setting_explains_itself() {
-        let settings = all();
+    fn every_setting_has_a_description() {
+        let settings = list_settings();
         assert!(settings.len() > 60, "{}", settings.len());
         for setting in &settings {
             assert!(!setting.help.is_empty(), "{}", setting.name());
@@ -257,11 +257,11 @@ mod tests {
     }
 
     #[test]
-    fn an_overlay_holds_what_differs_and_brings_it_back() {
+    fn overlay_holds_only_changed_settings_and_round_trips() {
         let mut config = PipelineConfig::default();
         config.vision.scan.range_max = 7.1;
         config.localize.mode.suspect_frames_max = 3;
-        let overlay = overlay(&PipelineConfig::default(), &config);
+        let overlay = diff_overlay(&PipelineConfig::default(), &config);
         let text = overlay.to_string();
         assert!(text.contains("range_max = 7.1\n"), "{text}");
         assert_eq!(text.matches('=').count(), 2, "{text}");

@@ -7,25 +7,25 @@ use std::time::{Duration, Instant};
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers, Ui};
 use egui_tiles::Tree;
 
-use super::layers::{Layers, Wanted};
-use super::layout::{self, PRESETS, Preset};
-use super::meter::Meter;
-use super::named::Named;
-use super::panels::{Desk, PANES, Pane, Panels};
+use super::layers::{LayerSelection, LayerWorker};
+use super::layout::{self, LAYOUTS, PanelLayout};
+use super::meter::FrameRateCounter;
+use super::named::AccessibleLabel;
+use super::panels::{PANES, Pane, PaneBehavior, Panels};
 use super::session::Session;
 use super::source::Source;
 use super::{ink, keys, report};
 
 /// Between two looks for news while nothing plays.
-const IDLE: Duration = Duration::from_millis(100);
+const IDLE_REPAINT_INTERVAL: Duration = Duration::from_millis(100);
 /// From one frame to the next at least, while something plays: 60 frames a second.
-pub(crate) const FRAME: Duration = Duration::from_millis(16);
+pub(crate) const FRAME_INTERVAL: Duration = Duration::from_millis(16);
 /// Scales to choose from.
 const SCALES: [f32; 5] = [0.75, 1.0, 1.25, 1.5, 2.0];
 
 /// What a picture of the window is for.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Picture {
+pub(crate) enum ScreenshotTarget {
     /// A file of its own.
     File(PathBuf),
     /// Part of a report in a folder.
@@ -37,47 +37,47 @@ pub(crate) struct View {
     pub(crate) session: Session,
     pub(crate) panels: Panels,
     pub(crate) tree: Tree<Pane>,
-    pub(crate) preset: Preset,
-    pub(crate) help: bool,
+    pub(crate) layout: PanelLayout,
+    pub(crate) help_open: bool,
     /// The file or scenario to open next.
-    path: String,
-    layers: Option<Layers>,
+    path_input: String,
+    layer_worker: Option<LayerWorker>,
     /// When the last frame began; those who wake the window look at it too.
-    begun: Arc<Mutex<Option<Instant>>>,
+    last_frame_start: Arc<Mutex<Option<Instant>>>,
     /// How quickly it draws.
-    pub(crate) meter: Meter,
+    pub(crate) frame_rate: FrameRateCounter,
     /// Pictures that were asked for and have not come yet.
-    pub(crate) pictures: Vec<Picture>,
-    came: Arc<Mutex<Option<Arc<egui::ColorImage>>>>,
+    pub(crate) pending_screenshots: Vec<ScreenshotTarget>,
+    screenshot_image: Arc<Mutex<Option<Arc<egui::ColorImage>>>>,
     /// What was done last, for the bar.
-    pub(crate) word: Option<String>,
+    pub(crate) status_message: Option<String>,
 }
 
 impl View {
     /// A window on a session.
-    pub(crate) fn new(session: Session, preset: Preset) -> Self {
+    pub(crate) fn new(session: Session, preset: PanelLayout) -> Self {
         let mut view = View {
             session,
             panels: Panels::default(),
-            tree: layout::tree(preset),
-            preset,
-            help: false,
-            path: String::new(),
-            layers: None,
-            begun: Arc::default(),
-            meter: Meter::default(),
-            pictures: Vec::new(),
-            came: Arc::default(),
-            word: None,
+            tree: layout::build_tree(preset),
+            layout: preset,
+            help_open: false,
+            path_input: String::new(),
+            layer_worker: None,
+            last_frame_start: Arc::default(),
+            frame_rate: FrameRateCounter::default(),
+            pending_screenshots: Vec::new(),
+            screenshot_image: Arc::default(),
+            status_message: None,
         };
-        view.panels.parameters.follow(&view.session);
+        view.panels.parameters.sync_with_session(&view.session);
         view
     }
 
     /// Arranges the panels.
-    pub(crate) fn arrange(&mut self, preset: Preset) {
-        self.preset = preset;
-        self.tree = layout::tree(preset);
+    pub(crate) fn set_layout(&mut self, preset: PanelLayout) {
+        self.layout = preset;
+        self.tree = layout::build_tree(preset);
     }
 
     /// Looks at something else.
@@ -85,21 +85,21 @@ impl View {
         match Session::open(path) {
             Ok(session) => {
                 self.session = session;
-                self.panels.parameters.follow(&self.session);
-                self.wake_by_source(ctx);
+                self.panels.parameters.sync_with_session(&self.session);
+                self.repaint_on_cycle(ctx);
             }
-            Err(error) => self.session.fault = Some(format!("{error:#}")),
+            Err(error) => self.session.last_error = Some(format!("{error:#}")),
         }
     }
 
     /// Frames are drawn when cycles come.
-    pub(crate) fn wake_by_source(&self, ctx: &egui::Context) {
+    pub(crate) fn repaint_on_cycle(&self, ctx: &egui::Context) {
         if let Source::Live(live) = &self.session.source {
-            let (ctx, begun) = (ctx.clone(), self.begun.clone());
-            live.inbox().on_cycle(move || {
+            let (ctx, begun) = (ctx.clone(), self.last_frame_start.clone());
+            live.inbox().set_on_cycle(move || {
                 let begun = *begun.lock().unwrap_or_else(PoisonError::into_inner);
-                let passed = begun.map_or(FRAME, |begun| begun.elapsed());
-                ctx.request_repaint_after(FRAME.saturating_sub(passed));
+                let passed = begun.map_or(FRAME_INTERVAL, |begun| begun.elapsed());
+                ctx.request_repaint_after(FRAME_INTERVAL.saturating_sub(passed));
             });
         }
     }
@@ -108,20 +108,20 @@ impl View {
     pub(crate) fn ui(&mut self, ui: &mut Ui) {
         let now = Instant::now();
         let last = self
-            .begun
+            .last_frame_start
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .replace(now);
         let passed = last.map_or(0.0, |last| (now - last).as_secs_f64().min(0.5));
-        self.meter.frame(now);
+        self.frame_rate.record_frame(now);
         self.session.update(passed);
-        self.paint(ui.ctx());
-        keys::follow(ui, self);
-        egui::Panel::top("bar").show(ui, |ui| self.bar(ui));
+        self.update_layers(ui.ctx());
+        keys::handle_shortcuts(ui, self);
+        egui::Panel::top("bar").show(ui, |ui| self.menu_bar(ui));
         // The window is cleared in the panels' colour; to fill it once more costs a software renderer a fifth of a frame.
         let bare = egui::Frame::central_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
         egui::CentralPanel::default().frame(bare).show(ui, |ui| {
-            let mut desk = Desk {
+            let mut desk = PaneBehavior {
                 session: &mut self.session,
                 panels: &mut self.panels,
             };
@@ -130,70 +130,82 @@ impl View {
                 ui.weak("All panels are closed: View opens them again.");
             }
         });
-        if let Some(path) = self.panels.simulator.open.take() {
+        if let Some(path) = self.panels.simulator.open_request.take() {
             self.open(&path, &ui.ctx().clone());
         }
-        keys::help(ui.ctx(), &mut self.help);
-        self.take_pictures();
+        keys::show_shortcut_list(ui.ctx(), &mut self.help_open);
+        self.write_screenshots();
         let live = matches!(self.session.source, Source::Live(_));
-        let plays = self.session.clock.playing && !live;
-        ui.ctx()
-            .request_repaint_after(if plays { FRAME } else { IDLE });
+        let plays = self.session.playback.playing && !live;
+        ui.ctx().request_repaint_after(if plays {
+            FRAME_INTERVAL
+        } else {
+            IDLE_REPAINT_INTERVAL
+        });
     }
 
     /// Gives the painter what is seen, and takes what it painted.
-    fn paint(&mut self, ctx: &egui::Context) {
-        let (camera, field) = (self.panels.camera.wanted(), self.panels.field.wanted());
-        let camera_seen = layout::shows(&self.tree, Pane::Camera);
-        let wanted = Wanted {
+    fn update_layers(&mut self, ctx: &egui::Context) {
+        let (camera, field) = (
+            self.panels.camera.layer_selection(),
+            self.panels.field.layer_selection(),
+        );
+        let camera_seen = layout::contains_pane(&self.tree, Pane::Camera);
+        let wanted = LayerSelection {
             classes: camera.classes && camera_seen,
-            scan: camera.scan && camera_seen,
-            bird: camera.bird && camera_seen,
-            windows: camera.windows && camera_seen,
+            scan_pixels: camera.scan_pixels && camera_seen,
+            birds_eye: camera.birds_eye && camera_seen,
+            virtual_sensors: camera.virtual_sensors && camera_seen,
             ..field
         };
-        if self.layers.is_none() {
+        if self.layer_worker.is_none() {
             let ctx = ctx.clone();
-            match Layers::start(move || ctx.request_repaint()) {
-                Ok(layers) => self.layers = Some(layers),
-                Err(error) => self.session.fault = Some(format!("no painter: {error}")),
+            match LayerWorker::start(move || ctx.request_repaint()) {
+                Ok(layers) => self.layer_worker = Some(layers),
+                Err(error) => self.session.last_error = Some(format!("no painter: {error}")),
             }
         }
-        let Some(layers) = &mut self.layers else {
+        let Some(layers) = &mut self.layer_worker else {
             return;
         };
-        if let Some(job) = self.session.job(self.panels.parameters.config(), wanted) {
-            layers.ask(job);
+        if let Some(job) = self
+            .session
+            .layer_job(self.panels.parameters.config(), wanted)
+        {
+            layers.submit(job);
         }
-        if let Some(painted) = layers.take() {
-            self.session.painted = painted;
+        if let Some(painted) = layers.take_result() {
+            self.session.rendered_layers = painted;
         }
     }
 
-    fn bar(&mut self, ui: &mut Ui) {
+    fn menu_bar(&mut self, ui: &mut Ui) {
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("File", |ui| self.file_menu(ui));
             ui.menu_button("View", |ui| self.view_menu(ui));
-            for (preset, name) in PRESETS {
-                if ui.selectable_label(self.preset == preset, name).clicked() {
-                    self.arrange(preset);
+            for (preset, name) in LAYOUTS {
+                if ui.selectable_label(self.layout == preset, name).clicked() {
+                    self.set_layout(preset);
                 }
             }
             if ui.button("?").on_hover_text("Keys").clicked() {
-                self.help = !self.help;
+                self.help_open = !self.help_open;
             }
             ui.separator();
-            ui.label(&self.session.name);
-            if let Some(now) = &self.session.now {
+            ui.label(&self.session.title);
+            if let Some(now) = &self.session.shown {
                 let mode = now.cycle.estimate.mode;
                 let words = pipeline::log::mode_and_reason(&now.cycle.estimate);
-                ui.colored_label(ink::mode(mode), words);
+                ui.colored_label(ink::mode_colour(mode), words);
             }
-            ui.weak(format!("{:.0} frames/s", self.meter.rate()));
-            if let Some(word) = &self.word {
+            ui.weak(format!(
+                "{:.0} frames/s",
+                self.frame_rate.frames_per_second()
+            ));
+            if let Some(word) = &self.status_message {
                 ui.weak(word);
             }
-            if let Some(fault) = &self.session.fault {
+            if let Some(fault) = &self.session.last_error {
                 ui.colored_label(ink::VERMILION, fault);
             }
         });
@@ -202,22 +214,25 @@ impl View {
     fn file_menu(&mut self, ui: &mut Ui) {
         ui.label("A log (.mcap) or a scenario (.toml):");
         ui.horizontal(|ui| {
-            let line = egui::TextEdit::singleline(&mut self.path).desired_width(260.0);
-            let entered = ui.add(line).named("Log or scenario").lost_focus()
+            let line = egui::TextEdit::singleline(&mut self.path_input).desired_width(260.0);
+            let entered = ui
+                .add(line)
+                .with_accessible_label("Log or scenario")
+                .lost_focus()
                 && ui.input(|i| i.key_pressed(Key::Enter));
             if ui.button("Open").clicked() || entered {
-                let path = PathBuf::from(self.path.trim());
+                let path = PathBuf::from(self.path_input.trim());
                 self.open(&path, &ui.ctx().clone());
                 ui.close();
             }
         });
         ui.separator();
         if ui.button("Screenshot (Ctrl+S)").clicked() {
-            self.screenshot(ui.ctx());
+            self.save_screenshot(ui.ctx());
             ui.close();
         }
         if ui.button("Report (Ctrl+R)").clicked() {
-            self.report(ui.ctx());
+            self.save_report(ui.ctx());
             ui.close();
         }
         if ui.button("Quit").clicked() {
@@ -228,9 +243,9 @@ impl View {
     fn view_menu(&mut self, ui: &mut Ui) {
         ui.strong("Panels");
         for pane in PANES {
-            let mut shown = layout::shows(&self.tree, pane);
+            let mut shown = layout::contains_pane(&self.tree, pane);
             if ui.checkbox(&mut shown, pane.title()).changed() {
-                layout::toggle(&mut self.tree, pane);
+                layout::toggle_pane(&mut self.tree, pane);
             }
         }
         ui.separator();
@@ -257,21 +272,21 @@ impl View {
     }
 
     /// Takes a picture of the window into the working folder.
-    pub(crate) fn screenshot(&mut self, ctx: &egui::Context) {
-        let name = format!("mirrorball_{:.3}s.png", self.session.clock.at);
-        self.picture(ctx, Picture::File(name.into()));
+    pub(crate) fn save_screenshot(&mut self, ctx: &egui::Context) {
+        let name = format!("mirrorball_{:.3}s.png", self.session.playback.time);
+        self.request_screenshot(ctx, ScreenshotTarget::File(name.into()));
     }
 
     /// Writes a report into the working folder.
-    pub(crate) fn report(&mut self, ctx: &egui::Context) {
-        let name = format!("mirrorball_report_{:.3}s", self.session.clock.at);
-        self.picture(ctx, Picture::Report(name.into()));
+    pub(crate) fn save_report(&mut self, ctx: &egui::Context) {
+        let name = format!("mirrorball_report_{:.3}s", self.session.playback.time);
+        self.request_screenshot(ctx, ScreenshotTarget::Report(name.into()));
     }
 
     /// Asks for a picture of the window; it comes with the next frame.
-    pub(crate) fn picture(&mut self, ctx: &egui::Context, picture: Picture) {
-        self.pictures.push(picture);
-        let (came, wake) = (self.came.clone(), ctx.clone());
+    pub(crate) fn request_screenshot(&mut self, ctx: &egui::Context, picture: ScreenshotTarget) {
+        self.pending_screenshots.push(picture);
+        let (came, wake) = (self.screenshot_image.clone(), ctx.clone());
         let callback = egui::ScreenshotCallback::new(move |image| {
             *came.lock().unwrap_or_else(PoisonError::into_inner) = Some(image);
             wake.request_repaint();
@@ -279,35 +294,35 @@ impl View {
         ctx.send_viewport_cmd(egui::ViewportCommand::Screenshot(callback));
     }
 
-    fn take_pictures(&mut self) {
+    fn write_screenshots(&mut self) {
         let came = self
-            .came
+            .screenshot_image
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .take();
         let Some(image) = came else {
             return;
         };
-        for picture in std::mem::take(&mut self.pictures) {
+        for picture in std::mem::take(&mut self.pending_screenshots) {
             let written = match &picture {
-                Picture::File(path) => report::save(&image, path),
-                Picture::Report(folder) => report::write(
+                ScreenshotTarget::File(path) => report::write_screenshot(&image, path),
+                ScreenshotTarget::Report(folder) => report::write_report(
                     folder,
                     &self.session,
                     self.panels.parameters.config(),
                     Some(&image),
                 ),
             };
-            let (Picture::File(path) | Picture::Report(path)) = &picture;
+            let (ScreenshotTarget::File(path) | ScreenshotTarget::Report(path)) = &picture;
             match written {
-                Ok(()) => self.word = Some(format!("written: {}", path.display())),
-                Err(error) => self.session.fault = Some(format!("{error:#}")),
+                Ok(()) => self.status_message = Some(format!("written: {}", path.display())),
+                Err(error) => self.session.last_error = Some(format!("{error:#}")),
             }
         }
     }
 }
 
 /// A key with Ctrl (Command on a Mac).
-pub(crate) const fn with_command(key: Key) -> KeyboardShortcut {
+pub(crate) const fn command_shortcut(key: Key) -> KeyboardShortcut {
     KeyboardShortcut::new(Modifiers::COMMAND, key)
 }

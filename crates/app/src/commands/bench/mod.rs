@@ -88,16 +88,16 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
     type Bench = fn(&mut Vec<Figure>) -> Result<()>;
     let benches: [(&[&str], Bench); 10] = [
-        (seeing::NAMES, seeing::seeing),
-        (seeing::LARGE, seeing::seeing_large),
-        (placing::NAMES, placing::placing),
-        (placing::PAPERS, placing::papers),
-        (accuracy::DRIVES, accuracy::drives),
-        (others::FUSED, others::fused),
-        (others::SEEN, others::seen),
-        (playing::RENDERED, playing::rendering),
-        (playing::SIMULATED, playing::simulating),
-        (others::MIRRORS, others::mirrors),
+        (seeing::NAMES, seeing::measure_vision),
+        (seeing::LARGE_NAMES, seeing::measure_vision_large),
+        (placing::NAMES, placing::measure_localization),
+        (placing::PAPERS, placing::measure_paper_methods),
+        (accuracy::DRIVES, accuracy::measure_tracking),
+        (others::FUSION_NAMES, others::measure_fusion_and_team),
+        (others::VISION_NAMES, others::measure_detection_rates),
+        (playing::RENDERING_NAMES, playing::measure_rendering),
+        (playing::SIMULATION_NAMES, playing::measure_simulation),
+        (others::MIRRORS, others::measure_mirror_report),
     ];
     for (names, bench) in benches {
         if names.iter().any(|name| name.contains(&args.only)) {

@@ -14,7 +14,7 @@ use crate::eval::eyes;
 use pipeline::paths;
 
 /// Figures of `fused`.
-pub(super) const FUSED: &[&str] = &[
+pub(super) const FUSION_NAMES: &[&str] = &[
     "fusion_all_mean",
     "fusion_all_mean_heading",
     "fusion_all_blind",
@@ -23,7 +23,7 @@ pub(super) const FUSED: &[&str] = &[
 ];
 
 /// Everything that can go wrong at once on a drive, late frames, and a far ball.
-pub(super) fn fused(figures: &mut Vec<Figure>) -> Result<()> {
+pub(super) fn measure_fusion_and_team(figures: &mut Vec<Figure>) -> Result<()> {
     let robot = RobotConfig::load(&paths::find_resource("config/robots/default.toml")?)?;
     let field = Field::load(&robot.field)?;
     let experiment = FusionExperiment {
@@ -65,7 +65,7 @@ pub(super) fn fused(figures: &mut Vec<Figure>) -> Result<()> {
 }
 
 /// Figures of `seen`.
-pub(super) const SEEN: &[&str] = &[
+pub(super) const VISION_NAMES: &[&str] = &[
     "eyes_points_right",
     "eyes_markings",
     "eyes_ball",
@@ -73,10 +73,10 @@ pub(super) const SEEN: &[&str] = &[
 ];
 
 /// What the eyes find in the recording that comes with Mirrorball.
-pub(super) fn seen(figures: &mut Vec<Figure>) -> Result<()> {
-    let shares = eyes::shares_found(&paths::find_resource("samples/sequence")?)?;
+pub(super) fn measure_detection_rates(figures: &mut Vec<Figure>) -> Result<()> {
+    let shares = eyes::detection_rates(&paths::find_resource("samples/sequence")?)?;
     let wanted = [">= 97", ">= 60", ">= 97", ">= 95"];
-    for ((&name, value), wanted) in SEEN.iter().zip(shares).zip(wanted) {
+    for ((&name, value), wanted) in VISION_NAMES.iter().zip(shares).zip(wanted) {
         figures.push(figure(name, value.unwrap_or(f64::NAN), "%", wanted));
     }
     Ok(())
@@ -86,25 +86,25 @@ pub(super) fn seen(figures: &mut Vec<Figure>) -> Result<()> {
 pub(super) const MIRRORS: &[&str] = &["mirror_report", "mirror_report_1000"];
 
 /// The whole command, Python's start included: the least of five, and once with a thousand imperfect mirrors.
-pub(super) fn mirrors(figures: &mut Vec<Figure>) -> Result<()> {
+pub(super) fn measure_mirror_report(figures: &mut Vec<Figure>) -> Result<()> {
     if !cfg!(feature = "python") {
         return Ok(());
     }
     let mut least = f64::INFINITY;
     for _ in 0..5 {
-        least = least.min(report(0)?);
+        least = least.min(time_mirror_report(0)?);
     }
     figures.push(figure("mirror_report", least, "ms", "<= 2000"));
     figures.push(figure(
         "mirror_report_1000",
-        report(1000)?,
+        time_mirror_report(1000)?,
         "ms",
         "<= 10000",
     ));
     Ok(())
 }
 
-fn report(mirrors: u32) -> Result<f64> {
+fn time_mirror_report(mirrors: u32) -> Result<f64> {
     let folder = tempfile::tempdir().context("no folder for the report")?;
     let mut command = Command::new(std::env::current_exe().context("where am I?")?);
     command

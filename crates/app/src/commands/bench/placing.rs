@@ -20,7 +20,7 @@ use pipeline::paths;
 use pipeline::score::sample_statistics;
 
 /// The league's drive that existing systems were measured on: 30 Hz, about 113 points within 5 m.
-fn frames(field: &Field) -> Vec<SyntheticSample> {
+fn drive_frames(field: &Field) -> Vec<SyntheticSample> {
     SyntheticDrive::new(
         field,
         SyntheticDriveConfig::default(),
@@ -39,9 +39,9 @@ pub(super) const NAMES: &[&str] = &[
 ];
 
 /// Our own matching, tracking and search.
-pub(super) fn placing(figures: &mut Vec<Figure>) -> Result<()> {
+pub(super) fn measure_localization(figures: &mut Vec<Figure>) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
-    let frames = frames(&field);
+    let frames = drive_frames(&field);
     let config = PipelineConfig::default().localize;
     let distances = DistanceField::new(&field, &config.distance_field);
     let mut matcher = Matcher::new(config.matching.clone());
@@ -93,9 +93,9 @@ pub(super) const PAPERS: &[&str] = &[
 ];
 
 /// The three papers' relocalisers.
-pub(super) fn papers(figures: &mut Vec<Figure>) -> Result<()> {
+pub(super) fn measure_paper_methods(figures: &mut Vec<Figure>) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
-    let frames = frames(&field);
+    let frames = drive_frames(&field);
     let config = PipelineConfig::default().localize;
     let distances = DistanceField::new(&field, &config.distance_field);
     let mut number = 0;

@@ -22,13 +22,13 @@ use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 
 /// Figures of `rendering`.
-pub(super) const RENDERED: &[&str] = &["render_480_nine_robots"];
+pub(super) const RENDERING_NAMES: &[&str] = &["render_480_nine_robots"];
 
 /// Figures of `simulating`.
-pub(super) const SIMULATED: &[&str] = &["simulation_30_hz", "game_all_cores"];
+pub(super) const SIMULATION_NAMES: &[&str] = &["simulation_30_hz", "game_all_cores"];
 
 /// The demo's robot with nine robots from 1 to 9 m around it, the ball at 2 m, a goal 5 m ahead.
-pub(super) struct Demo {
+pub(super) struct DemoScene {
     scenario: Scenario,
     pub(super) field: Field,
     pub(super) camera: CameraConfig,
@@ -37,7 +37,7 @@ pub(super) struct Demo {
     robots: Vec<RobotState>,
 }
 
-impl Demo {
+impl DemoScene {
     /// With a camera of so many pixels a side in place of its own: the same view, as much finer.
     pub(super) fn load(side_px: usize) -> Result<Self> {
         let (scenario, robot) =
@@ -73,7 +73,7 @@ impl Demo {
                 }
             })
             .collect();
-        Ok(Demo {
+        Ok(DemoScene {
             scenario,
             field,
             camera,
@@ -111,8 +111,8 @@ impl Demo {
 }
 
 /// One image of the scene.
-pub(super) fn rendering(figures: &mut Vec<Figure>) -> Result<()> {
-    let demo = Demo::load(480)?;
+pub(super) fn measure_rendering(figures: &mut Vec<Figure>) -> Result<()> {
+    let demo = DemoScene::load(480)?;
     let mut renderer = demo.renderer()?;
     let (mut turn, mut rgb) = (0.0f32, Vec::new());
     let value = median_ms(REPEATS, || {
@@ -125,7 +125,7 @@ pub(super) fn rendering(figures: &mut Vec<Figure>) -> Result<()> {
 }
 
 /// The demo on one core, and the league's game as `sim` runs it: the simulator a step ahead in a thread of its own.
-pub(super) fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
+pub(super) fn measure_simulation(figures: &mut Vec<Figure>) -> Result<()> {
     let load = |name| Simulation::load(&paths::find_resource(name)?, None, Some(f64::MAX));
     let demo = load("config/scenarios/demo.toml")?;
     let mut setup = demo.setup()?;
@@ -133,7 +133,7 @@ pub(super) fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
     setup.robot.exposure = None;
     figures.push(figure(
         "simulation_30_hz",
-        times_real_time(demo, &setup)?,
+        real_time_factor(demo, &setup)?,
         "x real time",
         ">= 8",
     ));
@@ -142,14 +142,14 @@ pub(super) fn simulating(figures: &mut Vec<Figure>) -> Result<()> {
     setup.robot.exposure = None;
     figures.push(figure(
         "game_all_cores",
-        times_real_time(game.prefetch()?, &setup)?,
+        real_time_factor(game.prefetch()?, &setup)?,
         "x real time",
         ">= 8",
     ));
     Ok(())
 }
 
-fn times_real_time(mut source: impl Iterator<Item = Sample>, setup: &Setup) -> Result<f64> {
+fn real_time_factor(mut source: impl Iterator<Item = Sample>, setup: &Setup) -> Result<f64> {
     let mut spine = Pipeline::new(setup, &PipelineConfig::default())?;
     let mut next = || {
         source

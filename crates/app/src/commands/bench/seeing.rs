@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use vision::image::{Image, ImageView, PixelFormat};
 use vision::{Mount, Profile, Vision, optics};
 
-use super::playing::Demo;
+use super::playing::DemoScene;
 use super::{Figure, REPEATS, figure, median_ms};
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::paths;
@@ -24,7 +24,7 @@ pub(super) const NAMES: &[&str] = &[
 ];
 
 /// Each part of a frame's way, images of a drive in turn.
-pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
+pub(super) fn measure_vision(figures: &mut Vec<Figure>) -> Result<()> {
     let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup
@@ -85,12 +85,12 @@ pub(super) fn seeing(figures: &mut Vec<Figure>) -> Result<()> {
 }
 
 /// Figures of `seeing_large`.
-pub(super) const LARGE: &[&str] = &["see_lines_1024", "see_all_1024"];
+pub(super) const LARGE_NAMES: &[&str] = &["see_lines_1024", "see_all_1024"];
 
 /// The same features in an image of 1024 × 1024: the demo's robot among nine others, with a camera as much finer.
-pub(super) fn seeing_large(figures: &mut Vec<Figure>) -> Result<()> {
+pub(super) fn measure_vision_large(figures: &mut Vec<Figure>) -> Result<()> {
     const SIDE_PX: usize = 1024;
-    let demo = Demo::load(SIDE_PX)?;
+    let demo = DemoScene::load(SIDE_PX)?;
     let profile = Profile::load(&demo.mirror)?;
     let map = optics::trace_rays(&demo.camera, &profile, &Mount::default())?.ground_map();
     let mut renderer = demo.renderer()?;

@@ -11,14 +11,14 @@ use vision::colours::{CLASS_NAMES, ColourClass};
 use vision::config::ImageRect;
 use vision::image::Image;
 
-use super::parameters::Parameters;
+use super::parameters::ParametersPanel;
 use crate::view::brush::{Brush, Tool};
 use crate::view::ink;
-use crate::view::named::Named;
+use crate::view::named::AccessibleLabel;
 use crate::view::session::Session;
 use crate::view::settings;
-use crate::view::source::calibrate::{Found, Kind, Running};
-use crate::view::source::image_of;
+use crate::view::source::calibrate::{CalibrationJob, CalibrationMethod, MapCalibration};
+use crate::view::source::rgb_image;
 use pipeline::cycle::PIPELINE_FILE;
 use pipeline::log::Header;
 
@@ -26,50 +26,50 @@ use pipeline::log::Header;
 const MASK_IMAGES: usize = 60;
 
 /// The panel's memory.
-pub(crate) struct Calibration {
-    kind: Kind,
+pub(crate) struct CalibrationPanel {
+    method: CalibrationMethod,
     dir: String,
-    out: String,
-    running: Option<Running>,
-    found: Option<Found>,
-    folder: String,
+    map_path: String,
+    job: Option<CalibrationJob>,
+    result: Option<MapCalibration>,
+    output_dir: String,
     /// Images gathered for the mask.
-    gathered: Vec<Image>,
-    gathering: bool,
-    last_gathered: Option<localize::Stamp>,
+    mask_images: Vec<Image>,
+    collecting: bool,
+    last_collected: Option<localize::Stamp>,
     /// What came of the last step; true if it went well.
-    word: Option<(bool, String)>,
+    message: Option<(bool, String)>,
 }
 
-impl Default for Calibration {
+impl Default for CalibrationPanel {
     fn default() -> Self {
-        Calibration {
-            kind: Kind::default(),
+        CalibrationPanel {
+            method: CalibrationMethod::default(),
             dir: "samples/calibration".to_owned(),
-            out: "map.npz".to_owned(),
-            running: None,
-            found: None,
-            folder: "calibrated".to_owned(),
-            gathered: Vec::new(),
-            gathering: false,
-            last_gathered: None,
-            word: None,
+            map_path: "map.npz".to_owned(),
+            job: None,
+            result: None,
+            output_dir: "calibrated".to_owned(),
+            mask_images: Vec::new(),
+            collecting: false,
+            last_collected: None,
+            message: None,
         }
     }
 }
 
-impl Calibration {
+impl CalibrationPanel {
     /// Draws the panel.
     pub(crate) fn show(
         &mut self,
         ui: &mut Ui,
         session: &mut Session,
         brush: &mut Brush,
-        parameters: &mut Parameters,
+        parameters: &mut ParametersPanel,
     ) {
-        self.gather(session);
+        self.collect_mask_image(session);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            if let Some((well, word)) = &self.word {
+            if let Some((well, word)) = &self.message {
                 ui.colored_label(if *well { ink::GREEN } else { ink::VERMILION }, word);
             }
             egui::CollapsingHeader::new("Colours")
@@ -79,7 +79,7 @@ impl Calibration {
                 .default_open(true)
                 .show(ui, |ui| self.mask(ui, session, brush));
             egui::CollapsingHeader::new("Windows of the virtual sensors")
-                .show(ui, |ui| windows(ui, session, parameters));
+                .show(ui, |ui| virtual_sensor_section(ui, session, parameters));
             egui::CollapsingHeader::new("Map")
                 .default_open(true)
                 .show(ui, |ui| self.map(ui));
@@ -88,22 +88,22 @@ impl Calibration {
                 .show(ui, |ui| {
                     ui.label("A folder with robot.toml, field.toml, map.npz (masked pixels show no ground), the colour table, the labels with their images, and settings.");
                     ui.horizontal(|ui| {
-                        ui.add(egui::TextEdit::singleline(&mut self.folder).desired_width(180.0)).named("Folder to write");
+                        ui.add(egui::TextEdit::singleline(&mut self.output_dir).desired_width(180.0)).with_accessible_label("Folder to write");
                         if ui.button("Write").clicked() {
-                            let written = self.write(session, brush, parameters);
-                            self.say(written.map(|()| format!("written: {}", self.folder)));
+                            let written = self.write_robot_folder(session, brush, parameters);
+                            self.set_message(written.map(|()| format!("written: {}", self.output_dir)));
                         }
                     });
                 });
         });
         // A table takes a moment to learn: not while the pointer still paints.
-        if brush.fresh && !ui.input(|input| input.pointer.any_down()) {
-            learn(session, brush);
+        if brush.dirty && !ui.input(|input| input.pointer.any_down()) {
+            apply_labels(session, brush);
         }
     }
 
-    fn say(&mut self, result: Result<String>) {
-        self.word = Some(match result {
+    fn set_message(&mut self, result: Result<String>) {
+        self.message = Some(match result {
             Ok(word) => (true, word),
             Err(error) => (false, format!("{error:#}")),
         });
@@ -112,51 +112,52 @@ impl Calibration {
     fn mask(&mut self, ui: &mut Ui, session: &mut Session, brush: &mut Brush) {
         // Painting goes on from the robot's own mask.
         if brush.mask.is_none()
-            && let Some(stage) = &session.stage
+            && let Some(stage) = &session.scene
         {
             brush.mask = stage.mask.as_deref().cloned();
         }
         ui.horizontal_wrapped(|ui| {
             ui.selectable_value(&mut brush.tool, Tool::Mask, "Paint own parts");
-            ui.selectable_value(&mut brush.tool, Tool::Unmask, "Erase");
+            ui.selectable_value(&mut brush.tool, Tool::EraseMask, "Erase");
             if ui.button("Clear mask").clicked() {
-                (brush.mask, brush.fresh) = (None, true);
+                (brush.mask, brush.dirty) = (None, true);
             }
             let masked = brush.mask.iter().flatten().filter(|&&sees| !sees).count();
             ui.label(format!("{masked} pixels masked (layer Mask shows them)"));
         });
         ui.label("Or let the robot turn in place, and find what stays the same:");
         ui.horizontal(|ui| {
-            ui.toggle_value(&mut self.gathering, "Gather images");
-            ui.label(format!("{} images", self.gathered.len()));
+            ui.toggle_value(&mut self.collecting, "Gather images");
+            ui.label(format!("{} images", self.mask_images.len()));
             if ui.button("Find the mask").clicked() {
-                let found = find_mask(session, &self.gathered);
-                self.say(found.map(|mask| {
+                let found = find_mask(session, &self.mask_images);
+                self.set_message(found.map(|mask| {
                     let own = mask.iter().filter(|&&sees| !sees).count();
-                    (brush.mask, brush.fresh) = (Some(mask), true);
+                    (brush.mask, brush.dirty) = (Some(mask), true);
                     format!("{own} pixels are the robot's own")
                 }));
             }
             if ui.button("Drop images").clicked() {
-                self.gathered.clear();
+                self.mask_images.clear();
             }
         });
     }
 
     /// Keeps the shown images while gathering; of many, every other one.
-    fn gather(&mut self, session: &Session) {
-        let Some(now) = session.now.as_ref().filter(|_| self.gathering) else {
+    fn collect_mask_image(&mut self, session: &Session) {
+        let Some(now) = session.shown.as_ref().filter(|_| self.collecting) else {
             return;
         };
-        let (stamp, image) = (now.cycle.stamp, image_of(&now.cycle));
-        if self.last_gathered == Some(stamp) {
+        let (stamp, image) = (now.cycle.stamp, rgb_image(&now.cycle));
+        if self.last_collected == Some(stamp) {
             return;
         }
-        self.last_gathered = Some(stamp);
-        self.gathered.extend(image.map(|image| (**image).clone()));
-        if self.gathered.len() > MASK_IMAGES {
+        self.last_collected = Some(stamp);
+        self.mask_images
+            .extend(image.map(|image| (**image).clone()));
+        if self.mask_images.len() > MASK_IMAGES {
             let mut number = 0;
-            self.gathered.retain(|_| {
+            self.mask_images.retain(|_| {
                 number += 1;
                 number % 2 == 1
             });
@@ -166,57 +167,65 @@ impl Calibration {
     fn map(&mut self, ui: &mut Ui) {
         ui.horizontal_wrapped(|ui| {
             for (kind, name) in [
-                (Kind::Strip, "Strip of bars"),
-                (Kind::Profile, "Strip, profile trusted"),
-                (Kind::Lines, "Drive over the field"),
+                (CalibrationMethod::Strip, "Strip of bars"),
+                (
+                    CalibrationMethod::StripWithProfile,
+                    "Strip, profile trusted",
+                ),
+                (CalibrationMethod::Lines, "Drive over the field"),
             ] {
-                ui.selectable_value(&mut self.kind, kind, name);
+                ui.selectable_value(&mut self.method, kind, name);
             }
         });
         ui.horizontal(|ui| {
             ui.label("Folder");
             ui.add(egui::TextEdit::singleline(&mut self.dir).desired_width(180.0))
-                .named("Folder");
+                .with_accessible_label("Folder");
             ui.label("map");
-            ui.add(egui::TextEdit::singleline(&mut self.out).desired_width(120.0))
-                .named("map");
+            ui.add(egui::TextEdit::singleline(&mut self.map_path).desired_width(120.0))
+                .with_accessible_label("map");
         });
-        let idle = self.running.is_none();
+        let idle = self.job.is_none();
         let button = egui::Button::new(if idle { "Calibrate" } else { "Calibrating" });
         if ui.add_enabled(idle, button).clicked() {
-            let (dir, out) = (PathBuf::from(&self.dir), PathBuf::from(&self.out));
-            match Running::start(self.kind, dir, out) {
-                Ok(running) => self.running = Some(running),
-                Err(error) => self.say(Err(error.into())),
+            let (dir, out) = (PathBuf::from(&self.dir), PathBuf::from(&self.map_path));
+            match CalibrationJob::start(self.method, dir, out) {
+                Ok(running) => self.job = Some(running),
+                Err(error) => self.set_message(Err(error.into())),
             }
         }
-        if let Some(found) = self.running.as_ref().and_then(Running::take) {
-            self.running = None;
+        if let Some(found) = self.job.as_ref().and_then(CalibrationJob::poll) {
+            self.job = None;
             match found {
                 Ok(found) => {
-                    self.word = Some((true, format!("map written: {}", found.0.map.display())));
-                    self.found = Some(found);
+                    self.message = Some((true, format!("map written: {}", found.0.map.display())));
+                    self.result = Some(found);
                 }
-                Err(error) => self.say(Err(error)),
+                Err(error) => self.set_message(Err(error)),
             }
         }
-        if self.running.is_some() {
+        if self.job.is_some() {
             ui.spinner();
         }
-        if let Some((outcome, images)) = &self.found {
-            residuals(ui, outcome, images);
+        if let Some((outcome, images)) = &self.result {
+            show_residuals(ui, outcome, images);
         }
     }
 
-    fn write(&self, session: &Session, brush: &Brush, parameters: &Parameters) -> Result<()> {
-        let folder = Path::new(&self.folder);
+    fn write_robot_folder(
+        &self,
+        session: &Session,
+        brush: &Brush,
+        parameters: &ParametersPanel,
+    ) -> Result<()> {
+        let folder = Path::new(&self.output_dir);
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot create {}", folder.display()))?;
         let stage = session
-            .stage
+            .scene
             .as_ref()
             .context("there is no robot to write")?;
-        let mut map = stage.eye.as_ref().map(|eye| (*eye.map).clone());
+        let mut map = stage.camera.as_ref().map(|eye| (*eye.map).clone());
         if let (Some(map), Some(mask)) = (&mut map, &brush.mask) {
             ensure!(
                 mask.len() == map.x.len(),
@@ -228,13 +237,16 @@ impl Calibration {
                 }
             }
         }
-        let table = session.table.as_deref().or(stage.colours.as_ref());
+        let table = session
+            .colour_table
+            .as_deref()
+            .or(stage.colour_table.as_ref());
         let header = Header::new("view", None).with_robot(&stage.robot, map.as_ref(), table)?;
-        let overlay = settings::overlay(&Default::default(), parameters.config());
+        let overlay = settings::diff_overlay(&Default::default(), parameters.config());
         header
             .with_file(PIPELINE_FILE, overlay.to_string())
             .write_files(folder)?;
-        if !brush.strokes.is_empty() {
+        if !brush.labels.is_empty() {
             write_labels(folder, brush)?;
         }
         Ok(())
@@ -243,12 +255,15 @@ impl Calibration {
 
 /// The labels as `labels.csv` with the images they are in.
 fn write_labels(folder: &Path, brush: &Brush) -> Result<()> {
-    for (number, (_, image)) in brush.images.iter().enumerate() {
+    for (number, (_, image)) in brush.labelled_images.iter().enumerate() {
         image.save(&folder.join(format!("label_{number}.png")))?;
     }
     let mut text = "file,u,v,class\n".to_owned();
-    for ((stamp, [u, v]), stroke) in &brush.strokes {
-        let place = brush.images.iter().position(|(known, _)| known == stamp);
+    for ((stamp, [u, v]), stroke) in &brush.labels {
+        let place = brush
+            .labelled_images
+            .iter()
+            .position(|(known, _)| known == stamp);
         let Some(number) = place else { continue };
         text += &format!("label_{number}.png,{u},{v},{}\n", CLASS_NAMES[stroke.class]);
     }
@@ -257,18 +272,18 @@ fn write_labels(folder: &Path, brush: &Brush) -> Result<()> {
 }
 
 fn find_mask(session: &Session, images: &[Image]) -> Result<Vec<bool>> {
-    let stage = session.stage.as_ref().context("no camera")?;
-    let eye = stage.eye.as_ref().context("no camera")?;
-    Ok(calibrate_mask(&eye.camera, images)?)
+    let stage = session.scene.as_ref().context("no camera")?;
+    let eye = stage.camera.as_ref().context("no camera")?;
+    Ok(calibrate_mask(&eye.config, images)?)
 }
 
 /// Classes to paint with, and what was painted.
 fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
     ui.label("Choose a class, paint on the camera's image, and watch the layer Classes.");
     ui.horizontal_wrapped(|ui| {
-        ui.selectable_value(&mut brush.tool, Tool::None, "Hand");
+        ui.selectable_value(&mut brush.tool, Tool::Pan, "Hand");
         for (class, name) in CLASS_NAMES.iter().enumerate() {
-            let colour = ink::class(ColourClass(class as u8));
+            let colour = ink::class_colour(ColourClass(class as u8));
             let text = RichText::new(format!("# {name}")).color(colour);
             // Black and white vanish on one theme or the other.
             let text = match *name {
@@ -281,11 +296,11 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
     ui.horizontal(|ui| {
         ui.add(egui::Slider::new(&mut brush.radius_px, 0..=40).text("brush, pixels"));
         if ui.button("Forget labels").clicked() {
-            brush.clear();
+            brush.clear_labels();
         }
     });
     let mut counts = [0usize; CLASS_NAMES.len()];
-    for stroke in brush.strokes.values() {
+    for stroke in brush.labels.values() {
         counts[stroke.class] += 1;
     }
     let told = counts
@@ -297,29 +312,33 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
         .collect();
     if told.is_empty() {
         let own = session
-            .stage
+            .scene
             .as_ref()
-            .is_some_and(|stage| stage.colours.is_some());
+            .is_some_and(|stage| stage.colour_table.is_some());
         ui.weak(if own {
             "No labels painted: the robot's own colour table is in use."
         } else {
             "No labels: the carpet's colour is learned from the images themselves."
         });
     } else {
-        let images = brush.images.len();
+        let images = brush.labelled_images.len();
         ui.label(format!(
             "labelled pixels in {images} images: {}",
             told.join(", ")
         ));
     }
-    if let Some(fault) = &session.painted.fault {
+    if let Some(fault) = &session.rendered_layers.error {
         ui.colored_label(ink::VERMILION, fault);
     }
 }
 
 /// The virtual sensors' windows: laid out by the map until somebody moves one.
-fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
-    let laid = session.painted.windows.clone().unwrap_or_default();
+fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut ParametersPanel) {
+    let laid = session
+        .rendered_layers
+        .virtual_sensors
+        .clone()
+        .unwrap_or_default();
     ui.horizontal_wrapped(|ui| {
         let take = egui::Button::new("Take as laid out");
         if ui.add_enabled(!laid.is_empty(), take).clicked() {
@@ -327,7 +346,7 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
                 let named = laid.iter().filter(|(name, _)| *name == kind);
                 named.map(|(_, window)| *window).collect()
             };
-            parameters.edit(session, |config| {
+            parameters.edit_config(session, |config| {
                 let windows = &mut config.vision.virtual_sensors;
                 (windows.bumpers, windows.goals) = (of("bumper"), of("goal"));
                 windows.ball = of("ball").first().copied();
@@ -336,7 +355,7 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
             });
         }
         if ui.button("Lay out anew").clicked() {
-            parameters.edit(session, |config| {
+            parameters.edit_config(session, |config| {
                 let windows = &mut config.vision.virtual_sensors;
                 (windows.bumpers, windows.goals) = (Vec::new(), Vec::new());
                 (windows.ball, windows.kick, windows.lens) = (None, None, None);
@@ -368,25 +387,28 @@ fn windows(ui: &mut Ui, session: &mut Session, parameters: &mut Parameters) {
                 ("height ", &mut window.height_px),
             ] {
                 let drag = egui::DragValue::new(value).prefix(prefix).suffix(" px");
-                changed |= ui.add(drag.max_decimals(1)).named(name).changed();
+                changed |= ui
+                    .add(drag.max_decimals(1))
+                    .with_accessible_label(name)
+                    .changed();
             }
             ui.end_row();
         }
     });
     if changed {
-        parameters.edit(session, |config| config.vision.virtual_sensors = windows);
+        parameters.edit_config(session, |config| config.vision.virtual_sensors = windows);
     }
 }
 
 /// Takes what was painted into the session, once a stroke has ended.
-fn learn(session: &mut Session, brush: &mut Brush) {
-    brush.fresh = false;
-    session.table = brush.learn().map(Arc::new);
+fn apply_labels(session: &mut Session, brush: &mut Brush) {
+    brush.dirty = false;
+    session.colour_table = brush.learn_colour_table().map(Arc::new);
     session.mask = brush.mask.clone().map(Arc::new);
-    session.version += 1;
+    session.revision += 1;
 }
 
-fn residuals(
+fn show_residuals(
     ui: &mut Ui,
     outcome: &crate::commands::calibrate::Outcome,
     images: &[vision::calibrate::ImageResidual],

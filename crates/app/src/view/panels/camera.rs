@@ -11,30 +11,30 @@ use serde::{Deserialize, Serialize};
 use vision::colours::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
 
-use super::camera_marks::{self, Drawing};
+use super::camera_marks::{self, CameraCanvas};
 use crate::view::brush::{Brush, Tool};
 use crate::view::ink;
-use crate::view::layers::{BIRD_REACH, BIRD_SIDE, Wanted};
-use crate::view::panzoom::{PanZoom, Placed, paint_around};
+use crate::view::layers::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX, LayerSelection};
+use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
 use crate::view::session::Session;
-use crate::view::source::image_of;
-use crate::view::stage::Stage;
+use crate::view::source::rgb_image;
+use crate::view::stage::StaticScene;
 use pipeline::cycle::Cycle;
 
 /// What is drawn over the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
-pub(crate) struct Shows {
+pub(crate) struct CameraLayers {
     /// The image itself.
     pub(crate) image: bool,
     /// The class of every pixel.
     pub(crate) classes: bool,
     /// The pixels that vision reads, in their classes' colours.
-    pub(crate) scan: bool,
+    pub(crate) scan_pixels: bool,
     /// Line points.
-    pub(crate) points: bool,
+    pub(crate) line_points: bool,
     /// Runs that were refused.
-    pub(crate) refused: bool,
+    pub(crate) rejected_candidates: bool,
     /// The ball.
     pub(crate) ball: bool,
     /// Robots.
@@ -44,30 +44,30 @@ pub(crate) struct Shows {
     /// Where the carpet ends.
     pub(crate) carpet_end: bool,
     /// Virtual sensor windows.
-    pub(crate) windows: bool,
+    pub(crate) virtual_sensors: bool,
     /// What is masked, and what shows no ground.
     pub(crate) mask: bool,
     /// The field's lines at the estimated pose.
-    pub(crate) lines: bool,
+    pub(crate) field_lines: bool,
     /// Rings and rays on the ground.
     pub(crate) grid: bool,
 }
 
-impl Default for Shows {
+impl Default for CameraLayers {
     fn default() -> Self {
-        Shows {
+        CameraLayers {
             image: true,
             classes: false,
-            scan: false,
-            points: true,
-            refused: true,
+            scan_pixels: false,
+            line_points: true,
+            rejected_candidates: true,
             ball: true,
             robots: true,
             goals: true,
             carpet_end: false,
-            windows: false,
+            virtual_sensors: false,
             mask: false,
-            lines: true,
+            field_lines: true,
             grid: false,
         }
     }
@@ -75,72 +75,75 @@ impl Default for Shows {
 
 /// The panel's memory.
 #[derive(Default)]
-pub(crate) struct Camera {
+pub(crate) struct CameraPanel {
     /// What is drawn.
-    pub(crate) shows: Shows,
+    pub(crate) layers: CameraLayers,
     /// The floor from above in place of the camera's image.
-    pub(crate) bird: bool,
-    view: PanZoom,
+    pub(crate) birds_eye: bool,
+    pan_zoom: PanZoom,
     image: Option<(Stamp, TextureHandle)>,
-    classes: Texture,
-    scan: Texture,
-    floor: Texture,
-    mask: Texture,
+    classes: LayerTexture,
+    scan_texture: LayerTexture,
+    birds_eye_texture: LayerTexture,
+    mask: LayerTexture,
     /// The mask as a picture, and what it was made of.
-    masked: Option<(MaskKey, Arc<ColorImage>)>,
+    mask_image: Option<(MaskKey, Arc<ColorImage>)>,
 }
 
-type MaskKey = (u64, Option<*const Stage>);
+type MaskKey = (u64, Option<*const StaticScene>);
 
 /// A painted layer on its way to the screen.
 #[derive(Default)]
-struct Texture {
-    of: Option<Arc<ColorImage>>,
+struct LayerTexture {
+    source: Option<Arc<ColorImage>>,
     handle: Option<TextureHandle>,
 }
 
-impl Texture {
-    fn set(&mut self, ui: &Ui, name: &str, image: &Arc<ColorImage>) -> egui::TextureId {
-        let known = self.of.as_ref().is_some_and(|of| Arc::ptr_eq(of, image));
+impl LayerTexture {
+    fn update(&mut self, ui: &Ui, name: &str, image: &Arc<ColorImage>) -> egui::TextureId {
+        let known = self
+            .source
+            .as_ref()
+            .is_some_and(|of| Arc::ptr_eq(of, image));
         let handle = self
             .handle
             .get_or_insert_with(|| ui.load_texture(name, image.clone(), TextureOptions::NEAREST));
         if !known {
             handle.set(image.clone(), TextureOptions::NEAREST);
-            self.of = Some(image.clone());
+            self.source = Some(image.clone());
         }
         handle.id()
     }
 }
 
-impl Camera {
+impl CameraPanel {
     /// Which layers are to be painted.
-    pub(crate) fn wanted(&self) -> Wanted {
-        Wanted {
-            classes: self.shows.classes && !self.bird,
-            windows: self.shows.windows && !self.bird,
-            scan: self.shows.scan && !self.bird,
-            bird: self.bird,
-            ..Wanted::default()
+    pub(crate) fn layer_selection(&self) -> LayerSelection {
+        LayerSelection {
+            classes: self.layers.classes && !self.birds_eye,
+            virtual_sensors: self.layers.virtual_sensors && !self.birds_eye,
+            scan_pixels: self.layers.scan_pixels && !self.birds_eye,
+            birds_eye: self.birds_eye,
+            ..LayerSelection::default()
         }
     }
 
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &Session, brush: &mut Brush) {
         self.switches(ui);
-        let Some(now) = &session.now else {
+        let Some(now) = &session.shown else {
             ui.weak("No cycle yet.");
             return;
         };
         // A picture and what is painted of it are of one cycle, though the painter may be a little behind.
-        let painted = session.painted.cycle.as_ref();
-        let painted = painted.filter(|_| self.wanted() != Wanted::default());
+        let painted = session.rendered_layers.cycle.as_ref();
+        let painted = painted.filter(|_| self.layer_selection() != LayerSelection::default());
         let cycle = painted.unwrap_or(&now.cycle);
-        let image = image_of(cycle).cloned();
-        let size = match (&image, &session.stage) {
-            _ if self.bird => Vec2::splat(BIRD_SIDE as f32),
+        let image = rgb_image(cycle).cloned();
+        let size = match (&image, &session.scene) {
+            _ if self.birds_eye => Vec2::splat(BIRDS_EYE_SIDE_PX as f32),
             (Some(image), _) => Vec2::new(image.width_px as f32, image.height_px as f32),
-            (None, Some(stage)) => match &stage.eye {
+            (None, Some(stage)) => match &stage.camera {
                 Some(eye) => Vec2::new(eye.map.width_px as f32, eye.map.height_px as f32),
                 None => {
                     ui.weak("This source has no camera: its line points come from elsewhere.");
@@ -158,33 +161,33 @@ impl Camera {
             (ui.available_height() - line).max(1.0),
         );
         let (response, painter) = ui.allocate_painter(area, Sense::click_and_drag());
-        let painting = brush.tool != Tool::None && !self.bird;
-        let placed = self.view.follow(ui, &response, size, !painting);
+        let painting = brush.tool != Tool::Pan && !self.birds_eye;
+        let placed = self.pan_zoom.handle_input(ui, &response, size, !painting);
         let painter = painter.with_clip_rect(response.rect);
-        let covered = if image.is_some() && self.shows.image && !self.bird {
-            placed.rect(size)
+        let covered = if image.is_some() && self.layers.image && !self.birds_eye {
+            placed.screen_rect(size)
         } else {
             Rect::NOTHING
         };
-        paint_around(&painter, response.rect, covered, Color32::BLACK);
-        self.pixels(ui, &painter, session, cycle, (&placed, size));
-        if let Some(stage) = &session.stage {
-            let drawing = Drawing {
+        fill_around(&painter, response.rect, covered, Color32::BLACK);
+        self.draw_layers(ui, &painter, session, cycle, (&placed, size));
+        if let Some(stage) = &session.scene {
+            let drawing = CameraCanvas {
                 painter: &painter,
-                placed,
-                stage,
+                transform: placed,
+                scene: stage,
                 cycle,
-                shows: &self.shows,
-                windows: session
-                    .painted
-                    .windows
+                layers: &self.layers,
+                virtual_sensors: session
+                    .rendered_layers
+                    .virtual_sensors
                     .as_deref()
                     .map_or(&[], Vec::as_slice),
             };
-            if self.bird {
-                camera_marks::draw_bird(&drawing);
+            if self.birds_eye {
+                camera_marks::draw_birds_eye_overlay(&drawing);
             } else {
-                camera_marks::draw(&drawing);
+                camera_marks::draw_image_overlay(&drawing);
             }
         }
         if image.is_none() {
@@ -200,14 +203,14 @@ impl Camera {
             && (response.dragged() || response.clicked())
             && let (Some(pointer), Some(image)) = (response.interact_pointer_pos(), &image)
         {
-            brush.paint(cycle.stamp, image, placed.to_picture(pointer));
+            brush.paint(cycle.stamp, image, placed.from_screen(pointer));
         }
         if let Some(pointer) = response.hover_pos() {
             if painting {
                 let radius = (f32::from(brush.radius_px) + 0.5) * placed.scale;
                 painter.circle_stroke(pointer, radius, (1.0, Color32::WHITE));
             }
-            self.probe(ui, session, image.as_deref(), placed.to_picture(pointer));
+            self.show_pixel_info(ui, session, image.as_deref(), placed.from_screen(pointer));
         } else {
             ui.weak(
                 "Point at a pixel to read it. Scroll zooms, drag pans, double-click shows all.",
@@ -216,75 +219,75 @@ impl Camera {
     }
 
     fn switches(&mut self, ui: &mut Ui) {
-        let shows = &mut self.shows;
+        let shows = &mut self.layers;
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("Layers", |ui| {
                 for (name, shown) in [
                     ("Image", &mut shows.image),
                     ("Classes", &mut shows.classes),
-                    ("Scan lines", &mut shows.scan),
-                    ("Line points", &mut shows.points),
-                    ("Refused points", &mut shows.refused),
+                    ("Scan lines", &mut shows.scan_pixels),
+                    ("Line points", &mut shows.line_points),
+                    ("Refused points", &mut shows.rejected_candidates),
                     ("Ball", &mut shows.ball),
                     ("Robots", &mut shows.robots),
                     ("Goals", &mut shows.goals),
                     ("Carpet's end", &mut shows.carpet_end),
-                    ("Windows", &mut shows.windows),
+                    ("Windows", &mut shows.virtual_sensors),
                     ("Mask", &mut shows.mask),
-                    ("Field lines", &mut shows.lines),
+                    ("Field lines", &mut shows.field_lines),
                     ("Ground grid", &mut shows.grid),
                 ] {
                     ui.checkbox(shown, name);
                 }
             });
-            ui.toggle_value(&mut self.bird, "Bird's-eye");
+            ui.toggle_value(&mut self.birds_eye, "Bird's-eye");
             ui.toggle_value(&mut shows.classes, "Classes");
-            ui.toggle_value(&mut shows.scan, "Scan lines");
-            ui.toggle_value(&mut shows.windows, "Windows");
-            ui.toggle_value(&mut shows.lines, "Field lines");
-            ui.menu_button("Key", camera_marks::key);
+            ui.toggle_value(&mut shows.scan_pixels, "Scan lines");
+            ui.toggle_value(&mut shows.virtual_sensors, "Windows");
+            ui.toggle_value(&mut shows.field_lines, "Field lines");
+            ui.menu_button("Key", camera_marks::show_legend);
         });
     }
 
-    fn pixels(
+    fn draw_layers(
         &mut self,
         ui: &Ui,
         painter: &egui::Painter,
         session: &Session,
         cycle: &Cycle,
-        (placed, size): (&Placed, Vec2),
+        (placed, size): (&ScreenTransform, Vec2),
     ) {
-        let rect = placed.rect(size);
+        let rect = placed.screen_rect(size);
         let uv = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
-        let painted = &session.painted;
-        if self.bird {
-            if let Some(floor) = &painted.bird {
-                let id = self.floor.set(ui, "floor", floor);
+        let painted = &session.rendered_layers;
+        if self.birds_eye {
+            if let Some(floor) = &painted.birds_eye {
+                let id = self.birds_eye_texture.update(ui, "floor", floor);
                 painter.image(id, rect, uv, Color32::WHITE);
             }
             return;
         }
-        if let (true, Some(image)) = (self.shows.image, image_of(cycle)) {
+        if let (true, Some(image)) = (self.layers.image, rgb_image(cycle)) {
             let id = self.upload(ui, cycle.stamp, image);
             painter.image(id, rect, uv, Color32::WHITE);
         }
-        if let (true, Some(classes)) = (self.shows.classes, &painted.classes) {
-            let id = self.classes.set(ui, "classes", classes);
-            let tint = if self.shows.image { 190 } else { 255 };
+        if let (true, Some(classes)) = (self.layers.classes, &painted.classes) {
+            let id = self.classes.update(ui, "classes", classes);
+            let tint = if self.layers.image { 190 } else { 255 };
             painter.image(id, rect, uv, Color32::from_white_alpha(tint));
         }
-        if let (true, Some(scan)) = (self.shows.scan, &painted.scan) {
-            let id = self.scan.set(ui, "scan", scan);
+        if let (true, Some(scan)) = (self.layers.scan_pixels, &painted.scan_pixels) {
+            let id = self.scan_texture.update(ui, "scan", scan);
             painter.image(id, rect, uv, Color32::WHITE);
         }
-        if self.shows.mask {
-            let key = (session.version, session.stage.as_ref().map(Arc::as_ptr));
-            if self.masked.as_ref().is_none_or(|(of, _)| *of != key) {
-                let mask = mask_image(session).map(Arc::new);
-                self.masked = mask.map(|mask| (key, mask));
+        if self.layers.mask {
+            let key = (session.revision, session.scene.as_ref().map(Arc::as_ptr));
+            if self.mask_image.as_ref().is_none_or(|(of, _)| *of != key) {
+                let mask = render_mask(session).map(Arc::new);
+                self.mask_image = mask.map(|mask| (key, mask));
             }
-            if let Some((_, mask)) = &self.masked {
-                let id = self.mask.set(ui, "mask", mask);
+            if let Some((_, mask)) = &self.mask_image {
+                let id = self.mask.update(ui, "mask", mask);
                 painter.image(id, rect, uv, Color32::WHITE);
             }
         }
@@ -305,16 +308,16 @@ impl Camera {
     }
 
     /// What is there: colour, class, ground.
-    fn probe(&self, ui: &mut Ui, session: &Session, image: Option<&Image>, at: Vec2) {
-        let (Some(stage), Some(now)) = (&session.stage, &session.now) else {
+    fn show_pixel_info(&self, ui: &mut Ui, session: &Session, image: Option<&Image>, at: Vec2) {
+        let (Some(stage), Some(now)) = (&session.scene, &session.shown) else {
             return;
         };
         let mut words = Vec::new();
-        let ground = if self.bird {
-            let step = 2.0 * BIRD_REACH / BIRD_SIDE as f32;
+        let ground = if self.birds_eye {
+            let step = 2.0 * BIRDS_EYE_HALF_EXTENT / BIRDS_EYE_SIDE_PX as f32;
             Some(localize::At::new(
-                BIRD_REACH - at.y * step,
-                BIRD_REACH - at.x * step,
+                BIRDS_EYE_HALF_EXTENT - at.y * step,
+                BIRDS_EYE_HALF_EXTENT - at.x * step,
             ))
         } else {
             let (column, row) = (at.x.floor(), at.y.floor());
@@ -331,7 +334,7 @@ impl Camera {
                     words.push(class.to_owned());
                 }
             }
-            let eye = stage.eye.as_ref();
+            let eye = stage.camera.as_ref();
             eye.and_then(|eye| inside.then(|| eye.map.at(column as usize, row as usize))?)
         };
         match ground {
@@ -354,9 +357,10 @@ impl Camera {
     }
 
     fn class_at(&self, session: &Session, u: usize, v: usize) -> Option<&'static str> {
-        let painted = session.painted.classes.as_ref()?;
+        let painted = session.rendered_layers.classes.as_ref()?;
         let colour = *painted.pixels.get(v * painted.size[0] + u)?;
-        let found = (0..CLASS_NAMES.len()).find(|&c| ink::class(ColourClass(c as u8)) == colour);
+        let found =
+            (0..CLASS_NAMES.len()).find(|&c| ink::class_colour(ColourClass(c as u8)) == colour);
         found.map(|class| CLASS_NAMES[class])
     }
 }
@@ -373,9 +377,9 @@ fn no_image(cycle: &Cycle) -> String {
 }
 
 /// What is masked (crossed out in purple) and what shows no ground (darkened).
-fn mask_image(session: &Session) -> Option<ColorImage> {
-    let stage = session.stage.as_ref()?;
-    let eye = stage.eye.as_ref()?;
+fn render_mask(session: &Session) -> Option<ColorImage> {
+    let stage = session.scene.as_ref()?;
+    let eye = stage.camera.as_ref()?;
     let (width, height) = (eye.map.width_px, eye.map.height_px);
     let mask = session.mask.as_ref().or(stage.mask.as_ref());
     let pixel = |at: usize| {

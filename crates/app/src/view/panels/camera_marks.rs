@@ -10,11 +10,11 @@ use vision::goals::GoalKind;
 use vision::line_points::RejectionReason;
 use vision::robots::Marker;
 
-use super::camera::Shows;
+use super::camera::CameraLayers;
 use crate::view::ink;
-use crate::view::layers::{BIRD_REACH, BIRD_SIDE};
-use crate::view::panzoom::Placed;
-use crate::view::stage::Stage;
+use crate::view::layers::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
+use crate::view::panzoom::ScreenTransform;
+use crate::view::stage::StaticScene;
 use pipeline::cycle::Cycle;
 
 /// Rings of the ground grid, metres.
@@ -24,37 +24,37 @@ const RING_STEPS: usize = 96;
 const RAYS: usize = 12;
 
 /// What drawing needs.
-pub(crate) struct Drawing<'a> {
+pub(crate) struct CameraCanvas<'a> {
     pub(crate) painter: &'a Painter,
-    pub(crate) placed: Placed,
-    pub(crate) stage: &'a Stage,
+    pub(crate) transform: ScreenTransform,
+    pub(crate) scene: &'a StaticScene,
     pub(crate) cycle: &'a Cycle,
-    pub(crate) shows: &'a Shows,
+    pub(crate) layers: &'a CameraLayers,
     /// The virtual sensors' windows with their names.
-    pub(crate) windows: &'a [(&'static str, ImageRect)],
+    pub(crate) virtual_sensors: &'a [(&'static str, ImageRect)],
 }
 
-impl Drawing<'_> {
+impl CameraCanvas<'_> {
     /// The middle of a pixel on the screen.
-    fn pixel(&self, [u, v]: [f32; 2]) -> Pos2 {
-        self.placed.to_screen(u + 0.5, v + 0.5)
+    fn to_screen(&self, [u, v]: [f32; 2]) -> Pos2 {
+        self.transform.to_screen(u + 0.5, v + 0.5)
     }
 
     /// A ground point on the screen, in the camera's image.
-    fn ground(&self, at: At<RobotFrame>) -> Option<Pos2> {
-        let eye = self.stage.eye.as_ref()?;
-        let pixel = eye.pixel(at, self.cycle.estimate.tilt)?;
-        Some(self.pixel(pixel))
+    fn project_to_screen(&self, at: At<RobotFrame>) -> Option<Pos2> {
+        let eye = self.scene.camera.as_ref()?;
+        let pixel = eye.project(at, self.cycle.estimate.tilt)?;
+        Some(self.to_screen(pixel))
     }
 
-    fn cross(&self, at: Pos2, arm: f32, colour: Color32) {
+    fn draw_plus(&self, at: Pos2, arm: f32, colour: Color32) {
         let stroke = Stroke::new(1.6, colour);
         let (right, down) = (Vec2::new(arm, 0.0), Vec2::new(0.0, arm));
         self.painter.line_segment([at - right, at + right], stroke);
         self.painter.line_segment([at - down, at + down], stroke);
     }
 
-    fn saltire(&self, at: Pos2, arm: f32, colour: Color32) {
+    fn draw_x(&self, at: Pos2, arm: f32, colour: Color32) {
         let stroke = Stroke::new(1.2, colour);
         for way in [Vec2::new(arm, arm), Vec2::new(arm, -arm)] {
             self.painter.line_segment([at - way, at + way], stroke);
@@ -73,29 +73,32 @@ impl Drawing<'_> {
 }
 
 /// Everything over the camera's own image.
-pub(crate) fn draw(drawing: &Drawing<'_>) {
-    let shows = drawing.shows;
+pub(crate) fn draw_image_overlay(drawing: &CameraCanvas<'_>) {
+    let shows = drawing.layers;
     if shows.grid {
         grid(drawing);
     }
-    if shows.lines
+    if shows.field_lines
         && let Some(pose) = drawing.cycle.estimate.pose
     {
-        let stroke = Stroke::new(1.4, ink::PROJECTED);
-        for [from, to] in drawing.stage.projected(pose, drawing.cycle.estimate.tilt) {
-            let ends = [drawing.pixel(from), drawing.pixel(to)];
+        let stroke = Stroke::new(1.4, ink::PROJECTED_LINE);
+        for [from, to] in drawing
+            .scene
+            .project_markings(pose, drawing.cycle.estimate.tilt)
+        {
+            let ends = [drawing.to_screen(from), drawing.to_screen(to)];
             drawing.painter.line_segment(ends, stroke);
         }
     }
-    if shows.windows {
-        windows(drawing);
+    if shows.virtual_sensors {
+        draw_virtual_sensors(drawing);
     }
     let Some(seen) = &drawing.cycle.detections else {
-        if shows.points {
+        if shows.line_points {
             // Line points of another vision have no pixel of their own.
             for point in &drawing.cycle.line_points {
-                if let Some(at) = drawing.ground(point.at) {
-                    drawing.cross(at, 3.0, ink::LINE_POINT);
+                if let Some(at) = drawing.project_to_screen(point.at) {
+                    drawing.draw_plus(at, 3.0, ink::LINE_POINT);
                 }
             }
         }
@@ -104,27 +107,27 @@ pub(crate) fn draw(drawing: &Drawing<'_>) {
     if shows.carpet_end {
         carpet_end(drawing, &seen.carpet_end);
     }
-    if shows.refused {
+    if shows.rejected_candidates {
         for refused in &seen.rejected_candidates {
-            let (colour, _) = ink::refusal(refused.reason);
-            drawing.saltire(drawing.pixel(refused.position_px), 2.5, colour);
+            let (colour, _) = ink::rejection_style(refused.reason);
+            drawing.draw_x(drawing.to_screen(refused.position_px), 2.5, colour);
         }
     }
-    if shows.points {
+    if shows.line_points {
         for point in &seen.line_points {
-            drawing.cross(drawing.pixel(point.position_px), 3.0, ink::LINE_POINT);
+            drawing.draw_plus(drawing.to_screen(point.position_px), 3.0, ink::LINE_POINT);
         }
     }
     objects(drawing);
 }
 
-fn objects(drawing: &Drawing<'_>) {
-    let (shows, painter) = (drawing.shows, drawing.painter);
+fn objects(drawing: &CameraCanvas<'_>) {
+    let (shows, painter) = (drawing.layers, drawing.painter);
     let Some(seen) = &drawing.cycle.detections else {
         return;
     };
     if let (true, Some(ball)) = (shows.ball, &seen.ball) {
-        let at = drawing.pixel(ball.position_px);
+        let at = drawing.to_screen(ball.position_px);
         painter.circle_stroke(at, 9.0, (2.5, ink::BALL));
         let air = if ball.on_ground { "" } else { ", in the air" };
         let text = format!("ball {:.1} m{air}", ball.at.distance());
@@ -132,7 +135,7 @@ fn objects(drawing: &Drawing<'_>) {
     }
     if shows.robots {
         for robot in &seen.robots {
-            let at = drawing.pixel(robot.position_px);
+            let at = drawing.to_screen(robot.position_px);
             let half = Vec2::splat(7.0);
             let square = eframe::egui::Rect::from_min_max(at - half, at + half);
             painter.rect_stroke(
@@ -152,8 +155,8 @@ fn objects(drawing: &Drawing<'_>) {
     }
     if shows.goals {
         for goal in &seen.goals {
-            let at = drawing.pixel(goal.position_px);
-            drawing.cross(at, 8.0, ink::GOAL);
+            let at = drawing.to_screen(goal.position_px);
+            drawing.draw_plus(at, 8.0, ink::GOAL);
             let kind = match goal.kind {
                 GoalKind::Blue => "blue goal",
                 GoalKind::Yellow => "yellow goal",
@@ -165,35 +168,35 @@ fn objects(drawing: &Drawing<'_>) {
 }
 
 /// Everything over the floor from above: the same marks where the map puts them.
-pub(crate) fn draw_bird(drawing: &Drawing<'_>) {
-    let per_metre = BIRD_SIDE as f32 / (2.0 * BIRD_REACH);
+pub(crate) fn draw_birds_eye_overlay(drawing: &CameraCanvas<'_>) {
+    let per_metre = BIRDS_EYE_SIDE_PX as f32 / (2.0 * BIRDS_EYE_HALF_EXTENT);
     let place = |at: At<RobotFrame>| {
-        drawing.placed.to_screen(
-            (BIRD_REACH - at.y) * per_metre,
-            (BIRD_REACH - at.x) * per_metre,
+        drawing.transform.to_screen(
+            (BIRDS_EYE_HALF_EXTENT - at.y) * per_metre,
+            (BIRDS_EYE_HALF_EXTENT - at.x) * per_metre,
         )
     };
-    let shows = drawing.shows;
-    let scale = per_metre * drawing.placed.scale;
+    let shows = drawing.layers;
+    let scale = per_metre * drawing.transform.scale;
     if shows.grid {
         for ring in RINGS {
-            let stroke = Stroke::new(1.0, ink::PROJECTED.gamma_multiply(0.6));
+            let stroke = Stroke::new(1.0, ink::PROJECTED_LINE.gamma_multiply(0.6));
             drawing
                 .painter
                 .circle_stroke(place(At::new(0.0, 0.0)), ring * scale, stroke);
         }
     }
-    if let (true, Some(pose)) = (shows.lines, drawing.cycle.estimate.pose) {
+    if let (true, Some(pose)) = (shows.field_lines, drawing.cycle.estimate.pose) {
         let robot_from_field = pose.inverse();
-        let stroke = Stroke::new(1.4, ink::PROJECTED);
-        for [from, to] in super::field_marks::outline(&drawing.stage.field) {
+        let stroke = Stroke::new(1.4, ink::PROJECTED_LINE);
+        for [from, to] in super::field_marks::marking_segments(&drawing.scene.field) {
             let ends = [from, to].map(|at| place(robot_from_field * at));
             drawing.painter.line_segment(ends, stroke);
         }
     }
-    if shows.points {
+    if shows.line_points {
         for point in &drawing.cycle.line_points {
-            drawing.cross(place(point.at), 3.0, ink::LINE_POINT);
+            drawing.draw_plus(place(point.at), 3.0, ink::LINE_POINT);
         }
     }
     let Some(seen) = &drawing.cycle.detections else {
@@ -214,7 +217,7 @@ pub(crate) fn draw_bird(drawing: &Drawing<'_>) {
 }
 
 /// The virtual sensors' windows; those that say yes are drawn thick.
-fn windows(drawing: &Drawing<'_>) {
+fn draw_virtual_sensors(drawing: &CameraCanvas<'_>) {
     let readings = drawing
         .cycle
         .detections
@@ -224,7 +227,7 @@ fn windows(drawing: &Drawing<'_>) {
         .map(|found| found.bumpers.iter())
         .into_iter()
         .flatten();
-    for (name, window) in drawing.windows {
+    for (name, window) in drawing.virtual_sensors {
         let says = match *name {
             "bumper" => bumpers.next().is_some_and(|bumper| bumper.hit),
             "kick" => readings.is_some_and(|found| found.kick),
@@ -240,7 +243,7 @@ fn windows(drawing: &Drawing<'_>) {
             [left, top],
             [left + window.width_px, top + window.height_px],
         ];
-        let [from, to] = corners.map(|[u, v]| drawing.placed.to_screen(u, v));
+        let [from, to] = corners.map(|[u, v]| drawing.transform.to_screen(u, v));
         let rect = eframe::egui::Rect::from_two_pos(from, to);
         let (width, colour) = if says {
             (3.0, ink::YELLOW)
@@ -261,12 +264,12 @@ fn windows(drawing: &Drawing<'_>) {
     }
 }
 
-fn grid(drawing: &Drawing<'_>) {
-    let stroke = Stroke::new(1.0, ink::PROJECTED.gamma_multiply(0.6));
+fn grid(drawing: &CameraCanvas<'_>) {
+    let stroke = Stroke::new(1.0, ink::PROJECTED_LINE.gamma_multiply(0.6));
     let join = |points: &mut dyn Iterator<Item = At<RobotFrame>>| {
         let mut last = None;
         for at in points {
-            let here = drawing.ground(at);
+            let here = drawing.project_to_screen(at);
             if let (Some(from), Some(to)) = (last, here) {
                 drawing.painter.add(Shape::line_segment([from, to], stroke));
             }
@@ -277,8 +280,8 @@ fn grid(drawing: &Drawing<'_>) {
     for ring in RINGS {
         let angle = |step: usize| TAU * step as f32 / RING_STEPS as f32;
         join(&mut (0..=RING_STEPS).map(|step| polar(ring, angle(step))));
-        if let Some(at) = drawing.ground(polar(ring, 0.0)) {
-            drawing.label(at, format!("{ring:.0} m"), ink::PROJECTED);
+        if let Some(at) = drawing.project_to_screen(polar(ring, 0.0)) {
+            drawing.label(at, format!("{ring:.0} m"), ink::PROJECTED_LINE);
         }
     }
     for ray in 0..RAYS {
@@ -287,17 +290,17 @@ fn grid(drawing: &Drawing<'_>) {
     }
 }
 
-fn carpet_end(drawing: &Drawing<'_>, ends: &[f32]) {
-    let Some(eye) = &drawing.stage.eye else {
+fn carpet_end(drawing: &CameraCanvas<'_>, ends: &[f32]) {
+    let Some(eye) = &drawing.scene.camera else {
         return;
     };
-    let [cu, cv] = eye.camera.centre_px;
+    let [cu, cv] = eye.config.centre_px;
     for (ray, &end) in ends.iter().enumerate() {
         let angle = TAU * ray as f32 / ends.len() as f32;
         // Outward from the axis, first pixel that shows ground beyond the end.
         let (cos, sin) = (angle.cos(), angle.sin());
         let rim = eye
-            .camera
+            .config
             .outer_radius_px
             .unwrap_or(eye.map.width_px as f32 / 2.0);
         let found = (0..rim as usize).find_map(|step| {
@@ -309,13 +312,13 @@ fn carpet_end(drawing: &Drawing<'_>, ends: &[f32]) {
         if let Some(at) = found {
             drawing
                 .painter
-                .circle_filled(drawing.pixel(at), 1.8, ink::ORANGE);
+                .circle_filled(drawing.to_screen(at), 1.8, ink::ORANGE);
         }
     }
 }
 
 /// What the signs mean.
-pub(crate) fn key(ui: &mut Ui) {
+pub(crate) fn show_legend(ui: &mut Ui) {
     let row = |ui: &mut Ui, sign: &str, colour: Color32, text: &str| {
         ui.horizontal(|ui| {
             ui.colored_label(colour, sign);
@@ -331,16 +334,21 @@ pub(crate) fn key(ui: &mut Ui) {
         RejectionReason::NotWhite,
         RejectionReason::BeyondCarpet,
     ] {
-        let (colour, text) = ink::refusal(reason);
+        let (colour, text) = ink::rejection_style(reason);
         row(ui, "x", colour, &format!("refused: {text}"));
     }
-    row(ui, "-", ink::PROJECTED, "field lines at the estimated pose");
+    row(
+        ui,
+        "-",
+        ink::PROJECTED_LINE,
+        "field lines at the estimated pose",
+    );
     ui.separator();
     for (class, name) in vision::colours::CLASS_NAMES.iter().enumerate() {
         row(
             ui,
             "■",
-            ink::class(vision::colours::ColourClass(class as u8)),
+            ink::class_colour(vision::colours::ColourClass(class as u8)),
             name,
         );
     }

@@ -9,14 +9,14 @@ use localize::{At, Pose};
 use nalgebra::{Matrix2, Matrix3, SymmetricEigen};
 
 use crate::view::ink;
-use crate::view::panzoom::Placed;
+use crate::view::panzoom::ScreenTransform;
 
 /// Steps of an arc, a full turn.
 const ARC_STEPS: f32 = 72.0;
 /// Steps of an ellipse.
 const ELLIPSE_STEPS: usize = 48;
 /// The ellipse that holds 95 % of a plane's normal distribution, standard deviations.
-const ELLIPSE_SIGMAS: f32 = 2.448;
+const SIGMAS_95_2D: f32 = 2.448;
 /// Rim of floor around the carpet, metres: goals and whoever is behind them.
 const RIM: f32 = 0.8;
 /// Radius of a robot, metres.
@@ -26,38 +26,41 @@ pub(crate) const BALL_RADIUS: f32 = 0.11;
 
 /// A field on the screen: x to the right, y up.
 #[derive(Clone, Copy)]
-pub(crate) struct OnScreen {
-    pub(crate) placed: Placed,
-    half: Vec2,
+pub(crate) struct FieldTransform {
+    pub(crate) transform: ScreenTransform,
+    half_extent: Vec2,
 }
 
 /// Half of what is drawn of a field, metres.
-pub(crate) fn half_extent(field: &Field) -> Vec2 {
+pub(crate) fn view_half_extent(field: &Field) -> Vec2 {
     let (x, y) = field.carpet_half_extent();
     Vec2::new(x + RIM, y + RIM)
 }
 
-impl OnScreen {
+impl FieldTransform {
     /// `placed`: a picture of twice `half`, in metres.
-    pub(crate) fn new(placed: Placed, half: Vec2) -> Self {
-        OnScreen { placed, half }
+    pub(crate) fn new(placed: ScreenTransform, half: Vec2) -> Self {
+        FieldTransform {
+            transform: placed,
+            half_extent: half,
+        }
     }
 
     /// Where a point of the field is on the screen.
-    pub(crate) fn at(&self, at: At<FieldFrame>) -> Pos2 {
-        self.placed
-            .to_screen(at.x + self.half.x, self.half.y - at.y)
+    pub(crate) fn to_screen(&self, at: At<FieldFrame>) -> Pos2 {
+        self.transform
+            .to_screen(at.x + self.half_extent.x, self.half_extent.y - at.y)
     }
 
     /// Which point of the field is there.
-    pub(crate) fn field(&self, at: Pos2) -> At<FieldFrame> {
-        let place = self.placed.to_picture(at);
-        At::new(place.x - self.half.x, self.half.y - place.y)
+    pub(crate) fn to_field(&self, at: Pos2) -> At<FieldFrame> {
+        let place = self.transform.from_screen(at);
+        At::new(place.x - self.half_extent.x, self.half_extent.y - place.y)
     }
 
     /// Points a metre.
     pub(crate) fn scale(&self) -> f32 {
-        self.placed.scale
+        self.transform.scale
     }
 
     fn path(&self, painter: &Painter, points: Vec<Pos2>, stroke: Stroke) {
@@ -66,7 +69,7 @@ impl OnScreen {
 }
 
 /// Pieces of the markings' centre lines; arcs as short straight ones, spots as crosses.
-pub(crate) fn outline(field: &Field) -> Vec<[At<FieldFrame>; 2]> {
+pub(crate) fn marking_segments(field: &Field) -> Vec<[At<FieldFrame>; 2]> {
     let mut pieces = Vec::new();
     for marking in &field.markings {
         match *marking {
@@ -105,23 +108,29 @@ fn arc(centre: At<FieldFrame>, radius: f32, start: f32, sweep: f32) -> Vec<At<Fi
 }
 
 /// Where the carpet is on the screen.
-pub(crate) fn carpet(screen: &OnScreen, field: &Field) -> Rect {
+pub(crate) fn carpet_rect(screen: &FieldTransform, field: &Field) -> Rect {
     let (half_x, half_y) = field.carpet_half_extent();
-    let [from, to] = [At::new(-half_x, half_y), At::new(half_x, -half_y)].map(|at| screen.at(at));
+    let [from, to] =
+        [At::new(-half_x, half_y), At::new(half_x, -half_y)].map(|at| screen.to_screen(at));
     Rect::from_two_pos(from, to)
 }
 
 /// Carpet, markings and goals. Without `with_carpet` a layer lies there already.
-pub(crate) fn draw_field(painter: &Painter, screen: &OnScreen, field: &Field, with_carpet: bool) {
+pub(crate) fn draw_field(
+    painter: &Painter,
+    screen: &FieldTransform,
+    field: &Field,
+    with_carpet: bool,
+) {
     if with_carpet {
-        painter.rect_filled(carpet(screen, field), 0.0, ink::CARPET);
+        painter.rect_filled(carpet_rect(screen, field), 0.0, ink::CARPET);
     }
     let width = (field.config.line_width * screen.scale()).max(1.0);
     let stroke = Stroke::new(width, ink::LINE);
     for marking in &field.markings {
         match *marking {
             Marking::Line { from, to } => {
-                painter.line_segment([screen.at(from), screen.at(to)], stroke);
+                painter.line_segment([screen.to_screen(from), screen.to_screen(to)], stroke);
             }
             Marking::Arc {
                 centre,
@@ -130,12 +139,12 @@ pub(crate) fn draw_field(painter: &Painter, screen: &OnScreen, field: &Field, wi
                 sweep,
             } => {
                 let points = arc(centre, radius, start, sweep);
-                let points = points.into_iter().map(|at| screen.at(at)).collect();
+                let points = points.into_iter().map(|at| screen.to_screen(at)).collect();
                 screen.path(painter, points, stroke);
             }
             Marking::Spot { centre, radius } => {
                 let radius = (radius * screen.scale()).max(1.0);
-                painter.circle_filled(screen.at(centre), radius, ink::LINE);
+                painter.circle_filled(screen.to_screen(centre), radius, ink::LINE);
             }
         }
     }
@@ -149,7 +158,9 @@ pub(crate) fn draw_field(painter: &Painter, screen: &OnScreen, field: &Field, wi
         let (front, half) = (side * field.config.length / 2.0, goal.width / 2.0);
         let back = front + side * goal.depth;
         let corners = [(front, half), (back, half), (back, -half), (front, -half)];
-        let points = corners.map(|(x, y)| screen.at(At::new(x, y))).to_vec();
+        let points = corners
+            .map(|(x, y)| screen.to_screen(At::new(x, y)))
+            .to_vec();
         let width = (goal.post * screen.scale()).max(2.0);
         screen.path(painter, points, Stroke::new(width, colour));
     }
@@ -158,14 +169,14 @@ pub(crate) fn draw_field(painter: &Painter, screen: &OnScreen, field: &Field, wi
 /// A robot: a disc's rim with a nose.
 pub(crate) fn draw_robot(
     painter: &Painter,
-    screen: &OnScreen,
+    screen: &FieldTransform,
     pose: Pose,
     colour: Color32,
     width: f32,
 ) {
     let stroke = Stroke::new(width, colour);
     let radius = (ROBOT_RADIUS * screen.scale()).max(5.0);
-    let middle = screen.at(pose.origin());
+    let middle = screen.to_screen(pose.origin());
     painter.circle_stroke(middle, radius, stroke);
     let nose = Vec2::angled(-pose.theta) * radius * 1.7;
     painter.line_segment([middle, middle + nose], stroke);
@@ -174,7 +185,7 @@ pub(crate) fn draw_robot(
 /// The ellipse that holds 95 % of a position's distribution, and a wedge for the heading's.
 pub(crate) fn draw_covariance(
     painter: &Painter,
-    screen: &OnScreen,
+    screen: &FieldTransform,
     pose: Pose,
     covariance: &Matrix3<f32>,
     colour: Color32,
@@ -190,7 +201,7 @@ pub(crate) fn draw_covariance(
     }
     let eigen = SymmetricEigen::new(plane);
     let axis = |number: usize| {
-        let length = ELLIPSE_SIGMAS * eigen.eigenvalues[number].max(0.0).sqrt();
+        let length = SIGMAS_95_2D * eigen.eigenvalues[number].max(0.0).sqrt();
         eigen.eigenvectors.column(number) * length
     };
     let (first, second) = (axis(0), axis(1));
@@ -198,12 +209,12 @@ pub(crate) fn draw_covariance(
         .map(|step| {
             let (sin, cos) = (TAU * step as f32 / ELLIPSE_STEPS as f32).sin_cos();
             let off = first * cos + second * sin;
-            screen.at(At::new(pose.x + off[0], pose.y + off[1]))
+            screen.to_screen(At::new(pose.x + off[0], pose.y + off[1]))
         })
         .collect();
     painter.add(Shape::closed_line(points, Stroke::new(1.5, colour)));
-    let spread = ELLIPSE_SIGMAS * covariance[(2, 2)].max(0.0).sqrt();
-    let middle = screen.at(pose.origin());
+    let spread = SIGMAS_95_2D * covariance[(2, 2)].max(0.0).sqrt();
+    let middle = screen.to_screen(pose.origin());
     for way in [-1.0, 1.0] {
         let ray = Vec2::angled(-(pose.theta + way * spread.min(TAU / 2.0)));
         let end = middle + ray * (1.0 * screen.scale()).max(20.0);
@@ -214,21 +225,21 @@ pub(crate) fn draw_covariance(
 /// An arrow from a place along a velocity, a second long.
 pub(crate) fn draw_velocity(
     painter: &Painter,
-    screen: &OnScreen,
+    screen: &FieldTransform,
     at: At<FieldFrame>,
     [vx, vy]: [f32; 2],
     colour: Color32,
 ) {
     if vx.hypot(vy) > 0.1 {
         let along = Vec2::new(vx, -vy) * screen.scale();
-        painter.arrow(screen.at(at), along, Stroke::new(1.5, colour));
+        painter.arrow(screen.to_screen(at), along, Stroke::new(1.5, colour));
     }
 }
 
 /// A path of places; a leap of more than a metre starts a new one.
-pub(crate) fn draw_path(
+pub(crate) fn draw_trail(
     painter: &Painter,
-    screen: &OnScreen,
+    screen: &FieldTransform,
     places: impl Iterator<Item = [f32; 3]>,
     stroke: Stroke,
 ) {
@@ -241,7 +252,7 @@ pub(crate) fn draw_path(
             screen.path(painter, std::mem::take(&mut points), stroke);
         }
         if known {
-            points.push(screen.at(At::new(place[0], place[1])));
+            points.push(screen.to_screen(At::new(place[0], place[1])));
         }
         last = known.then_some(place);
     }

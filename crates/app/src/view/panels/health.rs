@@ -2,7 +2,7 @@
 
 use eframe::egui::{self, Color32, Ui};
 
-use crate::view::devices::State;
+use crate::view::devices::DeviceState;
 use crate::view::ink;
 use crate::view::session::Session;
 
@@ -12,7 +12,7 @@ const WINDOW: f64 = 2.0;
 /// Draws the panel.
 pub(crate) fn show(ui: &mut Ui, session: &Session) {
     let devices = &session.devices;
-    let rates = session.series.rates_hz(session.clock.at, WINDOW);
+    let rates = session.series.rates_hz(session.playback.time, WINDOW);
     egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
         egui::Grid::new("devices")
             .striped(true)
@@ -30,20 +30,20 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
                     ui.strong(name);
                 }
                 ui.end_row();
-                for (device, rate) in devices.all.iter().zip(rates) {
-                    let state = device.state(devices.now);
+                for (device, rate) in devices.devices.iter().zip(rates) {
+                    let state = device.state(devices.stamp);
                     ui.label(device.name);
-                    ui.colored_label(colour(state), state.name());
+                    ui.colored_label(colour(state), state.label());
                     ui.monospace(format!("{rate:6.1} Hz"));
-                    match device.age(devices.now) {
+                    match device.age(devices.stamp) {
                         Some(age) => ui.monospace(format!("{:6.0} ms", 1e3 * age)),
                         None => ui.weak("-"),
                     };
                     ui.monospace(format!("{:6.0} ms", 1e3 * device.longest_gap));
                     ui.monospace(device.samples.to_string());
-                    match &device.fault {
+                    match &device.last_fault {
                         Some(fault) => {
-                            let text = format!("{}: {fault}", device.faults);
+                            let text = format!("{}: {fault}", device.fault_count);
                             ui.colored_label(ink::VERMILION, text)
                         }
                         None => ui.monospace("0"),
@@ -68,7 +68,7 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
                 format!("{count} frames of this run could not be used, the first at {first:.2} s"),
             );
         }
-        if let Some(now) = &session.now {
+        if let Some(now) = &session.shown {
             let timings = &now.cycle.timings;
             ui.label(format!(
                 "this cycle: see {:.2} ms, localize {:.2} ms",
@@ -78,10 +78,10 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
     });
 }
 
-fn colour(state: State) -> Color32 {
+fn colour(state: DeviceState) -> Color32 {
     match state {
-        State::Running => ink::GREEN,
-        State::Absent => ink::GREY,
-        State::Silent | State::Stuck => ink::VERMILION,
+        DeviceState::Running => ink::GREEN,
+        DeviceState::NoData => ink::GREY,
+        DeviceState::Silent | DeviceState::Stuck => ink::VERMILION,
     }
 }

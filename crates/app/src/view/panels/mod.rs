@@ -68,45 +68,45 @@ impl Pane {
 
 /// What each panel remembers.
 pub(crate) struct Panels {
-    pub(crate) camera: camera::Camera,
-    pub(crate) field: field::FieldView,
-    pub(crate) plots: plots::Plots,
-    pub(crate) timeline: timeline::Timeline,
-    pub(crate) simulator: simulator::Simulator,
-    pub(crate) calibration: calibration::Calibration,
-    pub(crate) parameters: parameters::Parameters,
+    pub(crate) camera: camera::CameraPanel,
+    pub(crate) field: field::FieldPanel,
+    pub(crate) plots: plots::PlotsPanel,
+    pub(crate) timeline: timeline::TimelinePanel,
+    pub(crate) simulator: simulator::SimulatorPanel,
+    pub(crate) calibration: calibration::CalibrationPanel,
+    pub(crate) parameters: parameters::ParametersPanel,
     pub(crate) brush: Brush,
 }
 
 impl Default for Panels {
     fn default() -> Self {
         Panels {
-            camera: camera::Camera::default(),
-            field: field::FieldView::default(),
-            plots: plots::Plots::default(),
-            timeline: timeline::Timeline::default(),
-            simulator: simulator::Simulator::default(),
-            calibration: calibration::Calibration::default(),
-            parameters: parameters::Parameters::default(),
+            camera: camera::CameraPanel::default(),
+            field: field::FieldPanel::default(),
+            plots: plots::PlotsPanel::default(),
+            timeline: timeline::TimelinePanel::default(),
+            simulator: simulator::SimulatorPanel::default(),
+            calibration: calibration::CalibrationPanel::default(),
+            parameters: parameters::ParametersPanel::default(),
             brush: Brush::new(),
         }
     }
 }
 
 /// The tiles' way to the panels.
-pub(crate) struct Desk<'a> {
+pub(crate) struct PaneBehavior<'a> {
     pub(crate) session: &'a mut Session,
     pub(crate) panels: &'a mut Panels,
 }
 
-impl egui_tiles::Behavior<Pane> for Desk<'_> {
+impl egui_tiles::Behavior<Pane> for PaneBehavior<'_> {
     fn pane_ui(
         &mut self,
         ui: &mut Ui,
         _tile: egui_tiles::TileId,
         pane: &mut Pane,
     ) -> egui_tiles::UiResponse {
-        let Desk { session, panels } = self;
+        let PaneBehavior { session, panels } = self;
         eframe::egui::Frame::new()
             .inner_margin(4)
             .show(ui, |ui| match pane {

@@ -6,102 +6,102 @@ use anyhow::Context;
 use eframe::egui::{self, Color32, RichText, Ui};
 
 use crate::view::ink;
-use crate::view::named::Named;
+use crate::view::named::AccessibleLabel;
 use crate::view::session::Session;
 use crate::view::settings::{self, Setting};
-use crate::view::source::worker::Order;
+use crate::view::source::worker::SourceRequest;
 use pipeline::cycle::PipelineConfig;
 
 /// Room for a setting's name, points.
 const NAME_WIDTH: f32 = 170.0;
 
 /// The panel's memory.
-pub(crate) struct Parameters {
+pub(crate) struct ParametersPanel {
     all: Vec<Setting>,
     /// What runs: a simulation with it, layers are painted by it, a log can be computed again with it.
     config: PipelineConfig,
     /// What is typed, perhaps not fit to run.
-    edited: toml::Table,
+    edited_table: toml::Table,
     /// Of the source whose settings these are.
-    source: Option<String>,
+    source_name: Option<String>,
     /// Only settings whose name or meaning holds this are shown.
     filter: String,
     /// Only those that differ from the default.
-    different: bool,
+    only_changed: bool,
     /// The overlay's file.
     file: String,
     /// What came of the last edit, saving or loading; true if it went well.
-    word: Option<(bool, String)>,
+    message: Option<(bool, String)>,
 }
 
-impl Default for Parameters {
+impl Default for ParametersPanel {
     fn default() -> Self {
         let config = PipelineConfig::default();
-        Parameters {
-            all: settings::all(),
-            edited: toml::Table::try_from(&config).unwrap_or_default(),
+        ParametersPanel {
+            all: settings::list_settings(),
+            edited_table: toml::Table::try_from(&config).unwrap_or_default(),
             config,
-            source: None,
+            source_name: None,
             filter: String::new(),
-            different: false,
+            only_changed: false,
             file: "overlay.toml".to_owned(),
-            word: None,
+            message: None,
         }
     }
 }
 
-impl Parameters {
+impl ParametersPanel {
     /// The settings in force.
     pub(crate) fn config(&self) -> &PipelineConfig {
         &self.config
     }
 
     /// Takes the settings of a source that was opened.
-    pub(crate) fn follow(&mut self, session: &Session) {
-        if self.source.as_ref() != Some(&session.name) {
-            self.source = Some(session.name.clone());
-            self.take(session.ran_with.clone());
+    pub(crate) fn sync_with_session(&mut self, session: &Session) {
+        if self.source_name.as_ref() != Some(&session.title) {
+            self.source_name = Some(session.title.clone());
+            self.set_config(session.source_config.clone());
         }
     }
 
-    fn take(&mut self, config: PipelineConfig) {
-        self.edited = toml::Table::try_from(&config).unwrap_or_default();
+    fn set_config(&mut self, config: PipelineConfig) {
+        self.edited_table = toml::Table::try_from(&config).unwrap_or_default();
         self.config = config;
     }
 
     /// Puts settings in force: a simulation takes them between two cycles, layers are painted by them.
-    pub(crate) fn apply(&mut self, session: &mut Session, config: PipelineConfig) {
-        self.take(config);
-        session.version += 1;
+    pub(crate) fn apply_config(&mut self, session: &mut Session, config: PipelineConfig) {
+        self.set_config(config);
+        session.revision += 1;
         if let Some(worker) = session.source.simulation() {
-            worker.order(Order::Configure(Box::new(self.config.clone())));
+            worker.request(SourceRequest::Configure(Box::new(self.config.clone())));
         }
     }
 
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
-        self.follow(session);
+        self.sync_with_session(session);
         self.actions(ui, session);
-        if let Some((well, word)) = &self.word {
+        if let Some((well, word)) = &self.message {
             ui.colored_label(if *well { ink::GREEN } else { ink::VERMILION }, word);
         }
         if let Some(worker) = session.source.simulation()
-            && let Some(refused) = worker.status().refused
+            && let Some(refused) = worker.status().error
         {
             ui.colored_label(ink::VERMILION, refused);
         }
         ui.horizontal(|ui| {
             ui.label("Search");
             ui.add(egui::TextEdit::singleline(&mut self.filter).desired_width(160.0))
-                .named("Search");
-            ui.checkbox(&mut self.different, "Only what differs");
+                .with_accessible_label("Search");
+            ui.checkbox(&mut self.only_changed, "Only what differs");
         });
         let mut changed = None;
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| changed = self.table(ui));
         if let Some((path, value)) = changed {
-            self.change(session, &path, value);
+            self.set_value(session, &path, value);
         }
     }
 
@@ -111,8 +111,8 @@ impl Parameters {
                 for name in localize::presets::PRESETS {
                     if ui.button(name).clicked() {
                         match PipelineConfig::preset(name) {
-                            Ok(config) => self.apply(session, config),
-                            Err(error) => self.word = Some((false, format!("{error:#}"))),
+                            Ok(config) => self.apply_config(session, config),
+                            Err(error) => self.message = Some((false, format!("{error:#}"))),
                         }
                     }
                 }
@@ -121,33 +121,33 @@ impl Parameters {
                 let hint =
                     "Computes the whole log once more with these settings, beside the recorded run";
                 if ui.button("Recompute log").on_hover_text(hint).clicked() {
-                    session.compute_again(&self.config);
+                    session.start_recompute(&self.config);
                 }
                 if ui.button("As recorded").clicked() {
-                    self.apply(session, session.ran_with.clone());
+                    self.apply_config(session, session.source_config.clone());
                 }
             }
             ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(140.0))
-                .named("Configuration file");
+                .with_accessible_label("Configuration file");
             let hint =
                 "Writes what differs from the defaults; run, sim and locate take it as --config";
             if ui.button("Save overlay").on_hover_text(hint).clicked() {
-                self.word = Some(self.save());
+                self.message = Some(self.save_overlay());
             }
             if ui.button("Load overlay").clicked() {
                 match PipelineConfig::load("default", Some(Path::new(&self.file))) {
                     Ok(config) => {
-                        self.apply(session, config);
-                        self.word = Some((true, format!("loaded {}", self.file)));
+                        self.apply_config(session, config);
+                        self.message = Some((true, format!("loaded {}", self.file)));
                     }
-                    Err(error) => self.word = Some((false, format!("{error:#}"))),
+                    Err(error) => self.message = Some((false, format!("{error:#}"))),
                 }
             }
         });
     }
 
-    fn save(&self) -> (bool, String) {
-        let overlay = settings::overlay(&PipelineConfig::default(), &self.config);
+    fn save_overlay(&self) -> (bool, String) {
+        let overlay = settings::diff_overlay(&PipelineConfig::default(), &self.config);
         let count = self
             .all
             .iter()
@@ -160,23 +160,27 @@ impl Parameters {
     }
 
     /// Changes settings by hand of another panel; what does not work is said here.
-    pub(crate) fn edit(&mut self, session: &mut Session, change: impl FnOnce(&mut PipelineConfig)) {
+    pub(crate) fn edit_config(
+        &mut self,
+        session: &mut Session,
+        change: impl FnOnce(&mut PipelineConfig),
+    ) {
         let mut config = self.config.clone();
         change(&mut config);
         match config.vision.check() {
-            Ok(()) => self.apply(session, config),
-            Err(error) => self.word = Some((false, error.to_string())),
+            Ok(()) => self.apply_config(session, config),
+            Err(error) => self.message = Some((false, error.to_string())),
         }
     }
 
     /// Tries a value; one that does not work is not taken, and said.
-    fn change(&mut self, session: &mut Session, path: &[String], value: toml::Value) {
+    fn set_value(&mut self, session: &mut Session, path: &[String], value: toml::Value) {
         match value.as_str() {
-            Some(settings::UNSET) => settings::unset(&mut self.edited, path),
-            _ => settings::set(&mut self.edited, path, value),
+            Some(settings::NOT_SET) => settings::remove(&mut self.edited_table, path),
+            _ => settings::set(&mut self.edited_table, path, value),
         }
         let checked = self
-            .edited
+            .edited_table
             .clone()
             .try_into::<PipelineConfig>()
             .map_err(anyhow::Error::from)
@@ -188,10 +192,10 @@ impl Parameters {
             .with_context(|| format!("{} is not taken", path.join(".")));
         match checked {
             Ok(config) => {
-                self.apply(session, config);
-                self.word = None;
+                self.apply_config(session, config);
+                self.message = None;
             }
-            Err(error) => self.word = Some((false, format!("{error:#}"))),
+            Err(error) => self.message = Some((false, format!("{error:#}"))),
         }
     }
 
@@ -205,10 +209,10 @@ impl Parameters {
             let told = needle.is_empty()
                 || name.to_lowercase().contains(&needle)
                 || setting.help.to_lowercase().contains(&needle);
-            let unset = toml::Value::from(settings::UNSET);
-            let value = settings::get(&self.edited, &setting.path).unwrap_or(&unset);
-            let differs = settings::tidy(value) != setting.default;
-            if !told || (self.different && !differs) {
+            let unset = toml::Value::from(settings::NOT_SET);
+            let value = settings::get(&self.edited_table, &setting.path).unwrap_or(&unset);
+            let differs = settings::round_to_f32(value) != setting.default;
+            if !told || (self.only_changed && !differs) {
                 continue;
             }
             let (last, before) = (setting.path.last(), setting.path.split_last());
@@ -264,7 +268,7 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
         toml::Value::Boolean(on) => {
             let mut on = *on;
             ui.checkbox(&mut on, "")
-                .named(&setting.name())
+                .with_accessible_label(&setting.name())
                 .changed()
                 .then(|| on.into())
         }
@@ -272,7 +276,7 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
             let mut number = *number;
             let drag = egui::DragValue::new(&mut number).update_while_editing(false);
             ui.add(drag)
-                .named(&setting.name())
+                .with_accessible_label(&setting.name())
                 .changed()
                 .then(|| number.into())
         }
@@ -287,7 +291,7 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
                     }
                 })
                 .response
-                .named(&setting.name());
+                .with_accessible_label(&setting.name());
             (chosen != *text).then(|| chosen.into())
         }
         toml::Value::Array(values) if values.iter().any(toml::Value::is_float) => {
@@ -328,5 +332,8 @@ fn drag(ui: &mut Ui, name: &str, number: f64) -> Option<f64> {
         .speed(speed)
         .max_decimals(6)
         .update_while_editing(false);
-    ui.add(drag).named(name).changed().then_some(short)
+    ui.add(drag)
+        .with_accessible_label(name)
+        .changed()
+        .then_some(short)
 }

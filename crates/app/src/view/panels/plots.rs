@@ -5,32 +5,32 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoint, PlotPoints, VLine};
 use serde::{Deserialize, Serialize};
 
 use crate::view::ink;
-use crate::view::series::{Quantity, Sample, Series};
+use crate::view::series::{CycleMetrics, Quantity, TimeSeries};
 use crate::view::session::Session;
 
 /// Least height of one plot, points.
-const LEAST_HEIGHT: f32 = 80.0;
+const PLOT_HEIGHT_MIN: f32 = 80.0;
 
 /// One plot: its name, its unit and its curves.
-struct Group {
+struct PlotSpec {
     name: &'static str,
     unit: &'static str,
     curves: &'static [(&'static str, Quantity, Color32, f32)],
 }
 
 /// All that can be plotted; the last number brings SI into the unit.
-const GROUPS: [Group; 12] = [
-    Group {
+const PLOTS: [PlotSpec; 12] = [
+    PlotSpec {
         name: "Error",
         unit: "cm",
-        curves: &[("position", Quantity::Error, ink::VERMILION, 100.0)],
+        curves: &[("position", Quantity::PositionError, ink::VERMILION, 100.0)],
     },
-    Group {
+    PlotSpec {
         name: "Heading error",
         unit: "°",
         curves: &[("heading", Quantity::HeadingError, ink::VERMILION, 1.0)],
     },
-    Group {
+    PlotSpec {
         name: "Covariance",
         unit: "cm, °",
         curves: &[
@@ -39,31 +39,31 @@ const GROUPS: [Group; 12] = [
             ("std heading", Quantity::StdHeading, ink::PURPLE, 1.0),
         ],
     },
-    Group {
+    PlotSpec {
         name: "Residual",
         unit: "cm",
         curves: &[("residual", Quantity::Residual, ink::ORANGE, 100.0)],
     },
-    Group {
+    PlotSpec {
         name: "Line points",
         unit: "points, %",
         curves: &[
             ("points", Quantity::LinePoints, ink::SKY, 1.0),
-            ("refused", Quantity::Refused, ink::GREY, 1.0),
+            ("refused", Quantity::RejectedCandidates, ink::GREY, 1.0),
             ("inliers", Quantity::InlierShare, ink::GREEN, 100.0),
         ],
     },
-    Group {
+    PlotSpec {
         name: "Entropy",
         unit: "bit",
         curves: &[("image", Quantity::Entropy, ink::SKY, 1.0)],
     },
-    Group {
+    PlotSpec {
         name: "Exposure",
         unit: "of 255",
         curves: &[("brightness", Quantity::Brightness, ink::YELLOW, 1.0)],
     },
-    Group {
+    PlotSpec {
         name: "Camera",
         unit: "its own",
         curves: &[
@@ -71,21 +71,21 @@ const GROUPS: [Group; 12] = [
             ("gain", Quantity::Gain, ink::SKY, 1.0),
         ],
     },
-    Group {
+    PlotSpec {
         name: "Stage times",
         unit: "ms",
         curves: &[
-            ("see", Quantity::See, ink::ORANGE, 1.0),
-            ("localize", Quantity::Localize, ink::SKY, 1.0),
-            ("between frames", Quantity::Interval, ink::GREY, 1.0),
+            ("see", Quantity::VisionTime, ink::ORANGE, 1.0),
+            ("localize", Quantity::LocalizationTime, ink::SKY, 1.0),
+            ("between frames", Quantity::CyclePeriod, ink::GREY, 1.0),
         ],
     },
-    Group {
+    PlotSpec {
         name: "Queue drops",
         unit: "cycles",
         curves: &[("dropped", Quantity::Dropped, ink::VERMILION, 1.0)],
     },
-    Group {
+    PlotSpec {
         name: "Wheel speeds",
         unit: "m/s",
         curves: &[
@@ -95,13 +95,13 @@ const GROUPS: [Group; 12] = [
             ("wheel 4", Quantity::Wheel3, ink::PURPLE, 1.0),
         ],
     },
-    Group {
+    PlotSpec {
         name: "IMU",
         unit: "m/s², °/s / 10",
         curves: &[
             ("x", Quantity::AccelerationX, ink::ORANGE, 1.0),
             ("y", Quantity::AccelerationY, ink::SKY, 1.0),
-            ("turn", Quantity::TurnRate, ink::PURPLE, 0.1),
+            ("turn", Quantity::YawRate, ink::PURPLE, 0.1),
         ],
     },
 ];
@@ -109,16 +109,16 @@ const GROUPS: [Group; 12] = [
 /// The panel's memory.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub(crate) struct Plots {
+pub(crate) struct PlotsPanel {
     /// Names of the plots that are shown.
     pub(crate) shown: Vec<String>,
     /// Seconds about the cursor; 0 is the whole run.
     pub(crate) window_s: f64,
 }
 
-impl Default for Plots {
+impl Default for PlotsPanel {
     fn default() -> Self {
-        Plots {
+        PlotsPanel {
             shown: ["Error", "Covariance", "Line points", "Stage times"]
                 .map(str::to_owned)
                 .to_vec(),
@@ -127,12 +127,12 @@ impl Default for Plots {
     }
 }
 
-impl Plots {
+impl PlotsPanel {
     /// Draws the panel; a click moves the timeline.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("Curves", |ui| {
-                for group in &GROUPS {
+                for group in &PLOTS {
                     let mut shown = self.shown.iter().any(|name| name == group.name);
                     if ui.checkbox(&mut shown, group.name).changed() {
                         self.shown.retain(|name| name != group.name);
@@ -159,19 +159,19 @@ impl Plots {
             ui.weak("No run yet.");
             return;
         };
-        let span = self.part(span, session.clock.at);
-        let shown: Vec<&Group> = GROUPS
+        let span = self.visible_range(span, session.playback.time);
+        let shown: Vec<&PlotSpec> = PLOTS
             .iter()
             .filter(|group| self.shown.iter().any(|name| name == group.name))
             .collect();
         let rows = shown.len().max(1) as f32;
-        let height = (ui.available_height() / rows - 24.0).max(LEAST_HEIGHT);
+        let height = (ui.available_height() / rows - 24.0).max(PLOT_HEIGHT_MIN);
         let mut clicked = None;
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| {
                 for group in shown {
-                    clicked = draw(ui, group, session, span, height).or(clicked);
+                    clicked = draw_plot(ui, group, session, span, height).or(clicked);
                 }
             });
         if let Some(time) = clicked {
@@ -180,7 +180,7 @@ impl Plots {
     }
 
     /// The part of the run that is shown.
-    fn part(&self, (start, end): (f64, f64), at: f64) -> (f64, f64) {
+    fn visible_range(&self, (start, end): (f64, f64), at: f64) -> (f64, f64) {
         if self.window_s <= 0.0 || end - start <= self.window_s {
             return (start, end.max(start + 0.1));
         }
@@ -190,21 +190,21 @@ impl Plots {
 }
 
 /// One plot; the time that was clicked at.
-fn draw(
+fn draw_plot(
     ui: &mut Ui,
-    group: &Group,
+    group: &PlotSpec,
     session: &Session,
     (from, to): (f64, f64),
     height: f32,
 ) -> Option<f64> {
-    let at = session.clock.at;
+    let at = session.playback.time;
     let cursor = ui.visuals().strong_text_color();
     let again = session
         .recompute
         .as_ref()
         .map(|recompute| &recompute.series);
     // More of them than the screen has columns would be drawn over one another.
-    let points_max = (ui.available_width() * ui.pixels_per_point()).max(LEAST_HEIGHT) as usize;
+    let points_max = (ui.available_width() * ui.pixels_per_point()).max(PLOT_HEIGHT_MIN) as usize;
     ui.small(format!("{} ({})", group.name, group.unit));
     let plot = Plot::new(group.name)
         .height(height)
@@ -219,7 +219,7 @@ fn draw(
         plot.set_plot_bounds_x(from..=to);
         plot.set_auto_bounds([false, true]);
         for &(name, quantity, colour, scale) in group.curves {
-            let points = curve(&session.series, (from, to), quantity, scale, points_max);
+            let points = decimate_min_max(&session.series, (from, to), quantity, scale, points_max);
             if points.is_empty() {
                 continue;
             }
@@ -229,7 +229,7 @@ fn draw(
                     .width(1.4),
             );
             if let Some(again) = again {
-                let points = curve(again, (from, to), quantity, scale, points_max);
+                let points = decimate_min_max(again, (from, to), quantity, scale, points_max);
                 let line = Line::new(format!("{name}, recomputed"), PlotPoints::Owned(points));
                 plot.line(
                     line.color(colour)
@@ -254,15 +254,15 @@ fn draw(
 }
 
 /// The curve's points, at most so many: of more samples each share's least and most.
-fn curve(
-    series: &Series,
+fn decimate_min_max(
+    series: &TimeSeries,
     (from, to): (f64, f64),
     quantity: Quantity,
     scale: f32,
     points_max: usize,
 ) -> Vec<PlotPoint> {
     let samples = series.between(from, to);
-    let value = |sample: &Sample| sample.value(quantity) * scale;
+    let value = |sample: &CycleMetrics| sample.value(quantity) * scale;
     let known = samples.iter().filter(|sample| value(sample).is_finite());
     if samples.len() <= points_max {
         return known

@@ -8,9 +8,9 @@ use localize::omni::Twist;
 use sim::scenario::FaultKind;
 
 use crate::view::ink;
-use crate::view::named::Named;
+use crate::view::named::AccessibleLabel;
 use crate::view::session::Session;
-use crate::view::source::worker::{Order, SimWorker};
+use crate::view::source::worker::{SimWorker, SourceRequest};
 
 /// Sensors that may be made to fail.
 const FAULTS: [(FaultKind, &str); 7] = [
@@ -23,50 +23,50 @@ const FAULTS: [(FaultKind, &str); 7] = [
     (FaultKind::ImuSilent, "IMU silent"),
 ];
 /// Where scenarios are sought, from the working folder.
-const SCENARIOS: &str = "config/scenarios";
+const SCENARIO_DIR: &str = "config/scenarios";
 /// Top speed when driving by hand, m/s and rad/s.
-const HAND_SPEED: f32 = 2.0;
-const HAND_TURN: f32 = 2.0;
+const MANUAL_SPEED: f32 = 2.0;
+const MANUAL_YAW_RATE: f32 = 2.0;
 
 /// The panel's memory.
-pub(crate) struct Simulator {
-    kidnap: [f32; 3],
-    push: f32,
-    push_deg: f32,
-    kick: f32,
+pub(crate) struct SimulatorPanel {
+    kidnap_pose: [f32; 3],
+    impulse: f32,
+    impulse_deg: f32,
+    kick_speed: f32,
     kick_deg: f32,
     light: Option<f32>,
     occlusion: Option<(f32, f32)>,
     faults: [bool; FAULTS.len()],
     wheel: usize,
-    by_hand: bool,
+    manual_drive: bool,
     seed: Option<u64>,
     scenarios: Option<Vec<PathBuf>>,
     /// A scenario that is to be opened.
-    pub(crate) open: Option<PathBuf>,
+    pub(crate) open_request: Option<PathBuf>,
 }
 
-impl Default for Simulator {
+impl Default for SimulatorPanel {
     fn default() -> Self {
-        Simulator {
-            kidnap: [0.0; 3],
-            push: 60.0,
-            push_deg: 0.0,
-            kick: 6.0,
+        SimulatorPanel {
+            kidnap_pose: [0.0; 3],
+            impulse: 60.0,
+            impulse_deg: 0.0,
+            kick_speed: 6.0,
             kick_deg: 0.0,
             light: None,
             occlusion: None,
             faults: [false; FAULTS.len()],
             wheel: 0,
-            by_hand: false,
+            manual_drive: false,
             seed: None,
             scenarios: None,
-            open: None,
+            open_request: None,
         }
     }
 }
 
-impl Simulator {
+impl SimulatorPanel {
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         egui::ScrollArea::vertical()
@@ -84,37 +84,38 @@ impl Simulator {
                     "{:.1} of {:.0} s, seed {}",
                     status.time, status.duration, status.seed
                 ));
-                if let Some(refused) = &status.refused {
+                if let Some(refused) = &status.error {
                     ui.colored_label(ink::VERMILION, refused);
                 }
                 let paused = status.paused;
                 ui.horizontal(|ui| {
                     let name = if paused { "Go on" } else { "Pause" };
                     if ui.button(name).clicked() {
-                        worker.order(Order::Pause(!paused));
+                        worker.request(SourceRequest::Pause(!paused));
                     }
                     let seed = self.seed.get_or_insert(status.seed);
                     ui.label("seed");
-                    ui.add(egui::DragValue::new(seed)).named("seed");
+                    ui.add(egui::DragValue::new(seed))
+                        .with_accessible_label("seed");
                     if ui.button("Restart").clicked() {
-                        worker.order(Order::Restart(*seed));
+                        worker.request(SourceRequest::Restart(*seed));
                         self.faults = [false; FAULTS.len()];
                         (self.light, self.occlusion) = (None, None);
                     }
                 });
                 ui.separator();
-                self.moves(ui, session, worker);
+                self.disturbance_controls(ui, session, worker);
                 ui.separator();
-                self.light(ui, worker, status.film);
+                self.light(ui, worker, status.image_sensor);
                 ui.separator();
-                self.failures(ui, worker);
-                self.hand(ui, worker);
+                self.fault_controls(ui, worker);
+                self.manual_drive_controls(ui, worker);
             });
     }
 
     fn scenario(&mut self, ui: &mut Ui, session: &Session) {
         let scenarios = self.scenarios.get_or_insert_with(|| {
-            let files = std::fs::read_dir(SCENARIOS).into_iter().flatten();
+            let files = std::fs::read_dir(SCENARIO_DIR).into_iter().flatten();
             let mut found: Vec<PathBuf> = files
                 .filter_map(|entry| Some(entry.ok()?.path()))
                 .filter(|path| path.extension().is_some_and(|end| end == "toml"))
@@ -135,64 +136,74 @@ impl Simulator {
                 .show_ui(ui, |ui| {
                     for path in scenarios {
                         if ui.selectable_label(false, short(path)).clicked() {
-                            self.open = Some(path.clone());
+                            self.open_request = Some(path.clone());
                         }
                     }
                 })
                 .response
-                .named("Scenario");
+                .with_accessible_label("Scenario");
         });
     }
 
-    fn moves(&mut self, ui: &mut Ui, session: &Session, worker: &SimWorker) {
+    fn disturbance_controls(&mut self, ui: &mut Ui, session: &Session, worker: &SimWorker) {
         ui.horizontal_wrapped(|ui| {
-            let [x, y, degrees] = &mut self.kidnap;
+            let [x, y, degrees] = &mut self.kidnap_pose;
             ui.add(
                 egui::DragValue::new(x)
                     .speed(0.05)
                     .prefix("x ")
                     .suffix(" m"),
             )
-            .named("kidnapped to x");
+            .with_accessible_label("kidnapped to x");
             ui.add(
                 egui::DragValue::new(y)
                     .speed(0.05)
                     .prefix("y ")
                     .suffix(" m"),
             )
-            .named("kidnapped to y");
+            .with_accessible_label("kidnapped to y");
             ui.add(egui::DragValue::new(degrees).suffix("°"))
-                .named("kidnapped to heading");
+                .with_accessible_label("kidnapped to heading");
             if ui.button("Kidnap").clicked() {
-                worker.order(Order::Kidnap(Pose::new(*x, *y, degrees.to_radians())));
+                worker.request(SourceRequest::Kidnap(Pose::new(
+                    *x,
+                    *y,
+                    degrees.to_radians(),
+                )));
             }
         });
         ui.horizontal_wrapped(|ui| {
-            ui.add(egui::DragValue::new(&mut self.push).suffix(" N s"))
-                .named("strength of the push");
-            ui.add(egui::DragValue::new(&mut self.push_deg).suffix("°"))
-                .named("direction of the push");
+            ui.add(egui::DragValue::new(&mut self.impulse).suffix(" N s"))
+                .with_accessible_label("strength of the push");
+            ui.add(egui::DragValue::new(&mut self.impulse_deg).suffix("°"))
+                .with_accessible_label("direction of the push");
             if ui.button("Push").clicked() {
-                let (sin, cos) = self.push_deg.to_radians().sin_cos();
-                worker.order(Order::Push([self.push * cos, self.push * sin]));
+                let (sin, cos) = self.impulse_deg.to_radians().sin_cos();
+                worker.request(SourceRequest::ApplyImpulse([
+                    self.impulse * cos,
+                    self.impulse * sin,
+                ]));
             }
         });
         ui.horizontal_wrapped(|ui| {
             ui.add(
-                egui::DragValue::new(&mut self.kick)
+                egui::DragValue::new(&mut self.kick_speed)
                     .speed(0.1)
                     .suffix(" m/s"),
             )
-            .named("speed of the kick");
+            .with_accessible_label("speed of the kick");
             ui.add(egui::DragValue::new(&mut self.kick_deg).suffix("°"))
-                .named("direction of the kick");
-            let now = session.now.as_ref();
+                .with_accessible_label("direction of the kick");
+            let now = session.shown.as_ref();
             let truth = now.and_then(|now| now.cycle.inputs.truth.as_ref());
             let ball = truth.and_then(|truth| truth.ball);
             let button = ui.add_enabled(ball.is_some(), egui::Button::new("Kick"));
             if let (true, Some(at)) = (button.clicked(), ball) {
                 let (sin, cos) = self.kick_deg.to_radians().sin_cos();
-                worker.order(Order::Ball(at, [self.kick * cos, self.kick * sin]));
+                worker.request(SourceRequest::PlaceBall(
+                    at,
+                    [self.kick_speed * cos, self.kick_speed * sin],
+                ));
             }
         });
     }
@@ -206,11 +217,11 @@ impl Simulator {
             }
             if let Some(level) = &mut self.light {
                 let slider = egui::Slider::new(level, 0.02..=4.0).logarithmic(true);
-                if ui.add(slider).named("light").changed() || switched {
-                    worker.order(Order::Light(Some(*level)));
+                if ui.add(slider).with_accessible_label("light").changed() || switched {
+                    worker.request(SourceRequest::SetLightLevel(Some(*level)));
                 }
             } else if switched {
-                worker.order(Order::Light(None));
+                worker.request(SourceRequest::SetLightLevel(None));
             }
         });
         let mut changed = film;
@@ -228,11 +239,11 @@ impl Simulator {
                 .zip(["red", "green", "blue"])
             {
                 ui.add(egui::DragValue::new(gain).speed(0.01).range(0.2..=4.0))
-                    .named(channel);
+                    .with_accessible_label(channel);
             }
         });
         if changed != film {
-            worker.order(Order::Film(changed));
+            worker.request(SourceRequest::SetImageSensor(changed));
         }
         ui.horizontal(|ui| {
             let mut hangs = self.occlusion.is_some();
@@ -242,25 +253,28 @@ impl Simulator {
             }
             if let Some((middle, width)) = &mut self.occlusion {
                 let middle = egui::DragValue::new(middle).suffix("°").prefix("at ");
-                changed |= ui.add(middle).named("middle of the occlusion").changed();
+                changed |= ui
+                    .add(middle)
+                    .with_accessible_label("middle of the occlusion")
+                    .changed();
                 let width = egui::DragValue::new(width).suffix("°").prefix("wide ");
                 changed |= ui
                     .add(width.range(0.0..=360.0))
-                    .named("width of the occlusion")
+                    .with_accessible_label("width of the occlusion")
                     .changed();
             }
             if changed {
-                worker.order(Order::Occlude(self.occlusion));
+                worker.request(SourceRequest::SetOcclusion(self.occlusion));
             }
         });
     }
 
-    fn failures(&mut self, ui: &mut Ui, worker: &SimWorker) {
+    fn fault_controls(&mut self, ui: &mut Ui, worker: &SimWorker) {
         ui.strong("Faults");
         ui.horizontal_wrapped(|ui| {
             for ((kind, name), fails) in FAULTS.into_iter().zip(&mut self.faults) {
                 if ui.checkbox(fails, name).changed() {
-                    worker.order(Order::Fault(kind, self.wheel, *fails));
+                    worker.request(SourceRequest::SetFault(kind, self.wheel, *fails));
                 }
             }
             ui.add(
@@ -268,26 +282,26 @@ impl Simulator {
                     .range(0..=3)
                     .prefix("wheel "),
             )
-            .named("wheel that fails");
+            .with_accessible_label("wheel that fails");
         });
     }
 
     /// Drives with W, A, S, D and Q, E while switched on.
-    fn hand(&mut self, ui: &mut Ui, worker: &SimWorker) {
+    fn manual_drive_controls(&mut self, ui: &mut Ui, worker: &SimWorker) {
         let text = "Drive by hand (W A S D, turn with Q E)";
-        let switched = ui.checkbox(&mut self.by_hand, text).changed();
-        if switched && !self.by_hand {
-            worker.order(Order::Drive(None));
+        let switched = ui.checkbox(&mut self.manual_drive, text).changed();
+        if switched && !self.manual_drive {
+            worker.request(SourceRequest::Drive(None));
         }
-        if !self.by_hand || ui.ctx().egui_wants_keyboard_input() {
+        if !self.manual_drive || ui.ctx().egui_wants_keyboard_input() {
             return;
         }
         let held = |key| ui.input(|input| input.key_down(key));
         let axis = |more, less| f32::from(u8::from(held(more))) - f32::from(u8::from(held(less)));
-        worker.order(Order::Drive(Some(Twist {
-            x: HAND_SPEED * axis(egui::Key::W, egui::Key::S),
-            y: HAND_SPEED * axis(egui::Key::A, egui::Key::D),
-            theta: HAND_TURN * axis(egui::Key::Q, egui::Key::E),
+        worker.request(SourceRequest::Drive(Some(Twist {
+            x: MANUAL_SPEED * axis(egui::Key::W, egui::Key::S),
+            y: MANUAL_SPEED * axis(egui::Key::A, egui::Key::D),
+            theta: MANUAL_YAW_RATE * axis(egui::Key::Q, egui::Key::E),
         })));
         ui.request_repaint();
     }

@@ -4,36 +4,36 @@ use eframe::egui::{self, Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui,
 use localize::estimate::Mode;
 
 use crate::view::ink;
-use crate::view::named::Named;
-use crate::view::series::Series;
+use crate::view::named::AccessibleLabel;
+use crate::view::series::TimeSeries;
 use crate::view::session::Session;
 use crate::view::source::Source;
 
 /// Height of the bar, points.
-const BAR: f32 = 34.0;
+const BAR_HEIGHT: f32 = 34.0;
 /// Speeds to choose from.
 const SPEEDS: [f64; 8] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0, 50.0];
 
 /// The panel's memory.
 #[derive(Default)]
-pub(crate) struct Timeline {
+pub(crate) struct TimelinePanel {
     /// The text of the next mark.
-    text: String,
+    mark_text: String,
 }
 
-impl Timeline {
+impl TimelinePanel {
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.buttons(ui, session);
         bar(ui, session);
-        if let Some(fault) = &session.fault {
+        if let Some(fault) = &session.last_error {
             ui.colored_label(ink::VERMILION, fault);
         }
-        recomputed(ui, session);
+        show_recompute_summary(ui, session);
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| {
-                for line in &session.missing {
+                for line in &session.warnings {
                     ui.colored_label(ink::ORANGE, line);
                 }
                 marks(ui, session);
@@ -43,7 +43,7 @@ impl Timeline {
     fn buttons(&mut self, ui: &mut Ui, session: &mut Session) {
         ui.horizontal_wrapped(|ui| {
             let live = matches!(session.source, Source::Live(_));
-            let playing = session.clock.playing;
+            let playing = session.playback.playing;
             if ui
                 .button("|<")
                 .on_hover_text("To the start (Home)")
@@ -61,7 +61,7 @@ impl Timeline {
             }
             let name = if playing { "Pause" } else { "Play" };
             if ui.button(name).on_hover_text("Space").clicked() {
-                session.play_or_pause();
+                session.toggle_playback();
             }
             if ui.button(">").on_hover_text("A cycle on (Right)").clicked() {
                 session.step(1);
@@ -73,30 +73,30 @@ impl Timeline {
                 .clicked()
             {
                 if live {
-                    session.clock.playing = true;
+                    session.playback.playing = true;
                 } else if let Some((_, end)) = session.source.span() {
                     session.seek(end);
                 }
             }
             speed(ui, session);
-            if let (Some((start, end)), at) = (session.span(), session.clock.at) {
+            if let (Some((start, end)), at) = (session.span(), session.playback.time) {
                 ui.monospace(format!("{at:.3} s  ({start:.1} to {end:.1} s)"));
             }
             ui.add(
-                egui::TextEdit::singleline(&mut self.text)
+                egui::TextEdit::singleline(&mut self.mark_text)
                     .hint_text("mark")
                     .desired_width(90.0),
             )
-            .named("text of the mark");
+            .with_accessible_label("text of the mark");
             if ui.button("Mark").on_hover_text("M").clicked() {
-                session.mark(&std::mem::take(&mut self.text));
+                session.add_mark(&std::mem::take(&mut self.mark_text));
             }
         });
     }
 }
 
 fn speed(ui: &mut Ui, session: &mut Session) {
-    let before = session.clock.speed;
+    let before = session.playback.speed;
     let owned = session.source.simulation().is_some();
     let watched = matches!(session.source, Source::Live(_)) && !owned;
     // What somebody else drives goes at its own speed.
@@ -107,20 +107,20 @@ fn speed(ui: &mut Ui, session: &mut Session) {
             .show_ui(ui, |ui| {
                 for speed in SPEEDS {
                     let text = format!("{speed} x");
-                    ui.selectable_value(&mut session.clock.speed, speed, text);
+                    ui.selectable_value(&mut session.playback.speed, speed, text);
                 }
             })
             .response
-            .named("speed");
+            .with_accessible_label("speed");
     });
-    if session.clock.speed != before {
-        session.pace(session.clock.speed);
+    if session.playback.speed != before {
+        session.set_speed(session.playback.speed);
     }
 }
 
 /// The run as a bar: its modes, its errors, its marks, and the moment shown.
 fn bar(ui: &mut Ui, session: &mut Session) {
-    let size = Vec2::new(ui.available_width().max(1.0), BAR);
+    let size = Vec2::new(ui.available_width().max(1.0), BAR_HEIGHT);
     let (response, painter) = ui.allocate_painter(size, Sense::click_and_drag());
     let rect = response.rect;
     painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
@@ -141,7 +141,7 @@ fn bar(ui: &mut Ui, session: &mut Session) {
             ink::YELLOW,
         );
     }
-    let at = place(session.clock.at);
+    let at = place(session.playback.time);
     let cursor = ui.visuals().strong_text_color();
     painter.vline(at, rect.y_range(), Stroke::new(2.0, cursor));
     if let Some(pointer) = response.interact_pointer_pos() {
@@ -154,7 +154,7 @@ fn bar(ui: &mut Ui, session: &mut Session) {
 }
 
 /// Lower third: the mode. Above: the position error, half a metre high at most.
-fn modes(painter: &egui::Painter, rect: Rect, series: &Series, place: &impl Fn(f64) -> f32) {
+fn modes(painter: &egui::Painter, rect: Rect, series: &TimeSeries, place: &impl Fn(f64) -> f32) {
     let samples = series.samples();
     let columns = rect.width().max(1.0) as usize;
     let share = samples.len().div_ceil(columns).max(1);
@@ -172,12 +172,12 @@ fn modes(painter: &egui::Painter, rect: Rect, series: &Series, place: &impl Fn(f
         });
         let until = next.and_then(|next| next.first()).unwrap_or(last).time;
         let (left, right) = (place(first.time), place(until).max(place(first.time) + 1.0));
-        let colour = ink::mode(worst.unwrap_or(Mode::Lost));
+        let colour = ink::mode_colour(worst.unwrap_or(Mode::Lost));
         let low = Rect::from_x_y_ranges(left..=right, split..=rect.bottom());
         painter.rect_filled(low, 0.0, colour);
         let error = chunk
             .iter()
-            .map(|s| s.value(crate::view::series::Quantity::Error))
+            .map(|s| s.value(crate::view::series::Quantity::PositionError))
             .filter(|error| error.is_finite())
             .fold(0.0, f32::max);
         if error > 0.0 {
@@ -189,7 +189,7 @@ fn modes(painter: &egui::Painter, rect: Rect, series: &Series, place: &impl Fn(f
 }
 
 /// How the run computed once more compares.
-fn recomputed(ui: &mut Ui, session: &mut Session) {
+fn show_recompute_summary(ui: &mut Ui, session: &mut Session) {
     let Some(recompute) = &session.recompute else {
         return;
     };
@@ -208,17 +208,17 @@ fn recomputed(ui: &mut Ui, session: &mut Session) {
             format!(
                 "{state}{} cycles, {} poses differ; mean error recorded {}, recomputed {}{}",
                 recompute.cycles,
-                recompute.different,
+                recompute.changed_poses,
                 cm(session.series.mean_error()),
                 cm(recompute.series.mean_error()),
-                if recompute.sight {
+                if recompute.vision_recomputed {
                     ""
                 } else {
                     " (from the recorded line points: the log holds no exact images)"
                 }
             ),
         );
-        if let Some(fault) = &recompute.fault {
+        if let Some(fault) = &recompute.error {
             ui.colored_label(ink::VERMILION, fault);
         }
         forget = ui.button("Forget").clicked();

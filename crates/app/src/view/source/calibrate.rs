@@ -10,52 +10,58 @@ use crate::commands::calibrate::{self, LinesArgs, MapArgs, Outcome};
 
 /// What to calibrate from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum Kind {
+pub(crate) enum CalibrationMethod {
     /// Images of a strip of bars.
     #[default]
     Strip,
     /// The same, with the mirror's profile trusted.
-    Profile,
+    StripWithProfile,
     /// A drive over the field.
     Lines,
 }
 
 /// What came of it: the summary, and image by image.
-pub(crate) type Found = (Outcome, Vec<ImageResidual>);
+pub(crate) type MapCalibration = (Outcome, Vec<ImageResidual>);
 
 /// A calibration under way.
-pub(crate) struct Running(Receiver<Result<Found>>);
+pub(crate) struct CalibrationJob(Receiver<Result<MapCalibration>>);
 
-impl Running {
+impl CalibrationJob {
     /// Starts a calibration of a folder; the map goes to `out`.
-    pub(crate) fn start(kind: Kind, dir: PathBuf, out: PathBuf) -> std::io::Result<Self> {
+    pub(crate) fn start(
+        kind: CalibrationMethod,
+        dir: PathBuf,
+        out: PathBuf,
+    ) -> std::io::Result<Self> {
         let (sender, receiver) = sync_channel(1);
         std::thread::Builder::new()
             .name("calibrate".to_owned())
             .spawn(move || {
                 let picture = None;
                 let found = match kind {
-                    Kind::Lines => calibrate::calibrate_map_from_lines(&LinesArgs {
+                    CalibrationMethod::Lines => calibrate::calibrate_map_from_lines(&LinesArgs {
                         dir,
                         map: None,
                         out,
                         picture,
                     }),
-                    Kind::Strip | Kind::Profile => calibrate::calibrate_map(&MapArgs {
-                        dir,
-                        out,
-                        picture,
-                        profile: kind == Kind::Profile,
-                    }),
+                    CalibrationMethod::Strip | CalibrationMethod::StripWithProfile => {
+                        calibrate::calibrate_map(&MapArgs {
+                            dir,
+                            out,
+                            picture,
+                            profile: kind == CalibrationMethod::StripWithProfile,
+                        })
+                    }
                 };
                 // The panel may be gone.
                 let _ = sender.send(found);
             })?;
-        Ok(Running(receiver))
+        Ok(CalibrationJob(receiver))
     }
 
     /// What came of it, once.
-    pub(crate) fn take(&self) -> Option<Result<Found>> {
+    pub(crate) fn poll(&self) -> Option<Result<MapCalibration>> {
         match self.0.try_recv() {
             Ok(found) => Some(found),
             Err(std::sync::mpsc::TryRecvError::Empty) => None,

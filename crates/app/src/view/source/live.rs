@@ -3,96 +3,96 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::Shown;
-use super::remote::Lease;
+use super::DecodedCycle;
+use super::remote::StopGuard;
 use super::worker::SimWorker;
 
 /// Cycles that may wait for the view to draw; beyond it the oldest goes.
-const WAITING: usize = 32;
+const INBOX_CAPACITY: usize = 32;
 /// Cycles that are kept to step back in.
-const KEPT: usize = 1800;
+const HISTORY_CAPACITY: usize = 1800;
 /// Of these the newest keep their images: about 140 MB at 480 × 480 pixels.
-const KEPT_IMAGES: usize = 200;
+const HISTORY_IMAGES: usize = 200;
 
 /// Between the thread that drives and the view: the driving side never waits.
 #[derive(Clone, Default)]
-pub(crate) struct Inbox(Arc<Mutex<Waiting>>);
+pub(crate) struct CycleInbox(Arc<Mutex<InboxState>>);
 
 #[derive(Default)]
-struct Waiting {
-    cycles: VecDeque<Shown>,
+struct InboxState {
+    cycles: VecDeque<DecodedCycle>,
     dropped: u64,
-    word: Option<String>,
-    wake: Option<Box<dyn Fn() + Send>>,
+    status: Option<String>,
+    on_cycle: Option<Box<dyn Fn() + Send>>,
 }
 
-impl Inbox {
+impl CycleInbox {
     /// Hands over a cycle; the oldest one goes if the view does not keep up.
-    pub(crate) fn put(&self, shown: Shown) {
+    pub(crate) fn push(&self, shown: DecodedCycle) {
         let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if waiting.cycles.len() >= WAITING {
+        if waiting.cycles.len() >= INBOX_CAPACITY {
             waiting.cycles.pop_front();
             waiting.dropped += 1;
         }
         waiting.cycles.push_back(shown);
-        if let Some(wake) = &waiting.wake {
+        if let Some(wake) = &waiting.on_cycle {
             wake();
         }
     }
 
     /// Says what became of the source; none: it is well.
-    pub(crate) fn say(&self, word: Option<String>) {
+    pub(crate) fn set_status(&self, word: Option<String>) {
         let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        waiting.word = word;
-        if let Some(wake) = &waiting.wake {
+        waiting.status = word;
+        if let Some(wake) = &waiting.on_cycle {
             wake();
         }
     }
 
     /// Calls `wake` whenever a cycle comes.
-    pub(crate) fn on_cycle(&self, wake: impl Fn() + Send + 'static) {
+    pub(crate) fn set_on_cycle(&self, wake: impl Fn() + Send + 'static) {
         let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        waiting.wake = Some(Box::new(wake));
+        waiting.on_cycle = Some(Box::new(wake));
     }
 
     /// Everything that waits, how many were dropped since the last call, and what became of the source.
-    fn take(&self) -> (VecDeque<Shown>, u64, Option<String>) {
+    fn drain(&self) -> (VecDeque<DecodedCycle>, u64, Option<String>) {
         let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let dropped = std::mem::take(&mut waiting.dropped);
-        let word = waiting.word.clone();
+        let word = waiting.status.clone();
         (std::mem::take(&mut waiting.cycles), dropped, word)
     }
 }
 
 /// A live source and its last seconds.
-pub(crate) struct Live {
-    inbox: Inbox,
+pub(crate) struct LiveSource {
+    inbox: CycleInbox,
     worker: Option<SimWorker>,
-    kept: VecDeque<Shown>,
+    history: VecDeque<DecodedCycle>,
     /// Which of the kept ones is shown.
     place: usize,
     /// What became of the source, if it is not well.
-    pub(crate) word: Option<String>,
-    _lease: Option<(Lease, Option<tempfile::TempDir>)>,
+    pub(crate) status: Option<String>,
+    _guard: Option<(StopGuard, Option<tempfile::TempDir>)>,
 }
 
-impl Live {
+impl LiveSource {
     /// `worker`: the simulation behind it, if it is the view's own.
-    pub(crate) fn new(inbox: Inbox, worker: Option<SimWorker>) -> Self {
-        Live {
+    pub(crate) fn new(inbox: CycleInbox, worker: Option<SimWorker>) -> Self {
+        LiveSource {
             inbox,
             worker,
-            kept: VecDeque::new(),
+            history: VecDeque::new(),
             place: 0,
-            word: None,
-            _lease: None,
+            status: None,
+            _guard: None,
         }
     }
 
     /// The same, with what must live as long: a thread's lease, and the files of a robot elsewhere.
-    pub(crate) fn with_lease(self, lease: Lease, folder: Option<tempfile::TempDir>) -> Self {
-        Live {
-            _lease: Some((lease, folder)),
+    pub(crate) fn with_guard(self, lease: StopGuard, folder: Option<tempfile::TempDir>) -> Self {
+        LiveSource {
+            _guard: Some((lease, folder)),
             ..self
         }
     }
@@ -103,29 +103,29 @@ impl Live {
     }
 
     /// Where its cycles come in.
-    pub(crate) fn inbox(&self) -> &Inbox {
+    pub(crate) fn inbox(&self) -> &CycleInbox {
         &self.inbox
     }
 
     /// Takes what came; returns it with the number of cycles that were dropped.
-    pub(crate) fn poll(&mut self) -> (Vec<Shown>, u64) {
-        let (came, dropped, word) = self.inbox.take();
-        self.word = word;
-        let came: Vec<Shown> = came.into();
+    pub(crate) fn poll(&mut self) -> (Vec<DecodedCycle>, u64) {
+        let (came, dropped, word) = self.inbox.drain();
+        self.status = word;
+        let came: Vec<DecodedCycle> = came.into();
         for shown in &came {
             // A clock that was set back belongs to another run.
-            if (self.kept.back()).is_some_and(|last| last.cycle.stamp >= shown.cycle.stamp) {
-                self.kept.clear();
+            if (self.history.back()).is_some_and(|last| last.cycle.stamp >= shown.cycle.stamp) {
+                self.history.clear();
                 self.place = 0;
             }
-            self.kept.push_back(shown.clone());
+            self.history.push_back(shown.clone());
         }
-        while self.kept.len() > KEPT {
-            self.kept.pop_front();
+        while self.history.len() > HISTORY_CAPACITY {
+            self.history.pop_front();
             self.place = self.place.saturating_sub(1);
         }
-        let old = self.kept.len().saturating_sub(KEPT_IMAGES);
-        for shown in self.kept.iter_mut().take(old).rev() {
+        let old = self.history.len().saturating_sub(HISTORY_IMAGES);
+        for shown in self.history.iter_mut().take(old).rev() {
             if shown.cycle.inputs.image.is_none() {
                 break;
             }
@@ -135,31 +135,31 @@ impl Live {
     }
 
     /// The newest cycle.
-    pub(crate) fn newest(&mut self) -> Option<Shown> {
-        self.place = self.kept.len().saturating_sub(1);
-        self.kept.back().cloned()
+    pub(crate) fn newest(&mut self) -> Option<DecodedCycle> {
+        self.place = self.history.len().saturating_sub(1);
+        self.history.back().cloned()
     }
 
     /// What is kept, seconds.
     pub(crate) fn span(&self) -> Option<(f64, f64)> {
-        let (first, last) = (self.kept.front()?, self.kept.back()?);
+        let (first, last) = (self.history.front()?, self.history.back()?);
         Some((first.cycle.stamp.seconds(), last.cycle.stamp.seconds()))
     }
 
     /// The last kept cycle at or before a time, else the first.
-    pub(crate) fn seek(&mut self, time: f64) -> Option<Shown> {
+    pub(crate) fn seek(&mut self, time: f64) -> Option<DecodedCycle> {
         let behind = self
-            .kept
+            .history
             .partition_point(|shown| shown.cycle.stamp.seconds() <= time);
         self.place = behind.saturating_sub(1);
-        self.kept.get(self.place).cloned()
+        self.history.get(self.place).cloned()
     }
 
     /// So many kept cycles on or back.
-    pub(crate) fn step(&mut self, by: i64) -> Option<Shown> {
+    pub(crate) fn step(&mut self, by: i64) -> Option<DecodedCycle> {
         let place = self.place as i64 + by;
         let place = usize::try_from(place).ok()?;
-        let shown = self.kept.get(place).cloned()?;
+        let shown = self.history.get(place).cloned()?;
         self.place = place;
         Some(shown)
     }

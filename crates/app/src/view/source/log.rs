@@ -6,35 +6,35 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use localize::Stamp;
 
-use super::Shown;
+use super::DecodedCycle;
 use pipeline::log::{LogIndex, LoggedCycle};
 use pipeline::setup::Setup;
 
 /// Chunks kept unpacked: about a megabyte each.
-const KEPT: usize = 8;
+const CACHED_CHUNKS: usize = 8;
 /// A moment's cycle is sought in so many chunks before and behind; images alone may fill some.
-const SEARCHED: usize = 64;
+const SEEK_CHUNKS: usize = 64;
 
 /// Plays a log.
-pub(crate) struct Player {
+pub(crate) struct LogPlayer {
     index: Arc<LogIndex>,
-    kept: VecDeque<(usize, Arc<Vec<LoggedCycle>>)>,
+    chunk_cache: VecDeque<(usize, Arc<Vec<LoggedCycle>>)>,
     /// Chunk, and cycle in it.
     place: Option<(usize, usize)>,
     /// What was shown last, and its place.
-    last: Option<((usize, usize), Shown)>,
+    last_decoded: Option<((usize, usize), DecodedCycle)>,
     /// The log's files.
     folder: Option<tempfile::TempDir>,
 }
 
-impl Player {
+impl LogPlayer {
     /// Nothing is read yet but the index.
     pub(crate) fn new(index: LogIndex) -> Self {
-        Player {
+        LogPlayer {
             index: Arc::new(index),
-            kept: VecDeque::new(),
+            chunk_cache: VecDeque::new(),
             place: None,
-            last: None,
+            last_decoded: None,
             folder: None,
         }
     }
@@ -53,7 +53,7 @@ impl Player {
     /// The robot that the log was made with, from the files it carries.
     ///
     /// Its paths lead to a folder that lives as long as the player.
-    pub(crate) fn setup(&mut self) -> Result<Setup> {
+    pub(crate) fn load_setup(&mut self) -> Result<Setup> {
         let folder = tempfile::tempdir().context("no room for the log's files")?;
         self.index.header().write_files(folder.path())?;
         let setup = Setup::load(&folder.path().join("robot.toml"), None);
@@ -62,40 +62,40 @@ impl Player {
     }
 
     /// The last cycle at or before a time, else the first one.
-    pub(crate) fn seek(&mut self, time: f64) -> Result<Option<Shown>> {
+    pub(crate) fn seek(&mut self, time: f64) -> Result<Option<DecodedCycle>> {
         let wanted = Stamp::from_seconds(time);
         let first = self.index.chunk_at(wanted);
-        for part in (first.saturating_sub(SEARCHED)..=first).rev() {
-            let cycles = self.part(part)?;
+        for part in (first.saturating_sub(SEEK_CHUNKS)..=first).rev() {
+            let cycles = self.chunk(part)?;
             let behind = cycles.partition_point(|logged| logged.cycle.stamp <= wanted);
             if let Some(place) = behind.checked_sub(1) {
                 self.place = Some((part, place));
-                return self.shown();
+                return self.decode_current();
             }
         }
-        for part in first..self.index.chunks().len().min(first + SEARCHED) {
-            if !self.part(part)?.is_empty() {
+        for part in first..self.index.chunks().len().min(first + SEEK_CHUNKS) {
+            if !self.chunk(part)?.is_empty() {
                 self.place = Some((part, 0));
-                return self.shown();
+                return self.decode_current();
             }
         }
         Ok(None)
     }
 
     /// So many cycles on or back; at an end the place stays.
-    pub(crate) fn step(&mut self, by: i64) -> Result<Option<Shown>> {
+    pub(crate) fn step(&mut self, by: i64) -> Result<Option<DecodedCycle>> {
         let Some((mut part, place)) = self.place else {
             return self.seek(self.span().0);
         };
         let mut place = place as i64 + by;
         loop {
-            let held = self.part(part)?.len() as i64;
+            let held = self.chunk(part)?.len() as i64;
             if place < 0 {
                 let Some(before) = part.checked_sub(1) else {
                     return Ok(None);
                 };
                 part = before;
-                place += self.part(part)?.len() as i64;
+                place += self.chunk(part)?.len() as i64;
             } else if place >= held {
                 if part + 1 >= self.index.chunks().len() {
                     return Ok(None);
@@ -104,19 +104,23 @@ impl Player {
                 part += 1;
             } else {
                 self.place = Some((part, place as usize));
-                return self.shown();
+                return self.decode_current();
             }
         }
     }
 
-    fn shown(&mut self) -> Result<Option<Shown>> {
+    fn decode_current(&mut self) -> Result<Option<DecodedCycle>> {
         let Some((part, place)) = self.place else {
             return Ok(None);
         };
-        if let Some((_, shown)) = self.last.as_ref().filter(|(at, _)| *at == (part, place)) {
+        if let Some((_, shown)) = self
+            .last_decoded
+            .as_ref()
+            .filter(|(at, _)| *at == (part, place))
+        {
             return Ok(Some(shown.clone()));
         }
-        let cycles = self.part(part)?;
+        let cycles = self.chunk(part)?;
         let Some(logged) = cycles.get(place) else {
             return Ok(None);
         };
@@ -124,23 +128,23 @@ impl Player {
         if let Some(image) = &logged.image {
             cycle.inputs.image = Some(image.decode()?.into());
         }
-        let shown = Shown {
+        let shown = DecodedCycle {
             cycle: Arc::new(cycle),
             particles: Vec::new(),
         };
-        self.last = Some(((part, place), shown.clone()));
+        self.last_decoded = Some(((part, place), shown.clone()));
         Ok(Some(shown))
     }
 
-    fn part(&mut self, part: usize) -> Result<Arc<Vec<LoggedCycle>>> {
-        if let Some((_, cycles)) = self.kept.iter().find(|(kept, _)| *kept == part) {
+    fn chunk(&mut self, part: usize) -> Result<Arc<Vec<LoggedCycle>>> {
+        if let Some((_, cycles)) = self.chunk_cache.iter().find(|(kept, _)| *kept == part) {
             return Ok(cycles.clone());
         }
         let cycles = Arc::new(self.index.load(part)?);
-        if self.kept.len() >= KEPT {
-            self.kept.pop_front();
+        if self.chunk_cache.len() >= CACHED_CHUNKS {
+            self.chunk_cache.pop_front();
         }
-        self.kept.push_back((part, cycles.clone()));
+        self.chunk_cache.push_back((part, cycles.clone()));
         Ok(cycles)
     }
 }

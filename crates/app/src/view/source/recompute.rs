@@ -8,77 +8,77 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use anyhow::{Context, Result};
 use localize::robot::BaseConfig;
 
-use crate::view::series::{Sample, Series};
+use crate::view::series::{CycleMetrics, TimeSeries};
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::{ImageCompression, LogReader};
 use pipeline::setup::Setup;
 
 /// Cycles that may wait for the view to take them.
-const WAITING: usize = 256;
+const EVENT_CAPACITY: usize = 256;
 
 /// What the thread says.
-enum News {
+enum RecomputeEvent {
     /// A cycle; true if its pose is the recorded one to the last bit.
-    Cycle(Box<Sample>, bool),
+    Cycle(Box<CycleMetrics>, bool),
     /// It broke off.
-    Broken(String),
+    Failed(String),
 }
 
 /// A run computed once more; dropping it ends its thread.
 pub(crate) struct Recompute {
-    news: Receiver<News>,
+    events: Receiver<RecomputeEvent>,
     stop: Arc<AtomicBool>,
     /// The numbers of the cycles so far.
-    pub(crate) series: Series,
+    pub(crate) series: TimeSeries,
     /// Cycles computed.
     pub(crate) cycles: u64,
     /// Of these, poses that are not the recorded ones.
-    pub(crate) different: u64,
+    pub(crate) changed_poses: u64,
     /// Whether vision was computed again, too.
-    pub(crate) sight: bool,
+    pub(crate) vision_recomputed: bool,
     /// True once all is computed.
     pub(crate) done: bool,
     /// Why it broke off.
-    pub(crate) fault: Option<String>,
+    pub(crate) error: Option<String>,
 }
 
 impl Recompute {
     /// Starts to compute the log at `path` with other settings.
     pub(crate) fn start(path: &Path, config: PipelineConfig) -> Result<Self> {
         let sight = LogReader::open(path)?.header().images == ImageCompression::Png;
-        let (sender, news) = sync_channel(WAITING);
+        let (sender, news) = sync_channel(EVENT_CAPACITY);
         let stop = Arc::new(AtomicBool::new(false));
         let (stopped, path) = (stop.clone(), path.to_owned());
         std::thread::Builder::new()
             .name("recompute".to_owned())
             .spawn(move || {
-                if let Err(error) = compute(&path, &config, sight, &stopped, &sender) {
+                if let Err(error) = recompute_log(&path, &config, sight, &stopped, &sender) {
                     // The view may have gone on to something else.
-                    let _ = sender.send(News::Broken(format!("{error:#}")));
+                    let _ = sender.send(RecomputeEvent::Failed(format!("{error:#}")));
                 }
             })?;
         Ok(Recompute {
-            news,
+            events: news,
             stop,
-            series: Series::default(),
+            series: TimeSeries::default(),
             cycles: 0,
-            different: 0,
-            sight,
+            changed_poses: 0,
+            vision_recomputed: sight,
             done: false,
-            fault: None,
+            error: None,
         })
     }
 
     /// Takes what was computed since the last call.
     pub(crate) fn poll(&mut self) {
         loop {
-            match self.news.try_recv() {
-                Ok(News::Cycle(sample, same)) => {
+            match self.events.try_recv() {
+                Ok(RecomputeEvent::Cycle(sample, same)) => {
                     self.cycles += 1;
-                    self.different += u64::from(!same);
+                    self.changed_poses += u64::from(!same);
                     self.series.push(*sample);
                 }
-                Ok(News::Broken(fault)) => self.fault = Some(fault),
+                Ok(RecomputeEvent::Failed(fault)) => self.error = Some(fault),
                 Err(TryRecvError::Empty) => return,
                 Err(TryRecvError::Disconnected) => {
                     self.done = true;
@@ -95,12 +95,12 @@ impl Drop for Recompute {
     }
 }
 
-fn compute(
+fn recompute_log(
     path: &Path,
     config: &PipelineConfig,
     sight: bool,
     stop: &AtomicBool,
-    sender: &SyncSender<News>,
+    sender: &SyncSender<RecomputeEvent>,
 ) -> Result<()> {
     let log = LogReader::open(path)?;
     let folder = tempfile::tempdir().context("no room for the log's files")?;
@@ -115,8 +115,8 @@ fn compute(
                 continue;
             };
             let same = cycle.estimate.pose == logged.cycle.estimate.pose;
-            let sample = Sample::of(&cycle, &base, 0);
-            let news = News::Cycle(Box::new(sample), same);
+            let sample = CycleMetrics::from_cycle(&cycle, &base, 0);
+            let news = RecomputeEvent::Cycle(Box::new(sample), same);
             if stop.load(Ordering::Relaxed) || sender.send(news).is_err() {
                 return Ok(());
             }

@@ -6,31 +6,31 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use localize::robot::BaseConfig;
 
-use crate::view::series::Sample;
+use crate::view::series::CycleMetrics;
 use pipeline::log::LogIndex;
 
 /// Samples that may wait for the view to take them, in batches of a chunk.
-const WAITING: usize = 64;
+const BATCH_CAPACITY: usize = 64;
 /// An image in so many is unpacked for its brightness and entropy.
 const IMAGE_STRIDE: u64 = 10;
 
 /// A survey under way; dropping it ends its thread.
-pub(crate) struct Survey {
-    batches: Receiver<Vec<Sample>>,
+pub(crate) struct MetricsReader {
+    batches: Receiver<Vec<CycleMetrics>>,
     stop: Arc<AtomicBool>,
     done: bool,
 }
 
-impl Survey {
+impl MetricsReader {
     /// Starts to read.
     pub(crate) fn start(index: Arc<LogIndex>, base: BaseConfig) -> std::io::Result<Self> {
-        let (sender, batches) = sync_channel(WAITING);
+        let (sender, batches) = sync_channel(BATCH_CAPACITY);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         std::thread::Builder::new()
             .name("survey".to_owned())
-            .spawn(move || read(&index, &base, &stopped, &sender))?;
-        Ok(Survey {
+            .spawn(move || read_metrics(&index, &base, &stopped, &sender))?;
+        Ok(MetricsReader {
             batches,
             stop,
             done: false,
@@ -38,7 +38,7 @@ impl Survey {
     }
 
     /// What was read since the last call.
-    pub(crate) fn take(&mut self) -> Vec<Sample> {
+    pub(crate) fn poll(&mut self) -> Vec<CycleMetrics> {
         let mut samples = Vec::new();
         loop {
             match self.batches.try_recv() {
@@ -53,18 +53,23 @@ impl Survey {
     }
 
     /// True once the whole log was read.
-    pub(crate) fn done(&self) -> bool {
+    pub(crate) fn is_done(&self) -> bool {
         self.done
     }
 }
 
-impl Drop for Survey {
+impl Drop for MetricsReader {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 }
 
-fn read(index: &LogIndex, base: &BaseConfig, stop: &AtomicBool, sender: &SyncSender<Vec<Sample>>) {
+fn read_metrics(
+    index: &LogIndex,
+    base: &BaseConfig,
+    stop: &AtomicBool,
+    sender: &SyncSender<Vec<CycleMetrics>>,
+) {
     let mut next = 0;
     for part in 0..index.chunks().len() {
         if stop.load(Ordering::Relaxed) {
@@ -80,7 +85,7 @@ fn read(index: &LogIndex, base: &BaseConfig, stop: &AtomicBool, sender: &SyncSen
                 .image
                 .filter(|_| logged.index.is_multiple_of(IMAGE_STRIDE));
             logged.cycle.inputs.image = image.and_then(|image| Some(image.decode().ok()?.into()));
-            batch.push(Sample::of(
+            batch.push(CycleMetrics::from_cycle(
                 &logged.cycle,
                 base,
                 logged.index.saturating_sub(next),

@@ -12,47 +12,47 @@ use localize::omni::Twist;
 use sim::film::FilmConfig;
 use sim::scenario::FaultKind;
 
-use super::Shown;
-use super::live::Inbox;
+use super::DecodedCycle;
+use super::live::CycleInbox;
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 
 /// A pause lasts at most so long before the thread looks for orders again.
-const NAP: Duration = Duration::from_millis(20);
+const PAUSED_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// So many orders wait at most: some seconds of a hand that drives, one order a drawn frame.
-const ORDERS: usize = 256;
+const REQUEST_CAPACITY: usize = 256;
 /// Behind its pace by more than this, it does not try to catch up, seconds.
-const LATE: f64 = 0.1;
+const MAX_LAG: f64 = 0.1;
 
 /// What the view may ask of its simulation.
 #[derive(Debug, Clone)]
-pub(crate) enum Order {
+pub(crate) enum SourceRequest {
     /// Stands still, or goes on.
     Pause(bool),
     /// Goes on until the next cycle.
     Step,
     /// Simulated seconds a second; infinite: as fast as it goes.
-    Pace(f64),
+    SetSpeed(f64),
     /// Puts the robot elsewhere.
     Kidnap(Pose),
     /// Puts another robot elsewhere, by its number.
-    MoveOther(usize, Pose),
+    PlaceOther(usize, Pose),
     /// Hits the robot, N s on the field.
-    Push([f32; 2]),
+    ApplyImpulse([f32; 2]),
     /// Puts the ball somewhere, with a velocity in m/s.
-    Ball(At<FieldFrame>, [f32; 2]),
+    PlaceBall(At<FieldFrame>, [f32; 2]),
     /// The light's level; none: the scenario's.
-    Light(Option<f32>),
+    SetLightLevel(Option<f32>),
     /// Something black in the view: middle and width, degrees.
-    Occlude(Option<(f32, f32)>),
+    SetOcclusion(Option<(f32, f32)>),
     /// The camera's settings.
-    Film(FilmConfig),
+    SetImageSensor(FilmConfig),
     /// Drives by hand; none: the scenario's way.
     Drive(Option<Twist>),
     /// A sensor fails, or works again.
-    Fault(FaultKind, usize, bool),
+    SetFault(FaultKind, usize, bool),
     /// Other settings of vision and localisation; the pose is kept.
     Configure(Box<PipelineConfig>),
     /// From the start, with this seed.
@@ -61,7 +61,7 @@ pub(crate) enum Order {
 
 /// What the simulation tells besides its cycles.
 #[derive(Debug, Clone)]
-pub(crate) struct Status {
+pub(crate) struct SimStatus {
     /// Simulated seconds.
     pub(crate) time: f64,
     /// Where chance started from.
@@ -71,19 +71,19 @@ pub(crate) struct Status {
     /// It stands still.
     pub(crate) paused: bool,
     /// Simulated seconds a second that were asked for.
-    pub(crate) pace: f64,
+    pub(crate) speed: f64,
     /// The camera's settings.
-    pub(crate) film: FilmConfig,
+    pub(crate) image_sensor: FilmConfig,
     /// Why the last order was not followed.
-    pub(crate) refused: Option<String>,
+    pub(crate) error: Option<String>,
 }
 
 /// The view's end of it; dropping it ends the thread.
 pub(crate) struct SimWorker {
     /// The scenario's file.
     pub(crate) scenario: PathBuf,
-    orders: SyncSender<Order>,
-    status: Arc<Mutex<Status>>,
+    requests: SyncSender<SourceRequest>,
+    status: Arc<Mutex<SimStatus>>,
 }
 
 impl SimWorker {
@@ -92,22 +92,22 @@ impl SimWorker {
         scenario: &Path,
         seed: Option<u64>,
         config: PipelineConfig,
-        inbox: Inbox,
+        inbox: CycleInbox,
     ) -> Result<(Self, Setup)> {
         let simulation = Simulation::load(scenario, seed, None)?;
         let setup = simulation.setup()?;
         let spine = Pipeline::new(&setup, &config)?;
-        let status = Arc::new(Mutex::new(Status {
+        let status = Arc::new(Mutex::new(SimStatus {
             time: 0.0,
             seed: simulation.sim().scenario().seed,
             duration: simulation.duration(),
             paused: false,
-            pace: 1.0,
-            film: *simulation.sim().image_sensor(),
-            refused: None,
+            speed: 1.0,
+            image_sensor: *simulation.sim().image_sensor(),
+            error: None,
         }));
-        let (orders, received) = sync_channel(ORDERS);
-        let mut running = Running {
+        let (orders, received) = sync_channel(REQUEST_CAPACITY);
+        let mut running = SimThread {
             scenario: scenario.to_owned(),
             setup: simulation.setup()?,
             simulation,
@@ -116,29 +116,29 @@ impl SimWorker {
             inbox,
             status: status.clone(),
             paused: false,
-            pace: 1.0,
-            started: (Instant::now(), 0.0),
-            steps: 0,
+            speed: 1.0,
+            speed_reference: (Instant::now(), 0.0),
+            pending_cycles: 0,
         };
         std::thread::Builder::new()
             .name("sim".to_owned())
             .spawn(move || running.run(&received))?;
         let worker = SimWorker {
             scenario: scenario.to_owned(),
-            orders,
+            requests: orders,
             status,
         };
         Ok((worker, setup))
     }
 
     /// Asks for something; it is done between two samples.
-    pub(crate) fn order(&self, order: Order) {
+    pub(crate) fn request(&self, order: SourceRequest) {
         // The thread ends with this sender alone; what a stuck one cannot take is not waited for.
-        let _ = self.orders.try_send(order);
+        let _ = self.requests.try_send(order);
     }
 
     /// How it stands.
-    pub(crate) fn status(&self) -> Status {
+    pub(crate) fn status(&self) -> SimStatus {
         self.status
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -147,51 +147,51 @@ impl SimWorker {
 }
 
 /// The thread's end.
-struct Running {
+struct SimThread {
     scenario: PathBuf,
     setup: Setup,
     simulation: Simulation,
     spine: Pipeline,
     config: PipelineConfig,
-    inbox: Inbox,
-    status: Arc<Mutex<Status>>,
+    inbox: CycleInbox,
+    status: Arc<Mutex<SimStatus>>,
     paused: bool,
-    pace: f64,
+    speed: f64,
     /// When, and at which simulated second, the pace began to count.
-    started: (Instant, f64),
+    speed_reference: (Instant, f64),
     /// Cycles that are still to be run though it is paused.
-    steps: u32,
+    pending_cycles: u32,
 }
 
-impl Running {
-    fn run(&mut self, orders: &Receiver<Order>) {
+impl SimThread {
+    fn run(&mut self, orders: &Receiver<SourceRequest>) {
         loop {
-            let still = self.paused && self.steps == 0;
+            let still = self.paused && self.pending_cycles == 0;
             if still {
-                match orders.recv_timeout(NAP) {
-                    Ok(order) => self.follow(order),
+                match orders.recv_timeout(PAUSED_POLL_INTERVAL) {
+                    Ok(order) => self.handle_request(order),
                     Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
                     Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => return,
                 }
             }
             loop {
                 match orders.try_recv() {
-                    Ok(order) => self.follow(order),
+                    Ok(order) => self.handle_request(order),
                     Err(TryRecvError::Empty) => break,
                     Err(TryRecvError::Disconnected) => return,
                 }
             }
-            if self.paused && self.steps == 0 {
+            if self.paused && self.pending_cycles == 0 {
                 continue;
             }
             match self.simulation.next() {
-                Some(sample) => self.take(sample),
-                None => self.pause(true),
+                Some(sample) => self.process_sample(sample),
+                None => self.set_paused(true),
             }
         }
     }
 
-    fn take(&mut self, sample: pipeline::sample::Sample) {
+    fn process_sample(&mut self, sample: pipeline::sample::Sample) {
         let Some(cycle) = self.spine.process_sample(sample) else {
             return;
         };
@@ -199,70 +199,70 @@ impl Running {
             self.simulation.command_camera(command);
         }
         let time = cycle.stamp.seconds();
-        self.steps = self.steps.saturating_sub(1);
-        self.wait(time);
-        self.inbox.put(Shown {
+        self.pending_cycles = self.pending_cycles.saturating_sub(1);
+        self.wait_until(time);
+        self.inbox.push(DecodedCycle {
             cycle: Arc::new(cycle),
             particles: self.spine.particles().to_vec(),
         });
-        self.tell(|status| status.time = time);
+        self.update_status(|status| status.time = time);
     }
 
     /// Until the wall clock has come to a simulated second, by the pace.
-    fn wait(&mut self, time: f64) {
-        let due = (time - self.started.1) / self.pace;
-        let late = self.started.0.elapsed().as_secs_f64() - due;
+    fn wait_until(&mut self, time: f64) {
+        let due = (time - self.speed_reference.1) / self.speed;
+        let late = self.speed_reference.0.elapsed().as_secs_f64() - due;
         if late < 0.0 {
             std::thread::sleep(Duration::from_secs_f64((-late).min(1.0)));
-        } else if late > LATE {
-            self.started = (Instant::now(), time);
+        } else if late > MAX_LAG {
+            self.speed_reference = (Instant::now(), time);
         }
     }
 
-    fn pause(&mut self, paused: bool) {
+    fn set_paused(&mut self, paused: bool) {
         self.paused = paused;
-        self.steps = 0;
-        self.started = (Instant::now(), self.simulation.sim().time());
-        self.tell(|status| status.paused = paused);
+        self.pending_cycles = 0;
+        self.speed_reference = (Instant::now(), self.simulation.sim().time());
+        self.update_status(|status| status.paused = paused);
     }
 
-    fn follow(&mut self, order: Order) {
-        self.tell(|status| status.refused = None);
+    fn handle_request(&mut self, order: SourceRequest) {
+        self.update_status(|status| status.error = None);
         match order {
-            Order::Pause(paused) => return self.pause(paused),
-            Order::Step => {
-                self.pause(true);
-                self.steps = 1;
+            SourceRequest::Pause(paused) => return self.set_paused(paused),
+            SourceRequest::Step => {
+                self.set_paused(true);
+                self.pending_cycles = 1;
                 return;
             }
-            Order::Pace(pace) => {
-                self.pace = pace.max(0.01);
-                self.started = (Instant::now(), self.simulation.sim().time());
-                return self.tell(|status| status.pace = pace);
+            SourceRequest::SetSpeed(pace) => {
+                self.speed = pace.max(0.01);
+                self.speed_reference = (Instant::now(), self.simulation.sim().time());
+                return self.update_status(|status| status.speed = pace);
             }
-            Order::Configure(config) => return self.configure(*config),
-            Order::Restart(seed) => return self.restart(seed),
+            SourceRequest::Configure(config) => return self.configure(*config),
+            SourceRequest::Restart(seed) => return self.restart(seed),
             _ => {}
         }
         let sim = self.simulation.sim_mut();
         match order {
-            Order::Kidnap(pose) => sim.kidnap(pose),
-            Order::MoveOther(number, pose) => sim.place_other(number, pose),
-            Order::Push(impulse) => sim.apply_impulse(impulse),
-            Order::Ball(at, velocity) => sim.place_ball(at, velocity),
-            Order::Light(level) => sim.set_light_level(level),
-            Order::Occlude(sector) => sim.set_occlusion(sector),
-            Order::Drive(twist) => sim.set_command(twist),
-            Order::Fault(kind, wheel, fails) => sim.set_fault(kind, wheel, fails),
-            Order::Film(film) => {
+            SourceRequest::Kidnap(pose) => sim.kidnap(pose),
+            SourceRequest::PlaceOther(number, pose) => sim.place_other(number, pose),
+            SourceRequest::ApplyImpulse(impulse) => sim.apply_impulse(impulse),
+            SourceRequest::PlaceBall(at, velocity) => sim.place_ball(at, velocity),
+            SourceRequest::SetLightLevel(level) => sim.set_light_level(level),
+            SourceRequest::SetOcclusion(sector) => sim.set_occlusion(sector),
+            SourceRequest::Drive(twist) => sim.set_command(twist),
+            SourceRequest::SetFault(kind, wheel, fails) => sim.set_fault(kind, wheel, fails),
+            SourceRequest::SetImageSensor(film) => {
                 sim.set_image_sensor(film);
-                self.tell(|status| status.film = film);
+                self.update_status(|status| status.image_sensor = film);
             }
-            Order::Pause(_)
-            | Order::Step
-            | Order::Pace(_)
-            | Order::Configure(_)
-            | Order::Restart(_) => {}
+            SourceRequest::Pause(_)
+            | SourceRequest::Step
+            | SourceRequest::SetSpeed(_)
+            | SourceRequest::Configure(_)
+            | SourceRequest::Restart(_) => {}
         }
     }
 
@@ -273,7 +273,7 @@ impl Running {
                 self.spine = spine;
                 self.config = config;
             }
-            Err(error) => self.tell(|status| status.refused = Some(format!("{error:#}"))),
+            Err(error) => self.update_status(|status| status.error = Some(format!("{error:#}"))),
         }
     }
 
@@ -284,14 +284,16 @@ impl Running {
             Ok((simulation, spine)) => {
                 let film = *simulation.sim().image_sensor();
                 (self.simulation, self.spine) = (simulation, spine);
-                self.pause(false);
-                self.tell(|status| (status.seed, status.film, status.time) = (seed, film, 0.0));
+                self.set_paused(false);
+                self.update_status(|status| {
+                    (status.seed, status.image_sensor, status.time) = (seed, film, 0.0)
+                });
             }
-            Err(error) => self.tell(|status| status.refused = Some(format!("{error:#}"))),
+            Err(error) => self.update_status(|status| status.error = Some(format!("{error:#}"))),
         }
     }
 
-    fn tell(&self, change: impl FnOnce(&mut Status)) {
+    fn update_status(&self, change: impl FnOnce(&mut SimStatus)) {
         change(&mut self.status.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }
