@@ -10,7 +10,7 @@ use vision::calibrate::{
     ImageResidual, NamedImage, Strip, StripImage, calibrate_lines as lines, calibrate_mask as mask,
     calibrate_sizes as sizes, calibrate_strip as strip, learn_colours as colours,
 };
-use vision::labels::{ColourTable as Table, Label, TableKind};
+use vision::colour::colour_table::{ColourTable as Table, Label, TableKind};
 
 use crate::camera::Camera;
 use crate::errors;
@@ -213,7 +213,7 @@ pub(crate) fn colours_from_labels(
 ) -> PyResult<ColourTable> {
     let kind = kind(over)?;
     let labels: Vec<Label> =
-        vision::labels::load_labels(&path).map_err(|error| errors::vision(&error))?;
+        vision::colour::colour_table::load_labels(&path).map_err(|error| errors::vision(&error))?;
     let table = py.detach(|| Table::learn(&labels, kind));
     table
         .map(ColourTable)

@@ -4,9 +4,9 @@ use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use vision::VisionError;
 use vision::calibrate::CalibrationError;
-use vision::ground_map::GroundMapError;
-use vision::mirror::ProfileError;
-use vision::optics::OpticsError;
+use vision::optics::ground_map::GroundMapError;
+use vision::optics::mirror::ProfileError;
+use vision::optics::ray_tracing::OpticsError;
 
 fn from_io(source: &std::io::Error, message: String) -> PyErr {
     match source.kind() {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use vision::optics::{self, Ray, Tracer};
+use vision::optics::ray_tracing::{self, Ray, Tracer};
 
 use crate::camera::{Camera, Mount};
 use crate::errors;
@@ -42,7 +42,9 @@ pub(crate) fn trace_rays<'py>(
     let mount = mount_or_perfect(mount);
     let (camera, profile) = (&camera.get().0, &profile.get().0);
     let (origins, directions) = py
-        .detach(|| optics::trace_rays(camera, profile, &mount).map(|table| flat(&table.rays)))
+        .detach(|| {
+            vision::optics::trace_rays(camera, profile, &mount).map(|table| flat(&table.rays))
+        })
         .map_err(|error| errors::optics(&error))?;
     let shape = [camera.height_px, camera.width_px, 3];
     Ok((
@@ -184,7 +186,9 @@ pub(crate) fn ground_map<'py>(
     let mount = mount_or_perfect(mount);
     let (camera, profile) = (&camera.get().0, &profile.get().0);
     let map = py
-        .detach(|| optics::trace_rays(camera, profile, &mount).map(|table| table.ground_map()))
+        .detach(|| {
+            vision::optics::trace_rays(camera, profile, &mount).map(|table| table.ground_map())
+        })
         .map_err(|error| errors::optics(&error))?;
     GroundMap::of(py, map)
 }

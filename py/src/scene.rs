@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 
 use localize::field::{FieldConfig, FieldError};
-use localize::frame::{At, Pose};
+use localize::frames::{At, Pose};
 use localize::robot::BodyConfig;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
-use sim::film::FilmConfig;
+use sim::image_sensor::FilmConfig;
 use sim::light::LightConfig;
 use sim::render::{Renderer, RendererConfig, Scene};
 use sim::scenario::{BallConfig, TeamColour};
@@ -135,7 +135,7 @@ pub(crate) fn render<'py>(
         .collect();
     let ball_kind = BallConfig::default();
     let mut rgb = Vec::new();
-    py.detach(|| -> Result<(), vision::optics::OpticsError> {
+    py.detach(|| -> Result<(), vision::optics::ray_tracing::OpticsError> {
         let mut renderer = Renderer::new(&RendererConfig {
             camera,
             profile,

@@ -10,7 +10,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use vision::image::{Image, ImageView, PixelFormat, rgb_to_yuv};
-use vision::line_points::RejectionReason;
+use vision::lines::detection::RejectionReason;
 use vision::{Detections, VisionConfig};
 
 use crate::camera::Camera;
@@ -81,7 +81,7 @@ pub(crate) fn camera_or_of_map(
 ) -> PyResult<localize::robot::CameraConfig> {
     match camera {
         Some(camera) => Ok(camera.get().0.clone()),
-        None => vision::camera_from_map::camera_from_map(map)
+        None => vision::optics::camera_from_map::camera_from_map(map)
             .ok_or_else(|| PyValueError::new_err("the map shows too little ground")),
     }
 }
@@ -304,7 +304,10 @@ impl ColourTable {
     #[getter]
     fn names(&self) -> Vec<String> {
         (0..=u8::MAX)
-            .map_while(|class| self.0.name(vision::colours::ColourClass(class)))
+            .map_while(|class| {
+                self.0
+                    .name(vision::colour::lookup_table::ColourClass(class))
+            })
             .map(str::to_owned)
             .collect()
     }

@@ -6,8 +6,8 @@ use crate::base::BaseDriver;
 use crate::camera::{self, CameraDriver};
 use crate::config::HardwareConfig;
 use crate::error::HwError;
+use crate::event_queue::EventQueue;
 use crate::health::HealthReport;
-use crate::inbox::EventQueue;
 use crate::inertial::InertialDriver;
 
 /// All devices of a robot, each with its thread. Dropping them stops the wheels first.

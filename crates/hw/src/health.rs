@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
-use crate::inbox::{DeviceEvent, EventQueue};
+use crate::event_queue::{DeviceEvent, EventQueue};
 use crate::wire::DecoderStats;
 
 /// What a device is doing.

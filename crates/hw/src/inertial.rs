@@ -1,14 +1,14 @@
 //! How does the robot turn and tilt? Inertial units and compasses on serial lines of their own.
 
 use localize::Stamp;
-use localize::frame::wrap_angle;
+use localize::frames::wrap_angle;
 use localize::sample::{Compass, Imu};
 
 use crate::clock;
 use crate::config::{InertialDeviceConfig, InertialSensor};
 use crate::error::HwError;
+use crate::event_queue::{DeviceEvent, EventQueue};
 use crate::health::{HealthReport, HealthState, Monitor};
-use crate::inbox::{DeviceEvent, EventQueue};
 use crate::serial::SerialPort;
 use crate::wire::bno085::{self, Rvc};
 use crate::wire::wit::{self, DataType, Wit};

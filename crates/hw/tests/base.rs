@@ -1,11 +1,10 @@
 //! The base over pseudo terminals: whatever happens on the line, the wheels turn only for a fresh command.
 
-mod bench_top;
+mod pseudo_terminal;
 
 use std::f32::consts::TAU;
 use std::time::Duration;
 
-use bench_top::{PseudoSerialPort, wait_for_event, wait_until};
 use hw::base::{Kick, MotionCommand};
 use hw::config::{BaseDeviceConfig, Bus};
 use hw::wire::board::{Encoders, Message, Packet, Switches, WheelCommand};
@@ -14,6 +13,7 @@ use hw::wire::{CanFrame, StreamDecoder, board, slcan, vesc_can};
 use hw::{BaseDriver, DeviceEvent, EventQueue, HealthState, HwError};
 use localize::omni::Twist;
 use localize::robot::BaseConfig;
+use pseudo_terminal::{PseudoSerialPort, wait_for_event, wait_until};
 
 fn device(bus: Bus, port: String) -> BaseDeviceConfig {
     BaseDeviceConfig {

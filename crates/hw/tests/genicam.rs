@@ -2,13 +2,13 @@
 #![cfg(feature = "aravis")]
 
 #[expect(dead_code, reason = "this camera needs no serial line")]
-mod bench_top;
+mod pseudo_terminal;
 
 use std::process::{Child, Command, Stdio};
 
-use bench_top::{event, until};
 use hw::config::CameraDevice;
 use hw::{Camera, Event, Inbox, State};
+use pseudo_terminal::{event, until};
 
 /// The fake camera, switched on until it is dropped.
 struct FakeGenICamCamera(Child);

@@ -1,18 +1,18 @@
 //! Serial lines, inertial units and the camera's socket: what comes, what fails, and how it is told.
 
-mod bench_top;
+mod pseudo_terminal;
 
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::time::Duration;
 
-use bench_top::{PseudoSerialPort, wait_for_event, wait_until};
 use hw::config::{CameraDeviceConfig, InertialDeviceConfig, InertialSensor};
 use hw::wire::bno085::Rvc;
-use hw::wire::frames::{ImageHeader, SETTINGS_BYTES, SettingsMessage};
+use hw::wire::image_stream::{ImageHeader, SETTINGS_BYTES, SettingsMessage};
 use hw::{
     CameraDriver, DeviceEvent, EventQueue, HealthState, HwError, InertialDriver, SerialPort, camera,
 };
+use pseudo_terminal::{PseudoSerialPort, wait_for_event, wait_until};
 
 #[test]
 fn serial_port_is_transparent_to_all_byte_values() {

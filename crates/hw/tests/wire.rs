@@ -2,7 +2,7 @@
 
 mod oracle;
 
-use hw::wire::frames::{IMAGE_BYTES_MAX, ImageHeader};
+use hw::wire::image_stream::{IMAGE_BYTES_MAX, ImageHeader};
 use hw::wire::{CanFrame, DecodeError, bno085, board, slcan, vesc, vesc_can, wit};
 use oracle::decode_in_chunks;
 use proptest::collection::vec;

@@ -3,14 +3,14 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::attitude::AttitudeConfig;
-use crate::compass::CompassCalibration;
-use crate::distance::DistanceFieldConfig;
 use crate::filter::FilterConfig;
+use crate::global_search::GlobalSearchConfig;
+use crate::global_search::branch_and_bound::BranchAndBoundConfig;
 use crate::matching::MatchConfig;
-use crate::relocalise::GlobalSearchConfig;
+use crate::matching::distance_field::DistanceFieldConfig;
 use crate::sample::Compass;
-use crate::search::BranchAndBoundConfig;
+use crate::sensors::attitude::AttitudeConfig;
+use crate::sensors::compass_calibration::CompassCalibration;
 
 /// Everything about localisation.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]

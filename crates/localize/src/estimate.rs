@@ -2,9 +2,9 @@
 
 use nalgebra::Matrix3;
 
-use crate::frame::Pose;
+use crate::frames::Pose;
+use crate::global_search::branch_and_bound::Hypothesis;
 use crate::omni::Twist;
-use crate::search::Hypothesis;
 use crate::stamp::Stamp;
 
 /// How a frame's pose came about.

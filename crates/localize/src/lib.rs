@@ -1,40 +1,41 @@
-//! Where things are: from features and motion to a pose on the field.
+//! Where is the robot? From line points, wheels, an IMU and a compass to a pose on the field.
 //!
-//! The vocabulary that every other crate speaks (stamps, frames, the field, samples) lives here, because where
-//! things are is its language. No I/O, clock, thread or randomness of its own: stamps and generators are arguments.
+//! The vocabulary that every other crate speaks (stamps, coordinate frames, samples, the robot's description, the field)
+//! lives here. Modules in the order in which data meets them.
 
-pub mod attitude;
-mod candidates;
-pub mod collision;
-pub mod compass;
-pub mod config;
-pub mod distance;
-pub mod drive;
-pub mod estimate;
-pub mod exactly;
-pub mod experiment;
-pub mod field;
-pub mod filter;
-pub mod frame;
-mod goals;
-pub mod heading;
-pub mod localizer;
-pub mod matching;
-pub mod omni;
-pub mod presets;
-pub mod relocalise;
+pub mod fixed_array;
+pub mod frames;
 pub mod robot;
 pub mod sample;
-pub mod search;
 pub mod stamp;
+pub mod toml_location;
+
+pub mod field;
+
+pub mod omni;
+pub mod sensors;
+
+pub mod matching;
+
+pub mod global_search;
+
+pub mod filter;
+
+pub mod estimate;
+pub mod localizer;
+
 pub mod team;
-pub mod toml_place;
 pub mod world;
 
+pub mod config;
+pub mod presets;
+
+pub mod synthetic;
+
 pub use config::LocalizeConfig;
-pub use distance::DistanceField;
 pub use estimate::{Estimate, Mode, Reason};
 pub use field::Field;
-pub use frame::{At, FieldFrame, Pose, RobotFrame, Tf};
+pub use frames::{At, FieldFrame, Pose, RobotFrame, Tf};
 pub use localizer::Localizer;
+pub use matching::distance_field::DistanceField;
 pub use stamp::Stamp;

@@ -2,8 +2,8 @@
 
 use crate::config::{LocalizeConfig, SuspectRule, Tracker};
 use crate::filter::FilterKind;
+use crate::global_search::GlobalSearchMethod;
 use crate::matching::Minimiser;
-use crate::relocalise::GlobalSearchMethod;
 
 /// Names of the presets, the default's first.
 pub const PRESETS: [&str; 4] = ["default", "lima2001", "minho2016", "nubot2013"];

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::field::GoalColour;
-use crate::frame::{At, RobotFrame};
+use crate::frames::{At, RobotFrame};
 use crate::omni::Twist;
 use crate::stamp::Stamp;
 

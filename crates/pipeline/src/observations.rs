@@ -1,8 +1,8 @@
 //! What does vision's sight say to the world model? The same objects in localize's words.
 
 use localize::world::{ObjectObservation, TeamColour, WorldObservation};
-use vision::eyes::Detections;
-use vision::robots::Marker;
+use vision::objects::robots::Marker;
+use vision::process::Detections;
 
 /// The objects of a sight.
 pub fn object_observations(seen: &Detections) -> WorldObservation {

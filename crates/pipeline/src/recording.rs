@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use localize::frame::At;
+use localize::frames::At;
 use localize::sample::{Compass, LinePoint, Odometry};
 use localize::{Pose, Stamp};
 use vision::image::Image;
 
 use crate::csv_table::{CsvRow, CsvTable};
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
-use crate::score::objects::GroundTruthObject;
+use crate::score::detections::GroundTruthObject;
 
 /// A recording folder, its small files read whole and its images read one by one.
 pub struct Recording {

@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use localize::Pose;
 use localize::Stamp;
-use localize::frame::{At, FieldFrame};
+use localize::frames::{At, FieldFrame};
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::TeamReport;
-use vision::eyes::Detections;
 use vision::image::{Image, ImageView as Pixels, PixelFormat};
+use vision::process::Detections;
 
 /// Where things truly were.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,7 +8,7 @@ use localize::Field;
 use localize::robot::CameraConfig;
 use localize::robot::RobotConfig;
 use vision::calibrate::mask::load_mask;
-use vision::labels::{ColourTable, TableKind, load_labels};
+use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::{GroundMap, Mount, Profile, optics};
 
 /// A robot and its field, read and checked.

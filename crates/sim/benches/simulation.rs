@@ -5,7 +5,7 @@ use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use localize::Field;
-use localize::frame::{At, Pose};
+use localize::frames::{At, Pose};
 use localize::robot::RobotConfig;
 use sim::render::{Renderer, RendererConfig, Scene};
 use sim::scenario::TeamColour;

@@ -1,11 +1,11 @@
-//! Prints the table of `sim::fusion`: `cargo run --release -p sim --example fusion [SEEDS] [SECONDS] [COURSE|all]
+//! Prints the table of `sim::fusion_experiment`: `cargo run --release -p sim --example fusion [SEEDS] [SECONDS] [COURSE|all]
 //! [LOCALIZE.toml]`, the last an overlay of localisation's settings.
 
 use std::path::Path;
 
 use localize::Field;
 use localize::robot::RobotConfig;
-use sim::fusion::FusionExperiment;
+use sim::fusion_experiment::FusionExperiment;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);

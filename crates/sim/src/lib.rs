@@ -4,11 +4,11 @@
 
 mod ball;
 pub mod base;
-mod drive;
-pub mod film;
-pub mod fusion;
+mod behaviour;
+pub mod fusion_experiment;
+pub mod image_sensor;
 pub mod light;
-mod play;
+mod path_follower;
 pub mod render;
 pub mod scenario;
 mod sensors;

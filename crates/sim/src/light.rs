@@ -9,7 +9,7 @@ pub struct LightConfig {
     /// Level at all times where there are no keyframes.
     pub level: f32,
     /// Colour of the light: red, green and blue relative to white.
-    #[serde(deserialize_with = "localize::exactly::deserialize")]
+    #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub colour: [f32; 3],
     /// Levels at given times, straight between them.
     pub keyframes: Vec<LightKeyframe>,

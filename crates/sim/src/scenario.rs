@@ -4,13 +4,13 @@ mod load;
 
 use std::path::PathBuf;
 
-use localize::frame::Pose;
+use localize::frames::Pose;
 use serde::{Deserialize, Serialize};
 use vision::Mount;
 
 pub use load::ScenarioError;
 
-use crate::film::FilmConfig;
+use crate::image_sensor::FilmConfig;
 use crate::light::LightConfig;
 
 /// A scenario file. Lengths in metres, times in seconds after the start, angles as their names say.
@@ -191,10 +191,10 @@ pub struct BallConfig {
     /// False for a field without a ball.
     pub present: bool,
     /// Where it lies at first, metres.
-    #[serde(deserialize_with = "localize::exactly::deserialize")]
+    #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub position: [f32; 2],
     /// How it moves at first (sliding), m/s.
-    #[serde(deserialize_with = "localize::exactly::deserialize")]
+    #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub velocity: [f32; 2],
     /// Metres.
     pub diameter: f32,
@@ -326,7 +326,7 @@ pub struct Push {
     /// When, seconds.
     pub time: f64,
     /// Impulse on the field, N s along x and y.
-    #[serde(deserialize_with = "localize::exactly::deserialize")]
+    #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub impulse: [f32; 2],
 }
 

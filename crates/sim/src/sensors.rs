@@ -1,6 +1,6 @@
 //! What do IMU and compass read? Truth with bias, noise and shocks.
 
-use localize::frame::wrap_angle;
+use localize::frames::wrap_angle;
 use localize::robot::{CompassModelConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
@@ -129,7 +129,7 @@ mod tests {
             .collect();
         let told = localize::config::CompassConfig {
             calibration: Some(
-                localize::compass::fit_calibration(&fields)
+                localize::sensors::compass_calibration::fit_calibration(&fields)
                     .expect("a turn")
                     .calibration,
             ),

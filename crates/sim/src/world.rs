@@ -1,7 +1,7 @@
 //! Where does everything move? Our robot, the others and the ball in lockstep, top-down, on a rapier field.
 
 use localize::field::Field;
-use localize::frame::{At, FieldFrame, Pose};
+use localize::frames::{At, FieldFrame, Pose};
 use localize::omni::{OmniError, Twist};
 use localize::robot::{BaseConfig, BodyConfig};
 use localize::sample::Odometry;

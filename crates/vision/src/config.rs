@@ -183,7 +183,7 @@ pub struct ObjectConfig {
     pub ball_radius: f32,
     /// The ball's hue from..to, degrees (red 0, yellow 60, green 120, blue 240); from > to passes over red.
     /// The league's balls are orange to yellow; beside a yellow goal take 8 to 45.
-    #[serde(deserialize_with = "localize::exactly::deserialize")]
+    #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub ball_hue_deg: [f32; 2],
     /// A ball covers at least this share of the pixels that a whole one would cover at its place.
     pub ball_visible_share_min: f32,

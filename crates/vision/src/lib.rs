@@ -1,43 +1,22 @@
-//! From an image to features: what a picture under the mirror tells about the ground around the robot.
+//! From a camera image to features: line points, ball, robots and goals in the robot's frame.
+//!
+//! Modules in the order in which data meets them.
 
 pub mod config;
 pub mod error;
-pub mod mirror;
-
-pub mod camera_from_map;
-pub mod ground_map;
-pub mod optics;
-
 pub mod image;
+
+pub mod optics;
 
 pub mod scan;
 
-pub mod carpet;
-mod classify;
-pub mod colours;
-pub mod labels;
+pub mod colour;
 
-mod reach;
-mod read;
+pub mod lines;
 
-mod columns;
-mod foot;
-mod rays;
+pub mod objects;
 
-mod judge;
-pub mod line_points;
-mod runs;
-mod transitions;
-
-pub mod ball;
-pub mod goals;
-pub mod robots;
-
-pub mod windows;
-
-mod adapt;
-
-pub mod eyes;
+pub mod process;
 
 pub mod exposure;
 
@@ -45,11 +24,11 @@ pub mod calibrate;
 
 pub mod overlay;
 
+pub use colour::colour_table::ColourTable;
 pub use config::VisionConfig;
 pub use error::VisionError;
-pub use eyes::{Detections, Vision};
-pub use ground_map::GroundMap;
 pub use image::{Image, ImageView, PixelFormat};
-pub use labels::ColourTable;
-pub use mirror::Profile;
-pub use optics::{Mount, Ray, RayTable};
+pub use optics::ground_map::GroundMap;
+pub use optics::mirror::Profile;
+pub use optics::ray_tracing::{Mount, Ray, RayTable};
+pub use process::{Detections, Vision};

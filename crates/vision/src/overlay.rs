@@ -1,16 +1,16 @@
 //! What was found, and where? Marks drawn into an image: line points, refused runs, the field's lines at a pose.
 
 use localize::field::Marking;
-use localize::frame::{At, FieldFrame, Pose};
+use localize::frames::{At, FieldFrame, Pose};
 
-use crate::colours::ColourClass;
-use crate::eyes::Detections;
-use crate::goals::GoalKind;
-use crate::ground_map::GroundMap;
+use crate::colour::lookup_table::ColourClass;
 use crate::image::Image;
-use crate::line_points::RejectionReason;
-use crate::robots::Marker;
-use crate::scan::ScanPattern;
+use crate::lines::detection::RejectionReason;
+use crate::objects::goals::GoalKind;
+use crate::objects::robots::Marker;
+use crate::optics::ground_map::GroundMap;
+use crate::process::Detections;
+use crate::scan::pattern::ScanPattern;
 
 /// Red, green, blue.
 pub type Rgb = [u8; 3];

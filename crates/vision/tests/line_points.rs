@@ -194,7 +194,7 @@ fn yuyv_and_rgb_images_yield_the_same_lines() {
 
 #[test]
 fn four_labelled_pixels_suffice_to_detect_lines() {
-    use vision::labels::{ColourTable, Label, TableKind};
+    use vision::colour::colour_table::{ColourTable, Label, TableKind};
     let image = image("000.jpg");
     let unlabelled = sample_vision()
         .process(&image.view())

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use localize::frame::{At, FieldFrame};
+use localize::frames::{At, FieldFrame};
 use serde::Serialize;
 use vision::image::Image;
 

@@ -13,7 +13,7 @@ use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::recording::Recording;
 use pipeline::result_files::CsvOutputs;
 use pipeline::score;
-use pipeline::score::objects::{DetectionStatistics, DetectionSummary, GroundTruthScene};
+use pipeline::score::detections::{DetectionStatistics, DetectionSummary, GroundTruthScene};
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
 

@@ -6,11 +6,11 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
 use localize::estimate::Mode;
-use localize::frame::wrap_angle;
+use localize::frames::wrap_angle;
 use rayon::prelude::*;
 
 use super::experiment::{Drives, Variant};
-use super::figure::Metric;
+use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
 use pipeline::result_files::mode_name;

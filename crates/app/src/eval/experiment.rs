@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use localize::presets::PRESETS;
-use localize::team::experiment::ROBOTS;
+use localize::synthetic::team_ball::ROBOTS;
 use serde::Deserialize;
 
 /// An experiment file. Paths are relative to it.
@@ -109,7 +109,7 @@ pub struct RecordingRun {
     pub folder: PathBuf,
 }
 
-/// Drives of `sim::fusion`.
+/// Drives of `sim::fusion_experiment`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FusionRuns {
@@ -133,7 +133,7 @@ pub struct TeamRuns {
     pub variants: Vec<TeamVariant>,
 }
 
-/// What the network and the team do; what is left out is `localize::team::experiment::Trial`'s own.
+/// What the network and the team do; what is left out is `localize::synthetic::team_ball::Trial`'s own.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TeamVariant {

@@ -6,10 +6,10 @@ use localize::Field;
 use localize::robot::RobotConfig;
 use rayon::prelude::*;
 use serde::Serialize;
-use sim::fusion::{Course, Estimator, FusionExperiment, FusionScore};
+use sim::fusion_experiment::{Course, Estimator, FusionExperiment, FusionScore};
 
 use super::experiment::FusionRuns;
-use super::figure::Metric;
+use super::metric::Metric;
 use super::output::CsvRows;
 
 /// Does it name courses and estimators that exist?

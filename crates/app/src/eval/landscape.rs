@@ -2,14 +2,16 @@
 
 use anyhow::{Result, ensure};
 use indicatif::ProgressBar;
-use localize::drive::{SyntheticDriveConfig, simulate_line_points};
-use localize::heading::{HeadingHistogramConfig, histogram_heading, histogram_peak};
+use localize::global_search::heading_histogram::{
+    HeadingHistogramConfig, histogram_heading, histogram_peak,
+};
+use localize::synthetic::drive::{SyntheticDriveConfig, simulate_line_points};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::experiment::Landscape;
-use super::figure::Metric;
+use super::metric::Metric;
 use super::output::CsvRows;
 use pipeline::cycle::PipelineConfig;
 
@@ -80,7 +82,7 @@ pub fn run(
     let last = truth.theta + 20f32.to_radians();
     let heading = histogram_heading(&points, last, &config);
     let off = heading.map(|heading| {
-        f64::from(localize::frame::wrap_angle(heading - truth.theta).abs()).to_degrees()
+        f64::from(localize::frames::wrap_angle(heading - truth.theta).abs()).to_degrees()
     });
     let distance = f64::from((best.1 - x).hypot(best.2 - y));
     Ok(vec![

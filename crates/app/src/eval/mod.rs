@@ -2,16 +2,16 @@
 
 pub mod drives;
 pub mod experiment;
-pub mod eyes;
-pub mod figure;
 pub mod fusion;
 pub mod landscape;
+pub mod metric;
 pub mod output;
 mod page;
 pub mod searches;
 pub mod stills;
 pub mod team;
 pub mod times;
+pub mod vision;
 
 use std::path::{Path, PathBuf};
 
@@ -150,7 +150,7 @@ fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<P
             "landscape",
             landscape::run(landscape, seed, &mut rows, &bar),
         ),
-        PartRun::Eyes(eyes) => ("eyes", eyes::run(eyes, seeds, &mut rows, &bar)),
+        PartRun::Eyes(eyes) => ("eyes", vision::run(eyes, seeds, &mut rows, &bar)),
         PartRun::Fusion(fusion) => ("fusion", fusion::run(fusion, seeds, &mut rows, &bar)),
         PartRun::Team(team) => ("team", team::run_synthetic(team, seeds, &mut rows, &bar)),
         PartRun::Squad(squad) => ("team", team::run_rendered(squad, seeds, &mut rows, &bar)),

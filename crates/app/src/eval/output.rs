@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 
-use super::figure::Metric;
+use super::metric::Metric;
 use pipeline::csv_table::CsvWriter;
 
 /// The rows of one part, written when the first comes.

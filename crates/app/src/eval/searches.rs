@@ -4,17 +4,19 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use localize::drive::{SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal};
-use localize::frame::wrap_angle;
+use localize::frames::wrap_angle;
+use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, half_turn};
+use localize::global_search::{GlobalSearch, SearchInput};
 use localize::matching::Matcher;
-use localize::relocalise::{GlobalSearch, SearchInput};
-use localize::search::{BranchAndBound, HeadingPrior, half_turn};
+use localize::synthetic::drive::{
+    SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
+};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::experiment::Searches;
-use super::figure::Metric;
+use super::metric::Metric;
 use super::output::CsvRows;
 use pipeline::cycle::PipelineConfig;
 

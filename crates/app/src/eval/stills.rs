@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::drives::{FrameResult, frame_result};
 use super::experiment::Stills;
-use super::figure::Metric;
+use super::metric::Metric;
 use super::output::CsvRows;
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::sample::Sample;

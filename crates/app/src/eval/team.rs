@@ -2,11 +2,11 @@
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use localize::team::experiment::{BallScore, TeamExperiment, evaluate_team_ball};
+use localize::synthetic::team_ball::{BallScore, TeamExperiment, evaluate_team_ball};
 use rayon::prelude::*;
 
 use super::experiment::{MultiRobotRuns, TeamRuns, TeamVariant, Variant};
-use super::figure::Metric;
+use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use pipeline::cycle::{PipelineConfig, apply_overlay};
 use pipeline::multi_robot::{MultiRobotSimulation, RobotSummary};

@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
-use localize::drive::{SyntheticDrive, SyntheticDriveConfig, SyntheticSample};
+use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior};
+use localize::global_search::hough::Hough;
+use localize::global_search::monte_carlo::MonteCarlo;
+use localize::global_search::scan_map::ScanMap;
 use localize::matching::{MatchConfig, Matcher, Minimiser};
-use localize::relocalise::hough::Hough;
-use localize::relocalise::monte_carlo::MonteCarlo;
-use localize::relocalise::scan_map::ScanMap;
-use localize::search::{BranchAndBound, HeadingPrior};
+use localize::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig, SyntheticSample};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -19,7 +19,7 @@ use vision::Vision;
 use vision::image::Image;
 
 use super::experiment::Times;
-use super::figure::Metric;
+use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use pipeline::cycle::PipelineConfig;
 use pipeline::paths;

@@ -11,9 +11,9 @@ use anyhow::{Context, Result, ensure};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
-use super::out::resolve;
+use super::state_sender::resolve;
+use pipeline::datagram::authentication::{MacKey, RejectReason, ReplayGuard, verify_mac};
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
-use pipeline::datagram::seal::{MacKey, RejectReason, ReplayGuard, verify_mac};
 
 /// Commands by UDP.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -3,7 +3,7 @@
 //! `docs/network.md` says what is on the wire, `docs/network.proto` in which numbers.
 
 pub mod commands;
-pub mod out;
+pub mod state_sender;
 pub mod team;
 #[cfg(test)]
 mod tests;
@@ -15,8 +15,8 @@ use localize::{Field, Stamp};
 use serde::{Deserialize, Serialize};
 
 pub use commands::{CommandConfig, CommandListener, RemoteCommand};
-pub use out::{OutputConfig, StateSender};
 pub use pipeline::datagram::TeamLinkConfig;
+pub use state_sender::{OutputConfig, StateSender};
 pub use team::TeamTransport;
 
 use crate::stream::{self, StreamConfig};

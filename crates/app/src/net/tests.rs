@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use foxglove::Encode;
 use foxglove::prost_types::FileDescriptorSet;
 use localize::Stamp;
-use localize::frame::{At, Pose};
+use localize::frames::{At, Pose};
 use localize::world::FieldState;
 use nalgebra::Matrix4;
 use proptest::prelude::*;
@@ -21,10 +21,10 @@ use super::{
 };
 use pipeline::cycle::Cycle;
 use pipeline::datagram::TeamLink;
+use pipeline::datagram::authentication::{MAC_BYTES, MacKey, RejectReason, append_mac};
 use pipeline::datagram::message::{
     Command, Drive, Echo, Health, Kick, ObjectReport, ObjectState, State, TeamMessage, VERSION,
 };
-use pipeline::datagram::seal::{MAC_BYTES, MacKey, RejectReason, append_mac};
 use pipeline::feed::Feed;
 use pipeline::testing::random_cycle;
 

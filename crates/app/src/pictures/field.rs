@@ -1,7 +1,7 @@
 //! Where was the robot, and where did it think it was? The field from above with paths, as a picture.
 
 use localize::field::{Field, GoalColour, Marking};
-use localize::frame::{At, FieldFrame};
+use localize::frames::{At, FieldFrame};
 use tiny_skia::{
     Color, FillRule, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, Transform,
 };

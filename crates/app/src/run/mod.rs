@@ -1,17 +1,17 @@
 //! `mirrorball run`: the robot itself. Devices in, poses out, in real time, whatever breaks meanwhile.
 
-pub mod helm;
-pub mod keeper;
+pub mod command_arbiter;
 pub mod latency;
-pub mod outside;
+pub mod log_rotation;
+pub mod network;
 pub mod patrol;
-mod play;
 pub mod raw_image;
-pub mod robot;
+pub mod robot_folder;
+mod run_loop;
 pub mod status;
-pub mod stop;
+pub mod stderr_writer;
+pub mod stop_flag;
 pub mod teleop;
-pub mod teller;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -27,11 +27,11 @@ use patrol::Patrol;
 use pipeline::cycle::PipelineConfig;
 use pipeline::feed::Feed;
 use pipeline::log::ImageCompression;
-use play::RunLoop;
-use robot::RobotFolder;
-use stop::StopFlag;
+use robot_folder::RobotFolder;
+use run_loop::RunLoop;
+use stop_flag::StopFlag;
 
-pub use helm::{CommandArbiter, CommandError, CommandSource};
+pub use command_arbiter::{CommandArbiter, CommandError, CommandSource};
 
 /// Play on the robot: devices in, poses out, until SIGTERM or Ctrl-C; the wheels stop first.
 #[derive(clap::Args)]

@@ -6,12 +6,12 @@ use std::time::Duration;
 use anyhow::{Context, Result, ensure};
 use hw::base::MotionCommand;
 use localize::Pose;
-use localize::frame::wrap_angle;
+use localize::frames::wrap_angle;
 use localize::omni::Twist;
 use serde::Deserialize;
 
-use super::helm::{CommandArbiter, CommandSource};
-use super::stop::StopFlag;
+use super::command_arbiter::{CommandArbiter, CommandSource};
+use super::stop_flag::StopFlag;
 
 /// Commands are good for so long, seconds: two of them may be lost.
 const COMMAND_VALIDITY: f64 = 0.06;

@@ -6,9 +6,9 @@ use hw::{DeviceEvent, HealthReport, HealthState};
 use localize::Stamp;
 use serde::Serialize;
 
-use super::keeper::LogSummary;
 use super::latency::{LatencyHistogram, LatencySummary};
-use super::teller::StderrWriter;
+use super::log_rotation::LogSummary;
+use super::stderr_writer::StderrWriter;
 use crate::net::commands::CommandCounts;
 use pipeline::cycle::Cycle;
 use pipeline::result_files::mode_name;

@@ -13,7 +13,7 @@ use localize::{Field, Stamp};
 use super::StreamConfig;
 use pipeline::feed::{Feed, RecvError, Subscription};
 use pipeline::log::Header;
-use pipeline::log::messages::CyclePublisher;
+use pipeline::log::publisher::CyclePublisher;
 use pipeline::log::schema::{ABOUT_TOPIC, Context, CustomChannel, PROJECT_NAME, Topics, wire};
 
 /// Cycles that may wait to become messages; the image of the newest two stays.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use eframe::egui;
 use localize::Stamp;
+use vision::colour::colour_table::{ColourTable, Label, TableKind};
 use vision::image::Image;
-use vision::labels::{ColourTable, Label, TableKind};
 
 /// What a stroke paints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -14,7 +14,7 @@ pub(crate) enum Tool {
     /// Nothing: dragging pans.
     #[default]
     Pan,
-    /// Labels of this class, by its place in [`vision::colours::CLASS_NAMES`].
+    /// Labels of this class, by its place in [`vision::colour::lookup_table::CLASS_NAMES`].
     Class(usize),
     /// The mask: the robot's own parts.
     Mask,
@@ -25,7 +25,7 @@ pub(crate) enum Tool {
 /// A labelled pixel.
 #[derive(Debug, Clone)]
 pub(crate) struct PixelLabel {
-    /// By its place in [`vision::colours::CLASS_NAMES`].
+    /// By its place in [`vision::colour::lookup_table::CLASS_NAMES`].
     pub(crate) class: usize,
     /// Red, green, blue there.
     pub(crate) rgb: [u8; 3],
@@ -110,7 +110,7 @@ impl Brush {
     pub(crate) fn learn_colour_table(&self) -> Option<ColourTable> {
         let label = |stroke: &PixelLabel| Label {
             rgb: stroke.rgb,
-            class: vision::colours::CLASS_NAMES[stroke.class].to_owned(),
+            class: vision::colour::lookup_table::CLASS_NAMES[stroke.class].to_owned(),
         };
         let labels: Vec<Label> = self.labels.values().map(label).collect();
         ColourTable::learn(&labels, TableKind::Yuv)

@@ -4,26 +4,27 @@
 //! Panels (`panels/`) draw what the session (`session`) holds; sources (`source/`) bring it; whatever takes time runs in
 //! threads of its own. The threads that drive never wait for any of it.
 
+mod accessibility;
 mod brush;
-mod devices;
-mod ink;
-mod inverse;
-mod keys;
-mod layers;
+pub(crate) mod calibration_job;
+mod device_monitor;
+mod frame_rate;
+mod inverse_ground_map;
+mod layer_worker;
 mod layout;
-mod meter;
-mod named;
+mod palette;
 mod panels;
 mod panzoom;
 mod report;
-mod series;
 mod session;
 mod settings;
 mod shell;
+mod shortcuts;
 mod source;
-mod stage;
+mod static_scene;
 #[cfg(test)]
 mod tests;
+mod time_series;
 mod window;
 
 use std::path::{Path, PathBuf};

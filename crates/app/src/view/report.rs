@@ -7,10 +7,10 @@ use anyhow::{Context, Result};
 use eframe::egui::ColorImage;
 use vision::image::Image;
 
-use super::series::Quantity;
 use super::session::Session;
 use super::settings;
 use super::source::rgb_image;
+use super::time_series::Quantity;
 use pipeline::cycle::PipelineConfig;
 
 /// Columns of the table of the run, with what they are scaled by.

@@ -5,18 +5,18 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use localize::robot::BaseConfig;
-use vision::labels::ColourTable;
+use vision::colour::colour_table::ColourTable;
 
-use super::devices::DeviceMonitor;
-use super::layers::{LayerJob, LayerSelection, RenderedLayers};
-use super::series::{CycleMetrics, TimeSeries};
+use super::device_monitor::DeviceMonitor;
+use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
 use super::source::live::{CycleInbox, LiveSource};
 use super::source::log::LogPlayer;
+use super::source::metrics_reader::MetricsReader;
 use super::source::recompute::Recompute;
-use super::source::survey::MetricsReader;
-use super::source::worker::{SimWorker, SourceRequest};
+use super::source::sim_worker::{SimWorker, SourceRequest};
 use super::source::{DecodedCycle, Source, remote};
-use super::stage::StaticScene;
+use super::static_scene::StaticScene;
+use super::time_series::{CycleMetrics, TimeSeries};
 use pipeline::cycle::{PIPELINE_FILE, PipelineConfig};
 use pipeline::log::LogIndex;
 use pipeline::setup::Setup;

@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 use eframe::egui::{self, Key, KeyboardShortcut, Modifiers, Ui};
 use egui_tiles::Tree;
 
-use super::layers::{LayerSelection, LayerWorker};
+use super::accessibility::AccessibleLabel;
+use super::frame_rate::FrameRateCounter;
+use super::layer_worker::{LayerSelection, LayerWorker};
 use super::layout::{self, LAYOUTS, PanelLayout};
-use super::meter::FrameRateCounter;
-use super::named::AccessibleLabel;
 use super::panels::{PANES, Pane, PaneBehavior, Panels};
 use super::session::Session;
 use super::source::Source;
-use super::{ink, keys, report};
+use super::{palette, report, shortcuts};
 
 /// Between two looks for news while nothing plays.
 const IDLE_REPAINT_INTERVAL: Duration = Duration::from_millis(100);
@@ -116,7 +116,7 @@ impl View {
         self.frame_rate.record_frame(now);
         self.session.update(passed);
         self.update_layers(ui.ctx());
-        keys::handle_shortcuts(ui, self);
+        shortcuts::handle_shortcuts(ui, self);
         egui::Panel::top("bar").show(ui, |ui| self.menu_bar(ui));
         // The window is cleared in the panels' colour; to fill it once more costs a software renderer a fifth of a frame.
         let bare = egui::Frame::central_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
@@ -133,7 +133,7 @@ impl View {
         if let Some(path) = self.panels.simulator.open_request.take() {
             self.open(&path, &ui.ctx().clone());
         }
-        keys::show_shortcut_list(ui.ctx(), &mut self.help_open);
+        shortcuts::show_shortcut_list(ui.ctx(), &mut self.help_open);
         self.write_screenshots();
         let live = matches!(self.session.source, Source::Live(_));
         let plays = self.session.playback.playing && !live;
@@ -196,7 +196,7 @@ impl View {
             if let Some(now) = &self.session.shown {
                 let mode = now.cycle.estimate.mode;
                 let words = pipeline::log::mode_and_reason(&now.cycle.estimate);
-                ui.colored_label(ink::mode_colour(mode), words);
+                ui.colored_label(palette::mode_colour(mode), words);
             }
             ui.weak(format!(
                 "{:.0} frames/s",
@@ -206,7 +206,7 @@ impl View {
                 ui.weak(word);
             }
             if let Some(fault) = &self.session.last_error {
-                ui.colored_label(ink::VERMILION, fault);
+                ui.colored_label(palette::VERMILION, fault);
             }
         });
     }

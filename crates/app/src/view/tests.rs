@@ -13,7 +13,7 @@ use super::layout::PanelLayout;
 use super::session::Session;
 use super::shell::View;
 use super::source::live::CycleInbox;
-use super::source::worker::{SimWorker, SourceRequest};
+use super::source::sim_worker::{SimWorker, SourceRequest};
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};
@@ -149,7 +149,7 @@ fn layers_are_rendered_once_switched_on() {
     });
     let classes = harness.state().session.rendered_layers.classes.clone();
     let classes = classes.expect("classes");
-    let carpet = super::ink::class_colour(vision::colours::ColourClass::CARPET);
+    let carpet = super::palette::class_colour(vision::colour::lookup_table::ColourClass::CARPET);
     let green = classes.pixels.iter().filter(|&&pixel| pixel == carpet);
     assert!(
         green.count() * 5 > classes.pixels.len(),

@@ -6,7 +6,7 @@ use localize::omni::{OmniKinematics, Twist};
 use localize::sample::{Compass, Imu};
 
 use super::board::VirtualBoard;
-use super::orders::{CommandStats, DriveCommand};
+use super::drive_command::{CommandStats, DriveCommand};
 use super::vescs::{VescBus, VirtualVescs};
 
 /// Either.

@@ -6,7 +6,7 @@ use localize::Stamp;
 use localize::omni::{OmniKinematics, Twist};
 use localize::sample::{Compass, Imu};
 
-use super::orders::DriveCommand;
+use super::drive_command::DriveCommand;
 
 /// Time between reports of battery, kicker and switches, seconds.
 const STATUS_PERIOD: f64 = 0.1;

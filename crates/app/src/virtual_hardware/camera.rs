@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
-use hw::wire::frames::{HEADER_BYTES, ImageHeader, SETTINGS_BYTES};
+use hw::wire::image_stream::{HEADER_BYTES, ImageHeader, SETTINGS_BYTES};
 
 /// How long a reader may take for a frame before it is hung up on: a dead one must not hold the thread.
 const IO_TIMEOUT: Duration = Duration::from_millis(500);

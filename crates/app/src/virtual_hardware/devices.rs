@@ -12,9 +12,9 @@ use super::base::VirtualBase;
 use super::camera::{QueuedImage, VirtualCamera};
 use super::faults::{FaultPlan, HardwareFault, HardwareFaultKind};
 use super::inertial::{ImuEncoder, ImuFault};
-use super::line::VirtualSerialPort;
-use super::world::ScheduledSample;
-use super::{FaultInterval, Options, folder};
+use super::real_time_sim::ScheduledSample;
+use super::serial_port::VirtualSerialPort;
+use super::{FaultInterval, Options, robot_folder};
 use pipeline::csv_table::{CsvWriter, format_seconds};
 
 /// Where the wheels' counters stand at the start: they wrap in every run, after five turns of a wheel.
@@ -63,10 +63,10 @@ impl VirtualDevices {
             _ => Encoding::Rgb8,
         };
         Ok(VirtualDevices {
-            base_port: VirtualSerialPort::connected(&at.join(folder::BASE))?,
-            wit_port: VirtualSerialPort::connected(&at.join(folder::WIT))?,
-            bno085_port: VirtualSerialPort::connected(&at.join(folder::BNO085))?,
-            camera: VirtualCamera::start(&at.join(folder::CAMERA), encoding)?,
+            base_port: VirtualSerialPort::connected(&at.join(robot_folder::BASE))?,
+            wit_port: VirtualSerialPort::connected(&at.join(robot_folder::WIT))?,
+            bno085_port: VirtualSerialPort::connected(&at.join(robot_folder::BNO085))?,
+            camera: VirtualCamera::start(&at.join(robot_folder::CAMERA), encoding)?,
             base_firmware: VirtualBase::new(options.bus, omni, base.ticks_per_turn),
             imu_encoder: ImuEncoder::default(),
             faults: plan,

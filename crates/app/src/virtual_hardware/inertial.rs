@@ -3,7 +3,7 @@
 use hw::wire::STANDARD_GRAVITY;
 use hw::wire::bno085::Rvc;
 use hw::wire::wit::{DataType, Wit};
-use localize::frame::wrap_angle;
+use localize::frames::wrap_angle;
 use localize::sample::{Compass, Imu};
 
 /// A sensor of each kind.

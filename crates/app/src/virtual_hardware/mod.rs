@@ -5,13 +5,13 @@ mod base;
 mod board;
 mod camera;
 mod devices;
+mod drive_command;
 mod faults;
-mod folder;
 mod inertial;
-mod line;
-mod orders;
+mod real_time_sim;
+mod robot_folder;
+mod serial_port;
 mod vescs;
-mod world;
 
 use std::path::{Path, PathBuf};
 
@@ -21,12 +21,12 @@ use localize::Stamp;
 use serde::Serialize;
 use sim::Sim;
 
-use crate::run::stop::StopFlag;
+use crate::run::stop_flag::StopFlag;
 use devices::VirtualDevices;
+use drive_command::CommandStats;
 use faults::{FaultPlan, HardwareFaultKind};
-use orders::CommandStats;
 use pipeline::csv_table::CsvWriter;
-use world::RealTimeSim;
+use real_time_sim::RealTimeSim;
 
 /// What the devices are made from.
 pub struct Options<'a> {
@@ -70,7 +70,7 @@ pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result
     let truth = options.truth.map(|path| CsvWriter::create(path, header));
     let mut devices =
         VirtualDevices::new(&sim, plan.unwrap_or_default(), options, truth.transpose()?)?;
-    folder::write_robot_folder(&sim, options)?;
+    robot_folder::write_robot_folder(&sim, options)?;
     let stop = StopFlag::on_signals()?;
     let folder = options.folder.display();
     eprintln!("the devices are there: mirrorball run --robot {folder}");

@@ -6,7 +6,7 @@ use hw::wire::{ParseStep, slcan};
 use localize::Stamp;
 use localize::omni::OmniKinematics;
 
-use super::orders::DriveCommand;
+use super::drive_command::DriveCommand;
 
 /// Numbers of the wheels' controllers; the first is the one at the serial line.
 pub(super) const NODES: [u8; 4] = [11, 12, 13, 14];

@@ -409,7 +409,7 @@ fn decode_board_message(
         }),
         Message::Heading(said) if device.compass => BaseReport::Compass(Compass {
             stamp: clock.to_host_stamp(said.time_us, now),
-            heading: localize::frame::wrap_angle(
+            heading: localize::frames::wrap_angle(
                 f32::from(said.heading_dmrad) * 1e-4 + device.north_deg.to_radians(),
             ),
             magnetic_field: None,

@@ -1,10 +1,10 @@
 //! How is the robot moved, and how far did it move? One face for the base board and for VESCs on their three buses.
 
+mod command_buffer;
+mod control_loop;
 mod link;
 mod odometer;
-mod orders;
-mod report;
-mod server;
+mod reports;
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -13,19 +13,19 @@ use localize::Stamp;
 use localize::omni::OmniKinematics;
 use localize::robot::BaseConfig;
 
-pub use orders::{Kick, MotionCommand};
-pub use report::{KickerReport, PowerReport, SwitchReport};
+pub use command_buffer::{Kick, MotionCommand};
+pub use reports::{KickerReport, PowerReport, SwitchReport};
 
 use crate::clock;
 use crate::config::{BaseDeviceConfig, Bus};
 use crate::error::HwError;
+use crate::event_queue::EventQueue;
 use crate::health::{HealthReport, Monitor};
-use crate::inbox::EventQueue;
 use crate::worker::{Waker, Worker};
+use command_buffer::CommandBuffer;
+use control_loop::ControlLoop;
 use link::BaseLink;
 use odometer::Odometer;
-use orders::CommandBuffer;
-use server::ControlLoop;
 
 /// The base of the robot. Dropping it stops the wheels.
 #[derive(Debug)]

@@ -7,7 +7,7 @@ use aravis::{
 use localize::Stamp;
 
 use super::Settings;
-use super::frame::{CameraFrame, Encoding, Pool};
+use super::image::{CameraFrame, Encoding, Pool};
 use crate::clock;
 use crate::config::CameraDevice;
 use crate::device_clock::DeviceClock;

@@ -1,6 +1,6 @@
 //! Which pixels does a JPEG hold? Frames of cameras that compress, decoded before anyone looks at them.
 
-use super::frame::{BufferPool, CapturedImage, Encoding};
+use super::image::{BufferPool, CapturedImage, Encoding};
 
 impl CapturedImage {
     /// A JPEG as red, green, blue; any other frame as it is. `None` of a JPEG that is broken or of another size.

@@ -1,11 +1,11 @@
 //! How do images reach the robot's eyes? A thread per camera: newest frame wins, silence and repetition are named.
 
-mod frame;
 #[cfg(feature = "aravis")]
 mod genicam;
+mod image;
 mod jpeg;
 mod socket;
-mod stamps;
+mod stamp_validator;
 mod sys;
 mod v4l2;
 
@@ -15,17 +15,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use localize::Stamp;
 
-pub use frame::{CapturedImage, Encoding, PooledBytes};
+pub use image::{CapturedImage, Encoding, PooledBytes};
 
 use crate::clock;
 use crate::config::CameraDeviceConfig;
 use crate::error::HwError;
+use crate::event_queue::{DeviceEvent, EventQueue};
 use crate::health::{HealthReport, HealthState, Monitor};
-use crate::inbox::{DeviceEvent, EventQueue};
 use crate::worker::{StallDetector, Waker, Worker};
-use frame::BufferPool;
+use image::BufferPool;
 use socket::ImageSocket;
-use stamps::StampValidator;
+use stamp_validator::StampValidator;
 use v4l2::V4l2;
 
 /// How frames are taken; what is left out is left to the camera.

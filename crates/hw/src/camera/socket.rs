@@ -8,9 +8,9 @@ use std::time::Duration;
 use localize::Stamp;
 
 use super::CameraSettings;
-use super::frame::{BufferPool, CapturedImage, Encoding};
+use super::image::{BufferPool, CapturedImage, Encoding};
 use crate::error::HwError;
-use crate::wire::frames::{HEADER_BYTES, ImageHeader, SettingsMessage};
+use crate::wire::image_stream::{HEADER_BYTES, ImageHeader, SettingsMessage};
 
 /// Longest pause within a frame that was begun.
 const IO_TIMEOUT: Duration = Duration::from_millis(250);

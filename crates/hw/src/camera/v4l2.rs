@@ -6,7 +6,7 @@ use localize::Stamp;
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::Errno;
 
-use super::frame::{BufferPool, CapturedImage, Encoding};
+use super::image::{BufferPool, CapturedImage, Encoding};
 use super::{CameraSettings, sys};
 use crate::clock;
 use crate::config::CameraDeviceConfig;

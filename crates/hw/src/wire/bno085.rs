@@ -3,7 +3,7 @@
 //! 19 bytes: `AA AA index yaw pitch roll ax ay az 0 0 0 sum`; the six values are i16 LE in 0.01° and mg; the sum is the low
 //! byte of the sum of index to the last zero (CEVA, BNO08X data sheet, UART-RVC).
 
-use super::stream::{DecodeError, ParseStep, StreamDecoder, skip_to};
+use super::decoder::{DecodeError, ParseStep, StreamDecoder, skip_to};
 
 /// Bytes of one message.
 pub const BYTES: usize = 19;

@@ -4,7 +4,7 @@
 //! then a sequence number that each side counts for itself, then the fields of the type. Messages here hold the numbers
 //! exactly as they travel, units in the names.
 
-use super::stream::{DecodeError, ParseStep, StreamDecoder};
+use super::decoder::{DecodeError, ParseStep, StreamDecoder};
 use super::{cobs, crc16};
 
 /// Version of the protocol spoken here.

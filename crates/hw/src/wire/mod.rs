@@ -7,15 +7,15 @@ pub mod bno085;
 pub mod board;
 pub mod can;
 mod cobs;
-pub mod frames;
+pub mod decoder;
+pub mod image_stream;
 pub mod slcan;
-pub mod stream;
 pub mod vesc;
 pub mod vesc_can;
 pub mod wit;
 
 pub use can::CanFrame;
-pub use stream::{DecodeError, DecoderStats, ParseStep, StreamDecoder};
+pub use decoder::{DecodeError, DecoderStats, ParseStep, StreamDecoder};
 
 /// Standard gravity, m/s² (ISO 80000-3).
 pub const STANDARD_GRAVITY: f32 = 9.806_65;

@@ -4,7 +4,7 @@
 //! data. The format has no checksum: a line is taken only if every character of it is right.
 
 use super::can::CanFrame;
-use super::stream::{DecodeError, ParseStep, StreamDecoder};
+use super::decoder::{DecodeError, ParseStep, StreamDecoder};
 
 /// Longest line: T, 8 + 1 + 16 digits, 4 of a time stamp, carriage return.
 const LINE_BYTES_MAX: usize = 31;

@@ -5,7 +5,7 @@
 //! that one's number in it.
 
 use super::crc16;
-use super::stream::{DecodeError, ParseStep, StreamDecoder, skip_to};
+use super::decoder::{DecodeError, ParseStep, StreamDecoder, skip_to};
 
 const START: u8 = 2;
 const STOP: u8 = 3;

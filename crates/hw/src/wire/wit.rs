@@ -2,7 +2,7 @@
 //!
 //! `55 type d0..d7 sum`: four i16 LE, the sum of the first ten bytes last (WitMotion, normal protocol).
 
-use super::stream::{DecodeError, ParseStep, StreamDecoder, skip_to};
+use super::decoder::{DecodeError, ParseStep, StreamDecoder, skip_to};
 
 /// Bytes of one message.
 pub const BYTES: usize = 11;

@@ -2,7 +2,7 @@
 //!
 //! The property tests and the fuzz targets both call these.
 
-use hw::wire::frames::{HEADER_BYTES, ImageHeader};
+use hw::wire::image_stream::{HEADER_BYTES, ImageHeader};
 use hw::wire::{CanFrame, StreamDecoder, bno085, board, slcan, vesc, vesc_can, wit};
 
 /// Feeds `bytes` in pieces whose sizes `cuts` gives (cycled; none: all at once) and returns what comes out.

@@ -1,10 +1,11 @@
 //! What is painted on the floor, and what stands on it? A field read from TOML becomes marking centre lines.
 
 mod config;
+pub(crate) mod goal_colours;
 
 use std::path::Path;
 
-use crate::frame::{At, FieldFrame};
+use crate::frames::{At, FieldFrame};
 
 pub use config::{Area, FieldConfig, FieldError, GoalColour, GoalConfig, MeasuredTo};
 

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::decentralised::DecentralisedConfig;
-use crate::collision::CollisionConfig;
+use crate::sensors::collision::CollisionConfig;
 
 /// Which filter fuses what the witnesses say?
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]

@@ -9,11 +9,11 @@ use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::sight::{innovation, retract};
+use super::pose_gaussian::{innovation, retract};
 use super::{FilterConfig, PredictionInput, WheelIncrement};
-use crate::collision::CollisionDetector;
-use crate::frame::{Pose, wrap_angle};
+use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
+use crate::sensors::collision::CollisionDetector;
 
 /// What the members are told of their prediction and of when they are lost.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -5,19 +5,19 @@
 mod config;
 pub mod decentralised;
 pub mod joint;
-mod sight;
+mod pose_gaussian;
 
 pub use config::{FilterConfig, FilterKind};
 
 use nalgebra::Matrix3;
 
-use crate::frame::Pose;
+use crate::frames::Pose;
 use crate::matching::{Match, Matrix5, PosePrior};
 use crate::omni::Twist;
 
 use decentralised::DecentralisedFilter;
 use joint::JointFilter;
-use sight::PosePosterior;
+use pose_gaussian::PosePosterior;
 
 /// A stretch of time between two samples, and what is known of the motion in it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -242,7 +242,7 @@ impl PoseFilter {
         let expected = expected.fixed_view::<3, 3>(0, 0);
         // Directions that the match left free do not move; a hundredth of P keeps them invertible.
         let update = expected * 1.01 - matched.covariance;
-        let innovation = sight::innovation(self.pose(), matched.pose);
+        let innovation = pose_gaussian::innovation(self.pose(), matched.pose);
         update.try_inverse().map_or(0.0, |inverse| {
             innovation.dot(&(inverse * innovation)).max(0.0)
         })
@@ -256,7 +256,8 @@ impl PoseFilter {
         }
         if let PoseFilter::Joint(joint) = self {
             let expected = joint.predicted_covariance(TiltPrior::FromState);
-            if let Some(shown) = sight::kalman_update(joint.pose(), &expected, pose, sight) {
+            if let Some(shown) = pose_gaussian::kalman_update(joint.pose(), &expected, pose, sight)
+            {
                 joint.update(&shown, TiltPrior::FromState, config);
             }
         }
@@ -277,7 +278,8 @@ impl PoseFilter {
             PoseFilter::Decentralised(one) => {
                 let expected = one.covariance();
                 let found = (matched.pose, &matched.covariance);
-                let sight = sight::recover_measurement(one.pose(), &expected, found.0, found.1);
+                let sight =
+                    pose_gaussian::recover_measurement(one.pose(), &expected, found.0, found.1);
                 one.fuse(sight, config);
             }
         }

@@ -4,12 +4,13 @@
 //! Track → suspect → lost → relocalise follows nubot2013 4 (five cycles), with more evidence than its two thresholds:
 //! share of inliers, deviation from the prediction, the best pose of the whole field, the compass.
 
-mod half;
-mod hearing;
-mod lean;
-mod motion;
-mod relocate;
-mod report;
+pub(crate) mod candidates;
+mod field_half;
+mod global_localization;
+mod measurements;
+mod motion_inputs;
+mod output;
+mod tilt_bias;
 mod track;
 
 use std::path::Path;
@@ -17,24 +18,24 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::candidates::Candidates;
 use crate::config::{LocalizeConfig, Tracker};
-use crate::distance::DistanceField;
 use crate::estimate::{Estimate, Reason};
 use crate::field::Field;
+use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{PoseFilter, TiltPrior};
-use crate::frame::Pose;
-use crate::goals::ColouredGoals;
+use crate::frames::Pose;
+use crate::global_search::branch_and_bound::BranchAndBound;
+use crate::global_search::scan_map::{CacheStatus, ScanMap};
+use crate::global_search::{GlobalSearch, GlobalSearchMethod};
+use crate::localizer::candidates::Candidates;
 use crate::matching::Matcher;
-use crate::relocalise::scan_map::{CacheStatus, ScanMap};
-use crate::relocalise::{GlobalSearch, GlobalSearchMethod};
+use crate::matching::distance_field::DistanceField;
 use crate::sample::{Compass, GoalObservation, LinePoint};
-use crate::search::BranchAndBound;
 use crate::stamp::Stamp;
 
-use half::HalfEvidence;
-use lean::TiltBias;
-use motion::{MotionInputs, MotionMeasurement};
+use field_half::HalfEvidence;
+use motion_inputs::{MotionInputs, MotionMeasurement};
+use tilt_bias::TiltBias;
 
 /// Follows one robot over one field.
 #[derive(Debug, Clone)]

@@ -3,15 +3,15 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Localizer;
-use crate::candidates::pose_difference;
 use crate::config::{SuspectRule, Tracker};
 use crate::estimate::{Estimate, Reason};
 use crate::filter::PoseFilter;
-use crate::frame::{Pose, wrap_angle};
-use crate::heading::histogram_heading;
+use crate::frames::{Pose, wrap_angle};
+use crate::global_search::branch_and_bound::Hypothesis;
+use crate::global_search::heading_histogram::histogram_heading;
+use crate::localizer::candidates::pose_difference;
 use crate::matching::Match;
 use crate::sample::LinePoint;
-use crate::search::Hypothesis;
 use crate::stamp::Stamp;
 
 impl Localizer {

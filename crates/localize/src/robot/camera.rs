@@ -13,7 +13,7 @@ pub struct CameraConfig {
     /// Focal length, pixels; needed to trace a mirror profile, not with a map.
     pub focal_px: Option<f32>,
     /// Where the mirror's axis meets the image (u right, v down), pixels; integers are pixel centres.
-    #[serde(deserialize_with = "crate::exactly::deserialize")]
+    #[serde(deserialize_with = "crate::fixed_array::deserialize")]
     pub centre_px: [f32; 2],
     /// Height of the pinhole above the ground, metres; needed to trace a mirror profile.
     pub height: Option<f32>,

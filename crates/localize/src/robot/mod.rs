@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::compass::CompassCalibration;
-use crate::toml_place::key_location;
+use crate::sensors::compass_calibration::CompassCalibration;
+use crate::toml_location::key_location;
 
 mod camera;
 mod exposure;

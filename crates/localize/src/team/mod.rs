@@ -4,19 +4,18 @@
 //! is believed for what he claims of himself: the largest group whose balls agree is, and of equal groups the one we
 //! are in (after lima2001 5, sharing among team-mates).
 
+mod ball_fusion;
 mod config;
-pub mod experiment;
-mod merge;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::Matrix2;
 
+pub use ball_fusion::{BallMeasurement, FusedBall, fuse_balls};
 pub use config::TeamConfig;
-pub use merge::{BallMeasurement, FusedBall, fuse_balls};
 
 use crate::estimate::Estimate;
-use crate::frame::{At, FieldFrame, Pose};
+use crate::frames::{At, FieldFrame, Pose};
 use crate::stamp::Stamp;
 use crate::world::WorldView;
 

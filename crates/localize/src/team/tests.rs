@@ -3,11 +3,11 @@
 use nalgebra::{Matrix3, Matrix4};
 use proptest::prelude::*;
 
-use super::experiment::{TeamExperiment, evaluate_team_ball};
 use super::{BallMeasurement, ReportedBall, TeamConfig, TeamModel, TeamReport, fuse_balls};
 use crate::estimate::{Estimate, Mode};
-use crate::frame::{At, Pose};
+use crate::frames::{At, Pose};
 use crate::stamp::Stamp;
+use crate::synthetic::team_ball::{TeamExperiment, evaluate_team_ball};
 use crate::world::{FieldState, TrackedObject, WorldView};
 
 fn measurement(robot: u32, x: f32, y: f32, std: f32) -> BallMeasurement {

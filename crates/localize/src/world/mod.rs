@@ -5,7 +5,7 @@
 //! coordinates come with the pose and carry its uncertainty. Stamps are arguments; the same sights give the same bits.
 
 mod config;
-mod motion;
+mod odometry_buffer;
 #[cfg(test)]
 mod tests;
 mod track;
@@ -13,11 +13,11 @@ mod track;
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
 
 pub use config::{ObjectConfig, WorldConfig};
-use motion::OdometryBuffer;
+use odometry_buffer::OdometryBuffer;
 use track::Track;
 
 use crate::estimate::Estimate;
-use crate::frame::{At, FieldFrame, Pose, RobotFrame, Tf};
+use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{ObjectObservation, TeamColour, WorldConfig, WorldModel, WorldObservation, WorldView};
 use crate::estimate::{Estimate, Mode};
-use crate::frame::{At, FieldFrame, Pose, RobotFrame};
+use crate::frames::{At, FieldFrame, Pose, RobotFrame};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 

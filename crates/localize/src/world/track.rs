@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
 use super::{Measurement, ObjectConfig, OdometryFrame, TeamColour, TrackState};
-use crate::frame::At;
+use crate::frames::At;
 use crate::stamp::Stamp;
 
 /// No sight makes anything surer than this, so that what vanishes is given up within some frames.

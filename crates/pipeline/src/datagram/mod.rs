@@ -2,12 +2,12 @@
 //!
 //! Functions of data: sockets are the application's.
 
-mod clock;
+pub mod authentication;
 pub mod message;
-pub mod seal;
+mod peer_clock;
 mod team_link;
 
-pub use clock::PeerClock;
+pub use peer_clock::PeerClock;
 pub use team_link::{TeamLink, TeamLinkCounts};
 
 use anyhow::{Context, Result, ensure};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::Result;
-use localize::frame::At;
+use localize::frames::At;
 use localize::team::{ReportedBall, TeamReport};
 use localize::world::TrackedObject;
 use localize::{Pose, Stamp};
@@ -11,8 +11,8 @@ use prost::Message;
 
 use super::{PeerClock, TeamLinkConfig};
 use crate::cycle::Cycle;
+use crate::datagram::authentication::{MacKey, RejectReason, ReplayGuard, append_mac, verify_mac};
 use crate::datagram::message::{self, Echo, ObjectState, TeamMessage, VERSION};
-use crate::datagram::seal::{MacKey, RejectReason, ReplayGuard, append_mac, verify_mac};
 
 /// Speakers that are remembered; a team has fewer, and a stranger who makes up numbers shall not fill the memory.
 const MAX_PEERS: usize = 16;

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 
-use super::picture::ImageCompression;
+use super::encoded_image::ImageCompression;
+use super::mcap_records::LogEnd;
 use super::read::{LogReader, LoggedCycle};
-use super::stream::LogEnd;
 use crate::csv_table::format_seconds;
 
 /// What an export wrote.

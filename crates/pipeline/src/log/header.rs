@@ -6,9 +6,9 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use localize::robot::{MapConfig, RobotConfig};
 use vision::GroundMap;
-use vision::labels::ColourTable;
+use vision::colour::colour_table::ColourTable;
 
-use super::picture::ImageCompression;
+use super::encoded_image::ImageCompression;
 use super::schema::{FORMAT_VERSION, PROJECT_NAME, wire};
 
 /// What a log starts with.

@@ -15,14 +15,16 @@ use mcap::records::{Record, op};
 use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader, SummaryReaderOptions};
 use prost::Message;
 
+use super::encoded_image::EncodedImage;
+use super::fallback::FallbackReader;
 use super::header::Header;
-use super::old::FallbackReader;
-use super::picture::EncodedImage;
+use super::mcap_records::{
+    LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
+};
 use super::read::LoggedCycle;
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
 };
-use super::stream::{LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk};
 
 /// A cut file's topics are sought in so many of its first chunks; ours are all in the first.
 const TOPIC_SEARCH_CHUNKS: usize = 16;

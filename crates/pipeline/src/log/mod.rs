@@ -1,17 +1,17 @@
 //! What is kept of a run, and how does it come back? Cycles to an MCAP file that other tools open, and back bit for bit.
 
+mod encoded_image;
 mod export;
+mod fallback;
 mod header;
 mod index;
-pub mod messages;
-mod old;
-mod picture;
+mod mcap_records;
+pub mod publisher;
 pub mod read;
 mod record;
 mod recover;
 pub mod schema;
 mod start;
-mod stream;
 #[cfg(test)]
 mod tests;
 mod verify;
@@ -19,16 +19,16 @@ mod writer;
 
 use serde::{Deserialize, Serialize};
 
+pub use encoded_image::{EncodedImage, ImageCompression};
 pub use export::export;
 pub use header::Header;
 pub use index::{ChunkInfo, LogIndex};
-pub use picture::{EncodedImage, ImageCompression};
+pub use mcap_records::LogEnd;
 pub use read::{LogReader, LoggedCycle};
 pub use record::{LogStats, Recorder};
 pub use recover::recover;
 pub use schema::convert::mode_and_reason;
 pub use start::start_log;
-pub use stream::LogEnd;
 pub use verify::{Difference, VerificationReport, verify};
 
 /// How a log is written.

@@ -8,12 +8,12 @@ use localize::Stamp;
 use mcap::records::Record;
 use prost::Message;
 
+use super::encoded_image::{EncodedImage, ImageCompression};
 use super::header::Header;
-use super::picture::{EncodedImage, ImageCompression};
+use super::mcap_records::{LogEnd, RecordReader};
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
 };
-use super::stream::{LogEnd, RecordReader};
 use crate::cycle::Cycle;
 use crate::sample::{CameraImage, ImageContent, Sample};
 

@@ -10,7 +10,7 @@ use localize::Stamp;
 use mcap::records::{MessageHeader, Record};
 use mcap::{Attachment, WriteOptions, Writer};
 
-use super::stream::{DamagedRange, LogEnd, RecordReader};
+use super::mcap_records::{DamagedRange, LogEnd, RecordReader};
 
 /// What was saved.
 #[derive(Debug, Clone, PartialEq)]

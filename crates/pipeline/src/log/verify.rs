@@ -4,10 +4,10 @@ use anyhow::{Result, bail};
 use localize::Stamp;
 use prost::Message;
 
-use super::picture::ImageCompression;
+use super::encoded_image::ImageCompression;
+use super::mcap_records::LogEnd;
 use super::read::LogReader;
 use super::schema::{convert, wire};
-use super::stream::LogEnd;
 use crate::cycle::Cycle;
 use crate::sample::Sample;
 

@@ -10,7 +10,7 @@ use localize::Field;
 
 use super::LogConfig;
 use super::header::Header;
-use super::messages::CyclePublisher;
+use super::publisher::CyclePublisher;
 use super::record::{LogStats, NoteQueue};
 use super::schema::{Level, PROJECT_NAME, Sink};
 use crate::feed::Pace;

@@ -1,10 +1,10 @@
 //! How far from the truth? Errors of estimated poses, summarised.
 
-pub mod objects;
+pub mod detections;
 pub mod summary;
 pub mod visibility;
 
-use localize::frame::wrap_angle;
+use localize::frames::wrap_angle;
 use localize::{Pose, Stamp};
 use serde::Serialize;
 

@@ -1,8 +1,8 @@
 //! How did it go? Errors, finds and times of a run, for people and for programs.
 
 use serde::Serialize;
-use vision::ball::BallDetection;
 use vision::exposure::ExposureStatus;
+use vision::objects::ball::BallDetection;
 
 use crate::cycle::Cycle;
 use crate::sample::GroundTruth;

@@ -4,7 +4,7 @@
 
 use std::f32::consts::TAU;
 
-use localize::frame::{At, RobotFrame, wrap_angle};
+use localize::frames::{At, RobotFrame, wrap_angle};
 
 /// Directions that are looked at: a quarter of a degree is 2 cm at 4 m.
 const DIRECTIONS: usize = 1440;

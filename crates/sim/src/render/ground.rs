@@ -3,12 +3,12 @@
 use std::ops::Range;
 
 use localize::field::Field;
-use localize::frame::Pose;
+use localize::frames::Pose;
 
-use super::paint::{FOOTPRINT_MIN, MarkingTextures, Texture, index_of};
-use super::plate::LightBuffer;
+use super::light_buffer::LightBuffer;
+use super::markings::{FOOTPRINT_MIN, MarkingTextures, Texture, index_of};
 use super::rays::{SortedRays, Tile};
-use crate::film::{RUN_PIXELS, linear_from_srgb};
+use crate::image_sensor::{RUN_PIXELS, linear_from_srgb};
 use crate::light::LightConfig;
 
 /// Farthest ground point that is told apart, metres: beyond any hall.

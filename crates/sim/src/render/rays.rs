@@ -273,7 +273,7 @@ fn pixel_spacing(table: &RayTable, pixel: usize, ray: &Ray) -> (f32, f32) {
         let (before, after) = (neighbour(from), neighbour(to));
         let steps = f32::from(u8::from(before.is_some()) + u8::from(after.is_some())).max(1.0);
         let (before, after) = (before.unwrap_or(*ray), after.unwrap_or(*ray));
-        let turn = localize::frame::wrap_angle(azimuth(&after) - azimuth(&before)) / steps;
+        let turn = localize::frames::wrap_angle(azimuth(&after) - azimuth(&before)) / steps;
         let rise = (slope(&after) - slope(&before)) / steps;
         turn2 += turn * turn;
         rise2 += rise * rise;

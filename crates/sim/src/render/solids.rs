@@ -1,7 +1,7 @@
 //! What stands in the view? Cylinders, boxes, balls and nets, drawn over what lies behind them with soft edges.
 
 use super::ground::Ground;
-use super::plate::LightBuffer;
+use super::light_buffer::LightBuffer;
 use super::rays::{RayRange, RayRun, SortedRays, Tile};
 
 /// Something upright: the same outline from bottom to top; robot frame.

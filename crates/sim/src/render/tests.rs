@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::film::linear_from_srgb;
+use crate::image_sensor::linear_from_srgb;
 use crate::scenario::TeamColour;
 use localize::robot::RobotConfig;
 use vision::RayTable;
@@ -177,7 +177,7 @@ fn robot_changes_only_pixels_in_its_direction() {
         }
         let ray = ray.expect("a ray where something changed");
         let azimuth = ray.direction[1].atan2(ray.direction[0]);
-        let off = localize::frame::wrap_angle(azimuth - seen.bearing()).abs();
+        let off = localize::frames::wrap_angle(azimuth - seen.bearing()).abs();
         // The shadow on the floor reaches about twice as far to either side.
         assert!(off < 2.2 * half, "azimuth off by {off}");
         inside += usize::from(off < half);
@@ -194,7 +194,8 @@ fn occlusion_blackens_only_its_sector() {
     let covered = studio.render(pose, &[], &[(1.0, 0.8)]);
     for (pixel, ray) in studio.table.rays.iter().enumerate() {
         let Some(ray) = ray else { continue };
-        let off = localize::frame::wrap_angle(ray.direction[1].atan2(ray.direction[0]) - 1.0).abs();
+        let off =
+            localize::frames::wrap_angle(ray.direction[1].atan2(ray.direction[0]) - 1.0).abs();
         let shown = &covered[3 * pixel..][..3];
         if off < 0.39 {
             assert!(shown.iter().all(|&byte| byte < 16), "{shown:?} at {off}");

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use localize::robot::RobotConfig;
-use localize::toml_place::key_location;
+use localize::toml_location::key_location;
 
 use super::{RadioConfig, Scenario};
 use crate::world::STEP;

@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use localize::frame::At;
+use localize::frames::At;
 
 use super::*;
 use crate::scenario::Kidnap;

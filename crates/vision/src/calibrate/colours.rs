@@ -6,12 +6,12 @@
 use rayon::prelude::*;
 
 use crate::calibrate::{CalibrationError, ImageResidual, NamedImage};
-use crate::carpet::CarpetModel;
-use crate::colours::{CLASS_NAMES, ColourClass};
+use crate::colour::carpet_model::CarpetModel;
+use crate::colour::colour_table::{ColourTable, TableKind};
+use crate::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use crate::config::VisionConfig;
-use crate::eyes::Vision;
 use crate::image::{rgb_to_yuv, yuv_to_rgb};
-use crate::labels::{ColourTable, TableKind};
+use crate::process::Vision;
 
 /// The lights of some images, from which tables are made.
 #[derive(Debug, Clone)]

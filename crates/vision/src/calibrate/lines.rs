@@ -4,20 +4,20 @@
 //! points of all images fall onto the field's markings, each image at its own unknown pose and lean. The start is a
 //! search of the whole field under several scales, since a guess may be a fifth too long or too short.
 
-use localize::distance::{DistanceField, DistanceFieldConfig};
-use localize::frame::At;
+use localize::frames::At;
+use localize::global_search::branch_and_bound::{BranchAndBound, BranchAndBoundConfig};
+use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
 use localize::matching::{MatchConfig, Matcher};
 use localize::sample::LinePoint;
-use localize::search::{BranchAndBound, BranchAndBoundConfig};
 use localize::{Field, Pose};
 
-use crate::calibrate::correction::{BasisValues, MapCorrection};
-use crate::calibrate::lines_fit::{FitImage, JointFit};
+use crate::calibrate::joint_fit::{FitImage, JointFit};
+use crate::calibrate::map_correction::{BasisValues, MapCorrection};
 use crate::calibrate::{CalibrationError, ImageResidual};
 use crate::config::VisionConfig;
-use crate::eyes::Vision;
-use crate::ground_map::GroundMap;
 use crate::image::Image;
+use crate::optics::ground_map::GroundMap;
+use crate::process::Vision;
 use localize::robot::CameraConfig;
 
 /// One image of a drive.

@@ -1,21 +1,21 @@
 //! How does this camera really map the ground? Calibrations of the ground map, each with its residuals.
 
+pub mod apparent_size;
 pub mod colours;
-mod correction;
+mod joint_fit;
 pub mod lines;
-mod lines_fit;
+mod map_correction;
 pub mod mask;
+pub mod mount_fit;
 mod polar_map;
-pub mod profile_fit;
-pub mod sizes;
 pub mod strip;
 mod strip_edges;
 
+pub use apparent_size::{SizeBin, SizeCalibration, calibrate_sizes};
 pub use colours::{LearnedColours, learn_colours};
 pub use lines::{LinesCalibration, NamedImage, calibrate_lines};
 pub use mask::calibrate_mask;
-pub use profile_fit::{MountFit, fit_mount};
-pub use sizes::{SizeBin, SizeCalibration, calibrate_sizes};
+pub use mount_fit::{MountFit, fit_mount};
 pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
 
 /// A point of the ground whose place in the image is known.
@@ -70,7 +70,7 @@ pub enum CalibrationError {
     NoConvergence(String),
     /// The mirror cannot be traced.
     #[error(transparent)]
-    Optics(#[from] crate::optics::OpticsError),
+    Optics(#[from] crate::optics::ray_tracing::OpticsError),
     /// An image has another size than the camera.
     #[error("{name}: {source}")]
     Image {

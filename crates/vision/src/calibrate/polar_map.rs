@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::ground_map::GroundMap;
+use crate::optics::ground_map::GroundMap;
 use localize::robot::CameraConfig;
 
 /// A periodic function: 1, cos φ, sin φ, cos 2φ, …

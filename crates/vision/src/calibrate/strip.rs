@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::calibrate::polar_map::{FourierSeries, PolarMap};
 use crate::calibrate::strip_edges::{PolarEdge, StripEdgeDetector, median};
 use crate::calibrate::{CalibrationError, Correspondence, ImageResidual};
-use crate::ground_map::GroundMap;
 use crate::image::Image;
+use crate::optics::ground_map::GroundMap;
 use localize::robot::CameraConfig;
 
 /// A straight strip of alternating black and white bars on the ground, radially from the robot's axis.

@@ -1,11 +1,11 @@
 //! `mirrorball bench`: how fast and how exact is it on this machine? Each stage's figures beside what is wanted.
 
-mod accuracy;
 mod baseline;
-mod others;
-mod placing;
-mod playing;
-mod seeing;
+mod fusion_accuracy;
+mod localization_accuracy;
+mod localization_time;
+mod simulation_time;
+mod vision_time;
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -88,16 +88,40 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;
     type Bench = fn(&mut Vec<Figure>) -> Result<()>;
     let benches: [(&[&str], Bench); 10] = [
-        (seeing::NAMES, seeing::measure_vision),
-        (seeing::LARGE_NAMES, seeing::measure_vision_large),
-        (placing::NAMES, placing::measure_localization),
-        (placing::PAPERS, placing::measure_paper_methods),
-        (accuracy::DRIVES, accuracy::measure_tracking),
-        (others::FUSION_NAMES, others::measure_fusion_and_team),
-        (others::VISION_NAMES, others::measure_detection_rates),
-        (playing::RENDERING_NAMES, playing::measure_rendering),
-        (playing::SIMULATION_NAMES, playing::measure_simulation),
-        (others::MIRRORS, others::measure_mirror_report),
+        (vision_time::NAMES, vision_time::measure_vision),
+        (vision_time::LARGE_NAMES, vision_time::measure_vision_large),
+        (
+            localization_time::NAMES,
+            localization_time::measure_localization,
+        ),
+        (
+            localization_time::PAPERS,
+            localization_time::measure_paper_methods,
+        ),
+        (
+            localization_accuracy::DRIVES,
+            localization_accuracy::measure_tracking,
+        ),
+        (
+            fusion_accuracy::FUSION_NAMES,
+            fusion_accuracy::measure_fusion_and_team,
+        ),
+        (
+            fusion_accuracy::VISION_NAMES,
+            fusion_accuracy::measure_detection_rates,
+        ),
+        (
+            simulation_time::RENDERING_NAMES,
+            simulation_time::measure_rendering,
+        ),
+        (
+            simulation_time::SIMULATION_NAMES,
+            simulation_time::measure_simulation,
+        ),
+        (
+            fusion_accuracy::MIRRORS,
+            fusion_accuracy::measure_mirror_report,
+        ),
     ];
     for (names, bench) in benches {
         if names.iter().any(|name| name.contains(&args.only)) {

@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use vision::calibrate::{LearnedColours, learn_colours};
-use vision::colours::{CLASS_NAMES, ColourClass};
+use vision::colour::colour_table::{
+    ColourTable, Label, TableKind, canonical_class_name, load_labels,
+};
+use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
-use vision::labels::{ColourTable, Label, TableKind, canonical_class_name, load_labels};
 use vision::{Vision, overlay};
 
 use super::{SkippedImage, load_drive_images};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use localize::compass::{CompassFit, fit_calibration};
+use localize::sensors::compass_calibration::{CompassFit, fit_calibration};
 use serde::Serialize;
 
 use pipeline::csv_table::{CsvTable, CsvWriter, format_seconds};

@@ -188,8 +188,11 @@ pub(crate) fn calibrate_map(args: &MapArgs) -> Result<(Outcome, Vec<ImageResidua
             .with_context(|| format!("{}: has no [mirror]", robot_file.display()))?;
         let fit = fit_mount(camera, &Profile::load(&mirror.profile)?, &found.points)
             .with_context(|| args.dir.display().to_string())?;
-        let rays =
-            vision::optics::trace_rays(&fit.camera, &Profile::load(&mirror.profile)?, &fit.mount)?;
+        let rays = vision::optics::ray_tracing::trace_rays(
+            &fit.camera,
+            &Profile::load(&mirror.profile)?,
+            &fit.mount,
+        )?;
         (rays.ground_map(), fit.rms_px, Some(fit.mount))
     } else {
         (found.map, found.rms_px, None)

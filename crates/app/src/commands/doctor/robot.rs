@@ -7,9 +7,9 @@ use hw::{DeviceEvent, Devices, EventQueue, HardwareConfig, HealthReport, HealthS
 
 use super::Finding;
 use crate::net::NetworkConfig;
-use crate::run::outside::NETWORK_FILE;
+use crate::run::network::NETWORK_FILE;
 use crate::run::raw_image::raw_image;
-use crate::run::robot::resolve_robot_path;
+use crate::run::robot_folder::resolve_robot_path;
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use pipeline::setup::Setup;

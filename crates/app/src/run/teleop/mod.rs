@@ -1,7 +1,7 @@
 //! How does a hand drive the robot? By keys of the terminal or a game pad, and never longer than the hand is on them.
 
-mod keys;
-mod pads;
+mod gamepads;
+mod keyboard;
 
 use std::os::fd::AsFd;
 
@@ -10,10 +10,10 @@ use hw::base::{Kick, MotionCommand};
 use localize::omni::Twist;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use super::helm::{CommandArbiter, CommandSource};
-use super::stop::StopFlag;
-use keys::{KeyAction, KeyboardState, RawTerminal};
-use pads::Gamepads;
+use super::command_arbiter::{CommandArbiter, CommandSource};
+use super::stop_flag::StopFlag;
+use gamepads::Gamepads;
+use keyboard::{KeyAction, KeyboardState, RawTerminal};
 
 /// Commands are good for so long, seconds.
 const COMMAND_VALIDITY: f64 = 0.08;

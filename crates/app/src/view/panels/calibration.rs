@@ -7,17 +7,17 @@ use anyhow::{Context, Result, ensure};
 use eframe::egui::{self, RichText, Ui};
 use egui_plot::{Bar, BarChart, Plot};
 use vision::calibrate::calibrate_mask;
-use vision::colours::{CLASS_NAMES, ColourClass};
+use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::config::ImageRect;
 use vision::image::Image;
 
 use super::parameters::ParametersPanel;
+use crate::view::accessibility::AccessibleLabel;
 use crate::view::brush::{Brush, Tool};
-use crate::view::ink;
-use crate::view::named::AccessibleLabel;
+use crate::view::calibration_job::{CalibrationJob, CalibrationMethod, MapCalibration};
+use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::settings;
-use crate::view::source::calibrate::{CalibrationJob, CalibrationMethod, MapCalibration};
 use crate::view::source::rgb_image;
 use pipeline::cycle::PIPELINE_FILE;
 use pipeline::log::Header;
@@ -70,7 +70,7 @@ impl CalibrationPanel {
         self.collect_mask_image(session);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             if let Some((well, word)) = &self.message {
-                ui.colored_label(if *well { ink::GREEN } else { ink::VERMILION }, word);
+                ui.colored_label(if *well { palette::GREEN } else { palette::VERMILION }, word);
             }
             egui::CollapsingHeader::new("Colours")
                 .default_open(true)
@@ -283,7 +283,7 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
     ui.horizontal_wrapped(|ui| {
         ui.selectable_value(&mut brush.tool, Tool::Pan, "Hand");
         for (class, name) in CLASS_NAMES.iter().enumerate() {
-            let colour = ink::class_colour(ColourClass(class as u8));
+            let colour = palette::class_colour(ColourClass(class as u8));
             let text = RichText::new(format!("# {name}")).color(colour);
             // Black and white vanish on one theme or the other.
             let text = match *name {
@@ -328,7 +328,7 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
         ));
     }
     if let Some(fault) = &session.rendered_layers.error {
-        ui.colored_label(ink::VERMILION, fault);
+        ui.colored_label(palette::VERMILION, fault);
     }
 }
 
@@ -436,7 +436,7 @@ fn show_residuals(
         .allow_scroll(false)
         .y_axis_label("px")
         .show(ui, |plot| {
-            plot.bar_chart(BarChart::new("residual of each image", bars).color(ink::SKY));
+            plot.bar_chart(BarChart::new("residual of each image", bars).color(palette::SKY));
         });
     egui::Grid::new("residual table")
         .striped(true)
@@ -445,7 +445,7 @@ fn show_residuals(
                 ui.label(&image.name);
                 match &image.left_out {
                     Some(reason) => {
-                        ui.colored_label(ink::ORANGE, format!("left out: {reason}"));
+                        ui.colored_label(palette::ORANGE, format!("left out: {reason}"));
                     }
                     None => {
                         ui.monospace(format!("{} points, {:.2} px", image.points, image.rms_px));

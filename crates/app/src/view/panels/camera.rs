@@ -8,17 +8,17 @@ use eframe::egui::{
 };
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
-use vision::colours::{CLASS_NAMES, ColourClass};
+use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
 
-use super::camera_marks::{self, CameraCanvas};
+use super::camera_drawing::{self, CameraCanvas};
 use crate::view::brush::{Brush, Tool};
-use crate::view::ink;
-use crate::view::layers::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX, LayerSelection};
+use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX, LayerSelection};
+use crate::view::palette;
 use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
 use crate::view::session::Session;
 use crate::view::source::rgb_image;
-use crate::view::stage::StaticScene;
+use crate::view::static_scene::StaticScene;
 use pipeline::cycle::Cycle;
 
 /// What is drawn over the image.
@@ -185,9 +185,9 @@ impl CameraPanel {
                     .map_or(&[], Vec::as_slice),
             };
             if self.birds_eye {
-                camera_marks::draw_birds_eye_overlay(&drawing);
+                camera_drawing::draw_birds_eye_overlay(&drawing);
             } else {
-                camera_marks::draw_image_overlay(&drawing);
+                camera_drawing::draw_image_overlay(&drawing);
             }
         }
         if image.is_none() {
@@ -245,7 +245,7 @@ impl CameraPanel {
             ui.toggle_value(&mut shows.scan_pixels, "Scan lines");
             ui.toggle_value(&mut shows.virtual_sensors, "Windows");
             ui.toggle_value(&mut shows.field_lines, "Field lines");
-            ui.menu_button("Key", camera_marks::show_legend);
+            ui.menu_button("Key", camera_drawing::show_legend);
         });
     }
 
@@ -360,7 +360,7 @@ impl CameraPanel {
         let painted = session.rendered_layers.classes.as_ref()?;
         let colour = *painted.pixels.get(v * painted.size[0] + u)?;
         let found =
-            (0..CLASS_NAMES.len()).find(|&c| ink::class_colour(ColourClass(c as u8)) == colour);
+            (0..CLASS_NAMES.len()).find(|&c| palette::class_colour(ColourClass(c as u8)) == colour);
         found.map(|class| CLASS_NAMES[class])
     }
 }

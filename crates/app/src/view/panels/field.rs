@@ -6,17 +6,17 @@ use eframe::egui::{
     self, Align2, Color32, ColorImage, FontId, Pos2, Rect, Response, Sense, Stroke, TextureHandle,
     TextureOptions, Ui, Vec2,
 };
-use localize::frame::FieldFrame;
+use localize::frames::FieldFrame;
 use localize::{At, Pose};
 use serde::{Deserialize, Serialize};
 
-use super::field_marks::{self as marks, FieldTransform};
-use crate::view::ink;
-use crate::view::layers::LayerSelection;
+use super::field_drawing::{self as marks, FieldTransform};
+use crate::view::layer_worker::LayerSelection;
+use crate::view::palette;
 use crate::view::panzoom::{PanZoom, fill_around};
 use crate::view::session::Session;
-use crate::view::source::worker::SourceRequest;
-use crate::view::stage::StaticScene;
+use crate::view::source::sim_worker::SourceRequest;
+use crate::view::static_scene::StaticScene;
 use pipeline::cycle::Cycle;
 
 /// What can be caught with the pointer is this near, points.
@@ -123,7 +123,7 @@ impl FieldPanel {
         self.update_drag(ui, &response, session, &screen);
         let painter = painter.with_clip_rect(response.rect);
         let carpet = marks::carpet_rect(&screen, &stage.field);
-        fill_around(&painter, response.rect, carpet, ink::FLOOR);
+        fill_around(&painter, response.rect, carpet, palette::FLOOR);
         let layer = self.draw_background(ui, &painter, session, (&stage, &screen));
         marks::draw_field(&painter, &screen, &stage.field, !layer);
         self.draw_trails(&painter, &screen, session);
@@ -238,18 +238,18 @@ impl FieldPanel {
         let past = recent.iter().filter(|sample| sample.time <= at);
         if self.layers.truth {
             let places = past.clone().map(|sample| sample.truth);
-            let stroke = Stroke::new(3.0, ink::TRUTH.gamma_multiply(0.7));
+            let stroke = Stroke::new(3.0, palette::TRUTH.gamma_multiply(0.7));
             marks::draw_trail(painter, screen, places, stroke);
         }
         let places = past.map(|sample| sample.pose);
-        marks::draw_trail(painter, screen, places, Stroke::new(1.6, ink::ESTIMATE));
+        marks::draw_trail(painter, screen, places, Stroke::new(1.6, palette::ESTIMATE));
         if let (true, Some(recompute)) = (self.layers.recomputed, &session.recompute) {
             let again = recompute.series.between(at - self.layers.trail_s, at);
             let places = again.iter().filter(|s| s.time <= at).map(|s| s.pose);
-            marks::draw_trail(painter, screen, places, Stroke::new(1.6, ink::PURPLE));
+            marks::draw_trail(painter, screen, places, Stroke::new(1.6, palette::PURPLE));
             if let Some(last) = recompute.series.at(at).filter(|s| s.pose[0].is_finite()) {
                 let pose = Pose::new(last.pose[0], last.pose[1], last.pose[2]);
-                marks::draw_robot(painter, screen, pose, ink::PURPLE, 1.6);
+                marks::draw_robot(painter, screen, pose, palette::PURPLE, 1.6);
             }
         }
     }
@@ -265,12 +265,12 @@ impl FieldPanel {
         let estimate = &cycle.estimate;
         if self.layers.particles {
             for particle in particles {
-                painter.circle_filled(screen.to_screen(particle.origin()), 1.5, ink::YELLOW);
+                painter.circle_filled(screen.to_screen(particle.origin()), 1.5, palette::YELLOW);
             }
         }
         if self.layers.hypotheses {
             for other in &estimate.runners_up {
-                let colour = ink::PURPLE;
+                let colour = palette::PURPLE;
                 marks::draw_robot(painter, screen, other.pose, colour, 1.2);
                 let text = format!("{:.0} %", 100.0 * other.probability);
                 marks::draw_text(
@@ -283,24 +283,30 @@ impl FieldPanel {
         }
         let truth = cycle.inputs.truth.as_ref().filter(|_| self.layers.truth);
         if let Some(truth) = truth {
-            marks::draw_robot(painter, screen, truth.pose, ink::TRUTH, 3.0);
+            marks::draw_robot(painter, screen, truth.pose, palette::TRUTH, 3.0);
         }
         let Some(pose) = estimate.pose else {
             return;
         };
         if self.layers.line_points {
             for point in &cycle.line_points {
-                painter.circle_filled(screen.to_screen(pose * point.at), 1.8, ink::LINE_POINT);
+                painter.circle_filled(screen.to_screen(pose * point.at), 1.8, palette::LINE_POINT);
             }
         }
-        marks::draw_robot(painter, screen, pose, ink::ESTIMATE, 2.2);
+        marks::draw_robot(painter, screen, pose, palette::ESTIMATE, 2.2);
         if let Some([vx, vy]) = odometry_velocity(cycle) {
             let (sin, cos) = pose.theta.sin_cos();
             let along = [cos * vx - sin * vy, sin * vx + cos * vy];
-            marks::draw_velocity(painter, screen, pose.origin(), along, ink::ESTIMATE);
+            marks::draw_velocity(painter, screen, pose.origin(), along, palette::ESTIMATE);
         }
         if self.layers.covariance {
-            marks::draw_covariance(painter, screen, pose, &estimate.covariance, ink::ESTIMATE);
+            marks::draw_covariance(
+                painter,
+                screen,
+                pose,
+                &estimate.covariance,
+                palette::ESTIMATE,
+            );
         }
     }
 
@@ -313,11 +319,11 @@ impl FieldPanel {
         if let Some(truth) = cycle.inputs.truth.as_ref().filter(|_| self.layers.truth) {
             for other in &truth.robots {
                 let radius = marks::ROBOT_RADIUS * scale;
-                painter.circle_stroke(screen.to_screen(*other), radius, (1.5, ink::GREY));
+                painter.circle_stroke(screen.to_screen(*other), radius, (1.5, palette::GREY));
             }
             if let Some(ball) = truth.ball {
                 let radius = (marks::BALL_RADIUS * scale).max(4.0);
-                painter.circle_stroke(screen.to_screen(ball), radius, (1.5, ink::BALL));
+                painter.circle_stroke(screen.to_screen(ball), radius, (1.5, palette::BALL));
             }
         }
         let (Some(pose), Some(seen)) = (cycle.estimate.pose, &cycle.detections) else {
@@ -325,11 +331,11 @@ impl FieldPanel {
         };
         for robot in &seen.robots {
             let radius = (0.6 * marks::ROBOT_RADIUS * scale).max(3.0);
-            painter.circle_filled(screen.to_screen(pose * robot.at), radius, ink::ROBOT);
+            painter.circle_filled(screen.to_screen(pose * robot.at), radius, palette::ROBOT);
         }
         if let Some(ball) = &seen.ball {
             let radius = (marks::BALL_RADIUS * scale).max(3.0);
-            painter.circle_filled(screen.to_screen(pose * ball.at), radius, ink::BALL);
+            painter.circle_filled(screen.to_screen(pose * ball.at), radius, palette::BALL);
         }
     }
 
@@ -339,20 +345,25 @@ impl FieldPanel {
             return;
         }
         for robot in cycle.world.robots.iter().filter_map(|robot| robot.on_field) {
-            marks::draw_velocity(painter, screen, robot.at, robot.velocity, ink::ROBOT);
+            marks::draw_velocity(painter, screen, robot.at, robot.velocity, palette::ROBOT);
         }
         if let Some(ball) = cycle.world.ball.and_then(|ball| ball.on_field) {
-            marks::draw_velocity(painter, screen, ball.at, ball.velocity, ink::BALL);
+            marks::draw_velocity(painter, screen, ball.at, ball.velocity, palette::BALL);
         }
         if let Some(ball) = &cycle.team.ball {
             let radius = (2.0 * marks::BALL_RADIUS * screen.scale()).max(7.0);
-            painter.circle_stroke(screen.to_screen(ball.at), radius, (1.0, ink::BALL));
+            painter.circle_stroke(screen.to_screen(ball.at), radius, (1.0, palette::BALL));
         }
         for mate in &cycle.team.teammates {
             if let Some(pose) = mate.pose {
-                marks::draw_robot(painter, screen, pose, ink::GREEN, 1.6);
+                marks::draw_robot(painter, screen, pose, palette::GREEN, 1.6);
                 let text = format!("{} ({:.1} s ago)", mate.robot, mate.age);
-                marks::draw_text(painter, screen.to_screen(pose.origin()), &text, ink::GREEN);
+                marks::draw_text(
+                    painter,
+                    screen.to_screen(pose.origin()),
+                    &text,
+                    palette::GREEN,
+                );
             }
         }
     }

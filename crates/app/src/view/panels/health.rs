@@ -2,8 +2,8 @@
 
 use eframe::egui::{self, Color32, Ui};
 
-use crate::view::devices::DeviceState;
-use crate::view::ink;
+use crate::view::device_monitor::DeviceState;
+use crate::view::palette;
 use crate::view::session::Session;
 
 /// Rates are counted over so many seconds.
@@ -44,7 +44,7 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
                     match &device.last_fault {
                         Some(fault) => {
                             let text = format!("{}: {fault}", device.fault_count);
-                            ui.colored_label(ink::VERMILION, text)
+                            ui.colored_label(palette::VERMILION, text)
                         }
                         None => ui.monospace("0"),
                     };
@@ -64,7 +64,7 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
         if count > 0 {
             let first = faults.clone().next().map_or(0.0, |sample| sample.time);
             ui.colored_label(
-                ink::ORANGE,
+                palette::ORANGE,
                 format!("{count} frames of this run could not be used, the first at {first:.2} s"),
             );
         }
@@ -80,8 +80,8 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
 
 fn colour(state: DeviceState) -> Color32 {
     match state {
-        DeviceState::Running => ink::GREEN,
-        DeviceState::NoData => ink::GREY,
-        DeviceState::Silent | DeviceState::Stuck => ink::VERMILION,
+        DeviceState::Running => palette::GREEN,
+        DeviceState::NoData => palette::GREY,
+        DeviceState::Silent | DeviceState::Stuck => palette::VERMILION,
     }
 }

@@ -2,9 +2,9 @@
 
 pub(crate) mod calibration;
 pub(crate) mod camera;
-pub(crate) mod camera_marks;
+pub(crate) mod camera_drawing;
 pub(crate) mod field;
-pub(crate) mod field_marks;
+pub(crate) mod field_drawing;
 pub(crate) mod health;
 pub(crate) mod parameters;
 pub(crate) mod plots;

@@ -5,11 +5,11 @@ use std::path::Path;
 use anyhow::Context;
 use eframe::egui::{self, Color32, RichText, Ui};
 
-use crate::view::ink;
-use crate::view::named::AccessibleLabel;
+use crate::view::accessibility::AccessibleLabel;
+use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::settings::{self, Setting};
-use crate::view::source::worker::SourceRequest;
+use crate::view::source::sim_worker::SourceRequest;
 use pipeline::cycle::PipelineConfig;
 
 /// Room for a setting's name, points.
@@ -83,12 +83,19 @@ impl ParametersPanel {
         self.sync_with_session(session);
         self.actions(ui, session);
         if let Some((well, word)) = &self.message {
-            ui.colored_label(if *well { ink::GREEN } else { ink::VERMILION }, word);
+            ui.colored_label(
+                if *well {
+                    palette::GREEN
+                } else {
+                    palette::VERMILION
+                },
+                word,
+            );
         }
         if let Some(worker) = session.source.simulation()
             && let Some(refused) = worker.status().error
         {
-            ui.colored_label(ink::VERMILION, refused);
+            ui.colored_label(palette::VERMILION, refused);
         }
         ui.horizontal(|ui| {
             ui.label("Search");
@@ -224,7 +231,7 @@ impl ParametersPanel {
             }
             ui.horizontal(|ui| {
                 let mark = if differs { "*" } else { " " };
-                ui.monospace(RichText::new(mark).color(ink::ORANGE).strong());
+                ui.monospace(RichText::new(mark).color(palette::ORANGE).strong());
                 let text = last.map_or("", String::as_str);
                 let text = if differs {
                     RichText::new(text).color(accent(ui)).strong()
@@ -256,9 +263,9 @@ impl ParametersPanel {
 
 fn accent(ui: &Ui) -> Color32 {
     if ui.visuals().dark_mode {
-        ink::ORANGE
+        palette::ORANGE
     } else {
-        ink::BLUE
+        palette::BLUE
     }
 }
 

@@ -4,9 +4,9 @@ use eframe::egui::{self, Color32, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoint, PlotPoints, VLine};
 use serde::{Deserialize, Serialize};
 
-use crate::view::ink;
-use crate::view::series::{CycleMetrics, Quantity, TimeSeries};
+use crate::view::palette;
 use crate::view::session::Session;
+use crate::view::time_series::{CycleMetrics, Quantity, TimeSeries};
 
 /// Least height of one plot, points.
 const PLOT_HEIGHT_MIN: f32 = 80.0;
@@ -23,85 +23,90 @@ const PLOTS: [PlotSpec; 12] = [
     PlotSpec {
         name: "Error",
         unit: "cm",
-        curves: &[("position", Quantity::PositionError, ink::VERMILION, 100.0)],
+        curves: &[(
+            "position",
+            Quantity::PositionError,
+            palette::VERMILION,
+            100.0,
+        )],
     },
     PlotSpec {
         name: "Heading error",
         unit: "°",
-        curves: &[("heading", Quantity::HeadingError, ink::VERMILION, 1.0)],
+        curves: &[("heading", Quantity::HeadingError, palette::VERMILION, 1.0)],
     },
     PlotSpec {
         name: "Covariance",
         unit: "cm, °",
         curves: &[
-            ("std x", Quantity::StdX, ink::ORANGE, 100.0),
-            ("std y", Quantity::StdY, ink::SKY, 100.0),
-            ("std heading", Quantity::StdHeading, ink::PURPLE, 1.0),
+            ("std x", Quantity::StdX, palette::ORANGE, 100.0),
+            ("std y", Quantity::StdY, palette::SKY, 100.0),
+            ("std heading", Quantity::StdHeading, palette::PURPLE, 1.0),
         ],
     },
     PlotSpec {
         name: "Residual",
         unit: "cm",
-        curves: &[("residual", Quantity::Residual, ink::ORANGE, 100.0)],
+        curves: &[("residual", Quantity::Residual, palette::ORANGE, 100.0)],
     },
     PlotSpec {
         name: "Line points",
         unit: "points, %",
         curves: &[
-            ("points", Quantity::LinePoints, ink::SKY, 1.0),
-            ("refused", Quantity::RejectedCandidates, ink::GREY, 1.0),
-            ("inliers", Quantity::InlierShare, ink::GREEN, 100.0),
+            ("points", Quantity::LinePoints, palette::SKY, 1.0),
+            ("refused", Quantity::RejectedCandidates, palette::GREY, 1.0),
+            ("inliers", Quantity::InlierShare, palette::GREEN, 100.0),
         ],
     },
     PlotSpec {
         name: "Entropy",
         unit: "bit",
-        curves: &[("image", Quantity::Entropy, ink::SKY, 1.0)],
+        curves: &[("image", Quantity::Entropy, palette::SKY, 1.0)],
     },
     PlotSpec {
         name: "Exposure",
         unit: "of 255",
-        curves: &[("brightness", Quantity::Brightness, ink::YELLOW, 1.0)],
+        curves: &[("brightness", Quantity::Brightness, palette::YELLOW, 1.0)],
     },
     PlotSpec {
         name: "Camera",
         unit: "its own",
         curves: &[
-            ("exposure", Quantity::ExposureTime, ink::ORANGE, 1.0),
-            ("gain", Quantity::Gain, ink::SKY, 1.0),
+            ("exposure", Quantity::ExposureTime, palette::ORANGE, 1.0),
+            ("gain", Quantity::Gain, palette::SKY, 1.0),
         ],
     },
     PlotSpec {
         name: "Stage times",
         unit: "ms",
         curves: &[
-            ("see", Quantity::VisionTime, ink::ORANGE, 1.0),
-            ("localize", Quantity::LocalizationTime, ink::SKY, 1.0),
-            ("between frames", Quantity::CyclePeriod, ink::GREY, 1.0),
+            ("see", Quantity::VisionTime, palette::ORANGE, 1.0),
+            ("localize", Quantity::LocalizationTime, palette::SKY, 1.0),
+            ("between frames", Quantity::CyclePeriod, palette::GREY, 1.0),
         ],
     },
     PlotSpec {
         name: "Queue drops",
         unit: "cycles",
-        curves: &[("dropped", Quantity::Dropped, ink::VERMILION, 1.0)],
+        curves: &[("dropped", Quantity::Dropped, palette::VERMILION, 1.0)],
     },
     PlotSpec {
         name: "Wheel speeds",
         unit: "m/s",
         curves: &[
-            ("wheel 1", Quantity::Wheel0, ink::ORANGE, 1.0),
-            ("wheel 2", Quantity::Wheel1, ink::SKY, 1.0),
-            ("wheel 3", Quantity::Wheel2, ink::GREEN, 1.0),
-            ("wheel 4", Quantity::Wheel3, ink::PURPLE, 1.0),
+            ("wheel 1", Quantity::Wheel0, palette::ORANGE, 1.0),
+            ("wheel 2", Quantity::Wheel1, palette::SKY, 1.0),
+            ("wheel 3", Quantity::Wheel2, palette::GREEN, 1.0),
+            ("wheel 4", Quantity::Wheel3, palette::PURPLE, 1.0),
         ],
     },
     PlotSpec {
         name: "IMU",
         unit: "m/s², °/s / 10",
         curves: &[
-            ("x", Quantity::AccelerationX, ink::ORANGE, 1.0),
-            ("y", Quantity::AccelerationY, ink::SKY, 1.0),
-            ("turn", Quantity::YawRate, ink::PURPLE, 0.1),
+            ("x", Quantity::AccelerationX, palette::ORANGE, 1.0),
+            ("y", Quantity::AccelerationY, palette::SKY, 1.0),
+            ("turn", Quantity::YawRate, palette::PURPLE, 0.1),
         ],
     },
 ];
@@ -152,7 +157,7 @@ impl PlotsPanel {
                 && let Some(error) = recompute.series.mean_error()
             {
                 let text = format!("recomputed {:.1} cm", 100.0 * error);
-                ui.colored_label(ink::PURPLE, text);
+                ui.colored_label(palette::PURPLE, text);
             }
         });
         let Some(span) = session.span() else {

@@ -7,10 +7,10 @@ use localize::Pose;
 use localize::omni::Twist;
 use sim::scenario::FaultKind;
 
-use crate::view::ink;
-use crate::view::named::AccessibleLabel;
+use crate::view::accessibility::AccessibleLabel;
+use crate::view::palette;
 use crate::view::session::Session;
-use crate::view::source::worker::{SimWorker, SourceRequest};
+use crate::view::source::sim_worker::{SimWorker, SourceRequest};
 
 /// Sensors that may be made to fail.
 const FAULTS: [(FaultKind, &str); 7] = [
@@ -85,7 +85,7 @@ impl SimulatorPanel {
                     status.time, status.duration, status.seed
                 ));
                 if let Some(refused) = &status.error {
-                    ui.colored_label(ink::VERMILION, refused);
+                    ui.colored_label(palette::VERMILION, refused);
                 }
                 let paused = status.paused;
                 ui.horizontal(|ui| {
@@ -208,7 +208,7 @@ impl SimulatorPanel {
         });
     }
 
-    fn light(&mut self, ui: &mut Ui, worker: &SimWorker, film: sim::film::FilmConfig) {
+    fn light(&mut self, ui: &mut Ui, worker: &SimWorker, film: sim::image_sensor::FilmConfig) {
         let mut own = self.light.is_some();
         ui.horizontal(|ui| {
             let switched = ui.checkbox(&mut own, "Light by hand").changed();

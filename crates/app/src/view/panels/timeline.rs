@@ -3,11 +3,11 @@
 use eframe::egui::{self, Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2};
 use localize::estimate::Mode;
 
-use crate::view::ink;
-use crate::view::named::AccessibleLabel;
-use crate::view::series::TimeSeries;
+use crate::view::accessibility::AccessibleLabel;
+use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::source::Source;
+use crate::view::time_series::TimeSeries;
 
 /// Height of the bar, points.
 const BAR_HEIGHT: f32 = 34.0;
@@ -27,14 +27,14 @@ impl TimelinePanel {
         self.buttons(ui, session);
         bar(ui, session);
         if let Some(fault) = &session.last_error {
-            ui.colored_label(ink::VERMILION, fault);
+            ui.colored_label(palette::VERMILION, fault);
         }
         show_recompute_summary(ui, session);
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| {
                 for line in &session.warnings {
-                    ui.colored_label(ink::ORANGE, line);
+                    ui.colored_label(palette::ORANGE, line);
                 }
                 marks(ui, session);
             });
@@ -132,13 +132,13 @@ fn bar(ui: &mut Ui, session: &mut Session) {
     modes(&painter, rect, &session.series, &place);
     for mark in &session.marks {
         let at = place(mark.time);
-        painter.vline(at, rect.y_range(), Stroke::new(2.0, ink::YELLOW));
+        painter.vline(at, rect.y_range(), Stroke::new(2.0, palette::YELLOW));
         painter.text(
             Pos2::new(at + 3.0, rect.top()),
             Align2::LEFT_TOP,
             &mark.text,
             FontId::proportional(11.0),
-            ink::YELLOW,
+            palette::YELLOW,
         );
     }
     let at = place(session.playback.time);
@@ -172,18 +172,18 @@ fn modes(painter: &egui::Painter, rect: Rect, series: &TimeSeries, place: &impl 
         });
         let until = next.and_then(|next| next.first()).unwrap_or(last).time;
         let (left, right) = (place(first.time), place(until).max(place(first.time) + 1.0));
-        let colour = ink::mode_colour(worst.unwrap_or(Mode::Lost));
+        let colour = palette::mode_colour(worst.unwrap_or(Mode::Lost));
         let low = Rect::from_x_y_ranges(left..=right, split..=rect.bottom());
         painter.rect_filled(low, 0.0, colour);
         let error = chunk
             .iter()
-            .map(|s| s.value(crate::view::series::Quantity::PositionError))
+            .map(|s| s.value(crate::view::time_series::Quantity::PositionError))
             .filter(|error| error.is_finite())
             .fold(0.0, f32::max);
         if error > 0.0 {
             let height = (error / 0.5).min(1.0) * (split - rect.top());
             let high = Rect::from_x_y_ranges(left..=right, split - height..=split);
-            painter.rect_filled(high, 0.0, ink::VERMILION.gamma_multiply(0.8));
+            painter.rect_filled(high, 0.0, palette::VERMILION.gamma_multiply(0.8));
         }
     }
 }
@@ -204,7 +204,7 @@ fn show_recompute_summary(ui: &mut Ui, session: &mut Session) {
             "computing again: "
         };
         ui.colored_label(
-            ink::PURPLE,
+            palette::PURPLE,
             format!(
                 "{state}{} cycles, {} poses differ; mean error recorded {}, recomputed {}{}",
                 recompute.cycles,
@@ -219,7 +219,7 @@ fn show_recompute_summary(ui: &mut Ui, session: &mut Session) {
             ),
         );
         if let Some(fault) = &recompute.error {
-            ui.colored_label(ink::VERMILION, fault);
+            ui.colored_label(palette::VERMILION, fault);
         }
         forget = ui.button("Forget").clicked();
     });

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use super::DecodedCycle;
 use super::remote::StopGuard;
-use super::worker::SimWorker;
+use super::sim_worker::SimWorker;
 
 /// Cycles that may wait for the view to draw; beyond it the oldest goes.
 const INBOX_CAPACITY: usize = 32;

@@ -1,12 +1,11 @@
 //! Where do the view's cycles come from? A log that is played, or something live: a simulation of its own, a run beside.
 
-pub(crate) mod calibrate;
 pub(crate) mod live;
 pub(crate) mod log;
+pub(crate) mod metrics_reader;
 pub(crate) mod recompute;
 pub(crate) mod remote;
-pub(crate) mod survey;
-pub(crate) mod worker;
+pub(crate) mod sim_worker;
 
 use std::sync::Arc;
 
@@ -84,7 +83,7 @@ impl Source {
     }
 
     /// The simulation that the view owns.
-    pub(crate) fn simulation(&self) -> Option<&worker::SimWorker> {
+    pub(crate) fn simulation(&self) -> Option<&sim_worker::SimWorker> {
         match self {
             Source::Live(live) => live.worker(),
             _ => None,

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use anyhow::{Context, Result};
 use localize::robot::BaseConfig;
 
-use crate::view::series::{CycleMetrics, TimeSeries};
+use crate::view::time_series::{CycleMetrics, TimeSeries};
 use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::{ImageCompression, LogReader};
 use pipeline::setup::Setup;

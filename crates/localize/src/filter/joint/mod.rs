@@ -6,19 +6,19 @@
 //! between. They wear and slide, and a bias of some per cent is the rule: scales and slip are states (nubot2013 4 and
 //! minho2016 IV.C fuse without).
 
-mod absorb;
+mod pose_update;
 mod predict;
 #[cfg(test)]
 mod tests;
-mod wheels;
+mod wheel_update;
 
 use nalgebra::Matrix3;
 
 use super::FilterConfig;
-use super::sight;
-use crate::collision::CollisionDetector;
-use crate::frame::{Pose, wrap_angle};
+use super::pose_gaussian;
+use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
+use crate::sensors::collision::CollisionDetector;
 
 /// Pose on the field.
 const POSE: usize = 0;
@@ -137,7 +137,7 @@ impl JointFilter {
             full[TILT + k][TILT + k] =
                 mounted[IMU_MOUNT + k] + config.tilt_std_deg.to_radians().powi(2);
         }
-        let seen = covariance + sight::systematic_covariance(config);
+        let seen = covariance + pose_gaussian::systematic_covariance(config);
         for i in 0..3 {
             for j in 0..3 {
                 full[POSE + i][POSE + j] = seen[(i, j)];

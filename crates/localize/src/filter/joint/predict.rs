@@ -4,9 +4,9 @@ use super::{
     ACCELEROMETER_BIAS, GYRO_BIAS, GYRO_SCALE, JointFilter, ODOMETRY_SCALES, POSE,
     SHOCK_ERROR_SHARE, SLIP, SparseRow, TILT, TWIST, WHEEL_INCREMENT, YAW_RATE,
 };
-use crate::attitude::GRAVITY;
 use crate::filter::{FilterConfig, ImuInterval, PredictionInput};
-use crate::frame::wrap_angle;
+use crate::frames::wrap_angle;
+use crate::sensors::attitude::GRAVITY;
 
 /// How fast sliding wheels' speed over the ground changes: m/s (each axis) and rad/s per square root of a second. Motors
 /// that pull 2 m/s² harder than the carpet holds, on wheels 0.2 m from the centre.

@@ -1,8 +1,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::*;
-use crate::attitude::GRAVITY;
 use crate::filter::{ImuInterval, PredictionInput, TiltPrior, WheelIncrement};
+use crate::sensors::attitude::GRAVITY;
 
 const DT: f32 = 0.01;
 

@@ -2,12 +2,12 @@
 //!
 //! A channel is logged to once; whatever sinks its context has (a file, viewers) get the message.
 
-pub(crate) mod annotate;
 pub(crate) mod convert;
 pub(crate) mod file;
+pub(crate) mod image_annotations;
 pub(crate) mod scene;
 pub mod wire;
-mod wire_seen;
+mod wire_detections;
 mod wire_world;
 
 use std::collections::BTreeMap;
@@ -31,7 +31,7 @@ use prost::Message;
 
 use file::LogFile;
 
-use super::picture::{EncodedImage, ImageCompression};
+use super::encoded_image::{EncodedImage, ImageCompression};
 use crate::feed::Pace;
 
 /// The form of what our own topics and records hold; a log of another form is refused.

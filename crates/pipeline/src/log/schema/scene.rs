@@ -7,7 +7,7 @@ use foxglove::messages::{
     PosesInFrame, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Vector3, line_primitive,
 };
 use localize::field::Marking;
-use localize::frame::{At, FieldFrame};
+use localize::frames::{At, FieldFrame};
 use localize::sample::LinePoint;
 use localize::world::{TeamColour, TrackedObject};
 use localize::{Field, Pose, Stamp};

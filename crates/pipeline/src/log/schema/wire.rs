@@ -7,7 +7,7 @@
 use foxglove::Encode;
 use prost::bytes::Bytes;
 
-pub(crate) use super::wire_seen::{
+pub(crate) use super::wire_detections::{
     Ball, Detections, Exposure, Goal, Robot, Robots, Sensors, Windows,
 };
 pub(crate) use super::wire_world::{
@@ -97,7 +97,7 @@ pub(crate) struct LinePoints {
     pub(crate) std_tangential: Vec<f32>,
 }
 
-/// `localize::search::Hypothesis`: a pose that explains the points too; covariance row by row.
+/// `localize::global_search::branch_and_bound::Hypothesis`: a pose that explains the points too; covariance row by row.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Hypothesis {
     #[prost(message, required)]

@@ -3,8 +3,8 @@
 use anyhow::Result;
 use localize::Stamp;
 use localize::estimate::{Estimate, Mode, Reason};
+use localize::global_search::branch_and_bound::Hypothesis;
 use localize::omni::Twist;
-use localize::search::Hypothesis;
 
 use super::super::wire;
 use super::{matrix, names, pair, pose_from_wire, pose_to_wire};

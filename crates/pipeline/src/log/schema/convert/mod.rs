@@ -1,21 +1,23 @@
 //! How does a cycle become its message and come back? Bit for bit; every field is named, so that none is forgotten.
 
+mod detections;
 mod estimate;
-mod seen;
 mod sensors;
 mod team;
 mod world;
 
 use anyhow::{Context, Result, bail};
-use localize::frame::At;
+use localize::frames::At;
 use localize::omni::Twist;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 
+pub(crate) use detections::{
+    ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire,
+};
 pub use estimate::mode_and_reason;
 pub(crate) use estimate::{estimate_from_wire, estimate_to_wire};
-pub(crate) use seen::{ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire};
 use sensors::exposure_from_wire;
 pub(crate) use sensors::{exposure_to_wire, windows_to_wire};
 pub(crate) use team::team_to_wire;

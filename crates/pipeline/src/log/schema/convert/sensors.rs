@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use localize::robot::CameraSetting;
 use vision::exposure::{ExposureCommand, ExposureStatus};
-use vision::windows::{Bumper, VirtualSensorReadings};
+use vision::objects::virtual_sensors::{Bumper, VirtualSensorReadings};
 
 use super::super::wire;
 use super::same_length;

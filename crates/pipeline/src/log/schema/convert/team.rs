@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use localize::Stamp;
-use localize::frame::At;
+use localize::frames::At;
 use localize::team::{ReportedBall, TeamBall, TeamReport, TeamView, Teammate};
 
 use super::super::wire;

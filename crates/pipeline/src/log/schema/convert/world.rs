@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use localize::Stamp;
-use localize::frame::At;
+use localize::frames::At;
 use localize::world::{FieldState, TeamColour, TrackedObject, WorldView};
 use nalgebra::Matrix4;
 

@@ -1,0 +1,138 @@
+//! How long does it take to know the place? Points of the league's drive that existing systems were measured on.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use anyhow::Result;
+use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior};
+use localize::global_search::hough::Hough;
+use localize::global_search::monte_carlo::MonteCarlo;
+use localize::global_search::scan_map::ScanMap;
+use localize::matching::Matcher;
+use localize::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig, SyntheticSample};
+use localize::{DistanceField, Field, Localizer, Pose};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use super::{Figure, REPEATS, figure, median_ms};
+use pipeline::cycle::PipelineConfig;
+use pipeline::paths;
+use pipeline::score::sample_statistics;
+
+/// The league's drive that existing systems were measured on: 30 Hz, about 113 points within 5 m.
+fn drive_frames(field: &Field) -> Vec<SyntheticSample> {
+    SyntheticDrive::new(
+        field,
+        SyntheticDriveConfig::default(),
+        ChaCha8Rng::seed_from_u64(2),
+    )
+    .take(900)
+    .collect()
+}
+
+/// Figures of `placing`.
+pub(super) const NAMES: &[&str] = &[
+    "match_points",
+    "track_frame",
+    "exact_no_prior",
+    "exact_compass",
+];
+
+/// Our own matching, tracking and search.
+pub(super) fn measure_localization(figures: &mut Vec<Figure>) -> Result<()> {
+    let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
+    let frames = drive_frames(&field);
+    let config = PipelineConfig::default().localize;
+    let distances = DistanceField::new(&field, &config.distance_field);
+    let mut matcher = Matcher::new(config.matching.clone());
+    let mut search = BranchAndBound::new(&field, &distances, config.branch_and_bound.clone());
+    let mut number = 0;
+    let mut next = || {
+        number = (number + 7) % frames.len();
+        &frames[number]
+    };
+    let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
+    let value = median_ms(3000, || {
+        let frame = next();
+        black_box(matcher.refine(&distances, &frame.points, near(frame.true_pose), 0.05));
+    });
+    figures.push(figure("match_points", value, "ms", "<= 0.08"));
+    let mut localizer = Localizer::new(&field, config);
+    let mut times = Vec::new();
+    for frame in &frames {
+        let started = Instant::now();
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        black_box(localizer.process_points(frame.stamp, &frame.points));
+        times.push(started.elapsed().as_secs_f64() * 1e3);
+    }
+    let value = sample_statistics(times).map_or(f64::NAN, |spread| spread.median);
+    figures.push(figure("track_frame", value, "ms", "<= 0.03"));
+    let value = median_ms(REPEATS, || {
+        black_box(search.find_hypotheses(&distances, &mut matcher, &next().points, None));
+    });
+    figures.push(figure("exact_no_prior", value, "ms", "<= 3"));
+    let value = median_ms(REPEATS, || {
+        let frame = next();
+        let prior = HeadingPrior {
+            heading: frame.compass.heading,
+            std: 10f32.to_radians(),
+        };
+        black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, Some(prior)));
+    });
+    figures.push(figure("exact_compass", value, "ms", "<= 0.5"));
+    Ok(())
+}
+
+/// Figures of `papers`.
+pub(super) const PAPERS: &[&str] = &[
+    "hough",
+    "scan_map_global",
+    "scan_map_local",
+    "monte_carlo_cycle",
+];
+
+/// The three papers' relocalisers.
+pub(super) fn measure_paper_methods(figures: &mut Vec<Figure>) -> Result<()> {
+    let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
+    let frames = drive_frames(&field);
+    let config = PipelineConfig::default().localize;
+    let distances = DistanceField::new(&field, &config.distance_field);
+    let mut number = 0;
+    let mut next = || {
+        number = (number + 7) % frames.len();
+        let frame = &frames[number];
+        (
+            frame,
+            HeadingPrior {
+                heading: frame.compass.heading,
+                std: 10f32.to_radians(),
+            },
+        )
+    };
+    let mut hough = Hough::new(&field, config.global_search.hough.clone());
+    let value = median_ms(REPEATS, || {
+        let (frame, prior) = next();
+        black_box(hough.find_poses(&frame.points, Some(prior)));
+    });
+    figures.push(figure("hough", value, "ms", "<= 1"));
+    let map = ScanMap::new(&field, &distances, config.global_search.scan_map.clone());
+    let value = median_ms(REPEATS, || {
+        let (frame, prior) = next();
+        black_box(map.find_poses(&frame.points, prior.heading, 6, 0.4));
+    });
+    figures.push(figure("scan_map_global", value, "ms", "<= 2"));
+    let value = median_ms(REPEATS, || {
+        let (frame, _) = next();
+        black_box(map.find_pose_near(&frame.points, frame.true_pose));
+    });
+    figures.push(figure("scan_map_local", value, "ms", "<= 0.05"));
+    let mut filter = MonteCarlo::new(&field, &distances, config.global_search.monte_carlo.clone());
+    let value = median_ms(REPEATS, || {
+        let (frame, prior) = next();
+        filter.reset();
+        black_box(filter.update(&frame.points, Some(prior)));
+    });
+    figures.push(figure("monte_carlo_cycle", value, "ms", "<= 0.3"));
+    Ok(())
+}

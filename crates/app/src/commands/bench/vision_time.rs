@@ -1,0 +1,119 @@
+//! How long does it take to see? The recording that comes with Mirrorball, and our simulator's image at 1024 × 1024.
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use vision::image::{Image, ImageView, PixelFormat};
+use vision::{Mount, Profile, Vision, optics};
+
+use super::simulation_time::DemoScene;
+use super::{Figure, REPEATS, figure, median_ms};
+use pipeline::cycle::{Pipeline, PipelineConfig};
+use pipeline::paths;
+use pipeline::sample::Sample;
+use pipeline::score::sample_statistics;
+use pipeline::setup::Setup;
+
+/// Figures of `seeing`.
+pub(super) const NAMES: &[&str] = &[
+    "see_lines_480",
+    "see_all_480",
+    "see_new_light_480",
+    "image_to_pose_480",
+];
+
+/// Each part of a frame's way, images of a drive in turn.
+pub(super) fn measure_vision(figures: &mut Vec<Figure>) -> Result<()> {
+    let folder = paths::find_resource("samples/sequence")?;
+    let setup = Setup::load(&folder.join("robot.toml"), None)?;
+    let (camera, map) = setup
+        .camera
+        .as_ref()
+        .context("samples/sequence has no camera")?;
+    let mut images = Vec::new();
+    for number in 0..8 {
+        images.push(Image::load(
+            &folder.join(format!("frames/{number:03}.jpg")),
+        )?);
+    }
+    let config = PipelineConfig::default();
+    let mut eyes = Vision::new(
+        map,
+        camera,
+        setup.field.config.line_width,
+        config.vision.clone(),
+    )?;
+    let mut number = 0;
+    let mut next = || {
+        number = (number + 1) % images.len();
+        images[number].view()
+    };
+    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.process_lines(&next()))));
+    let see_all = median_ms(REPEATS, || drop(black_box(eyes.process(&next()))));
+    let see_new_light = median_ms(30, || {
+        eyes.reset_colour_model();
+        drop(black_box(eyes.process(&next())));
+    });
+    figures.push(figure("see_lines_480", see_lines, "ms", "<= 0.15"));
+    figures.push(figure("see_all_480", see_all, "ms", "<= 0.5"));
+    figures.push(figure("see_new_light_480", see_new_light, "ms", "-"));
+    let recording =
+        pipeline::recording::Recording::open(&folder, crate::commands::locate::EXTERNAL_POINT_STD)?;
+    let samples: Vec<Sample> = recording.collect();
+    let mut whole = Vec::new();
+    for _ in 0..10 {
+        let mut spine = Pipeline::new(&setup, &config)?;
+        for sample in &samples {
+            let started = Instant::now();
+            if let Some(cycle) = spine.process_sample(sample.clone()) {
+                // The first frame learns its colours and searches the field.
+                if cycle
+                    .inputs
+                    .odometry
+                    .first()
+                    .is_some_and(|odometry| odometry.stamp.0 > 0)
+                {
+                    whole.push(started.elapsed().as_secs_f64() * 1e3);
+                }
+            }
+        }
+    }
+    let value = sample_statistics(whole).map_or(f64::NAN, |spread| spread.median);
+    figures.push(figure("image_to_pose_480", value, "ms", "<= 1"));
+    Ok(())
+}
+
+/// Figures of `seeing_large`.
+pub(super) const LARGE_NAMES: &[&str] = &["see_lines_1024", "see_all_1024"];
+
+/// The same features in an image of 1024 × 1024: the demo's robot among nine others, with a camera as much finer.
+pub(super) fn measure_vision_large(figures: &mut Vec<Figure>) -> Result<()> {
+    const SIDE_PX: usize = 1024;
+    let demo = DemoScene::load(SIDE_PX)?;
+    let profile = Profile::load(&demo.mirror)?;
+    let map = optics::trace_rays(&demo.camera, &profile, &Mount::default())?.ground_map();
+    let mut renderer = demo.renderer()?;
+    let mut images = Vec::new();
+    for turn in 0..4u8 {
+        let mut rgb = Vec::new();
+        demo.render(&mut renderer, f32::from(turn), &mut rgb);
+        images.push(rgb);
+    }
+    let mut eyes = Vision::new(
+        &map,
+        &demo.camera,
+        demo.field.config.line_width,
+        PipelineConfig::default().vision,
+    )?;
+    let mut number = 0;
+    let mut next = || {
+        number = (number + 1) % images.len();
+        ImageView::packed(SIDE_PX, SIDE_PX, PixelFormat::Rgb8, &images[number])
+    };
+    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.process_lines(&next()))));
+    let see_all = median_ms(REPEATS, || drop(black_box(eyes.process(&next()))));
+    figures.push(figure("see_lines_1024", see_lines, "ms", "-"));
+    figures.push(figure("see_all_1024", see_all, "ms", "<= 1.2"));
+    Ok(())
+}

@@ -1,0 +1,271 @@
+//! How is a field drawn from above? Markings, poses with their uncertainty, paths and whoever stands around.
+
+use std::f32::consts::TAU;
+
+use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, Vec2};
+use localize::field::{Field, GoalColour, Marking};
+use localize::frames::FieldFrame;
+use localize::{At, Pose};
+use nalgebra::{Matrix2, Matrix3, SymmetricEigen};
+
+use crate::view::palette;
+use crate::view::panzoom::ScreenTransform;
+
+/// Steps of an arc, a full turn.
+const ARC_STEPS: f32 = 72.0;
+/// Steps of an ellipse.
+const ELLIPSE_STEPS: usize = 48;
+/// The ellipse that holds 95 % of a plane's normal distribution, standard deviations.
+const SIGMAS_95_2D: f32 = 2.448;
+/// Rim of floor around the carpet, metres: goals and whoever is behind them.
+const RIM: f32 = 0.8;
+/// Radius of a robot, metres.
+pub(crate) const ROBOT_RADIUS: f32 = 0.25;
+/// Radius of a ball, metres.
+pub(crate) const BALL_RADIUS: f32 = 0.11;
+
+/// A field on the screen: x to the right, y up.
+#[derive(Clone, Copy)]
+pub(crate) struct FieldTransform {
+    pub(crate) transform: ScreenTransform,
+    half_extent: Vec2,
+}
+
+/// Half of what is drawn of a field, metres.
+pub(crate) fn view_half_extent(field: &Field) -> Vec2 {
+    let (x, y) = field.carpet_half_extent();
+    Vec2::new(x + RIM, y + RIM)
+}
+
+impl FieldTransform {
+    /// `placed`: a picture of twice `half`, in metres.
+    pub(crate) fn new(placed: ScreenTransform, half: Vec2) -> Self {
+        FieldTransform {
+            transform: placed,
+            half_extent: half,
+        }
+    }
+
+    /// Where a point of the field is on the screen.
+    pub(crate) fn to_screen(&self, at: At<FieldFrame>) -> Pos2 {
+        self.transform
+            .to_screen(at.x + self.half_extent.x, self.half_extent.y - at.y)
+    }
+
+    /// Which point of the field is there.
+    pub(crate) fn to_field(&self, at: Pos2) -> At<FieldFrame> {
+        let place = self.transform.from_screen(at);
+        At::new(place.x - self.half_extent.x, self.half_extent.y - place.y)
+    }
+
+    /// Points a metre.
+    pub(crate) fn scale(&self) -> f32 {
+        self.transform.scale
+    }
+
+    fn path(&self, painter: &Painter, points: Vec<Pos2>, stroke: Stroke) {
+        painter.add(Shape::line(points, stroke));
+    }
+}
+
+/// Pieces of the markings' centre lines; arcs as short straight ones, spots as crosses.
+pub(crate) fn marking_segments(field: &Field) -> Vec<[At<FieldFrame>; 2]> {
+    let mut pieces = Vec::new();
+    for marking in &field.markings {
+        match *marking {
+            // A bird's-eye view may cut a long line: short pieces keep what is in view.
+            Marking::Line { from, to } => pieces.push([from, to]),
+            Marking::Arc {
+                centre,
+                radius,
+                start,
+                sweep,
+            } => {
+                let points = arc(centre, radius, start, sweep);
+                pieces.extend(points.windows(2).map(|pair| [pair[0], pair[1]]));
+            }
+            Marking::Spot { centre, radius } => {
+                let arm = |x: f32, y: f32| At::new(centre.x + x * radius, centre.y + y * radius);
+                pieces.push([arm(-1.0, 0.0), arm(1.0, 0.0)]);
+                pieces.push([arm(0.0, -1.0), arm(0.0, 1.0)]);
+            }
+        }
+    }
+    pieces
+}
+
+fn arc(centre: At<FieldFrame>, radius: f32, start: f32, sweep: f32) -> Vec<At<FieldFrame>> {
+    let steps = (ARC_STEPS * sweep / TAU).ceil().max(1.0) as usize;
+    (0..=steps)
+        .map(|step| {
+            let angle = start + sweep * step as f32 / steps as f32;
+            At::new(
+                centre.x + radius * angle.cos(),
+                centre.y + radius * angle.sin(),
+            )
+        })
+        .collect()
+}
+
+/// Where the carpet is on the screen.
+pub(crate) fn carpet_rect(screen: &FieldTransform, field: &Field) -> Rect {
+    let (half_x, half_y) = field.carpet_half_extent();
+    let [from, to] =
+        [At::new(-half_x, half_y), At::new(half_x, -half_y)].map(|at| screen.to_screen(at));
+    Rect::from_two_pos(from, to)
+}
+
+/// Carpet, markings and goals. Without `with_carpet` a layer lies there already.
+pub(crate) fn draw_field(
+    painter: &Painter,
+    screen: &FieldTransform,
+    field: &Field,
+    with_carpet: bool,
+) {
+    if with_carpet {
+        painter.rect_filled(carpet_rect(screen, field), 0.0, palette::CARPET);
+    }
+    let width = (field.config.line_width * screen.scale()).max(1.0);
+    let stroke = Stroke::new(width, palette::LINE);
+    for marking in &field.markings {
+        match *marking {
+            Marking::Line { from, to } => {
+                painter.line_segment([screen.to_screen(from), screen.to_screen(to)], stroke);
+            }
+            Marking::Arc {
+                centre,
+                radius,
+                start,
+                sweep,
+            } => {
+                let points = arc(centre, radius, start, sweep);
+                let points = points.into_iter().map(|at| screen.to_screen(at)).collect();
+                screen.path(painter, points, stroke);
+            }
+            Marking::Spot { centre, radius } => {
+                let radius = (radius * screen.scale()).max(1.0);
+                painter.circle_filled(screen.to_screen(centre), radius, palette::LINE);
+            }
+        }
+    }
+    let goal = &field.config.goal;
+    for (side, colour) in [1.0, -1.0].into_iter().zip(goal.colours) {
+        let colour = match colour {
+            GoalColour::White => Color32::WHITE,
+            GoalColour::Blue => palette::BLUE,
+            GoalColour::Yellow => palette::YELLOW,
+        };
+        let (front, half) = (side * field.config.length / 2.0, goal.width / 2.0);
+        let back = front + side * goal.depth;
+        let corners = [(front, half), (back, half), (back, -half), (front, -half)];
+        let points = corners
+            .map(|(x, y)| screen.to_screen(At::new(x, y)))
+            .to_vec();
+        let width = (goal.post * screen.scale()).max(2.0);
+        screen.path(painter, points, Stroke::new(width, colour));
+    }
+}
+
+/// A robot: a disc's rim with a nose.
+pub(crate) fn draw_robot(
+    painter: &Painter,
+    screen: &FieldTransform,
+    pose: Pose,
+    colour: Color32,
+    width: f32,
+) {
+    let stroke = Stroke::new(width, colour);
+    let radius = (ROBOT_RADIUS * screen.scale()).max(5.0);
+    let middle = screen.to_screen(pose.origin());
+    painter.circle_stroke(middle, radius, stroke);
+    let nose = Vec2::angled(-pose.theta) * radius * 1.7;
+    painter.line_segment([middle, middle + nose], stroke);
+}
+
+/// The ellipse that holds 95 % of a position's distribution, and a wedge for the heading's.
+pub(crate) fn draw_covariance(
+    painter: &Painter,
+    screen: &FieldTransform,
+    pose: Pose,
+    covariance: &Matrix3<f32>,
+    colour: Color32,
+) {
+    let plane = Matrix2::new(
+        covariance[(0, 0)],
+        covariance[(0, 1)],
+        covariance[(1, 0)],
+        covariance[(1, 1)],
+    );
+    if !plane.iter().all(|value| value.is_finite()) {
+        return;
+    }
+    let eigen = SymmetricEigen::new(plane);
+    let axis = |number: usize| {
+        let length = SIGMAS_95_2D * eigen.eigenvalues[number].max(0.0).sqrt();
+        eigen.eigenvectors.column(number) * length
+    };
+    let (first, second) = (axis(0), axis(1));
+    let points = (0..ELLIPSE_STEPS)
+        .map(|step| {
+            let (sin, cos) = (TAU * step as f32 / ELLIPSE_STEPS as f32).sin_cos();
+            let off = first * cos + second * sin;
+            screen.to_screen(At::new(pose.x + off[0], pose.y + off[1]))
+        })
+        .collect();
+    painter.add(Shape::closed_line(points, Stroke::new(1.5, colour)));
+    let spread = SIGMAS_95_2D * covariance[(2, 2)].max(0.0).sqrt();
+    let middle = screen.to_screen(pose.origin());
+    for way in [-1.0, 1.0] {
+        let ray = Vec2::angled(-(pose.theta + way * spread.min(TAU / 2.0)));
+        let end = middle + ray * (1.0 * screen.scale()).max(20.0);
+        painter.line_segment([middle, end], Stroke::new(1.0, colour.gamma_multiply(0.6)));
+    }
+}
+
+/// An arrow from a place along a velocity, a second long.
+pub(crate) fn draw_velocity(
+    painter: &Painter,
+    screen: &FieldTransform,
+    at: At<FieldFrame>,
+    [vx, vy]: [f32; 2],
+    colour: Color32,
+) {
+    if vx.hypot(vy) > 0.1 {
+        let along = Vec2::new(vx, -vy) * screen.scale();
+        painter.arrow(screen.to_screen(at), along, Stroke::new(1.5, colour));
+    }
+}
+
+/// A path of places; a leap of more than a metre starts a new one.
+pub(crate) fn draw_trail(
+    painter: &Painter,
+    screen: &FieldTransform,
+    places: impl Iterator<Item = [f32; 3]>,
+    stroke: Stroke,
+) {
+    let mut points: Vec<Pos2> = Vec::new();
+    let mut last: Option<[f32; 3]> = None;
+    for place in places {
+        let known = place[0].is_finite();
+        let leaps = last.is_some_and(|last| (last[0] - place[0]).hypot(last[1] - place[1]) > 1.0);
+        if !known || leaps {
+            screen.path(painter, std::mem::take(&mut points), stroke);
+        }
+        if known {
+            points.push(screen.to_screen(At::new(place[0], place[1])));
+        }
+        last = known.then_some(place);
+    }
+    screen.path(painter, points, stroke);
+}
+
+/// Words beside a place.
+pub(crate) fn draw_text(painter: &Painter, at: Pos2, text: &str, colour: Color32) {
+    painter.text(
+        at + Vec2::new(8.0, -8.0),
+        Align2::LEFT_BOTTOM,
+        text,
+        FontId::proportional(12.0),
+        colour,
+    );
+}

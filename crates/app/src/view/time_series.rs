@@ -1,0 +1,323 @@
+//! How did it go so far? A few numbers of every cycle, however long the run, for plots and the timeline.
+
+use localize::estimate::Mode;
+use localize::frames::wrap_angle;
+use localize::robot::BaseConfig;
+use vision::image::Image;
+
+use super::source::rgb_image;
+use pipeline::cycle::Cycle;
+
+/// Beyond so many samples every other one is left out, and from there on of what comes: a day at 30 Hz still fits.
+const MAX_SAMPLES: usize = 120_000;
+/// Pixels looked at for the image's brightness and entropy: one in so many.
+const PIXEL_STRIDE: usize = 23;
+
+/// Numbers of one cycle; NaN where there is none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct CycleMetrics {
+    /// Seconds.
+    pub(crate) time: f64,
+    /// Of the estimate.
+    pub(crate) mode: Mode,
+    /// Estimated x, y (metres) and heading (radians).
+    pub(crate) pose: [f32; 3],
+    /// True x, y and heading.
+    pub(crate) truth: [f32; 3],
+    /// Values by [`Quantity`].
+    pub(crate) values: [f32; QUANTITY_COUNT],
+    /// What arrived with it: images, odometry, headings, inertial readings.
+    pub(crate) sample_counts: [u16; 4],
+    /// The frame could not be used.
+    pub(crate) fault: bool,
+}
+
+/// What is plotted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+pub(crate) enum Quantity {
+    PositionError,
+    HeadingError,
+    StdX,
+    StdY,
+    StdHeading,
+    Residual,
+    InlierShare,
+    LinePoints,
+    RejectedCandidates,
+    Entropy,
+    Brightness,
+    ExposureTime,
+    Gain,
+    VisionTime,
+    LocalizationTime,
+    Dropped,
+    Wheel0,
+    Wheel1,
+    Wheel2,
+    Wheel3,
+    AccelerationX,
+    AccelerationY,
+    YawRate,
+    CyclePeriod,
+}
+
+/// How many there are.
+pub(crate) const QUANTITY_COUNT: usize = Quantity::CyclePeriod as usize + 1;
+
+/// Samples in the order of time.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct TimeSeries {
+    samples: Vec<CycleMetrics>,
+    stride: usize,
+    skipped: usize,
+    last_time: Option<f64>,
+}
+
+impl TimeSeries {
+    /// The samples.
+    pub(crate) fn samples(&self) -> &[CycleMetrics] {
+        &self.samples
+    }
+
+    /// The samples of an interval, one beyond on each side where there is one.
+    pub(crate) fn between(&self, from: f64, to: f64) -> &[CycleMetrics] {
+        let start = self.samples.partition_point(|sample| sample.time < from);
+        let end = self.samples.partition_point(|sample| sample.time <= to);
+        &self.samples[start.saturating_sub(1)..(end + 1).min(self.samples.len())]
+    }
+
+    /// The last sample at or before a time.
+    pub(crate) fn at(&self, time: f64) -> Option<&CycleMetrics> {
+        let behind = self.samples.partition_point(|sample| sample.time <= time);
+        self.samples.get(behind.checked_sub(1)?)
+    }
+
+    /// Adds a sample; one from the past starts the series anew.
+    pub(crate) fn push(&mut self, mut sample: CycleMetrics) {
+        if self.last_time.is_some_and(|last| sample.time < last) {
+            *self = TimeSeries::default();
+        }
+        if let Some(last) = self.last_time {
+            sample.values[Quantity::CyclePeriod as usize] = ((sample.time - last) * 1e3) as f32;
+        }
+        self.last_time = Some(sample.time);
+        self.skipped += 1;
+        if self.skipped < self.stride {
+            return;
+        }
+        self.skipped = 0;
+        self.samples.push(sample);
+        if self.samples.len() >= MAX_SAMPLES {
+            let mut index = 0;
+            self.samples.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.stride = 2 * self.stride.max(1);
+        }
+    }
+
+    /// Samples a second of camera, wheels, compass and IMU over the last seconds before a time.
+    pub(crate) fn rates_hz(&self, time: f64, seconds: f64) -> [f64; 4] {
+        let end = self.samples.partition_point(|sample| sample.time <= time);
+        let start = self.samples.partition_point(|s| s.time <= time - seconds);
+        let recent = &self.samples[start..end];
+        let (Some(first), Some(last)) = (recent.first(), recent.last()) else {
+            return [0.0; 4];
+        };
+        // What the first one brought arrived before the span that is counted.
+        let span = last.time - first.time;
+        let share = self.stride.max(1) as f64 / span;
+        [0, 1, 2, 3].map(|device| {
+            let arrived = recent[1..]
+                .iter()
+                .map(|s| f64::from(s.sample_counts[device]));
+            if span > 0.0 {
+                arrived.sum::<f64>() * share
+            } else {
+                0.0
+            }
+        })
+    }
+
+    /// Mean position error over all samples that have one, metres.
+    pub(crate) fn mean_error(&self) -> Option<f32> {
+        let errors = self
+            .samples
+            .iter()
+            .map(|s| s.value(Quantity::PositionError));
+        let (sum, count) = errors
+            .filter(|error| error.is_finite())
+            .fold((0.0, 0), |(sum, count), error| (sum + error, count + 1));
+        (count > 0).then(|| sum / count as f32)
+    }
+}
+
+impl CycleMetrics {
+    /// Its value of a quantity.
+    pub(crate) fn value(&self, quantity: Quantity) -> f32 {
+        self.values[quantity as usize]
+    }
+
+    /// The numbers of a cycle; `dropped`: cycles that did not get here before it.
+    pub(crate) fn from_cycle(cycle: &Cycle, base: &BaseConfig, dropped: u64) -> Self {
+        let mut values = [f32::NAN; QUANTITY_COUNT];
+        let mut set = |quantity: Quantity, value: f32| values[quantity as usize] = value;
+        let estimate = &cycle.estimate;
+        let truth = cycle.inputs.truth.as_ref();
+        if let Some(pose) = estimate.pose {
+            let std = |axis: usize| estimate.covariance[(axis, axis)].max(0.0).sqrt();
+            set(Quantity::StdX, std(0));
+            set(Quantity::StdY, std(1));
+            set(Quantity::StdHeading, std(2).to_degrees());
+            set(Quantity::Residual, estimate.residual);
+            set(Quantity::InlierShare, estimate.inlier_share);
+            if let Some(truth) = truth {
+                set(
+                    Quantity::PositionError,
+                    pose.origin().distance_to(truth.pose.origin()),
+                );
+                let turn = wrap_angle(pose.theta - truth.pose.theta);
+                set(Quantity::HeadingError, turn.to_degrees());
+            }
+        }
+        set(Quantity::LinePoints, cycle.line_points.len() as f32);
+        if let Some(seen) = &cycle.detections {
+            set(
+                Quantity::RejectedCandidates,
+                seen.rejected_candidates.len() as f32,
+            );
+        }
+        if let Some(image) = rgb_image(cycle) {
+            let (entropy, brightness) = image_statistics(image);
+            set(Quantity::Entropy, entropy);
+            set(Quantity::Brightness, brightness);
+        }
+        if let Some(reading) = &cycle.exposure {
+            set(Quantity::Entropy, reading.entropy);
+            set(Quantity::Brightness, reading.level);
+            if let Some(setting) = reading.applied_setting {
+                set(Quantity::ExposureTime, setting.exposure);
+                set(Quantity::Gain, setting.gain);
+            }
+        }
+        set(Quantity::VisionTime, cycle.timings.see_ms);
+        set(Quantity::LocalizationTime, cycle.timings.localize_ms);
+        set(Quantity::Dropped, dropped as f32);
+        for (wheel, speed) in wheel_rim_speeds(cycle, base)
+            .into_iter()
+            .enumerate()
+            .take(4)
+        {
+            values[Quantity::Wheel0 as usize + wheel] = speed;
+        }
+        if let Some(imu) = cycle.inputs.imu.last() {
+            values[Quantity::AccelerationX as usize] = imu.acceleration[0];
+            values[Quantity::AccelerationY as usize] = imu.acceleration[1];
+            values[Quantity::YawRate as usize] = imu.rate[2].to_degrees();
+        }
+        let coordinates = |pose: localize::Pose| [pose.x, pose.y, pose.theta];
+        CycleMetrics {
+            time: cycle.stamp.seconds(),
+            mode: estimate.mode,
+            pose: estimate.pose.map_or([f32::NAN; 3], coordinates),
+            truth: truth.map_or([f32::NAN; 3], |truth| coordinates(truth.pose)),
+            values,
+            sample_counts: [
+                usize::from(cycle.fault.is_none()),
+                cycle.inputs.odometry.len(),
+                cycle.inputs.compass.len(),
+                cycle.inputs.imu.len(),
+            ]
+            .map(|count| count.min(usize::from(u16::MAX)) as u16),
+            fault: cycle.fault.is_some(),
+        }
+    }
+}
+
+/// Speed of each wheel's rim as odometry tells it over the cycle, m/s.
+fn wheel_rim_speeds(cycle: &Cycle, base: &BaseConfig) -> Vec<f32> {
+    let odometry = &cycle.inputs.odometry;
+    let (Some(first), Some(last)) = (odometry.first(), odometry.last()) else {
+        return Vec::new();
+    };
+    // The first sample's own span is not known; all samples have the same.
+    let span = match odometry.len() {
+        1 => 1.0 / f64::from(base.rate_hz),
+        many => (last.stamp - first.stamp) * many as f64 / (many - 1) as f64,
+    };
+    if !(span > 0.0) {
+        return Vec::new();
+    }
+    let sum = |part: fn(&localize::sample::Odometry) -> f32| {
+        odometry.iter().map(part).sum::<f32>() / span as f32
+    };
+    let (vx, vy, omega) = (sum(|o| o.dx), sum(|o| o.dy), sum(|o| o.dtheta));
+    let speed = |angle: &f32| {
+        let (sin, cos) = angle.to_radians().sin_cos();
+        -sin * vx + cos * vy + base.wheel_distance * omega
+    };
+    base.wheel_angles_deg.iter().map(speed).collect()
+}
+
+/// Entropy of the image's brightness (bits; nubot2013 sets the exposure by it) and its mean, of 255.
+fn image_statistics(image: &Image) -> (f32, f32) {
+    let mut counts = [0u32; 256];
+    let (mut sum, mut total) = (0.0, 0u32);
+    for rgb in image.rgb.chunks_exact(3).step_by(PIXEL_STRIDE) {
+        let grey = (u32::from(rgb[0]) + 2 * u32::from(rgb[1]) + u32::from(rgb[2])) / 4;
+        counts[grey as usize & 255] += 1;
+        sum += grey as f32;
+        total += 1;
+    }
+    let share = |count: &u32| *count as f32 / total.max(1) as f32;
+    let entropy = counts.iter().filter(|&&count| count > 0).map(share);
+    (
+        entropy.map(|share| -share * share.log2()).sum(),
+        sum / total.max(1) as f32,
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(time: f64) -> CycleMetrics {
+        CycleMetrics {
+            time,
+            mode: Mode::Lost,
+            pose: [f32::NAN; 3],
+            truth: [f32::NAN; 3],
+            values: [0.0; QUANTITY_COUNT],
+            sample_counts: [1; 4],
+            fault: false,
+        }
+    }
+
+    #[test]
+    fn series_memory_is_bounded_and_keeps_the_time_range() {
+        let mut series = TimeSeries::default();
+        for step in 0..400_000 {
+            series.push(sample(f64::from(step)));
+        }
+        assert!(series.samples().len() < MAX_SAMPLES);
+        let last = series.samples().last().expect("samples").time;
+        assert!(
+            last > 399_990.0 && series.samples()[0].time == 0.0,
+            "{last}"
+        );
+    }
+
+    #[test]
+    fn range_includes_one_sample_beyond_each_end() {
+        let mut series = TimeSeries::default();
+        for step in 0..10 {
+            series.push(sample(f64::from(step)));
+        }
+        let times: Vec<f64> = series.between(3.5, 5.5).iter().map(|s| s.time).collect();
+        assert_eq!(times, [3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(series.at(3.5).map(|s| s.time), Some(3.0));
+        assert_eq!(series.at(-1.0), None);
+    }
+}

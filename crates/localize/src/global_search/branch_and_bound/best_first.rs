@@ -1,0 +1,180 @@
+//! Which cells score best? Blocks are opened in the order of their bounds, until no other can hold a better cell.
+
+use super::BranchAndBound;
+use super::bound::bounds_width;
+use super::tables::{BATCH, BLOCK, LANES, ROWS};
+use crate::frames::Pose;
+
+/// A block of poses at one heading, and the most that any of its cells can score.
+#[derive(Debug, Clone, Copy, Default)]
+struct PoseBlock {
+    bound: u16,
+    heading: u16,
+    row: u16,
+    column: u16,
+}
+
+impl PoseBlock {
+    fn new(bound: u16, heading: usize, row: usize, column: usize) -> Self {
+        PoseBlock {
+            bound,
+            heading: heading as u16,
+            row: row as u16,
+            column: column as u16,
+        }
+    }
+}
+
+/// A pose cell and its score.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PoseCell {
+    score: u16,
+    pub(super) pose: Pose,
+}
+
+/// Headings whose most promising block is opened first, to know soon what scores to expect.
+const SEED_HEADINGS: usize = 4;
+
+impl BranchAndBound {
+    /// The best cells, distinct, best first.
+    pub(super) fn find_best_cells(&self, first: f32, step: f32, count: usize) -> Vec<PoseCell> {
+        let width = bounds_width(&self.tables);
+        let layer = self.tables.rows.next_multiple_of(ROWS) * width;
+        // Rows of blocks that are poses, with their heading and number.
+        let rows = self.bounds[..count * layer]
+            .chunks_exact(layer)
+            .enumerate()
+            .flat_map(|(heading, layer)| {
+                let rows = layer.chunks_exact(width).take(self.tables.rows).enumerate();
+                rows.map(move |(row, bounds)| (heading, row, bounds))
+            });
+        let mut tops = vec![PoseBlock::default(); count];
+        for (heading, row, bounds) in rows.clone() {
+            let bound = bound_max(bounds);
+            if bound > tops[heading].bound {
+                let column = bounds.iter().position(|&other| other == bound);
+                tops[heading] = PoseBlock::new(bound, heading, row, column.unwrap_or(0));
+            }
+        }
+        tops.sort_by_key(|top| std::cmp::Reverse(top.bound));
+        let part = self.config.runner_up_share;
+        let share = |best: u16| (f32::from(best) * part) as u16;
+        let mut best = 0;
+        let points = self.selected_points.len();
+        let offsets = |heading: u16| {
+            let begun = usize::from(heading) * points;
+            &self.offsets[begun..begun + points]
+        };
+        for top in tops.into_iter().take(SEED_HEADINGS) {
+            let heading = first + f32::from(top.heading) * step;
+            let cell = self.best_cell(top, heading, offsets(top.heading));
+            best = best.max(cell.score);
+        }
+        let floor = share(best);
+        let mut blocks: Vec<PoseBlock> = Vec::new();
+        for (heading, row, bounds) in rows {
+            if bound_max(bounds) <= floor {
+                continue;
+            }
+            let those = bounds
+                .iter()
+                .enumerate()
+                .filter(|(_, bound)| **bound > floor);
+            blocks
+                .extend(those.map(|(column, &bound)| PoseBlock::new(bound, heading, row, column)));
+        }
+        blocks.sort_unstable_by_key(|block| {
+            (
+                std::cmp::Reverse(block.bound),
+                block.heading,
+                block.row,
+                block.column,
+            )
+        });
+        let mut cells: Vec<PoseCell> = Vec::new();
+        let mut spare = self.config.runner_up_blocks;
+        for block in blocks {
+            if block.bound <= best {
+                if block.bound <= share(best) || spare == 0 {
+                    break;
+                }
+                spare -= 1;
+            }
+            let heading = first + f32::from(block.heading) * step;
+            let cell = self.best_cell(block, heading, offsets(block.heading));
+            best = best.max(cell.score);
+            if cell.score > share(best) {
+                cells.push(cell);
+            }
+        }
+        self.suppress_neighbours(cells, share(best))
+    }
+
+    /// The best cells that score more than `least`, none close to a better one.
+    fn suppress_neighbours(&self, mut cells: Vec<PoseCell>, least: u16) -> Vec<PoseCell> {
+        cells.sort_by_key(|cell| std::cmp::Reverse(cell.score));
+        let mut distinct: Vec<PoseCell> = Vec::new();
+        for cell in cells {
+            if distinct.len() >= self.config.hypotheses_max || cell.score <= least {
+                break;
+            }
+            if !distinct
+                .iter()
+                .any(|other| self.is_same_up_to_fold(other.pose, cell.pose))
+            {
+                distinct.push(cell);
+            }
+        }
+        distinct
+    }
+
+    /// The best cell of a block at a heading, under which the points lie at `offsets`.
+    fn best_cell(&self, block: PoseBlock, heading: f32, offsets: &[(u32, u32)]) -> PoseCell {
+        let tables = &self.tables;
+        let stride = tables.score_stride;
+        let at = usize::from(block.row) * BLOCK * stride + usize::from(block.column) * BLOCK;
+        let mut sums = [[0_u16; BLOCK]; BLOCK];
+        for batch in offsets.chunks(BATCH) {
+            // The scores of a row of cells are the bytes of a number; sums of a batch do not carry from one to the next.
+            let mut bytes = [0_u32; BLOCK];
+            for &(x, y) in batch {
+                let start = at + y as usize * stride + x as usize;
+                for (row, bytes) in bytes.iter_mut().enumerate() {
+                    let scores = tables.scores.get(start + row * stride..);
+                    if let Some(scores) = scores.and_then(|from| from.first_chunk()) {
+                        *bytes = bytes.wrapping_add(u32::from_le_bytes(*scores));
+                    }
+                }
+            }
+            for (sums, bytes) in sums.iter_mut().zip(bytes) {
+                for (sum, byte) in sums.iter_mut().zip(bytes.to_le_bytes()) {
+                    *sum += u16::from(byte);
+                }
+            }
+        }
+        let sums = sums.as_flattened();
+        let mut best = 0;
+        for (k, &sum) in sums.iter().enumerate() {
+            if sum > sums[best] {
+                best = k;
+            }
+        }
+        let column = usize::from(block.column) * BLOCK + best % BLOCK;
+        let row = usize::from(block.row) * BLOCK + best / BLOCK;
+        PoseCell {
+            score: sums[best],
+            pose: Pose::new(
+                tables.x0 + column as f32 * self.config.cell,
+                tables.y0 + row as f32 * self.config.cell,
+                heading,
+            ),
+        }
+    }
+}
+
+/// The highest bound of a row.
+fn bound_max(bounds: &[u16]) -> u16 {
+    let (chunks, _) = bounds.as_chunks::<LANES>();
+    let of = |chunk: &[u16; LANES]| chunk.iter().copied().fold(0, u16::max);
+    chunks.iter().map(of).fold(0, u16::max)
+}

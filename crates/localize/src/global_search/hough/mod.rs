@@ -1,0 +1,168 @@
+//! Self-localisation by the Hough transform (lima2001 4): which straight lines are seen, and which lines of the field
+//! are they?
+//!
+//! The steps carry the numbers of lima2001 4.1. The paper works in the pixels of its isometric mirror; here points of
+//! the ground are mapped to that isometric plane first, so that any map serves. Transition pixels (step 1) come from
+//! vision's scan along 36 circles.
+
+mod lines;
+mod orientation;
+mod position;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::field::{Field, Marking};
+use crate::frames::Pose;
+use crate::global_search::branch_and_bound::HeadingPrior;
+use crate::sample::LinePoint;
+
+pub use position::confirm_by_goal_colours;
+
+/// The Hough transform and its correlation.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct HoughConfig {
+    /// Metres per pixel of the isometric plane (lima2001 4.4: 6.95 mm).
+    pub pixel_size: f32,
+    /// Points beyond this are not used, metres: the plane's edge.
+    pub range_max: f32,
+    /// Step of φ, degrees (lima2001 4.4: 0.5).
+    pub angle_step_deg: f32,
+    /// Points vote for this many ρ cells on either side, since they scatter: 0 in the paper, whose points were exact
+    /// to a pixel; 4 is 3 cm.
+    pub vote_half_width_px: usize,
+    /// Lines picked from the accumulator (lima2001 4.4: q = 6).
+    pub lines_max: usize,
+    /// Most lines per array (lima2001 4.5: n = 6).
+    pub lines_per_direction_max: usize,
+    /// Columns taken on either side of φ for the arrays (lima2001 4.1 step 7).
+    pub angle_half_window_steps: usize,
+    /// Two parameters of one line: closer than this in φ, degrees.
+    pub suppression_angle_deg: f32,
+    /// And closer than this in ρ, metres.
+    pub suppression_distance: f32,
+    /// A line seen and a line of the model match if they are this close, metres.
+    pub tolerance: f32,
+    /// Δφ this far from parallel or perpendicular is irrelevant, degrees (lima2001 fig. 9b).
+    pub relevance_width_deg: f32,
+    /// Δρ this far from every distance between lines is irrelevant, metres (lima2001 fig. 9c).
+    pub relevance_width: f32,
+    /// Orientations looked at, the most relevant pair's first; 1 looks at no other, as the paper does.
+    pub orientations_max: usize,
+    /// Maxima of the correlation kept per array: where one line is seen, each of the field's seven fits it as well.
+    pub correlation_peaks_max: usize,
+}
+
+impl Default for HoughConfig {
+    fn default() -> Self {
+        HoughConfig {
+            pixel_size: 0.00695,
+            range_max: 5.0,
+            angle_step_deg: 0.5,
+            vote_half_width_px: 4,
+            lines_max: 6,
+            lines_per_direction_max: 6,
+            angle_half_window_steps: 2,
+            suppression_angle_deg: 6.0,
+            suppression_distance: 0.25,
+            tolerance: 0.12,
+            relevance_width_deg: 10.0,
+            relevance_width: 0.3,
+            orientations_max: 3,
+            correlation_peaks_max: 8,
+        }
+    }
+}
+
+/// A straight line: normal direction (radians, in [0, π)) and signed distance from the robot, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct HoughLine {
+    phi: f32,
+    rho: f32,
+    votes: i16,
+}
+
+/// Accumulator and model arrays of one field.
+#[derive(Debug, Clone)]
+pub struct Hough {
+    config: HoughConfig,
+    accumulator: Vec<i16>,
+    angles: usize,
+    /// ρ cells on either side of zero.
+    rho_half_cells: usize,
+    /// Positions of the field's lines across x and across y, metres (lima2001 4.1 step 8: ρ_φ and ρ_φ+90).
+    model: [Vec<f32>; 2],
+    /// Distances between parallel lines of the field.
+    line_spacings: Vec<f32>,
+    half_x: f32,
+    half_y: f32,
+}
+
+impl Hough {
+    /// Lays out accumulator and model.
+    pub fn new(field: &Field, config: HoughConfig) -> Self {
+        let mut model = [Vec::new(), Vec::new()];
+        for marking in &field.markings {
+            if let Marking::Line { from, to } = marking {
+                if (from.x - to.x).abs() < 1e-3 {
+                    model[0].push(from.x);
+                } else if (from.y - to.y).abs() < 1e-3 {
+                    model[1].push(from.y);
+                }
+            }
+        }
+        let mut distances = Vec::new();
+        for lines in &mut model {
+            lines.sort_by(f32::total_cmp);
+            lines.dedup_by(|a, b| (*a - *b).abs() < 1e-3);
+            for (k, a) in lines.iter().enumerate() {
+                distances.extend(lines[..k].iter().map(|b| a - b));
+            }
+        }
+        let angles = (180.0 / config.angle_step_deg).round() as usize;
+        let half =
+            (config.range_max / config.pixel_size).ceil() as usize + config.vote_half_width_px + 1;
+        Hough {
+            accumulator: vec![0; angles * (2 * half + 1)],
+            angles,
+            rho_half_cells: half,
+            model,
+            line_spacings: distances,
+            half_x: field.length / 2.0 + field.config.border,
+            half_y: field.width / 2.0 + field.config.border,
+            config,
+        }
+    }
+
+    /// Memory held, bytes.
+    pub fn memory_bytes(&self) -> usize {
+        self.accumulator.len() * size_of::<i16>()
+    }
+
+    /// Poses that put the lines seen onto lines of the field, best first; with a prior only those on its side of a
+    /// right angle, without one also the half turns.
+    pub fn find_poses(
+        &mut self,
+        points: &[LinePoint],
+        prior: Option<HeadingPrior>,
+    ) -> Vec<(f32, Pose)> {
+        let points: Vec<[f32; 2]> = points
+            .iter()
+            .filter(|point| point.at.distance() < self.config.range_max)
+            .map(|point| [point.at.x, point.at.y])
+            .collect();
+        self.vote(&points);
+        let lines = self.extract_lines();
+        let mut found = Vec::new();
+        for phi in self.find_orientations(&lines) {
+            let seen = [
+                self.lines_with_normal(&points, phi),
+                self.lines_with_normal(&points, phi + std::f32::consts::FRAC_PI_2),
+            ];
+            found.extend(self.find_positions(phi, &seen, prior));
+        }
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        found
+    }
+}

@@ -1,0 +1,505 @@
+//! What a robot must be able to rely on: right when it says so, and saying so when it is not.
+
+use localize::frames::wrap_angle;
+use localize::global_search::branch_and_bound::half_turn;
+use localize::matching::Matcher;
+use localize::sample::{Compass, LinePoint, Odometry};
+use localize::synthetic::drive::{
+    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
+};
+use localize::{At, DistanceField, Field, LocalizeConfig, Localizer, Mode, Pose, Reason, Stamp};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+fn field() -> Field {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../config/fields/msl_18x12.toml"
+    );
+    Field::load(std::path::Path::new(path)).expect("a field")
+}
+
+fn drive(seed: u64, config: SyntheticDriveConfig) -> SyntheticDrive<ChaCha8Rng> {
+    SyntheticDrive::new(&field(), config, ChaCha8Rng::seed_from_u64(seed))
+}
+
+fn localizer() -> Localizer {
+    Localizer::new(&field(), LocalizeConfig::default())
+}
+
+fn position_error(a: Pose, b: Pose) -> f32 {
+    a.origin().distance_to(b.origin())
+}
+
+fn point(x: f32, y: f32) -> LinePoint {
+    LinePoint {
+        at: At::new(x, y),
+        std_radial: 0.03,
+        std_tangential: 0.03,
+    }
+}
+
+fn stationary_odometry(seconds: f64) -> Odometry {
+    Odometry {
+        stamp: Stamp::from_seconds(seconds),
+        dx: 0.0,
+        dy: 0.0,
+        dtheta: 0.0,
+        slip: 0.0,
+    }
+}
+
+#[test]
+fn drive_is_tracked_within_6_cm_and_odometry_scale_is_estimated() {
+    let mut localizer = localizer();
+    let mut last = None;
+    for (k, frame) in drive(1, SyntheticDriveConfig::default())
+        .take(600)
+        .enumerate()
+    {
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
+        if k >= 15 {
+            let pose = estimate.pose.expect("a pose");
+            assert!(position_error(pose, frame.true_pose) < 0.06, "frame {k}");
+            assert_eq!(estimate.mode, Mode::Tracking);
+        }
+        last = Some(estimate);
+    }
+    let [way, turn] = last.expect("frames").odometry_scales;
+    // Odometry reports 3 % too much.
+    assert!((way - 1.0 / 1.03).abs() < 0.01 && (turn - 1.0 / 1.03).abs() < 0.02);
+}
+
+#[test]
+fn pose_covariance_is_consistent() {
+    let mut localizer = localizer();
+    let (mut sum, mut count) = (0.0, 0.0_f32);
+    for (k, frame) in drive(2, SyntheticDriveConfig::default())
+        .take(1800)
+        .enumerate()
+    {
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
+        if k < 60 {
+            continue;
+        }
+        let pose = estimate.pose.expect("a pose");
+        let off = nalgebra::Vector3::new(
+            pose.x - frame.true_pose.x,
+            pose.y - frame.true_pose.y,
+            wrap_angle(pose.theta - frame.true_pose.theta),
+        );
+        let inverse = estimate.covariance.try_inverse().expect("a covariance");
+        sum += off.dot(&(inverse * off));
+        count += 1.0;
+    }
+    // Three degrees of freedom; neighbouring frames share their errors, so that the mean scatters.
+    assert!((1.8..4.2).contains(&(sum / count)), "{}", sum / count);
+}
+
+#[test]
+fn single_images_are_located_with_a_compass() {
+    let field = field();
+    let mut localizer = localizer();
+    let mut rng = ChaCha8Rng::seed_from_u64(3);
+    let mut right = 0;
+    for k in 0..60 {
+        let truth = random_pose(&field, &mut rng);
+        let points =
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
+        let stamp = Stamp::from_seconds(f64::from(k) * 40.0);
+        let heading = truth.theta + 0.2;
+        localizer.add_compass(&Compass {
+            stamp,
+            heading,
+            magnetic_field: None,
+        });
+        let estimate = localizer.process_points(stamp, &points);
+        assert_ne!(estimate.mode, Mode::Tracking);
+        right += i32::from(
+            estimate
+                .pose
+                .is_some_and(|pose| position_error(pose, truth) < 0.1),
+        );
+    }
+    assert!(right >= 59, "{right} of 60");
+}
+
+#[test]
+fn field_half_is_unknown_until_a_compass_reading() {
+    let mut localizer = localizer();
+    let mut frames = drive(4, SyntheticDriveConfig::default());
+    for _ in 0..30 {
+        let frame = frames.next().expect("endless");
+        localizer.add_odometry(&frame.odometry);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
+        assert_eq!(estimate.mode, Mode::Global);
+        assert!(!estimate.half_known && estimate.reason.is_some());
+        let pose = estimate.pose.expect("a pose");
+        let either = position_error(pose, frame.true_pose)
+            .min(position_error(half_turn(pose), frame.true_pose));
+        assert!(either < 0.1, "{either}");
+    }
+    let mut known = None;
+    for k in 0..10 {
+        let frame = frames.next().expect("endless");
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
+        if estimate.mode == Mode::Tracking {
+            assert!(position_error(estimate.pose.expect("a pose"), frame.true_pose) < 0.1);
+            known = known.or(Some(k));
+        }
+    }
+    assert!(known.is_some_and(|k| k < 5), "{known:?}");
+}
+
+#[test]
+fn kidnapped_robot_is_located_within_24_frames() {
+    let covered = SyntheticDriveConfig {
+        occluded_share: 0.25,
+        ..SyntheticDriveConfig::default()
+    };
+    let mut frames = drive(5, covered);
+    let mut localizer = localizer();
+    for _ in 0..12 {
+        for _ in 0..60 {
+            let frame = frames.next().expect("endless");
+            localizer.add_odometry(&frame.odometry);
+            localizer.add_compass(&frame.compass);
+            localizer.process_points(frame.stamp, &frame.points);
+        }
+        frames.kidnap();
+        let (mut lost_after, mut found_after) = (None, None);
+        for k in 0..24 {
+            let frame = frames.next().expect("endless");
+            localizer.add_odometry(&frame.odometry);
+            localizer.add_compass(&frame.compass);
+            let estimate = localizer.process_points(frame.stamp, &frame.points);
+            if estimate.mode == Mode::Lost {
+                lost_after = lost_after.or(Some(k));
+            }
+            if estimate
+                .pose
+                .is_some_and(|pose| position_error(pose, frame.true_pose) < 0.15)
+            {
+                found_after = found_after.or(Some(k));
+            }
+        }
+        assert!(found_after.is_some(), "lost {lost_after:?}");
+    }
+}
+
+#[test]
+fn push_missed_by_odometry_is_corrected_within_5_frames() {
+    let field = field();
+    let mut localizer = localizer();
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    for k in 0..60 {
+        let x = if k < 30 { 4.0 } else { 4.25 };
+        let truth = Pose::new(x, 3.0, 0.5);
+        let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
+        let heading = 0.5;
+        localizer.add_odometry(&stationary_odometry(f64::from(k) / 30.0));
+        localizer.add_compass(&Compass {
+            stamp,
+            heading,
+            magnetic_field: None,
+        });
+        let points =
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
+        let estimate = localizer.process_points(stamp, &points);
+        if k == 29 || k > 34 {
+            let pose = estimate.pose.expect("a pose");
+            assert!(position_error(pose, truth) < 0.05, "frame {k}: {pose:?}");
+        }
+    }
+}
+
+#[test]
+fn covered_camera_is_dead_reckoned_then_reported_lost() {
+    let mut config = LocalizeConfig::default();
+    config.mode.lost_position_std = 0.2;
+    let mut localizer = Localizer::new(&field(), config);
+    let mut frames = drive(7, SyntheticDriveConfig::default());
+    let mut before = 0.0;
+    let mut said = None;
+    for k in 0..30 * 40 {
+        let frame = frames.next().expect("endless");
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let covered = k >= 300;
+        let points = if covered { &[][..] } else { &frame.points };
+        let estimate = localizer.process_points(frame.stamp, points);
+        let std = estimate.covariance[(0, 0)].sqrt();
+        if (300..330).contains(&k) {
+            assert_eq!(estimate.reason, Some(Reason::FewPoints));
+            assert!(std >= before, "frame {k}");
+        }
+        before = std;
+        if let Some(pose) = estimate.pose {
+            let error = position_error(pose, frame.true_pose);
+            assert!(k < 15 || error < 0.8, "frame {k}: off by {error}");
+        } else if k > 300 {
+            said = said.or(Some(k));
+        }
+    }
+    assert!(said.is_some(), "never lost");
+}
+
+#[test]
+fn estimates_are_bit_reproducible() {
+    let run = || -> Vec<u32> {
+        let mut localizer = localizer();
+        drive(8, SyntheticDriveConfig::default())
+            .take(120)
+            .flat_map(|frame| {
+                localizer.add_odometry(&frame.odometry);
+                let estimate = localizer.process_points(frame.stamp, &frame.points);
+                let pose = estimate.pose.unwrap_or(Pose::new(0.0, 0.0, 0.0));
+                [pose.x.to_bits(), pose.y.to_bits(), pose.theta.to_bits()]
+            })
+            .collect()
+    };
+    assert_eq!(run(), run());
+}
+
+#[test]
+fn single_line_leaves_position_along_it_unconstrained() {
+    let distances = DistanceField::new(&field(), &LocalizeConfig::default().distance_field);
+    let mut matcher = Matcher::new(LocalizeConfig::default().matching);
+    // Along the touch line at y = 5.9375, seen from (3, 4).
+    let points: Vec<_> = (0..30)
+        .map(|k| point(-1.5 + 0.1 * k as f32, 5.9375 - 4.0))
+        .collect();
+    let matched = matcher.refine(&distances, &points, Pose::new(3.0, 4.02, 0.0), 0.05);
+    assert!((matched.pose.y - 4.0).abs() < 0.01);
+    assert!((matched.pose.x - 3.0).abs() < 0.01, "x moved though free");
+    assert!(matched.covariance[(0, 0)].sqrt() > 1.0);
+    assert!(matched.covariance[(1, 1)].sqrt() < 0.05);
+}
+
+#[test]
+fn invalid_points_give_no_pose() {
+    let mut localizer = localizer();
+    let nan = vec![point(f32::NAN, 1.0), point(1.0, f32::INFINITY)];
+    let far: Vec<_> = (0..50).map(|k| point(40.0 + k as f32, 40.0)).collect();
+    let heap: Vec<_> = (0..50).map(|_| point(1.0, 1.0)).collect();
+    for (k, points) in [&[][..], &nan, &far].into_iter().enumerate() {
+        let estimate = localizer.process_points(Stamp::from_seconds(k as f64), points);
+        assert_eq!((estimate.mode, estimate.pose), (Mode::Lost, None));
+        assert!(estimate.covariance[(0, 0)].sqrt() > 3.0);
+    }
+    let estimate = localizer.process_points(Stamp::from_seconds(10.0), &heap);
+    assert_ne!(estimate.mode, Mode::Tracking);
+}
+
+#[test]
+fn single_line_grows_the_covariance_along_it() {
+    let field = field();
+    let mut localizer = localizer();
+    let truth = Pose::new(3.0, 4.0, 0.0);
+    let mut rng = ChaCha8Rng::seed_from_u64(14);
+    let mut begun = None;
+    for k in 0..240 {
+        let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
+        localizer.add_odometry(&stationary_odometry(f64::from(k) / 30.0));
+        localizer.add_compass(&Compass {
+            stamp,
+            heading: 0.0,
+            magnetic_field: None,
+        });
+        let points = if k < 60 {
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng)
+        } else {
+            // Along the touch line at y = 5.9375.
+            (0..30)
+                .map(|k| point(-1.5 + 0.1 * k as f32, 5.9375 - 4.0))
+                .collect()
+        };
+        let estimate = localizer.process_points(stamp, &points);
+        let [along, across] = [0, 1].map(|i| estimate.covariance[(i, i)].sqrt());
+        if k >= 59 {
+            assert!(
+                position_error(estimate.pose.expect("a pose"), truth) < 0.05,
+                "frame {k}"
+            );
+            assert!(across < 0.05, "frame {k}");
+        }
+        if k == 59 {
+            begun = Some(along);
+        }
+        if k == 239 {
+            let begun = begun.expect("tracked");
+            assert!(along > 2.0 * begun, "{begun} {along}");
+        }
+    }
+}
+
+#[test]
+fn points_outside_the_field_do_not_move_a_tracked_pose() {
+    let mut localizer = localizer();
+    let mut frames = drive(15, SyntheticDriveConfig::default());
+    let mut last = None;
+    for k in 0..90 {
+        let frame = frames.next().expect("endless");
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        let astray =
+            [30.0_f32, -40.0, 60.0].map(|x| [point(x, x), point(-x, 0.5 * x), point(x, 0.0)]);
+        let points = if k < 60 {
+            frame.points.clone()
+        } else {
+            astray.as_flattened().to_vec()
+        };
+        let estimate = localizer.process_points(frame.stamp, &points);
+        if k >= 60 {
+            assert_ne!(estimate.reason, None, "frame {k}");
+            if let Some(pose) = estimate.pose {
+                assert!(position_error(pose, frame.true_pose) < 0.3, "frame {k}");
+            }
+            let std = estimate.covariance[(0, 0)].sqrt();
+            assert!(
+                last.is_none_or(|last| std > 0.95 * last),
+                "frame {k}: {std} {last:?}"
+            );
+            last = Some(std);
+        }
+    }
+}
+
+#[test]
+fn single_line_is_reported_ambiguous() {
+    // Two hypotheses that one line leaves: a robot that sees nothing but a line is nowhere in particular.
+    let mut localizer = localizer();
+    let line: Vec<_> = (0..40).map(|k| point(-2.0 + 0.1 * k as f32, 1.5)).collect();
+    for k in 0..3 {
+        let stamp = Stamp::from_seconds(f64::from(k) / 30.0);
+        localizer.add_odometry(&stationary_odometry(f64::from(k) / 30.0));
+        let estimate = localizer.process_points(stamp, &line);
+        assert_ne!(estimate.mode, Mode::Tracking);
+        assert!(!estimate.half_known && estimate.reason.is_some());
+        assert!(estimate.covariance[(0, 0)].max(estimate.covariance[(1, 1)]) > 0.5);
+    }
+}
+
+#[test]
+fn nan_points_are_ignored() {
+    let (mut clean, mut dirty) = (localizer(), localizer());
+    for frame in drive(9, SyntheticDriveConfig::default()).take(60) {
+        let mut points = frame.points.clone();
+        points.insert(points.len() / 2, point(f32::NAN, f32::NAN));
+        clean.add_odometry(&frame.odometry);
+        dirty.add_odometry(&frame.odometry);
+        let a = clean.process_points(frame.stamp, &frame.points);
+        let b = dirty.process_points(frame.stamp, &points);
+        assert_eq!(a.pose, b.pose);
+    }
+}
+
+#[test]
+fn out_of_order_image_is_rejected_and_clock_reset_accepted() {
+    let mut localizer = localizer();
+    let mut frames = drive(10, SyntheticDriveConfig::default());
+    let mut newest = None;
+    for _ in 0..30 {
+        let frame = frames.next().expect("endless");
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        newest = localizer.process_points(frame.stamp, &frame.points).pose;
+    }
+    let frame = frames.next().expect("endless");
+    let early = Stamp::from_seconds(0.1);
+    let estimate = localizer.process_points(early, &frame.points);
+    assert_eq!(estimate.reason, Some(Reason::OutOfOrder));
+    assert_eq!(estimate.pose, newest);
+    let mut again = estimate;
+    for k in 0..10 {
+        let stamp = Stamp::from_seconds(0.2 + 0.03 * f64::from(k));
+        let heading = frame.true_pose.theta;
+        localizer.add_compass(&Compass {
+            stamp,
+            heading,
+            magnetic_field: None,
+        });
+        again = localizer.process_points(stamp, &frame.points);
+    }
+    assert_ne!(again.reason, Some(Reason::OutOfOrder));
+    assert!(position_error(again.pose.expect("a pose"), frame.true_pose) < 0.1);
+}
+
+#[test]
+fn late_images_are_applied_at_their_stamp() {
+    let mut localizer = localizer();
+    let frames: Vec<_> = drive(13, SyntheticDriveConfig::default())
+        .take(120)
+        .collect();
+    for (k, now) in frames.iter().enumerate() {
+        localizer.add_odometry(&now.odometry);
+        localizer.add_compass(&now.compass);
+        // The frame that arrives was taken two samples ago.
+        let Some(frame) = k.checked_sub(2).map(|k| &frames[k]) else {
+            continue;
+        };
+        let estimate = localizer.process_points(frame.stamp, &frame.points);
+        if k > 30 {
+            assert_eq!(estimate.mode, Mode::Tracking, "frame {k}");
+            let pose = estimate.pose.expect("a pose");
+            assert!(position_error(pose, frame.true_pose) < 0.05, "frame {k}");
+        }
+    }
+}
+
+#[test]
+fn odometry_gap_ends_tracking() {
+    let mut localizer = localizer();
+    let mut frames = drive(11, SyntheticDriveConfig::default());
+    for _ in 0..30 {
+        let frame = frames.next().expect("endless");
+        localizer.add_odometry(&frame.odometry);
+        localizer.add_compass(&frame.compass);
+        localizer.process_points(frame.stamp, &frame.points);
+    }
+    let frame = frames.next().expect("endless");
+    localizer.add_odometry(&stationary_odometry(3.0));
+    let estimate = localizer.process_points(Stamp::from_seconds(3.0), &frame.points);
+    assert_ne!(estimate.mode, Mode::Tracking);
+}
+
+#[test]
+fn tilt_estimation_reduces_position_error() {
+    let field = field();
+    let distances = DistanceField::new(&field, &LocalizeConfig::default().distance_field);
+    let config = LocalizeConfig::default().matching;
+    let mut matcher = Matcher::new(config.clone());
+    let upright = localize::matching::MatchConfig {
+        tilt_std_deg: 0.0,
+        ..config.clone()
+    };
+    let mut without = Matcher::new(upright);
+    let (mut with_lean, mut without_lean) = (0.0, 0.0);
+    let mut rng = ChaCha8Rng::seed_from_u64(12);
+    let height = config.viewpoint_height;
+    let (a, b) = (0.5_f32.to_radians(), -0.4_f32.to_radians());
+    for _ in 0..40 {
+        let truth = random_pose(&field, &mut rng);
+        let mut points =
+            simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
+        for point in &mut points {
+            // What an upright map says of a point that a leaning robot sees: the inverse of MATH.md's formula.
+            let (x, y) = (point.at.x, point.at.y);
+            let scale = height / (height + a * x + b * y);
+            point.at = At::new(
+                (x - a * height) * scale + a * a * x,
+                (y - b * height) * scale + b * b * y,
+            );
+        }
+        let start = Pose::new(truth.x + 0.03, truth.y - 0.03, truth.theta + 0.01);
+        with_lean += position_error(matcher.refine(&distances, &points, start, 0.2).pose, truth);
+        without_lean += position_error(without.refine(&distances, &points, start, 0.2).pose, truth);
+    }
+    assert!(with_lean < 0.6 * without_lean, "{with_lean} {without_lean}");
+}

@@ -1,0 +1,180 @@
+//! What bytes does a sight become? The part of [`super::wire`] that vision fills.
+
+use foxglove::Encode;
+
+use super::wire::LinePoints;
+
+/// `vision::objects::ball::Ball`: robot frame, metres; covariance xx, xy, yy, m².
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Ball {
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, repeated)]
+    pub(crate) covariance: Vec<f32>,
+    #[prost(bool)]
+    pub(crate) on_ground: bool,
+    #[prost(float, required)]
+    pub(crate) score: f32,
+    #[prost(float, required)]
+    pub(crate) u_px: f32,
+    #[prost(float, required)]
+    pub(crate) v_px: f32,
+    #[prost(uint32)]
+    pub(crate) pixels: u32,
+}
+
+/// `vision::objects::robots::Robot`: its middle and its nearest edge, robot frame, metres.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Robot {
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, required)]
+    pub(crate) edge_x: f32,
+    #[prost(float, required)]
+    pub(crate) edge_y: f32,
+    #[prost(float, repeated)]
+    pub(crate) covariance: Vec<f32>,
+    #[prost(float, required)]
+    pub(crate) width: f32,
+    #[prost(string)]
+    pub(crate) marker: String,
+    #[prost(float, required)]
+    pub(crate) score: f32,
+    #[prost(float, required)]
+    pub(crate) u_px: f32,
+    #[prost(float, required)]
+    pub(crate) v_px: f32,
+}
+
+/// All robots of a frame.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Robots {
+    #[prost(message, repeated)]
+    pub(crate) robots: Vec<Robot>,
+}
+
+/// `vision::objects::goals::Goal`: its middle on the ground, robot frame, metres.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Goal {
+    #[prost(string)]
+    pub(crate) kind: String,
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, repeated)]
+    pub(crate) covariance: Vec<f32>,
+    #[prost(float, required)]
+    pub(crate) width: f32,
+    #[prost(float, required)]
+    pub(crate) score: f32,
+    #[prost(float, required)]
+    pub(crate) u_px: f32,
+    #[prost(float, required)]
+    pub(crate) v_px: f32,
+}
+
+/// `vision::objects::virtual_sensors::WindowReadings`: what the virtual sensors say; a place is a column and a row, or nothing.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Windows {
+    #[prost(float, repeated)]
+    pub(crate) bumper_share: Vec<f32>,
+    #[prost(bool, repeated)]
+    pub(crate) bumper_hit: Vec<bool>,
+    #[prost(float, repeated)]
+    pub(crate) blue_goal_px: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) yellow_goal_px: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) ball_px: Vec<f32>,
+    #[prost(bool)]
+    pub(crate) kick: bool,
+    #[prost(float, repeated)]
+    pub(crate) lens_px: Vec<f32>,
+    #[prost(bool, optional)]
+    pub(crate) lens_centred: Option<bool>,
+}
+
+/// `vision::exposure::ExposureReading`; settings are in the camera's own units, absent where it has no control.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Exposure {
+    #[prost(float, required)]
+    pub(crate) entropy: f32,
+    #[prost(float, required)]
+    pub(crate) level: f32,
+    #[prost(float, optional)]
+    pub(crate) exposure: Option<f32>,
+    #[prost(float, optional)]
+    pub(crate) gain: Option<f32>,
+    #[prost(bool)]
+    pub(crate) searching: bool,
+    #[prost(float, optional)]
+    pub(crate) command_exposure: Option<f32>,
+    #[prost(float, optional)]
+    pub(crate) command_gain: Option<f32>,
+    #[prost(uint64)]
+    pub(crate) command_from_frame: u64,
+    #[prost(bool)]
+    pub(crate) light_jumped: bool,
+    #[prost(bool)]
+    pub(crate) warning: bool,
+}
+
+/// `vision::process::Seen`: all that a frame shows.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Detections {
+    #[prost(message, required)]
+    pub(crate) points: LinePoints,
+    #[prost(float, repeated)]
+    pub(crate) point_u_px: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) point_v_px: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) point_contrast: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) point_width: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) refused_u_px: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) refused_v_px: Vec<f32>,
+    #[prost(string, repeated)]
+    pub(crate) refused_reason: Vec<String>,
+    #[prost(message, optional)]
+    pub(crate) ball: Option<Ball>,
+    #[prost(message, repeated)]
+    pub(crate) robots: Vec<Robot>,
+    #[prost(message, repeated)]
+    pub(crate) goals: Vec<Goal>,
+    #[prost(float, repeated)]
+    pub(crate) carpet_end: Vec<f32>,
+    #[prost(float, required)]
+    pub(crate) carpet_share: f32,
+    #[prost(bool)]
+    pub(crate) learned: bool,
+    #[prost(message, required)]
+    pub(crate) windows: Windows,
+}
+
+/// What vision measured of a whole image, for plotting.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Sensors {
+    #[prost(uint32)]
+    pub(crate) line_points: u32,
+    #[prost(uint32)]
+    pub(crate) refused: u32,
+    #[prost(float, required)]
+    pub(crate) carpet_share: f32,
+    #[prost(bool)]
+    pub(crate) colours_learned: bool,
+    /// How far the carpet reaches in each direction around the mirror's axis, metres; infinite where nothing ends it.
+    #[prost(float, repeated)]
+    pub(crate) carpet_end: Vec<f32>,
+    #[prost(message, required)]
+    pub(crate) windows: Windows,
+    #[prost(message, optional)]
+    pub(crate) exposure: Option<Exposure>,
+}

@@ -1,0 +1,336 @@
+//! What happens on each course? A simulated drive without images, its samples and truth kept, points drawn at poses.
+
+use localize::frames::{At, Pose, wrap_angle};
+use localize::robot::RobotConfig;
+use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
+use localize::synthetic::drive::{SyntheticDriveConfig, simulate_line_points};
+use localize::{Field, Stamp};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::Course;
+use crate::scenario::{PathConfig, Placement, Push, Scenario};
+use crate::sensors::standard_normal;
+use crate::simulation::{Sim, SimError, SimSample};
+
+/// From exposure to stamp on the late courses, seconds.
+pub(super) const LATENCY: f32 = 0.08;
+/// Real radius of the wheels over the believed one: odometry reports 3 % too much.
+pub(super) const RADIUS_SCALE: f32 = 1.0 / 1.03;
+/// Frames a second; truth is kept three times as often.
+const FRAME_RATE: f64 = 30.0;
+const TRUTHS_PER_IMAGE: usize = 3;
+/// Blindness: so many seconds of each period.
+const VISION_LOSS_TIME: f64 = 2.0;
+const VISION_LOSS_PERIOD: f64 = 8.0;
+/// Spread of the lean (radians) and how long it lasts, seconds.
+const TILT_STD: f32 = 0.45 * std::f32::consts::PI / 180.0;
+const TILT_CORRELATION_TIME: f32 = 0.4;
+const GRAVITY: f32 = 9.81;
+
+/// What the robot hears, in the order of time.
+#[derive(Debug, Clone)]
+pub(super) enum SensorInput {
+    Odometry(Odometry),
+    Imu(Imu),
+    Compass(Compass),
+    Command(VelocityCommand),
+    Points(PointObservation),
+}
+
+/// A frame's points.
+#[derive(Debug, Clone)]
+pub(super) struct PointObservation {
+    /// As the camera's driver stamps it.
+    pub(super) stamp: Stamp,
+    pub(super) points: Vec<LinePoint>,
+    /// True pose and velocity (field frame) at the stamp.
+    pub(super) truth: Pose,
+    pub(super) velocity: [f32; 2],
+    /// Is this the last frame of two seconds without sight?
+    pub(super) vision_loss_end: bool,
+    pub(super) vision_lost: bool,
+}
+
+/// A drive with all that was heard of it.
+#[derive(Debug, Clone)]
+pub(super) struct RecordedDrive {
+    pub(super) inputs: Vec<SensorInput>,
+    /// When the robot was hit.
+    pub(super) push_stamps: Vec<Stamp>,
+    pub(super) start: Pose,
+}
+
+struct TruthState {
+    stamp: Stamp,
+    pose: Pose,
+    velocity: [f32; 2],
+}
+
+/// Drives a course.
+pub(super) fn record_drive(
+    course: Course,
+    seed: u64,
+    duration: f64,
+    robot: &RobotConfig,
+    field: &Field,
+) -> Result<RecordedDrive, SimError> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    rng.set_stream(77);
+    let scenario = scenario(course, seed, duration, field, &mut rng);
+    let mut robot = robot.clone();
+    if matches!(course, Course::Slip | Course::All)
+        && let Some(base) = &mut robot.base
+    {
+        // Half as much again as the carpet takes.
+        base.acceleration_max = 5.0;
+    }
+    shrink(&mut robot);
+    let start = scenario.start.pose();
+    let hits = scenario
+        .pushes
+        .iter()
+        .map(|push| Stamp::from_seconds(push.time))
+        .collect();
+    let mut truths = Vec::new();
+    let mut heard = Vec::new();
+    for sample in Sim::new(scenario, robot, field.clone())?.without_images() {
+        match sample {
+            SimSample::Odometry(one) => heard.push(SensorInput::Odometry(one)),
+            SimSample::Imu(one) => heard.push(SensorInput::Imu(one)),
+            SimSample::Compass(one) => heard.push(SensorInput::Compass(one)),
+            SimSample::Command(one) => heard.push(SensorInput::Command(one)),
+            SimSample::Truth(truth) => truths.push(TruthState {
+                stamp: truth.stamp,
+                pose: truth.robot.pose,
+                velocity: truth.robot.velocity,
+            }),
+            SimSample::Image(_) => {}
+        }
+    }
+    let lean = add_tilt(course, &mut heard, &mut rng);
+    let frames = frames(course, &truths, &lean, field, &mut rng);
+    heard.extend(frames.into_iter().map(SensorInput::Points));
+    heard.sort_by_key(|one| (one.stamp(), one.priority()));
+    Ok(RecordedDrive {
+        inputs: heard,
+        push_stamps: hits,
+        start,
+    })
+}
+
+impl SensorInput {
+    pub(super) fn stamp(&self) -> Stamp {
+        match self {
+            SensorInput::Odometry(one) => one.stamp,
+            SensorInput::Imu(one) => one.stamp,
+            SensorInput::Compass(one) => one.stamp,
+            SensorInput::Command(one) => one.stamp,
+            SensorInput::Points(one) => one.stamp,
+        }
+    }
+
+    /// Of one stamp, as the spine orders them.
+    fn priority(&self) -> u8 {
+        match self {
+            SensorInput::Command(_) => 0,
+            SensorInput::Imu(_) => 1,
+            SensorInput::Odometry(_) => 2,
+            SensorInput::Compass(_) => 3,
+            SensorInput::Points(_) => 4,
+        }
+    }
+}
+
+fn scenario(
+    course: Course,
+    seed: u64,
+    duration: f64,
+    field: &Field,
+    rng: &mut ChaCha8Rng,
+) -> Scenario {
+    let (half_x, half_y) = (field.length / 2.0 - 1.0, field.width / 2.0 - 1.0);
+    let mut place = || Placement {
+        x: half_x * (2.0 * rng.random::<f32>() - 1.0),
+        y: half_y * (2.0 * rng.random::<f32>() - 1.0),
+        theta_deg: 360.0 * rng.random::<f32>() - 180.0,
+    };
+    let start = place();
+    let waypoints = (0..40).map(|_| place()).collect();
+    let fast = matches!(course, Course::Late | Course::UnknownLatency);
+    let pushes = if matches!(course, Course::Hits | Course::All) {
+        let count = (duration / 5.0) as usize;
+        (0..count)
+            .map(|k| {
+                let size = 30.0 + 45.0 * rng.random::<f32>();
+                let (sin, cos) = (std::f32::consts::TAU * rng.random::<f32>()).sin_cos();
+                Push {
+                    time: 4.0 + 5.0 * k as f64 + f64::from(rng.random::<f32>()),
+                    impulse: [size * cos, size * sin],
+                }
+            })
+            .collect()
+    } else {
+        Vec::new()
+    };
+    Scenario {
+        robot: "robot.toml".into(),
+        field: None,
+        seed,
+        duration,
+        frame_rate_hz: FRAME_RATE * TRUTHS_PER_IMAGE as f64,
+        start,
+        path: PathConfig {
+            waypoints,
+            speed: if fast { 3.0 } else { 2.0 },
+            ..PathConfig::default()
+        },
+        ball: crate::scenario::BallConfig {
+            present: false,
+            ..Default::default()
+        },
+        others: Default::default(),
+        squad: Vec::new(),
+        radio: Default::default(),
+        wheels: crate::scenario::WheelConfig {
+            radius_scale: vec![RADIUS_SCALE],
+            ..Default::default()
+        },
+        mount: Default::default(),
+        focal_scale: 1.0,
+        film: Default::default(),
+        light: Default::default(),
+        kidnaps: Vec::new(),
+        pushes,
+        occlusions: Vec::new(),
+        faults: Vec::new(),
+    }
+}
+
+/// The camera takes no images here: a small one is set up sooner.
+fn shrink(robot: &mut RobotConfig) {
+    const SIDE_PX: usize = 64;
+    if let Some(camera) = &mut robot.camera {
+        let part = SIDE_PX as f32 / camera.width_px as f32;
+        (camera.width_px, camera.height_px) = (SIDE_PX, SIDE_PX);
+        let scaled = |value: &mut Option<f32>| *value = value.map(|value| value * part);
+        scaled(&mut camera.focal_px);
+        scaled(&mut camera.outer_radius_px);
+        let middle = (SIDE_PX as f32 - 1.0) / 2.0;
+        camera.centre_px = [middle, middle];
+    }
+}
+
+/// Lets the inertial unit feel a wandering lean; the lean at each of its readings.
+fn add_tilt(
+    course: Course,
+    heard: &mut [SensorInput],
+    rng: &mut ChaCha8Rng,
+) -> Vec<(Stamp, [f32; 2])> {
+    if !matches!(course, Course::Lean | Course::All) {
+        return Vec::new();
+    }
+    let mut told = Vec::new();
+    let (mut lean, mut smooth) = ([0.0_f32; 2], [0.0_f32; 2]);
+    let mut last: Option<Stamp> = None;
+    for one in heard {
+        let SensorInput::Imu(imu) = one else { continue };
+        let seconds = last.map_or(0.01, |last| (imu.stamp - last) as f32);
+        last = Some(imu.stamp);
+        let keep = (-seconds / TILT_CORRELATION_TIME).exp();
+        let before = smooth;
+        for k in 0..2 {
+            // A body does not jump: what wanders is followed within a tenth of a second. The second root keeps the spread.
+            lean[k] = keep * lean[k]
+                + (1.0 - keep * keep).sqrt() * 1.12 * TILT_STD * standard_normal(rng);
+            smooth[k] += (lean[k] - smooth[k]) * (seconds / 0.1).min(1.0);
+        }
+        let [a, b] = std::array::from_fn(|k| (smooth[k] - before[k]) / seconds);
+        // Up turns against the robot by u̇ = u × ω: a lean that stays with a turning robot is felt by the gyro too.
+        let spin = imu.rate[2];
+        imu.rate[0] += b + smooth[0] * spin;
+        imu.rate[1] += smooth[1] * spin - a;
+        for (acceleration, lean) in imu.acceleration.iter_mut().zip(smooth) {
+            *acceleration += GRAVITY * lean;
+        }
+        told.push((imu.stamp, smooth));
+    }
+    told
+}
+
+fn frames(
+    course: Course,
+    truths: &[TruthState],
+    lean: &[(Stamp, [f32; 2])],
+    field: &Field,
+    rng: &mut ChaCha8Rng,
+) -> Vec<PointObservation> {
+    let late = matches!(course, Course::Late | Course::UnknownLatency);
+    let blinded = matches!(course, Course::Blind | Course::All);
+    let sensing = SyntheticDriveConfig::default();
+    let height = localize::matching::MatchConfig::default().viewpoint_height;
+    let blind_at = |seconds: f64| {
+        blinded && seconds.rem_euclid(VISION_LOSS_PERIOD) >= VISION_LOSS_PERIOD - VISION_LOSS_TIME
+    };
+    let mut frames = Vec::new();
+    for exposed in truths.iter().step_by(TRUTHS_PER_IMAGE) {
+        let stamp = if late {
+            exposed.stamp + f64::from(LATENCY)
+        } else {
+            exposed.stamp
+        };
+        let Some(truth) = interpolate_truth(truths, stamp) else {
+            continue;
+        };
+        let seconds = stamp.seconds();
+        let blind = blind_at(seconds);
+        let mut points = if blind {
+            Vec::new()
+        } else {
+            simulate_line_points(field, &sensing, exposed.pose, rng)
+        };
+        let at = lean.partition_point(|(stamp, _)| *stamp <= exposed.stamp);
+        if let Some((_, [a, b])) = at.checked_sub(1).and_then(|at| lean.get(at)) {
+            for point in &mut points {
+                // The inverse of MATH.md 2, "Tilt": what an upright map makes of a leaning robot's sight.
+                let At { x, y, .. } = point.at;
+                let stretch = height / (height + a * x + b * y);
+                point.at = At::new((x - a * height) * stretch, (y - b * height) * stretch);
+            }
+        }
+        frames.push(PointObservation {
+            stamp,
+            points,
+            truth: truth.pose,
+            velocity: truth.velocity,
+            vision_lost: blind,
+            vision_loss_end: false,
+        });
+    }
+    for k in 1..frames.len() {
+        frames[k - 1].vision_loss_end = frames[k - 1].vision_lost && !frames[k].vision_lost;
+    }
+    frames
+}
+
+/// The truth at a time between two that were kept.
+fn interpolate_truth(truths: &[TruthState], stamp: Stamp) -> Option<TruthState> {
+    let after = truths.partition_point(|truth| truth.stamp < stamp);
+    let (b, a) = (truths.get(after)?, truths.get(after.saturating_sub(1))?);
+    let length = b.stamp - a.stamp;
+    let part = if length > 0.0 {
+        ((stamp - a.stamp) / length) as f32
+    } else {
+        0.0
+    };
+    let turn = wrap_angle(b.pose.theta - a.pose.theta);
+    Some(TruthState {
+        stamp,
+        pose: Pose::new(
+            a.pose.x + part * (b.pose.x - a.pose.x),
+            a.pose.y + part * (b.pose.y - a.pose.y),
+            a.pose.theta + part * turn,
+        ),
+        velocity: b.velocity,
+    })
+}

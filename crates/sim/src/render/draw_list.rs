@@ -1,0 +1,414 @@
+//! Who stands on the stage? Robots, ball, goals and the robot's own rods, as pieces in the robot frame.
+
+use localize::field::{FieldConfig, GoalColour};
+use localize::frames::{At, Pose, RobotFrame, Tf};
+use localize::robot::BodyConfig;
+
+use super::environment::Environment;
+use super::ground::Ground;
+use super::light_buffer::LightBuffer;
+use super::rays::{RayRange, SortedRays, Tile};
+use super::solids::{
+    DrawContext, LightDirection, Outline, Panel, Primitive, Shadow, Solid, Sphere, Underbody,
+};
+use super::{Scene, linear};
+use crate::light::LightConfig;
+use crate::scenario::TeamColour;
+use crate::world::{OTHER_HALF_SIDE, RobotState};
+
+/// Where the hall's lamps' light comes from on the field: a unit vector.
+const LIGHT_DIRECTION: [f32; 2] = [0.8, 0.6];
+/// How high robots' bodies hang above the floor, metres.
+const CLEARANCE: f32 = 0.03;
+/// A net's mesh and cord, metres.
+const NET: [f32; 2] = [0.12, 0.008];
+
+/// Everything upright, from far to near, and the shadows on the floor.
+pub(super) struct DrawList {
+    primitives: Vec<(f32, Primitive)>,
+    shadows: Vec<Shadow>,
+    /// The rays of each piece and of each shadow.
+    primitive_rays: Vec<RayRange>,
+    shadow_rays: Vec<RayRange>,
+    light_direction: LightDirection,
+}
+
+struct DrawListBuilder<'a> {
+    robot_from_field: Tf<RobotFrame, localize::frames::FieldFrame>,
+    light: &'a LightConfig,
+    list: DrawList,
+}
+
+impl DrawList {
+    pub(super) fn new(
+        scene: &Scene,
+        field: &FieldConfig,
+        hall: &Environment,
+        light: &LightConfig,
+        rays: &SortedRays,
+    ) -> Self {
+        let robot_from_field = scene.pose.inverse();
+        let (sin, cos) = robot_from_field.theta.sin_cos();
+        let [lx, ly] = LIGHT_DIRECTION;
+        let stage = DrawList {
+            primitives: Vec::new(),
+            shadows: Vec::new(),
+            primitive_rays: Vec::new(),
+            shadow_rays: Vec::new(),
+            light_direction: [cos * lx - sin * ly, sin * lx + cos * ly],
+        };
+        let mut builder = DrawListBuilder {
+            robot_from_field,
+            light,
+            list: stage,
+        };
+        for thing in &hall.clutter {
+            builder.add_solid(*thing);
+        }
+        builder.add_goals(field);
+        for robot in scene.robots {
+            builder.add_robot(robot);
+        }
+        if let Some((at, diameter, colour)) = scene.ball {
+            builder.add_ball(at.x, at.y, diameter / 2.0, linear(colour));
+        }
+        let mut stage = builder.list;
+        // Stable: parts of one robot keep their order, from the ground up.
+        stage.primitives.sort_by(|a, b| b.0.total_cmp(&a.0));
+        stage.primitive_rays = stage
+            .primitives
+            .iter()
+            .map(|(_, piece)| piece.ray_range(rays))
+            .collect();
+        stage.shadow_rays = stage
+            .shadows
+            .iter()
+            .map(|shadow| shadow.ray_range(rays))
+            .collect();
+        stage
+    }
+
+    /// Draws a tile: shadows on the floor, then everything from far to near.
+    pub(super) fn draw(
+        &self,
+        rays: &SortedRays,
+        tile: &Tile,
+        ground: &Ground,
+        plate: &mut LightBuffer,
+    ) {
+        let brush = DrawContext {
+            rays,
+            tile,
+            light_direction: self.light_direction,
+        };
+        for (shadow, reach) in self.shadows.iter().zip(&self.shadow_rays) {
+            shadow.draw(reach, &brush, ground, plate);
+        }
+        for ((_, piece), reach) in self.primitives.iter().zip(&self.primitive_rays) {
+            piece.draw(reach, &brush, plate);
+        }
+    }
+}
+
+impl DrawListBuilder<'_> {
+    fn apply_light(&self, x: f32, y: f32, colour: [f32; 3]) -> [f32; 3] {
+        let (level, _) = self.light.spot_light_at(x, y);
+        colour.map(|part| part * level)
+    }
+
+    /// Takes a solid in field coordinates to the stage.
+    fn add_solid(&mut self, mut solid: Solid) {
+        solid.side = self.apply_light(solid.x, solid.y, solid.side);
+        solid.cap = self.apply_light(solid.x, solid.y, solid.cap);
+        let at: At<RobotFrame> = self.robot_from_field * At::new(solid.x, solid.y);
+        (solid.x, solid.y) = (at.x, at.y);
+        if let Outline::Box { cos, sin, .. } = &mut solid.outline {
+            let (turn_sin, turn_cos) = self.robot_from_field.theta.sin_cos();
+            (*cos, *sin) = (
+                *cos * turn_cos - *sin * turn_sin,
+                *sin * turn_cos + *cos * turn_sin,
+            );
+        }
+        self.list
+            .primitives
+            .push((at.distance(), Primitive::Solid(solid)));
+    }
+
+    /// A league robot: dark body, darker neck, team marker, mast and head (0.8 m in all).
+    fn add_robot(&mut self, robot: &RobotState) {
+        let Pose { x, y, theta, .. } = robot.pose;
+        let (sin, cos) = theta.sin_cos();
+        let marker = linear(match robot.team {
+            TeamColour::Cyan => [30, 180, 215],
+            TeamColour::Magenta => [205, 35, 150],
+        });
+        let body = linear([38, 38, 42]);
+        let side = OTHER_HALF_SIDE;
+        let square = |half: [f32; 2]| Outline::Box { half, cos, sin };
+        let round = |radius: f32| Outline::Circle { radius };
+        let mut part = |ahead: f32, bottom: f32, top: f32, outline: Outline, colour: [f32; 3]| {
+            self.add_solid(Solid {
+                x: x + cos * ahead,
+                y: y + sin * ahead,
+                bottom,
+                top,
+                outline,
+                side: colour,
+                cap: colour.map(|part| part * 1.3),
+            });
+        };
+        part(0.0, CLEARANCE, 0.22, square([side, side]), body);
+        part(
+            -0.04,
+            0.22,
+            0.42,
+            square([side * 0.72, side * 0.8]),
+            linear([52, 52, 56]),
+        );
+        part(-0.04, 0.42, 0.60, round(0.12), marker);
+        part(-0.04, 0.60, 0.72, round(0.04), linear([30, 30, 32]));
+        part(-0.04, 0.72, 0.80, round(0.11), linear([46, 46, 50]));
+        let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
+        // All parts take the body's place in the order, or a part leaning our way would hide what stands on it.
+        let count = self.list.primitives.len();
+        for piece in &mut self.list.primitives[count - 5..] {
+            piece.0 = at.distance();
+        }
+        let (sin, cos) = (theta + self.robot_from_field.theta).sin_cos();
+        self.list.shadows.push(Shadow {
+            x: at.x,
+            y: at.y,
+            radius: side * 1.2,
+            underbody: Underbody {
+                half: side,
+                cos,
+                sin,
+                height: CLEARANCE,
+            },
+        });
+    }
+
+    fn add_ball(&mut self, x: f32, y: f32, radius: f32, colour: [f32; 3]) {
+        let colour = self.apply_light(x, y, colour);
+        let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
+        let sphere = Sphere {
+            x: at.x,
+            y: at.y,
+            radius,
+            colour,
+        };
+        self.list
+            .primitives
+            .push((at.distance(), Primitive::Sphere(sphere)));
+        self.list.shadows.push(Shadow {
+            x: at.x,
+            y: at.y,
+            radius: radius * 0.9,
+            underbody: Underbody::NONE,
+        });
+    }
+
+    /// Posts and crossbar with a net, or a box of coloured walls.
+    fn add_goals(&mut self, field: &FieldConfig) {
+        let goal = &field.goal;
+        if goal.width <= 0.0 || goal.height <= 0.0 {
+            return;
+        }
+        for (side, colour) in [(1.0, goal.colours[0]), (-1.0, goal.colours[1])] {
+            let line = side * field.length / 2.0;
+            let (paint, mesh) = match colour {
+                GoalColour::White => (linear([225, 225, 222]), Some(NET)),
+                GoalColour::Blue => (linear([35, 70, 185]), None),
+                GoalColour::Yellow => (linear([225, 195, 40]), None),
+            };
+            let posts = match colour {
+                GoalColour::White => paint,
+                _ => linear([225, 225, 222]),
+            };
+            let half_post = goal.post / 2.0;
+            let beam = |half: [f32; 2]| Outline::Box {
+                half,
+                cos: 1.0,
+                sin: 0.0,
+            };
+            let mut stand = |y: f32, bottom: f32, top: f32, outline: Outline| {
+                self.add_solid(Solid {
+                    x: line,
+                    y,
+                    bottom,
+                    top,
+                    outline,
+                    side: posts,
+                    cap: posts,
+                });
+            };
+            if goal.post > 0.0 {
+                for across in [1.0, -1.0] {
+                    let y = across * (goal.width / 2.0 + half_post);
+                    stand(y, 0.0, goal.height, beam([half_post, half_post]));
+                }
+                let bar = beam([half_post, goal.width / 2.0 + goal.post]);
+                stand(0.0, goal.height, goal.height + goal.post, bar);
+            }
+            if goal.depth > 0.0 {
+                let back = line + side * goal.depth;
+                let half = goal.width / 2.0;
+                for (from, to) in [
+                    ([back, -half], [back, half]),
+                    ([line, -half], [back, -half]),
+                    ([line, half], [back, half]),
+                ] {
+                    self.add_panel(from, to, goal.height, paint, mesh);
+                }
+            }
+        }
+    }
+
+    fn add_panel(
+        &mut self,
+        from: [f32; 2],
+        to: [f32; 2],
+        top: f32,
+        colour: [f32; 3],
+        mesh: Option<[f32; 2]>,
+    ) {
+        let (x, y) = ((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
+        let colour = self.apply_light(x, y, colour);
+        let seen = |end: [f32; 2]| {
+            let at: At<RobotFrame> = self.robot_from_field * At::new(end[0], end[1]);
+            [at.x, at.y]
+        };
+        let (from, to) = (seen(from), seen(to));
+        let middle = At::<RobotFrame>::new((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
+        let screen = Panel {
+            from,
+            to,
+            top,
+            colour,
+            mesh,
+        };
+        self.list
+            .primitives
+            .push((middle.distance(), Primitive::Panel(screen)));
+    }
+}
+
+/// What the robot sees of itself: the same in every image, so it is drawn once.
+pub(super) struct OwnBody {
+    /// Rays that meet it, what of the scene is left of each, and what it adds.
+    overlay: Vec<(u32, f32, [f32; 3])>,
+}
+
+/// Height of the rods, metres: up to the mirror, whatever its height.
+const ROD_HEIGHT: f32 = 3.0;
+
+impl OwnBody {
+    pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &SortedRays) -> Self {
+        let solids = own_solids(body, camera_height);
+        let (tile, lamp) = (rays.single_tile(), [0.0, 1.0]);
+        let brush = DrawContext {
+            rays,
+            tile: &tile,
+            light_direction: lamp,
+        };
+        // Drawn over black and over white, the two tell how much of the scene is left.
+        let mut over = [0.0, 1.0].map(|level| {
+            let mut plate = LightBuffer::new(rays.count());
+            plate.set_tile(&tile);
+            for plane in plate.planes(&tile.rays) {
+                plane.fill(level);
+            }
+            for solid in &solids {
+                let piece = Primitive::Solid(*solid);
+                piece.draw(&piece.ray_range(rays), &brush, &mut plate);
+            }
+            plate
+        });
+        let [black, white] = over.each_mut().map(|plate| plate.planes(&tile.rays));
+        let veil = (0..rays.count())
+            .filter_map(|ray| {
+                let left = white[0][ray] - black[0][ray];
+                let adds = [0, 1, 2].map(|colour| black[colour][ray]);
+                (left < 0.999).then_some((ray as u32, left, adds))
+            })
+            .collect();
+        OwnBody { overlay: veil }
+    }
+
+    pub(super) fn draw(&self, tile: &Tile, plate: &mut LightBuffer) {
+        let first = self
+            .overlay
+            .partition_point(|veil| (veil.0 as usize) < tile.rays.start);
+        let inside = |veil: &&(u32, f32, [f32; 3])| (veil.0 as usize) < tile.rays.end;
+        let mut planes = plate.planes(&tile.rays);
+        for (ray, left, adds) in self.overlay[first..].iter().take_while(inside) {
+            let ray = *ray as usize - tile.rays.start;
+            for (plane, adds) in planes.iter_mut().zip(adds) {
+                plane[ray] = plane[ray] * left + adds;
+            }
+        }
+    }
+}
+
+fn own_solids(body: &BodyConfig, camera_height: f32) -> Vec<Solid> {
+    let solid = |x: f32, y: f32, top: f32, outline: Outline, colour: [u8; 3], cap: [u8; 3]| Solid {
+        x,
+        y,
+        bottom: 0.0,
+        top,
+        outline,
+        side: linear(colour),
+        cap: linear(cap),
+    };
+    let square = |half: f32| Outline::Box {
+        half: [half; 2],
+        cos: 1.0,
+        sin: 0.0,
+    };
+    let round = |radius: f32| Outline::Circle { radius };
+    let mut solids = Vec::new();
+    if body.radius > 0.0 && body.height > 0.0 {
+        solids.push(solid(
+            0.0,
+            0.0,
+            body.height,
+            round(body.radius),
+            [30, 30, 33],
+            [52, 53, 58],
+        ));
+    }
+    if body.camera_side > 0.0 {
+        let half = body.camera_side / 2.0;
+        solids.push(solid(
+            0.0,
+            0.0,
+            camera_height,
+            square(half),
+            [70, 70, 74],
+            [120, 118, 122],
+        ));
+        solids.push(solid(
+            0.0,
+            0.0,
+            camera_height + 0.002,
+            round(half * 0.45),
+            [40, 40, 44],
+            [28, 26, 30],
+        ));
+    }
+    if body.rod_radius > 0.0 {
+        for angle_deg in &body.rod_angles_deg {
+            let (sin, cos) = angle_deg.to_radians().sin_cos();
+            let (x, y) = (body.rod_distance * cos, body.rod_distance * sin);
+            solids.push(solid(
+                x,
+                y,
+                ROD_HEIGHT,
+                round(body.rod_radius),
+                [22, 22, 24],
+                [22, 22, 24],
+            ));
+        }
+    }
+    solids
+}

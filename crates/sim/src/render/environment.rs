@@ -1,0 +1,324 @@
+//! What is around the field? A hall with walls, panels and doors, and clutter that stands about.
+
+use std::f32::consts::TAU;
+use std::ops::Range;
+
+use localize::field::Field;
+use localize::frames::Pose;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::light_buffer::LightBuffer;
+use super::rays::{SortedRays, Tile};
+use super::solids::{Outline, Solid};
+use crate::image_sensor::{RUN_PIXELS, linear_from_srgb, srgb_from_linear};
+
+/// Room between carpet and walls, metres.
+const MARGIN: f32 = 3.0;
+/// Cell of the walls' picture, metres, and how high it goes.
+const CELL: f32 = 0.08;
+const HEIGHT: f32 = 4.0;
+/// Height of the darker skirting along the walls, metres.
+const SKIRTING: f32 = 0.4;
+/// Height of a field's own walls (the league's fields until 2001), metres.
+const FIELD_WALL: f32 = 0.5;
+/// Their sRGB colour.
+const FIELD_WALL_RGB: [u8; 3] = [206, 208, 205];
+/// Things that stand between carpet and walls.
+const CLUTTER_COUNT: usize = 26;
+
+/// The hall, field frame.
+pub(super) struct Environment {
+    half: [f32; 2],
+    /// sRGB colours (a fourth byte for alignment): columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
+    wall_texture: Vec<[u8; 4]>,
+    columns: usize,
+    rows: usize,
+    /// Linear values of sRGB bytes.
+    linear_from_srgb: [f32; 256],
+    /// Half extent of a field's own walls, and half the width of the goals' mouths in them.
+    field_walls: Option<([f32; 2], f32)>,
+    /// What stands about; places and directions in the field frame.
+    pub(super) clutter: Vec<Solid>,
+}
+
+impl Environment {
+    pub(super) fn new(field: &Field, rng: &mut ChaCha8Rng) -> Self {
+        let (carpet_x, carpet_y) = field.carpet_half_extent();
+        let half = [carpet_x + MARGIN, carpet_y + MARGIN];
+        let columns = (4.0 * (half[0] + half[1]) / CELL).ceil() as usize;
+        let rows = (HEIGHT / CELL) as usize;
+        let mut hall = Environment {
+            half,
+            wall_texture: Vec::new(),
+            columns,
+            rows,
+            linear_from_srgb: std::array::from_fn(|byte| linear_from_srgb(byte as u8)),
+            field_walls: field.config.walls.then_some((
+                [field.config.length / 2.0, field.config.width / 2.0],
+                field.config.goal.width / 2.0,
+            )),
+            clutter: make_clutter([carpet_x, carpet_y], rng),
+        };
+        hall.paint_walls(rng);
+        hall
+    }
+
+    /// Plain plaster over a darker skirting, with panels, doors and posters of any colour.
+    fn paint_walls(&mut self, rng: &mut ChaCha8Rng) {
+        let (columns, rows) = (self.columns, self.rows);
+        let plaster = [196, 192, 182, 0];
+        let skirting = [150, 155, 168, 0];
+        self.wall_texture = (0..columns * rows)
+            .map(|index| {
+                if (index / columns) as f32 * CELL < SKIRTING {
+                    skirting
+                } else {
+                    plaster
+                }
+            })
+            .collect();
+        let panels = (columns as f32 * CELL / 1.4) as usize;
+        for _ in 0..panels {
+            let [red, green, blue] =
+                clutter_colour(rng).map(|part| srgb_from_linear(part * 0.8 + 0.02));
+            let colour = [red, green, blue, 0];
+            let left = (rng.random::<f32>() * columns as f32) as usize;
+            let width = ((0.3 + 1.2 * rng.random::<f32>()) / CELL) as usize;
+            let low = ((rng.random::<f32>() * 1.2) / CELL) as usize;
+            let high = (low + ((0.4 + rng.random::<f32>()) / CELL) as usize).min(rows);
+            for row in low..high {
+                for column in left..left + width {
+                    self.wall_texture[row * columns + column % columns] = colour;
+                }
+            }
+        }
+    }
+
+    /// Draws the walls over every ray that meets them above the floor; without branches, eight rays at once.
+    pub(super) fn shade(
+        &self,
+        pose: Pose,
+        rays: &SortedRays,
+        tile: &Tile,
+        plate: &mut LightBuffer,
+    ) {
+        let (sin, cos) = pose.theta.sin_cos();
+        let [hx, hy] = self.half;
+        let (per_cell, most_column, most_row) = (
+            1.0 / CELL,
+            (self.columns - 1) as f32,
+            (self.rows - 1) as f32,
+        );
+        let (mut cell, mut covered) = ([0u32; RUN_PIXELS], [0f32; RUN_PIXELS]);
+        let mut seen = [[0f32; RUN_PIXELS]; 3];
+        for bin in rays.bins(tile) {
+            let first = first_ray_above_floor(pose, rays, &bin, self.half);
+            for run in runs(first..bin.end) {
+                let (ray, count) = (rays.run(&run), run.len().min(RUN_PIXELS));
+                for i in 0..count {
+                    let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
+                    let (from_x, from_y) =
+                        (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
+                    let (tx, ty) = (ray.direction[0][i], ray.direction[1][i]);
+                    let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
+                    let way_x = distance_to_wall(hx, from_x, to_x);
+                    let way_y = distance_to_wall(hy, from_y, to_y);
+                    let way = way_x.min(way_y).max(1e-3);
+                    let z = ray.origin[2][i] + ray.slope[i] * way;
+                    covered[i] = (z / (way * ray.slope_spacing[i] + 1e-3) + 0.5).clamp(0.0, 1.0);
+                    // Along the walls, counter-clockwise from the corner (+x, −y).
+                    let (x, y) = (from_x + way * to_x, from_y + way * to_y);
+                    let side = if to_x > 0.0 {
+                        y + hy
+                    } else {
+                        2.0 * hx + 3.0 * hy - y
+                    };
+                    let end = if to_y > 0.0 {
+                        2.0 * hy + hx - x
+                    } else {
+                        3.0 * hx + 4.0 * hy + x
+                    };
+                    let along = if way_x < way_y { side } else { end };
+                    let column = (along * per_cell).clamp(0.0, most_column);
+                    let row = (z * per_cell).clamp(0.0, most_row);
+                    cell[i] = floor_to_u32(row) * self.columns as u32 + floor_to_u32(column);
+                }
+                for i in 0..count {
+                    let [red, green, blue, _] = self.wall_texture[cell[i] as usize];
+                    seen[0][i] = self.linear_from_srgb[usize::from(red)];
+                    seen[1][i] = self.linear_from_srgb[usize::from(green)];
+                    seen[2][i] = self.linear_from_srgb[usize::from(blue)];
+                }
+                for (plane, seen) in plate.planes(&run).into_iter().zip(&seen) {
+                    for ((out, seen), covered) in plane.iter_mut().zip(seen).zip(&covered) {
+                        *out += covered * (seen - *out);
+                    }
+                }
+            }
+        }
+        if let Some((half, mouth)) = self.field_walls {
+            draw_field_walls(pose, half, mouth, (rays, tile), plate);
+        }
+    }
+}
+
+/// The field's own walls, white and open before the goals, over whatever is behind them.
+fn draw_field_walls(
+    pose: Pose,
+    [hx, hy]: [f32; 2],
+    mouth: f32,
+    (rays, tile): (&SortedRays, &Tile),
+    plate: &mut LightBuffer,
+) {
+    let (sin, cos) = pose.theta.sin_cos();
+    let white = FIELD_WALL_RGB.map(linear_from_srgb);
+    for bin in rays.bins(tile) {
+        let run = first_ray_above_floor(pose, rays, &bin, [hx, hy])..bin.end;
+        let ray = rays.run(&run);
+        let [red, green, blue] = plate.planes(&run);
+        for i in 0..ray.slope.len() {
+            let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
+            let (from_x, from_y) = (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
+            let (tx, ty) = (ray.direction[0][i], ray.direction[1][i]);
+            let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
+            let (way_x, way_y) = (
+                distance_to_wall(hx, from_x, to_x),
+                distance_to_wall(hy, from_y, to_y),
+            );
+            let way = way_x.min(way_y).max(1e-3);
+            let closed = if way_x < way_y && (from_y + way * to_y).abs() < mouth {
+                0.0
+            } else {
+                1.0
+            };
+            let z = ray.origin[2][i] + ray.slope[i] * way;
+            let width = way * ray.slope_spacing[i] + 1e-3;
+            let covered = closed
+                * (z / width + 0.5).clamp(0.0, 1.0)
+                * ((FIELD_WALL - z) / width + 0.5).clamp(0.0, 1.0);
+            // Two sides of the hall get a little less light.
+            let facing = if way_x < way_y { 1.0 } else { 0.9 };
+            red[i] += covered * (white[0] * facing - red[i]);
+            green[i] += covered * (white[1] * facing - green[i]);
+            blue[i] += covered * (white[2] * facing - blue[i]);
+        }
+    }
+}
+
+/// A run cut into pieces that fit the buffers.
+fn runs(run: Range<usize>) -> impl Iterator<Item = Range<usize>> {
+    let end = run.end;
+    run.step_by(RUN_PIXELS)
+        .map(move |start| start..(start + RUN_PIXELS).min(end))
+}
+
+/// The whole part of a number from 0 to 4 million, without the checks of a cast.
+#[inline(always)]
+fn floor_to_u32(number: f32) -> u32 {
+    (number - 0.5 + 12_582_912.0).max(12_582_912.0).to_bits() & 0x3f_ffff
+}
+
+/// Way to the wall at ± half along one axis, from inside.
+#[inline(always)]
+fn distance_to_wall(half: f32, from: f32, rate: f32) -> f32 {
+    (half.copysign(rate) - from)
+        / if rate.abs() < 1e-6 {
+            1e-6f32.copysign(rate)
+        } else {
+            rate
+        }
+}
+
+/// The first ray of a bin that may meet a wall above the floor: those before it are too steep.
+fn first_ray_above_floor(
+    pose: Pose,
+    rays: &SortedRays,
+    bin: &Range<usize>,
+    half: [f32; 2],
+) -> usize {
+    let (sin, cos) = pose.theta.sin_cos();
+    let nearest = [bin.start, bin.end.saturating_sub(1)]
+        .map(|ray| {
+            let (Some(tx), Some(ty)) = (rays.direction_x.get(ray), rays.direction_y.get(ray))
+            else {
+                return f32::MAX;
+            };
+            let way_x = distance_to_wall(half[0], pose.x, cos * tx - sin * ty);
+            way_x.min(distance_to_wall(half[1], pose.y, sin * tx + cos * ty))
+        })
+        .into_iter()
+        .fold(f32::MAX, f32::min);
+    // A bin's rays differ by half a degree and start beside the axis: some room for both.
+    let near = nearest * 0.97 - 2.0 * rays.origin_radius_max;
+    let steepest = -rays.origin_height_max / near.max(0.05);
+    bin.start + rays.slope[bin.clone()].partition_point(|&slope| slope < steepest)
+}
+
+/// People, boxes and poles between carpet and walls.
+fn make_clutter(carpet: [f32; 2], rng: &mut ChaCha8Rng) -> Vec<Solid> {
+    let mut things = Vec::new();
+    for _ in 0..CLUTTER_COUNT {
+        let out = 0.5 + (MARGIN - 1.0) * rng.random::<f32>();
+        let part = 2.2 * rng.random::<f32>() - 1.1;
+        let side = if rng.random::<bool>() { 1.0 } else { -1.0 };
+        let (x, y) = if rng.random::<f32>() < carpet[0] / (carpet[0] + carpet[1]) {
+            (carpet[0] * part, side * (carpet[1] + out))
+        } else {
+            (side * (carpet[0] + out), carpet[1] * part)
+        };
+        let colour = clutter_colour(rng);
+        let mut stack = |bottom: f32, top: f32, outline: Outline, colour: [f32; 3]| {
+            things.push(Solid {
+                x,
+                y,
+                bottom,
+                top,
+                outline,
+                side: colour,
+                cap: colour,
+            });
+        };
+        let round = |radius: f32| Outline::Circle { radius };
+        match rng.random_range(0..4) {
+            0 => {
+                stack(0.0, 0.85, round(0.14), [40, 42, 58].map(linear_from_srgb));
+                stack(0.85, 1.5, round(0.2), colour);
+                stack(1.5, 1.75, round(0.1), [190, 150, 125].map(linear_from_srgb));
+            }
+            1 => stack(0.0, 1.5 + rng.random::<f32>(), round(0.05), colour),
+            _ => {
+                let (sin, cos) = (rng.random::<f32>() * TAU).sin_cos();
+                let half = [
+                    0.15 + 0.4 * rng.random::<f32>(),
+                    0.1 + 0.3 * rng.random::<f32>(),
+                ];
+                stack(
+                    0.0,
+                    0.3 + 0.8 * rng.random::<f32>(),
+                    Outline::Box { half, cos, sin },
+                    colour,
+                );
+            }
+        }
+    }
+    things
+}
+
+/// Any colour: mostly greys, some as bright as a ball or a marker.
+fn clutter_colour(rng: &mut ChaCha8Rng) -> [f32; 3] {
+    const BRIGHT: [[u8; 3]; 7] = [
+        [200, 50, 45],
+        [40, 80, 190],
+        [225, 190, 40],
+        [30, 140, 75],
+        [230, 120, 40],
+        [235, 235, 230],
+        [40, 150, 190],
+    ];
+    if rng.random::<f32>() < 0.5 {
+        let grey = 0.03 + 0.5 * rng.random::<f32>();
+        return [grey, grey, grey * 1.05];
+    }
+    BRIGHT[rng.random_range(0..BRIGHT.len())].map(linear_from_srgb)
+}

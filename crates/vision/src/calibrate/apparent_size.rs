@@ -1,0 +1,228 @@
+//! How large are a line and the ball in the image, near and far? Measured, beside what the map makes of them.
+//!
+//! minho2016 III.A: the relation between distance and size in pixels is what tells a line from clutter. Here it follows
+//! from the map; measuring it checks map, focus and ball, and shows where blur makes things wider than they are.
+
+use std::f32::consts::{PI, TAU};
+
+use crate::calibrate::{CalibrationError, ImageResidual, NamedImage};
+use crate::config::VisionConfig;
+use crate::optics::ground_map::GroundMap;
+use crate::process::{Detections, Vision};
+use localize::robot::CameraConfig;
+
+/// Sizes at one distance; those of the map are what an object without blur has.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SizeBin {
+    /// Middle of the distances that it holds for, metres.
+    pub distance: f32,
+    /// Crossings of lines measured.
+    pub lines: usize,
+    /// A line's width along the radius, pixels (median); none if no line was seen here.
+    pub line_px: Option<f32>,
+    /// The same by the map.
+    pub line_px_by_map: Option<f32>,
+    /// Balls measured.
+    pub balls: usize,
+    /// Diameter of a disc with as many pixels as the ball has (median).
+    pub ball_px: Option<f32>,
+    /// The same by the map.
+    pub ball_px_by_map: Option<f32>,
+}
+
+/// Sizes over distance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SizeCalibration {
+    /// By distance, outward.
+    pub rows: Vec<SizeBin>,
+    /// How each image went.
+    pub images: Vec<ImageResidual>,
+    /// Root mean square difference of measured and predicted line width, pixels.
+    pub line_rms_px: Option<f32>,
+    /// Root mean square difference of measured and predicted ball diameter, pixels.
+    pub ball_rms_px: Option<f32>,
+}
+
+/// Distances that share a row, metres.
+const BIN_WIDTH: f32 = 0.5;
+/// Radial lines that are scanned: neighbours cross a marking at 4 m 14 cm apart.
+const RADIAL_LINES: usize = 180;
+/// Fewer measurements make no median.
+const MEASUREMENTS_MIN: usize = 3;
+/// A line crossed more aslant than this (sine of the angle) is left out.
+const CROSSING_SINE_MIN: f32 = 0.5;
+
+/// One measured and predicted size.
+struct SizeMeasurement {
+    distance: f32,
+    measured_px: f32,
+    predicted_px: f32,
+}
+
+/// Measures lines and balls in a drive's images, each seen by itself.
+pub fn calibrate_sizes(
+    camera: &CameraConfig,
+    map: &GroundMap,
+    line_width: f32,
+    images: &[NamedImage],
+    config: &VisionConfig,
+) -> Result<SizeCalibration, CalibrationError> {
+    let mut config = config.clone();
+    config.scan.radial_lines = RADIAL_LINES;
+    config.scan.spirals_each_way = 0;
+    config.scan.circles = 0;
+    let failed = |name: &str, source| CalibrationError::Image {
+        name: name.to_owned(),
+        source,
+    };
+    let mut eyes = Vision::new(map, camera, line_width, config.clone())
+        .map_err(|source| failed("settings", source))?;
+    let (mut lines, mut balls, mut residuals) = (Vec::new(), Vec::new(), Vec::new());
+    for image in images {
+        eyes.reset_colour_model();
+        let (points, left_out) = match eyes.process(&image.image.view()) {
+            Ok(seen) => {
+                lines.extend(measure_line_widths(&seen, camera, line_width, &config));
+                balls.extend(measure_ball(&seen, map, &config));
+                (seen.line_points.len(), None)
+            }
+            Err(error) => (0, Some(error.to_string())),
+        };
+        residuals.push(ImageResidual {
+            name: image.name.clone(),
+            points,
+            rms_px: 0.0,
+            left_out,
+        });
+    }
+    if lines.len() < MEASUREMENTS_MIN && balls.len() < MEASUREMENTS_MIN {
+        return Err(CalibrationError::NoConvergence(
+            "neither lines nor balls were seen often enough to be measured".to_owned(),
+        ));
+    }
+    let farthest = lines.iter().chain(&balls).map(|one| one.distance);
+    let rows = (farthest.fold(0.0, f32::max) / BIN_WIDTH) as usize + 1;
+    let rows: Vec<SizeBin> = (0..rows)
+        .map(|row| {
+            let range = BIN_WIDTH * row as f32..BIN_WIDTH * (row + 1) as f32;
+            let ([line_px, line_px_by_map], line_count) = bin_medians(&lines, &range);
+            let ([ball_px, ball_px_by_map], ball_count) = bin_medians(&balls, &range);
+            SizeBin {
+                distance: BIN_WIDTH * (row as f32 + 0.5),
+                lines: line_count,
+                line_px,
+                line_px_by_map,
+                balls: ball_count,
+                ball_px,
+                ball_px_by_map,
+            }
+        })
+        .filter(|row| row.line_px.is_some() || row.ball_px.is_some())
+        .collect();
+    let rms = |pairs: Vec<(f32, f32)>| {
+        let squares: f32 = pairs.iter().map(|(a, b)| (a - b) * (a - b)).sum();
+        (!pairs.is_empty()).then(|| (squares / pairs.len() as f32).sqrt())
+    };
+    Ok(SizeCalibration {
+        line_rms_px: rms(rows
+            .iter()
+            .filter_map(|row| Some((row.line_px?, row.line_px_by_map?)))
+            .collect()),
+        ball_rms_px: rms(rows
+            .iter()
+            .filter_map(|row| Some((row.ball_px?, row.ball_px_by_map?)))
+            .collect()),
+        rows,
+        images: residuals,
+    })
+}
+
+/// Widths of the lines across themselves: neighbouring crossings tell how a line runs.
+fn measure_line_widths(
+    seen: &Detections,
+    camera: &CameraConfig,
+    line_width: f32,
+    config: &VisionConfig,
+) -> Vec<SizeMeasurement> {
+    let [cu, cv] = camera.centre_px;
+    let mut points: Vec<_> = seen
+        .line_points
+        .iter()
+        .map(|point| {
+            (
+                (cv - point.position_px[1]).atan2(point.position_px[0] - cu),
+                point,
+            )
+        })
+        .collect();
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let step = TAU / RADIAL_LINES as f32;
+    let mut measured = Vec::new();
+    for (index, (angle, point)) in points.iter().enumerate() {
+        let at = point.point.at;
+        let distance = at.distance();
+        // The nearest point of the next ray that may lie on the same line.
+        let next = points[index + 1..]
+            .iter()
+            .take_while(|(other, _)| other - angle < 1.5 * step)
+            .filter(|(other, _)| other - angle > 0.5 * step)
+            .min_by(|a, b| {
+                let off = |point: f32| (point - distance).abs();
+                off(a.1.point.at.distance()).total_cmp(&off(b.1.point.at.distance()))
+            });
+        let Some((_, next)) = next else { continue };
+        let (dx, dy) = (next.point.at.x - at.x, next.point.at.y - at.y);
+        let length = dx.hypot(dy);
+        if length > 3.0 * step * distance / CROSSING_SINE_MIN || length <= 0.0 {
+            continue;
+        }
+        let square = ((at.x * dy - at.y * dx) / (distance * length)).abs();
+        let radial_px = point.point.std_radial / config.lines.position_std_px;
+        if square < CROSSING_SINE_MIN || radial_px <= 0.0 {
+            continue;
+        }
+        measured.push(SizeMeasurement {
+            distance,
+            measured_px: point.width * square / radial_px,
+            predicted_px: line_width / radial_px,
+        });
+    }
+    measured
+}
+
+/// The ball's size, if it lies on the ground and is whole enough to be measured.
+fn measure_ball(
+    seen: &Detections,
+    map: &GroundMap,
+    config: &VisionConfig,
+) -> Option<SizeMeasurement> {
+    let ball = seen
+        .ball
+        .filter(|ball| ball.on_ground && ball.score > 0.5)?;
+    let expected = crate::objects::ball::expected_ball_pixels(
+        map,
+        &config.objects,
+        ball.at.distance(),
+        ball.position_px,
+    )?;
+    let diameter = |pixels: f32| 2.0 * (pixels / PI).sqrt();
+    Some(SizeMeasurement {
+        distance: ball.at.distance(),
+        measured_px: diameter(ball.pixels as f32),
+        predicted_px: diameter(expected),
+    })
+}
+
+fn bin_medians(all: &[SizeMeasurement], range: &std::ops::Range<f32>) -> ([Option<f32>; 2], usize) {
+    let members: Vec<&SizeMeasurement> = all
+        .iter()
+        .filter(|one| range.contains(&one.distance))
+        .collect();
+    let median = |mut values: Vec<f32>| {
+        values.sort_by(f32::total_cmp);
+        (values.len() >= MEASUREMENTS_MIN).then(|| values[values.len() / 2])
+    };
+    let found = median(members.iter().map(|one| one.measured_px).collect());
+    let by_map = median(members.iter().map(|one| one.predicted_px).collect());
+    ([found, by_map], members.len())
+}

@@ -1,0 +1,231 @@
+//! Which correction and which poses lay all images' line points onto the markings? Robust least squares over all at once.
+
+use localize::Pose;
+use localize::matching::distance_field::DistanceField;
+use nalgebra::{DMatrix, DVector};
+
+use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT};
+
+/// Numbers of an image: x, y, θ and its lean (a, b).
+const IMAGE_PARAMETERS: usize = 5;
+
+/// Standard deviation of one frame's lean, radians: photographs of real robots show 0.45°.
+const IMAGE_TILT_STD: f64 = 0.45 * std::f64::consts::PI / 180.0;
+
+/// A point's own deviation besides its pixel's, metres: paint is not where the rule book says.
+const MARKING_STD: f64 = 0.015;
+
+/// Reach of the robust error, metres, from the first rounds to the last: a wrong map at first, paint at last.
+const ROBUST_SCALES: [f64; 6] = [0.6, 0.4, 0.25, 0.15, 0.1, 0.08];
+
+/// Newton steps per reach.
+const ITERATIONS_PER_SCALE: usize = 8;
+
+/// One image's points and the pose being fitted.
+#[derive(Debug, Clone)]
+pub(super) struct FitImage {
+    pub(super) index: usize,
+    pub(super) points: Vec<FitPoint>,
+    state: [f64; IMAGE_PARAMETERS],
+    /// False once most of its points lie nowhere.
+    pub(super) used: bool,
+}
+
+/// A line point in the start map.
+#[derive(Debug, Clone)]
+pub(super) struct FitPoint {
+    basis: BasisValues,
+    variance: f64,
+}
+
+/// How an image fits.
+pub(super) struct ImageFit {
+    pub(super) sum_squared: f64,
+    pub(super) inlier_count: f64,
+    pub(super) rms_px: f64,
+}
+
+impl FitImage {
+    /// `points`: start-map point, radial and tangential deviation, metres.
+    pub(super) fn new(index: usize, points: &[([f64; 2], f64, f64)], pose: Pose) -> Self {
+        FitImage {
+            index,
+            points: points
+                .iter()
+                .map(|(start, radial, tangential)| FitPoint {
+                    basis: BasisValues::new(*start),
+                    variance: MARKING_STD * MARKING_STD
+                        + 0.5 * (radial * radial + tangential * tangential),
+                })
+                .collect(),
+            state: [
+                f64::from(pose.x),
+                f64::from(pose.y),
+                f64::from(pose.theta),
+                0.0,
+                0.0,
+            ],
+            used: true,
+        }
+    }
+
+    pub(super) fn pose(&self) -> Pose {
+        Pose::new(
+            self.state[0] as f32,
+            self.state[1] as f32,
+            self.state[2] as f32,
+        )
+    }
+}
+
+/// All that is fitted.
+pub(super) struct JointFit<'a> {
+    distances: &'a DistanceField,
+    pub(super) correction: MapCorrection,
+    pub(super) images: Vec<FitImage>,
+}
+
+impl<'a> JointFit<'a> {
+    pub(super) fn new(distances: &'a DistanceField, correction: MapCorrection) -> Self {
+        JointFit {
+            distances,
+            correction,
+            images: Vec::new(),
+        }
+    }
+
+    /// Runs all rounds; an image that lies nowhere in the end of one is not used in the next.
+    pub(super) fn optimize(&mut self) {
+        for (round, reach) in ROBUST_SCALES.into_iter().enumerate() {
+            // First the poses under the coarse map, then all together.
+            for step in 0..ITERATIONS_PER_SCALE {
+                let whole = round > 0 || step >= 3;
+                if self.gauss_newton_step(reach, whole) < 1e-5 {
+                    break;
+                }
+            }
+            if round >= 3 {
+                for index in 0..self.images.len() {
+                    let judged = self.evaluate(&self.images[index]);
+                    let image = &mut self.images[index];
+                    image.used = judged.inlier_count >= 0.5 * image.points.len() as f64;
+                }
+            }
+        }
+    }
+
+    /// One Newton step on the reweighted squares; returns its size. `whole`: the map moves too.
+    fn gauss_newton_step(&mut self, reach: f64, whole: bool) -> f64 {
+        let unknowns = PARAMETER_COUNT + IMAGE_PARAMETERS * self.images.len();
+        let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
+        let mut gradient = DVector::<f64>::zeros(unknowns);
+        let mut row: Vec<(usize, f64)> = Vec::new();
+        for (number, image) in self.images.iter().enumerate() {
+            let start = PARAMETER_COUNT + IMAGE_PARAMETERS * number;
+            let [x, y, theta, a, b] = image.state;
+            let (sin, cos) = theta.sin_cos();
+            for point in image.points.iter().filter(|_| image.used) {
+                let (ground, by) = self.correction.jacobian(&point.basis, [a, b]);
+                let on_field = [
+                    x + cos * ground[0] - sin * ground[1],
+                    y + sin * ground[0] + cos * ground[1],
+                ];
+                if !(on_field[0].is_finite() && on_field[1].is_finite()) {
+                    continue;
+                }
+                let nearest = self
+                    .distances
+                    .nearest(on_field[0] as f32, on_field[1] as f32);
+                let distance = f64::from(nearest.signed_distance);
+                let [nx, ny] = nearest.normal.map(f64::from);
+                // The normal in the robot's frame.
+                let (rx, ry) = (cos * nx + sin * ny, cos * ny - sin * nx);
+                let by = by.map(|[gx, gy]| rx * gx + ry * gy);
+                // Geman and McClure's weight (c²/(c² + t²))², over the point's own variance.
+                let c2 = reach * reach + 9.0 * point.variance;
+                let weight = (c2 / (c2 + distance * distance)).powi(2)
+                    / (point.variance + 0.01 * reach * reach);
+                row.clear();
+                if whole {
+                    MapCorrection::append_jacobian(&point.basis, by, &mut row);
+                }
+                let turn = ny * (on_field[0] - x) - nx * (on_field[1] - y);
+                row.extend([(start, nx), (start + 1, ny), (start + 2, turn)]);
+                row.extend([(start + 3, by[2]), (start + 4, by[3])]);
+                for &(i, di) in &row {
+                    gradient[i] += weight * distance * di;
+                    for &(j, dj) in &row {
+                        normal[(i, j)] += weight * di * dj;
+                    }
+                }
+            }
+            let information = 1.0 / (IMAGE_TILT_STD * IMAGE_TILT_STD);
+            for (i, lean) in [(start + 3, a), (start + 4, b)] {
+                normal[(i, i)] += information;
+                gradient[i] += information * lean;
+            }
+            for i in start..start + 3 {
+                normal[(i, i)] += 1.0;
+            }
+        }
+        for (weight, row) in MapCorrection::prior_terms() {
+            let value: f64 = row
+                .iter()
+                .map(|&(i, di)| di * self.correction.parameters[i])
+                .sum();
+            for &(i, di) in &row {
+                gradient[i] += weight * value * di;
+                for &(j, dj) in &row {
+                    normal[(i, j)] += weight * di * dj;
+                }
+            }
+        }
+        if !whole {
+            for i in 0..PARAMETER_COUNT {
+                gradient[i] = 0.0;
+                normal[(i, i)] += 1e12;
+            }
+        }
+        let Some(cholesky) = normal.cholesky() else {
+            return 0.0;
+        };
+        let step = -cholesky.solve(&gradient);
+        for (value, step) in self.correction.parameters.iter_mut().zip(step.iter()) {
+            *value += step;
+        }
+        let mut size = 0.0f64;
+        for (number, image) in self.images.iter_mut().enumerate() {
+            for (i, value) in image.state.iter_mut().enumerate() {
+                let moved = step[PARAMETER_COUNT + IMAGE_PARAMETERS * number + i];
+                *value += moved;
+                size = size.max(moved.abs());
+            }
+        }
+        size
+    }
+
+    /// How an image's points lie at the present fit.
+    pub(super) fn evaluate(&self, image: &FitImage) -> ImageFit {
+        let [x, y, theta, a, b] = image.state;
+        let (sin, cos) = theta.sin_cos();
+        let (mut squares, mut inliers, mut relative) = (0.0, 0.0, 0.0);
+        for point in &image.points {
+            let [gx, gy] = self.correction.correct_point(&point.basis, [a, b]);
+            let (fx, fy) = (x + cos * gx - sin * gy, y + sin * gx + cos * gy);
+            if !(fx.is_finite() && fy.is_finite()) {
+                continue;
+            }
+            let distance = f64::from(self.distances.nearest(fx as f32, fy as f32).signed_distance);
+            if distance * distance <= 9.0 * (point.variance + MARKING_STD * MARKING_STD) {
+                squares += distance * distance;
+                relative += distance * distance / point.variance;
+                inliers += 1.0;
+            }
+        }
+        ImageFit {
+            sum_squared: squares,
+            inlier_count: inliers,
+            rms_px: 0.5 * (relative / f64::max(inliers, 1.0)).sqrt(),
+        }
+    }
+}

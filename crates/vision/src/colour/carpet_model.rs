@@ -1,0 +1,285 @@
+//! What colour are carpet and lines in this light? Learned from an image without labels.
+//!
+//! The carpet is the largest cluster of chromaticity on the ground. Shading scales a colour and glare or a line adds
+//! light of the lamp's colour, so all that is carpet or line lies on the plane that carpet and white span
+//! (dichromatic reflection); objects of other colours leave it.
+
+use crate::colour::lookup_table::ColourClass;
+use crate::config::ColourConfig;
+
+/// Colours of carpet and white under the light of one image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CarpetModel {
+    /// The carpet's median red, green, blue.
+    pub carpet: [f32; 3],
+    /// A white line's red, green, blue.
+    pub white: [f32; 3],
+    /// Standard deviation of a channel on plain carpet, levels.
+    pub noise: f32,
+    /// True once lines were seen; until then white is assumed neutral.
+    pub white_measured: bool,
+    /// Direction of the carpet's chroma: orthonormal to grey, in coordinates divided by white.
+    hue_axis: [f32; 3],
+    /// The third direction: other hues.
+    cross_hue_axis: [f32; 3],
+    /// The carpet's chroma per brightness; below `COLOURLESS` the image is treated as grey.
+    chroma: f32,
+}
+
+/// Less chroma than this, as a share of brightness, cannot be told from a camera's noise: the image is grey.
+const CHROMA_MIN: f32 = 0.03;
+
+/// Darker pixels (sum of the channels, of 765) have no chromaticity worth voting with.
+const VOTE_BRIGHTNESS_MIN: u16 = 60;
+
+/// Noise before it is measured, levels: that of a camera in fair light.
+const DEFAULT_NOISE: f32 = 2.0;
+
+/// Bins of red's and green's share of the sum: 1/48 ≈ 2 % holds a carpet's noise in few bins.
+const BINS: usize = 48;
+
+impl CarpetModel {
+    /// Finds the carpet among pixels of the ground; none if nearly all are too dark.
+    pub fn learn(ground: &[[u8; 3]]) -> Option<Self> {
+        let carpet = largest_cluster(ground)?;
+        let brightest = carpet.iter().fold(1.0f32, |a, &b| a.max(b));
+        // Before any line is seen, white is taken as neutral and brighter than the carpet.
+        let white = [(2.0 * brightest).min(255.0); 3];
+        Some(CarpetModel::new(carpet, white, DEFAULT_NOISE, false))
+    }
+
+    fn new(carpet: [f32; 3], white: [f32; 3], noise: f32, white_seen: bool) -> Self {
+        let balanced = white_balance(carpet, white);
+        let brightness = mean(balanced);
+        let off_grey = balanced.map(|channel| channel - brightness);
+        let length = dot(off_grey, off_grey).sqrt();
+        // A grey carpet has no direction of its own; any will do, it is not used.
+        let axis = if length > 0.0 {
+            off_grey.map(|channel| channel / length)
+        } else {
+            [-0.408_248_3, 0.816_496_6, -0.408_248_3]
+        };
+        let third = 1.0 / 3f32.sqrt();
+        let across = [
+            third * (axis[2] - axis[1]),
+            third * (axis[0] - axis[2]),
+            third * (axis[1] - axis[0]),
+        ];
+        CarpetModel {
+            carpet,
+            white,
+            noise,
+            white_measured: white_seen,
+            hue_axis: axis,
+            cross_hue_axis: across,
+            chroma: length / brightness.max(1e-6),
+        }
+    }
+
+    /// The same carpet with white as seen on its lines and noise as measured, levels.
+    pub fn with_white(&self, white: [f32; 3], noise: f32) -> Self {
+        CarpetModel::new(
+            self.carpet,
+            white.map(|channel| channel.max(1.0)),
+            noise,
+            true,
+        )
+    }
+
+    /// The same light with carpet and white a little otherwise; white stays assumed where it was.
+    pub(crate) fn with_colours(&self, carpet: [f32; 3], white: [f32; 3]) -> Self {
+        let white = white.map(|channel| channel.max(1.0));
+        CarpetModel::new(carpet, white, self.noise, self.white_measured)
+    }
+
+    /// True if colour tells nothing here.
+    pub fn is_grey(&self) -> bool {
+        self.chroma < CHROMA_MIN
+    }
+
+    /// The carpet's chroma as a share of its brightness, never quite zero.
+    pub(crate) fn carpet_chroma(&self) -> f32 {
+        self.chroma.max(CHROMA_MIN)
+    }
+
+    /// A colour's brightness (1 for white), its chroma along the carpet's hue, and its chroma across it.
+    pub fn chroma_coordinates(&self, rgb: [f32; 3]) -> [f32; 3] {
+        let balanced = white_balance(rgb, self.white);
+        [
+            mean(balanced),
+            dot(balanced, self.hue_axis) / self.chroma.max(CHROMA_MIN),
+            dot(balanced, self.cross_hue_axis) / self.chroma.max(CHROMA_MIN),
+        ]
+    }
+
+    /// By how much each channel counts for telling white from carpet; sums to 1.
+    pub fn channel_weights(&self) -> [f32; 3] {
+        let rise: [f32; 3] =
+            std::array::from_fn(|i| (self.white[i].min(250.0) - self.carpet[i]).max(0.0));
+        let sum: f32 = rise.iter().sum();
+        if sum < 1.0 || self.is_grey() {
+            return [1.0 / 3.0; 3];
+        }
+        rise.map(|channel| channel / sum)
+    }
+
+    /// What a colour belongs to; `ball_hue_deg`: the ball's hue from..to, see [`crate::config::ObjectConfig`].
+    pub fn classify(
+        &self,
+        rgb: [u8; 3],
+        config: &ColourConfig,
+        ball_hue_deg: [f32; 2],
+    ) -> ColourClass {
+        let rgb = rgb.map(f32::from);
+        let [brightness, along, across] = self.chroma_coordinates(rgb);
+        let [carpet_brightness, ..] = self.chroma_coordinates(self.carpet);
+        let relative = brightness / carpet_brightness.max(1e-6);
+        // Half way between carpet and white.
+        let bright = brightness > 0.5 * (carpet_brightness + 1.0);
+        if self.is_grey() {
+            return match relative {
+                r if bright && r > 1.2 => ColourClass::WHITE,
+                r if r > config.carpet_brightness_min.max(0.4) => ColourClass::CARPET,
+                _ => ColourClass::BLACK,
+            };
+        }
+        // Chroma as a share of the carpet's, at this pixel's own brightness.
+        let (share, off) = (along / brightness.max(1e-6), across / brightness.max(1e-6));
+        if relative < config.carpet_brightness_min {
+            return ColourClass::BLACK;
+        }
+        let slack = config.carpet_hue_tolerance * share.clamp(0.75, 1.25);
+        // A dark grey pixel's noise must not look like the carpet's chroma: the darker the pixel, the nearer
+        // the limit comes to half way between grey and carpet, where both are mistaken least.
+        let white = mean(self.white);
+        let noise = self.noise / (white * brightness * self.chroma).max(1e-3);
+        let least = (config.carpet_chroma_min + 1.5 * noise).min(0.55);
+        if share >= least && off.abs() <= slack {
+            return ColourClass::CARPET;
+        }
+        let saturation = share.hypot(off) * self.chroma;
+        // A dark grey pixel's noise must not look like a colour either.
+        if saturation < 0.35 || share.hypot(off) < 0.6 || share.hypot(off) < 4.0 * noise {
+            return match relative {
+                _ if bright => ColourClass::WHITE,
+                r if r < 0.5 => ColourClass::BLACK,
+                _ => ColourClass::OTHER,
+            };
+        }
+        let hue = hue_deg(white_balance(rgb, self.white));
+        let [from, to] = ball_hue_deg;
+        let ball = if from <= to {
+            (from..to).contains(&hue)
+        } else {
+            hue >= from || hue < to
+        };
+        if ball {
+            ColourClass::BALL
+        } else {
+            hue_class(hue)
+        }
+    }
+}
+
+/// A colour's hue, degrees from red over green to blue.
+fn hue_deg([r, g, b]: [f32; 3]) -> f32 {
+    let (x, y) = (r - 0.5 * (g + b), 0.866_025_4 * (g - b));
+    y.atan2(x).to_degrees().rem_euclid(360.0)
+}
+
+/// The class of a colourful pixel by its hue; the six corners of the colour cube, each with a sixth of the circle.
+fn hue_class(hue_deg: f32) -> ColourClass {
+    match hue_deg {
+        h if h < 30.0 => ColourClass::RED,
+        h if h < 90.0 => ColourClass::YELLOW,
+        h if h < 160.0 => ColourClass::OTHER,
+        h if h < 215.0 => ColourClass::CYAN,
+        h if h < 270.0 => ColourClass::BLUE,
+        h if h < 335.0 => ColourClass::MAGENTA,
+        _ => ColourClass::RED,
+    }
+}
+
+/// Median colour of the fullest place in the plane of chromaticities.
+fn largest_cluster(ground: &[[u8; 3]]) -> Option<[f32; 3]> {
+    let bin = |part: u8, sum: u16| (usize::from(part) * BINS / usize::from(sum)).min(BINS - 1);
+    let place = |rgb: &[u8; 3]| {
+        let sum: u16 = rgb.iter().map(|&channel| u16::from(channel)).sum();
+        (sum >= VOTE_BRIGHTNESS_MIN).then(|| (bin(rgb[0], sum), bin(rgb[1], sum)))
+    };
+    let mut votes = vec![0u32; BINS * BINS];
+    let mut voters = 0;
+    for (r, g) in ground.iter().filter_map(place) {
+        votes[r * BINS + g] += 1;
+        voters += 1;
+    }
+    if voters * 10 < ground.len() || voters == 0 {
+        return None;
+    }
+    let near = |r: usize, g: usize| {
+        let around = |i: usize| i.saturating_sub(1)..=(i + 1).min(BINS - 1);
+        around(r)
+            .flat_map(|r| around(g).map(move |g| (r, g)))
+            .map(|(r, g)| votes[r * BINS + g])
+            .sum::<u32>()
+    };
+    let mut best = (0.0f32, 0, 0);
+    for r in 0..BINS {
+        for g in 0..BINS {
+            let [red, green] = [r, g].map(|i| (i as f32 + 0.5) / BINS as f32);
+            let score = near(r, g) as f32 * carpet_prior(red, green);
+            if score > best.0 {
+                best = (score, r, g);
+            }
+        }
+    }
+    let (_, r, g) = best;
+    let members: Vec<[u8; 3]> = ground
+        .iter()
+        .filter(|rgb| place(rgb).is_some_and(|(pr, pg)| pr.abs_diff(r) <= 1 && pg.abs_diff(g) <= 1))
+        .copied()
+        .collect();
+    median_colour(&members)
+}
+
+/// How much rather a carpet has these shares of red and green than any other colour.
+///
+/// The league's carpets are green, from yellowish to teal; grey floors beside them may be larger.
+fn carpet_prior(red: f32, green: f32) -> f32 {
+    let blue = 1.0 - red - green;
+    let greenness = green - red.max(blue);
+    0.15 + (8.0 * (greenness + 0.02)).clamp(0.0, 0.85)
+}
+
+/// Channel by channel.
+pub(crate) fn median_colour(colours: &[[u8; 3]]) -> Option<[f32; 3]> {
+    if colours.is_empty() {
+        return None;
+    }
+    Some(std::array::from_fn(|channel| {
+        let mut counts = [0usize; 256];
+        for colour in colours {
+            counts[usize::from(colour[channel])] += 1;
+        }
+        let mut below = 0;
+        counts
+            .iter()
+            .position(|&count| {
+                below += count;
+                2 * below >= colours.len()
+            })
+            .unwrap_or(255) as f32
+    }))
+}
+
+fn white_balance(rgb: [f32; 3], white: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|i| rgb[i] / white[i])
+}
+
+fn mean([a, b, c]: [f32; 3]) -> f32 {
+    (a + b + c) / 3.0
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}

@@ -1,0 +1,378 @@
+//! What do people say the colours are? Tables over all colours, learned from labelled pixels, saved with a version.
+//!
+//! lima2001 3.1: a table over (U, V); minho2016 III: a table over all 24 bits of (Y, U, V), 16 MiB. Both come from the
+//! same labels: each class is a normal distribution, widened by what a camera's noise and a change of light do.
+
+use std::path::Path;
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use crate::colour::lookup_table::{CLASS_NAMES, ColourClass};
+use crate::error::VisionError;
+use crate::image::{Image, rgb_to_yuv};
+
+/// Over which channels a table decides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableKind {
+    /// U and V alone: 64 KiB, blind to brightness.
+    Uv,
+    /// Y, U and V: 16 MiB.
+    Yuv,
+}
+
+/// A class for every colour.
+#[derive(Clone, PartialEq, Eq)]
+pub struct ColourTable {
+    kind: TableKind,
+    /// Names of the classes, by class.
+    names: Vec<String>,
+    classes: Vec<u8>,
+}
+
+impl std::fmt::Debug for ColourTable {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ColourTable")
+            .field("kind", &self.kind)
+            .field("names", &self.names)
+            .finish_non_exhaustive()
+    }
+}
+
+/// One labelled colour.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Label {
+    /// Red, green, blue.
+    pub rgb: [u8; 3],
+    /// What it is: a name of [`CLASS_NAMES`] (or green, line, orange for carpet, white, ball), or any other.
+    pub class: String,
+}
+
+/// First bytes of a table's file.
+const MAGIC: &[u8; 8] = b"MBCOLOUR";
+
+/// Version of the file; another one is refused.
+const VERSION: u32 = 1;
+
+/// Half the side of the square around a labelled pixel that counts with it, pixels.
+const LABEL_RADIUS_PX: i64 = 1;
+
+/// What a class is widened by, levels: light changes brightness more than chroma.
+const CLASS_STD_INFLATION: [f64; 3] = [18.0, 5.0, 5.0];
+
+/// A colour farther from every class than this, in standard deviations, is none of them.
+const MAHALANOBIS_MAX: f64 = 4.0;
+
+/// Reads `file,u,v,class` and takes the colours from the images; files relative to the list.
+pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
+    let refuse = |reason: String| VisionError::File {
+        path: path.to_owned(),
+        reason,
+    };
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(|error| refuse(error.to_string()))?;
+    let header = reader
+        .headers()
+        .map_err(|error| refuse(error.to_string()))?;
+    if header.iter().ne(["file", "u", "v", "class"]) {
+        let found = header.iter().collect::<Vec<_>>().join(",");
+        return Err(refuse(format!(
+            "line 1: header is {found:?}, wanted file,u,v,class"
+        )));
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut labels = Vec::new();
+    let mut open: Option<(String, Image)> = None;
+    for record in reader.records() {
+        let record = record.map_err(|error| refuse(error.to_string()))?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let number = |column: usize| {
+            record[column]
+                .parse::<i64>()
+                .map_err(|error| refuse(format!("line {line}: {:?}: {error}", &record[column])))
+        };
+        let (u, v) = (number(1)?, number(2)?);
+        let image = match &open {
+            Some((file, image)) if *file == record[0] => image,
+            _ => {
+                let image = Image::load(&folder.join(&record[0]))?;
+                &open.insert((record[0].to_owned(), image)).1
+            }
+        };
+        let (width, height) = (image.width_px as i64, image.height_px as i64);
+        if !(0..width).contains(&u) || !(0..height).contains(&v) {
+            return Err(refuse(format!(
+                "line {line}: ({u}, {v}) is outside {}",
+                &record[0]
+            )));
+        }
+        for (du, dv) in (-LABEL_RADIUS_PX..=LABEL_RADIUS_PX)
+            .flat_map(|du| (-LABEL_RADIUS_PX..=LABEL_RADIUS_PX).map(move |dv| (du, dv)))
+        {
+            let (u, v) = ((u + du).clamp(0, width - 1), (v + dv).clamp(0, height - 1));
+            labels.push(Label {
+                rgb: image.view().rgb(u as usize, v as usize),
+                class: record[3].to_owned(),
+            });
+        }
+    }
+    Ok(labels)
+}
+
+/// A class as a normal distribution over (Y, U, V).
+struct ClassGaussian {
+    class: u8,
+    mean: Vector3<f64>,
+    information: Matrix3<f64>,
+    /// Logarithm of the determinant, for comparing densities.
+    log_determinant: f64,
+}
+
+impl ColourTable {
+    /// Learns all colours from labelled ones; none without labels.
+    pub fn learn(labels: &[Label], kind: TableKind) -> Option<Self> {
+        let mut names: Vec<String> = CLASS_NAMES.map(str::to_owned).to_vec();
+        let mut members: Vec<Vec<Vector3<f64>>> = vec![Vec::new(); names.len()];
+        for label in labels {
+            let name = canonical_class_name(&label.class);
+            let class = match names.iter().position(|known| known == name) {
+                Some(class) => class,
+                None if names.len() < 255 => {
+                    names.push(name.to_owned());
+                    members.push(Vec::new());
+                    names.len() - 1
+                }
+                None => continue,
+            };
+            let [y, u, v] = rgb_to_yuv(label.rgb).map(f64::from);
+            members[class].push(Vector3::new(y, u, v));
+        }
+        let clouds: Vec<ClassGaussian> = members
+            .iter()
+            .enumerate()
+            .filter_map(|(class, members)| fit_gaussian(class as u8, members, kind))
+            .collect();
+        if clouds.is_empty() {
+            return None;
+        }
+        let classes = match kind {
+            TableKind::Uv => (0..1usize << 16)
+                .map(|index| most_likely_class(&clouds, [0, (index >> 8) as u8, index as u8], kind))
+                .collect(),
+            TableKind::Yuv => (0..1usize << 24)
+                .into_par_iter()
+                .map(|index| {
+                    most_likely_class(
+                        &clouds,
+                        [(index >> 16) as u8, (index >> 8) as u8, index as u8],
+                        kind,
+                    )
+                })
+                .collect(),
+        };
+        Some(ColourTable {
+            kind,
+            names,
+            classes,
+        })
+    }
+
+    /// From classes that are known for every entry of its kind.
+    pub(crate) fn from_classes(kind: TableKind, names: Vec<String>, classes: Vec<u8>) -> Self {
+        ColourTable {
+            kind,
+            names,
+            classes,
+        }
+    }
+
+    /// Over which channels it decides.
+    pub fn kind(&self) -> TableKind {
+        self.kind
+    }
+
+    /// The class of a colour.
+    pub fn class(&self, [y, u, v]: [u8; 3]) -> ColourClass {
+        let chroma = usize::from(u) << 8 | usize::from(v);
+        ColourClass(match self.kind {
+            TableKind::Uv => self.classes[chroma],
+            TableKind::Yuv => self.classes[usize::from(y) << 16 | chroma],
+        })
+    }
+
+    /// A class's name.
+    pub fn name(&self, class: ColourClass) -> Option<&str> {
+        self.names.get(usize::from(class.0)).map(String::as_str)
+    }
+
+    /// The table as its file's bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let names = self.names.join("\n");
+        let kind = u32::from(self.kind == TableKind::Yuv);
+        let mut bytes = MAGIC.to_vec();
+        for number in [VERSION, kind, names.len() as u32] {
+            bytes.extend(number.to_le_bytes());
+        }
+        bytes.extend(names.as_bytes());
+        bytes.extend(&self.classes);
+        bytes
+    }
+
+    /// Writes the table; the file appears whole or not at all.
+    pub fn save(&self, path: &Path) -> Result<(), VisionError> {
+        let refuse = |error: std::io::Error| VisionError::File {
+            path: path.to_owned(),
+            reason: error.to_string(),
+        };
+        let partial = path.with_extension("part");
+        std::fs::write(&partial, self.to_bytes()).map_err(refuse)?;
+        std::fs::rename(&partial, path).map_err(refuse)
+    }
+
+    /// Reads a table; one of another version or with bytes missing is refused.
+    pub fn load(path: &Path) -> Result<Self, VisionError> {
+        let refuse = |reason: String| VisionError::File {
+            path: path.to_owned(),
+            reason,
+        };
+        let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
+        let torn = || refuse("is torn: bytes are missing".to_owned());
+        let rest = bytes
+            .strip_prefix(MAGIC)
+            .ok_or_else(|| refuse("is no colour table".to_owned()))?;
+        let number = |place: usize| {
+            let four = rest.get(4 * place..4 * place + 4)?;
+            Some(u32::from_le_bytes(four.try_into().ok()?))
+        };
+        let version = number(0).ok_or_else(torn)?;
+        if version != VERSION {
+            return Err(refuse(format!(
+                "is a table of version {version}, wanted {VERSION}"
+            )));
+        }
+        let kind = match number(1).ok_or_else(torn)? {
+            0 => TableKind::Uv,
+            _ => TableKind::Yuv,
+        };
+        let length = number(2).ok_or_else(torn)? as usize;
+        let names = rest.get(12..12 + length).ok_or_else(torn)?;
+        let names = String::from_utf8(names.to_vec()).map_err(|error| refuse(error.to_string()))?;
+        let classes = rest[12 + length..].to_vec();
+        let wanted = match kind {
+            TableKind::Uv => 1 << 16,
+            TableKind::Yuv => 1 << 24,
+        };
+        if classes.len() != wanted {
+            return Err(torn());
+        }
+        Ok(ColourTable {
+            kind,
+            names: names.split('\n').map(str::to_owned).collect(),
+            classes,
+        })
+    }
+}
+
+/// The names that vision itself uses for what people call otherwise.
+pub fn canonical_class_name(name: &str) -> &str {
+    match name {
+        "green" | "field" => "carpet",
+        "line" => "white",
+        "orange" => "ball",
+        other => other,
+    }
+}
+
+fn fit_gaussian(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<ClassGaussian> {
+    if members.is_empty() {
+        return None;
+    }
+    let count = members.len() as f64;
+    let mean = members.iter().sum::<Vector3<f64>>() / count;
+    let mut covariance = members
+        .iter()
+        .map(|member| (member - mean) * (member - mean).transpose())
+        .sum::<Matrix3<f64>>()
+        / count;
+    for (i, widen) in CLASS_STD_INFLATION.iter().enumerate() {
+        covariance[(i, i)] += widen * widen;
+    }
+    if kind == TableKind::Uv {
+        // Brightness tells nothing: no correlation with it, and the same spread for all.
+        for i in 1..3 {
+            covariance[(0, i)] = 0.0;
+            covariance[(i, 0)] = 0.0;
+        }
+        covariance[(0, 0)] = 1.0;
+    }
+    Some(ClassGaussian {
+        class,
+        mean,
+        information: covariance.try_inverse()?,
+        log_determinant: covariance.determinant().ln(),
+    })
+}
+
+fn most_likely_class(clouds: &[ClassGaussian], yuv: [u8; 3], kind: TableKind) -> u8 {
+    let [y, u, v] = yuv.map(f64::from);
+    let mut best = (f64::INFINITY, ColourClass::OTHER.0);
+    for cloud in clouds {
+        let mut off = Vector3::new(y, u, v) - cloud.mean;
+        if kind == TableKind::Uv {
+            off[0] = 0.0;
+        }
+        let squared = (off.transpose() * cloud.information * off)[(0, 0)];
+        let cost = squared + cloud.log_determinant;
+        if squared <= MAHALANOBIS_MAX * MAHALANOBIS_MAX && cost < best.0 {
+            best = (cost, cloud.class);
+        }
+    }
+    best.1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels() -> Vec<Label> {
+        let label = |rgb, class: &str| Label {
+            rgb,
+            class: class.to_owned(),
+        };
+        vec![
+            label([60, 140, 70], "green"),
+            label([70, 150, 80], "carpet"),
+            label([230, 230, 230], "line"),
+            label([240, 120, 30], "ball"),
+            label([120, 60, 160], "banner"),
+        ]
+    }
+
+    #[test]
+    fn labelled_colours_are_classified_as_labelled() {
+        for kind in [TableKind::Uv, TableKind::Yuv] {
+            let table = ColourTable::learn(&labels(), kind).expect("a table");
+            let class = |rgb| table.class(rgb_to_yuv(rgb));
+            assert_eq!(class([65, 146, 76]), ColourClass::CARPET);
+            assert_eq!(class([225, 228, 231]), ColourClass::WHITE);
+            assert_eq!(class([238, 125, 33]), ColourClass::BALL);
+            assert_eq!(table.name(class([121, 61, 158])), Some("banner"));
+        }
+    }
+
+    #[test]
+    fn saved_table_round_trips_and_other_versions_are_rejected() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("colours.bin");
+        let table = ColourTable::learn(&labels(), TableKind::Uv).expect("a table");
+        table.save(&path).expect("saved");
+        assert_eq!(ColourTable::load(&path).expect("loaded"), table);
+        let mut bytes = std::fs::read(&path).expect("read");
+        bytes[8] = 7;
+        std::fs::write(&path, &bytes).expect("written");
+        let message = ColourTable::load(&path).expect_err("version").to_string();
+        assert!(message.contains("version 7, wanted 1"), "{message}");
+    }
+}

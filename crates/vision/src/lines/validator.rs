@@ -1,0 +1,287 @@
+//! Is this run a line? As wide on the ground as one, with carpet on both sides, as bright as a line must be, and white.
+
+use localize::frames::At;
+use localize::sample::LinePoint;
+
+use crate::colour::carpet_model::CarpetModel;
+use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
+use crate::config::LineConfig;
+use crate::image::ImageView;
+use crate::lines::detection::{LinePointDetection, RejectedCandidate, RejectionReason};
+use crate::scan::pattern::ScanSample;
+use crate::scan::peaks::Peak;
+
+/// What a run is judged by.
+pub(crate) struct LineValidator<'a> {
+    pub(crate) image: &'a ImageView<'a>,
+    pub(crate) lookup_table: &'a ColourLookupTable,
+    pub(crate) carpet_model: &'a CarpetModel,
+    pub(crate) config: &'a LineConfig,
+    pub(crate) line_width: f32,
+    /// Standard deviation of the brightness on plain carpet, levels.
+    pub(crate) noise: f32,
+    /// Where the carpet ends along each ray, metres; see [`crate::objects::radial_scan`].
+    pub(crate) carpet_end: &'a [f32],
+}
+
+/// One piece of a scan line as it was read.
+pub(crate) struct ScanLineSlice<'a> {
+    pub(crate) samples: &'a [ScanSample],
+    pub(crate) pixels: &'a [[u16; 2]],
+    pub(crate) values: &'a [u8],
+}
+
+impl ScanLineSlice<'_> {
+    fn bracket(&self, index: f32) -> (&ScanSample, &ScanSample, f32) {
+        let last = self.samples.len() - 1;
+        let lower = (index.max(0.0) as usize).min(last);
+        let upper = (lower + 1).min(last);
+        (
+            &self.samples[lower],
+            &self.samples[upper],
+            (index - lower as f32).clamp(0.0, 1.0),
+        )
+    }
+
+    fn sample_px(&self, index: usize) -> [f32; 2] {
+        self.pixels[index].map(f32::from)
+    }
+
+    fn interpolate_px(&self, index: f32) -> [f32; 2] {
+        let (a, b, part) = self.bracket(index);
+        let mix = |a: u16, b: u16| f32::from(a) + part * (f32::from(b) - f32::from(a));
+        [mix(a.u, b.u), mix(a.v, b.v)]
+    }
+
+    pub(crate) fn reject(&self, run: &Peak, reason: RejectionReason) -> RejectedCandidate {
+        RejectedCandidate {
+            position_px: self.sample_px(run.index),
+            reason,
+        }
+    }
+
+    /// A sample's place in the image.
+    fn sample_pixel(&self, index: usize) -> [usize; 2] {
+        self.pixels[index].map(usize::from)
+    }
+
+    fn interpolate_ground(&self, index: f32) -> [f32; 2] {
+        let (a, b, part) = self.bracket(index);
+        std::array::from_fn(|i| a.ground[i] + part * (b.ground[i] - a.ground[i]))
+    }
+}
+
+/// A run on the ground.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LineCandidate {
+    point: LinePoint,
+    /// Metres along the scan line.
+    width: f32,
+    /// Ground that one sample covers along the scan line, metres.
+    sample_footprint: f32,
+}
+
+impl LineValidator<'_> {
+    /// Where a run lies on the ground, if it is where and as wide as a line can be; `sample`: its middle.
+    pub(crate) fn project_candidate(
+        &self,
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
+        sample: &ScanSample,
+    ) -> Result<LineCandidate, RejectionReason> {
+        if is_beyond_carpet(self.carpet_end, sample) {
+            return Err(RejectionReason::BeyondCarpet);
+        }
+        let (left, right) = (
+            line.interpolate_ground(run.left_edge),
+            line.interpolate_ground(run.right_edge),
+        );
+        let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
+        let width = (dx * dx + dy * dy).sqrt();
+        let width_px = (run.right_edge - run.left_edge).max(1e-3);
+        // Sampling narrows a run by a part of a pixel, blur widens it by more.
+        let pixel = width / width_px.max(1.0);
+        if width < self.config.width_ratio_min * self.line_width - pixel / 3.0 {
+            return Err(RejectionReason::TooNarrow);
+        }
+        if width > self.config.width_ratio_max * self.line_width + 1.5 * pixel {
+            return Err(RejectionReason::TooWide);
+        }
+        Ok(LineCandidate {
+            point: LinePoint {
+                at: At::new((left[0] + right[0]) / 2.0, (left[1] + right[1]) / 2.0),
+                std_radial: self.config.position_std_px * sample.radial_footprint,
+                std_tangential: self.config.position_std_px * sample.tangential_footprint,
+            },
+            width,
+            sample_footprint: pixel,
+        })
+    }
+
+    /// The point of a run that has a line's extent, if it also looks like one.
+    pub(crate) fn validate_candidate(
+        &self,
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
+        extent: &LineCandidate,
+    ) -> Result<LinePointDetection, RejectionReason> {
+        let left_foot = self.find_adjacent_carpet(line, run, run.left_base, -1);
+        let right_foot = self.find_adjacent_carpet(line, run, run.right_base, 1);
+        let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
+            return Err(RejectionReason::NoAdjacentCarpet);
+        };
+        let run = &Peak {
+            left_base: left_foot,
+            right_base: right_foot,
+            ..*run
+        };
+        let colours = PeakColours::measure(self.image, line, run);
+        if !self.has_line_contrast(line, run, &colours, extent.sample_footprint) {
+            return Err(RejectionReason::TooFaint);
+        }
+        if !self.is_white(&colours) {
+            return Err(RejectionReason::NotWhite);
+        }
+        Ok(LinePointDetection {
+            point: extent.point,
+            position_px: line.interpolate_px(run.middle()),
+            contrast: run.contrast,
+            width: extent.width,
+        })
+    }
+
+    /// Where the carpet begins beyond a foot: the first of two carpet samples, within reach of the run's blurred edge.
+    fn find_adjacent_carpet(
+        &self,
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
+        foot: usize,
+        outward: isize,
+    ) -> Option<usize> {
+        let carpet = |step: usize| {
+            let index = foot.checked_add_signed(outward * step as isize)?;
+            let [u, v] = line.pixels.get(index)?.map(usize::from);
+            let native = self.image.native_channels(u, v);
+            (self.lookup_table.class(native) == ColourClass::CARPET).then_some(index)
+        };
+        let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
+        (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
+    }
+
+    /// Is the run higher than noise makes it, and as high as a line must be here?
+    ///
+    /// A line that covers several pixels has white's full contrast, less for glare; one thinner than the image's blur
+    /// (about `blur_px`) has the share of it that its width is of the blur.
+    fn has_line_contrast(
+        &self,
+        line: &ScanLineSlice<'_>,
+        run: &Peak,
+        colours: &PeakColours,
+        pixel: f32,
+    ) -> bool {
+        let mean = |from: usize, to: usize| {
+            let to = to.min(line.values.len() - 1);
+            let sum: u32 = line.values[from..=to].iter().map(|&v| u32::from(v)).sum();
+            sum as f32 / (to - from + 1) as f32
+        };
+        let left = mean(run.left_base.saturating_sub(2), run.left_base);
+        let right = mean(
+            run.right_base.min(line.values.len() - 1),
+            run.right_base + 2,
+        );
+        let beside = left.max(right);
+        let contrast = mean(colours.first, colours.last) - beside;
+        let count = (colours.last - colours.first + 1) as f32;
+        if contrast < self.config.contrast_sigma_min * self.noise * (1.0 / count + 1.0 / 3.0).sqrt()
+        {
+            return false;
+        }
+        let [carpet_light, ..] = self
+            .carpet_model
+            .chroma_coordinates(self.carpet_model.carpet);
+        let [beside_light, ..] = self.carpet_model.chroma_coordinates(colours.carpet_mean);
+        let lit = (beside_light / carpet_light.max(1e-6)).clamp(0.3, 1.5);
+        let full = (lit * white_contrast(self.carpet_model)).min(255.0 - beside);
+        let sharp = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
+        contrast >= self.config.white_share_min * sharp * full
+    }
+
+    /// Is what the run adds to the carpet beside it light of the lamp's colour?
+    fn is_white(&self, colours: &PeakColours) -> bool {
+        if self.carpet_model.is_grey() {
+            return true;
+        }
+        let [carpet_light, carpet_along, carpet_across] =
+            self.carpet_model.chroma_coordinates(colours.carpet_mean);
+        let [top_light, top_along, top_across] =
+            self.carpet_model.chroma_coordinates(colours.peak_mean);
+        let light = top_light - carpet_light;
+        if light <= 0.0 {
+            return false;
+        }
+        // Noise of the chroma of two samples of carpet and the run's own, in units of the carpet's chroma.
+        let white = self.carpet_model.white.iter().sum::<f32>() / 3.0;
+        let count = (colours.last - colours.first + 1) as f32;
+        let noise =
+            self.noise / white / self.carpet_model.carpet_chroma() * (0.5 + 1.0 / count).sqrt();
+        let slack = self.config.hue_tolerance * light / self.carpet_model.carpet_chroma().min(1.0)
+            + 2.0 * noise;
+        // Brighter carpet has more of the carpet's chroma, a line has less; a ball or marker has the opposite hue.
+        let brighter = carpet_along * (1.0 + 0.5 * light / carpet_light.max(1e-6));
+        (top_across - carpet_across).abs() <= slack
+            && top_along <= brighter + 2.0 * noise
+            && top_along >= -slack
+    }
+}
+
+/// Mean colours of a run and of the carpet beside it.
+struct PeakColours {
+    /// The samples between the edges.
+    first: usize,
+    last: usize,
+    peak_mean: [f32; 3],
+    carpet_mean: [f32; 3],
+}
+
+impl PeakColours {
+    fn measure(frame: &ImageView<'_>, line: &ScanLineSlice<'_>, run: &Peak) -> Self {
+        let colour = |index: usize| {
+            let [u, v] = line.sample_pixel(index);
+            frame.rgb(u, v).map(f32::from)
+        };
+        let (left, right) = (colour(run.left_base), colour(run.right_base));
+        let end = line.samples.len() - 1;
+        let first = (run.left_edge.ceil() as usize).min(run.index);
+        let last = (run.right_edge.floor() as usize).clamp(run.index, end);
+        let count = (last - first + 1) as f32;
+        let mut top = [0.0f32; 3];
+        for index in first..=last {
+            let rgb = colour(index);
+            for i in 0..3 {
+                top[i] += rgb[i] / count;
+            }
+        }
+        PeakColours {
+            first,
+            last,
+            peak_mean: top,
+            carpet_mean: std::array::from_fn(|i| (left[i] + right[i]) / 2.0),
+        }
+    }
+}
+
+/// White's brightness over the carpet's by the weights of the reading, levels.
+pub(crate) fn white_contrast(model: &CarpetModel) -> f32 {
+    let weights = model.channel_weights();
+    (0..3)
+        .map(|i| weights[i] * (model.white[i] - model.carpet[i]))
+        .sum()
+}
+
+/// Does the carpet end before this sample along both rays beside it?
+pub(crate) fn is_beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
+    let place = sample.azimuth_turns * carpet_end.len() as f32;
+    let lower = place as usize % carpet_end.len();
+    let upper = (lower + 1) % carpet_end.len();
+    sample.range > carpet_end[lower].max(carpet_end[upper])
+}

@@ -1,0 +1,335 @@
+//! Where is the ball? A region of its colour on the carpet, as large as a ball must be there.
+//!
+//! Seen from height H, a ball of radius r at distance d fills the angles φ ± δ from the vertical, with
+//! tan φ = d/(H − r) and sin δ = r/√(d² + (H − r)²). The map gives the ground behind each pixel, and so its angle.
+
+use localize::frames::{At, RobotFrame};
+
+use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
+use crate::config::ObjectConfig;
+use crate::image::ImageView;
+use crate::optics::ground_map::GroundMap;
+
+/// The ball.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BallDetection {
+    /// Where it touches the ground, metres; where it seems to, if it flies.
+    pub at: At<RobotFrame>,
+    /// Covariance: xx, xy, yy, m².
+    pub covariance: [f32; 3],
+    /// False if it is larger than a ball on the ground can be there: it flies.
+    pub on_ground: bool,
+    /// How much of a whole ball is seen, 0 to 1.
+    pub score: f32,
+    /// Middle of its region in the image: column, row, pixels.
+    pub position_px: [f32; 2],
+    /// Its pixels.
+    pub pixels: usize,
+}
+
+/// What the search for the ball works on.
+pub(crate) struct BallDetector<'a> {
+    pub(crate) image: &'a ImageView<'a>,
+    pub(crate) map: &'a GroundMap,
+    pub(crate) lookup_table: &'a ColourLookupTable,
+    pub(crate) config: &'a ObjectConfig,
+    /// Where the carpet ends along each ray, metres.
+    pub(crate) carpet_end: &'a [f32],
+    /// The mirror's axis in the image, pixels.
+    pub(crate) centre_px: [f32; 2],
+}
+
+/// Pixels that were visited, kept between frames so that no frame allocates a whole image.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct VisitedMask {
+    /// One byte a pixel: a frame's whole plane stays in a core's cache.
+    marks: Vec<u8>,
+    generation: u8,
+}
+
+impl VisitedMask {
+    /// Forgets all pixels of an image.
+    fn reset(&mut self, pixels: usize) {
+        if self.marks.len() != pixels || self.generation == u8::MAX {
+            self.marks.clear();
+            self.marks.resize(pixels, 0);
+            self.generation = 0;
+        }
+        self.generation += 1;
+    }
+
+    /// True the first time.
+    fn mark(&mut self, pixel: usize) -> bool {
+        let first = self.marks[pixel] != self.generation;
+        self.marks[pixel] = self.generation;
+        first
+    }
+}
+
+/// A region larger than this is no ball, pixels: flooding stops.
+const REGION_PIXELS_MAX: usize = 20_000;
+
+/// Pixels beside one of a region: two far, so that noise and a thin cable do not cut a ball.
+const NEIGHBOURS: [(i32, i32); 12] = [
+    (-1, 0),
+    (1, 0),
+    (0, -1),
+    (0, 1),
+    (-2, 0),
+    (2, 0),
+    (0, -2),
+    (0, 2),
+    (-1, -1),
+    (1, -1),
+    (-1, 1),
+    (1, 1),
+];
+
+/// Directions in which a region's surroundings are looked at.
+const SURROUND_DIRECTIONS: usize = 24;
+/// So far outside the region its blurred edge has ended, pixels.
+const SURROUND_OFFSET_PX: f32 = 3.0;
+
+impl BallDetector<'_> {
+    /// The best ball among the regions around the seeds (column, row of pixels of the ball's colour).
+    pub(crate) fn detect(
+        &self,
+        seeds: impl Iterator<Item = [u16; 2]>,
+        visited: &mut VisitedMask,
+    ) -> Option<BallDetection> {
+        visited.reset(self.map.width_px * self.map.height_px);
+        let mut best: Option<BallDetection> = None;
+        let mut region = Vec::new();
+        for seed in seeds {
+            self.flood_fill(seed, visited, &mut region);
+            if let Some(ball) = self.evaluate_region(&region)
+                && best.is_none_or(|best| ball.score > best.score)
+            {
+                best = Some(ball);
+            }
+        }
+        best
+    }
+
+    fn flood_fill(&self, [u, v]: [u16; 2], visited: &mut VisitedMask, region: &mut Vec<[u16; 2]>) {
+        region.clear();
+        let (width, height) = (self.map.width_px, self.map.height_px);
+        if !visited.mark(usize::from(v) * width + usize::from(u)) {
+            return;
+        }
+        region.push([u, v]);
+        let mut next = 0;
+        while next < region.len() && region.len() < REGION_PIXELS_MAX {
+            let [u, v] = region[next].map(i32::from);
+            next += 1;
+            let inside = |column: i32, row: i32| {
+                (0..width as i32).contains(&column) && (0..height as i32).contains(&row)
+            };
+            // Near the border each neighbour is asked whether it is inside.
+            let inner = inside(u - 2, v - 2) && inside(u + 2, v + 2);
+            for (du, dv) in NEIGHBOURS {
+                let (column, row) = (u + du, v + dv);
+                if !(inner || inside(column, row)) {
+                    continue;
+                }
+                let (column, row) = (column as usize, row as usize);
+                // Once visited a pixel's class is known: in the region, or not of it.
+                if visited.mark(row * width + column)
+                    && self
+                        .lookup_table
+                        .class(self.image.native_channels(column, row))
+                        == ColourClass::BALL
+                {
+                    region.push([column as u16, row as u16]);
+                }
+            }
+        }
+    }
+
+    fn evaluate_region(&self, region: &[[u16; 2]]) -> Option<BallDetection> {
+        let config = self.config;
+        if region.len() < config.ball_pixels_min || region.len() >= REGION_PIXELS_MAX {
+            return None;
+        }
+        let height = config.viewpoint_height;
+        let mut ranges = Vec::with_capacity(region.len());
+        let [mut x, mut y, mut u_sum, mut v_sum] = [0.0f32; 4];
+        for &[u, v] in region {
+            u_sum += f32::from(u);
+            v_sum += f32::from(v);
+            let Some(ground) = self.map.at(usize::from(u), usize::from(v)) else {
+                continue;
+            };
+            let range = ground.distance();
+            x += ground.x / range;
+            y += ground.y / range;
+            ranges.push(range);
+        }
+        let length = x.hypot(y);
+        if ranges.len() * 3 < region.len() || length <= 0.0 {
+            return None;
+        }
+        let [ex, ey] = [x / length, y / length];
+        let mapped = ranges.len();
+        // The angle grows with the range, so ranges are ranked and two of them made angles.
+        let outliers = ranges.len() / 50;
+        let mut angle = |rank: usize| {
+            let (_, range, _) = ranges.select_nth_unstable_by(rank, f32::total_cmp);
+            (*range / height).atan()
+        };
+        let near = angle(outliers);
+        let far = angle(mapped - 1 - outliers);
+        // A ball cut by the horizon or by something before it shows its near edge truly, else its middle.
+        let whole = mapped == region.len();
+        let centre_height = height - config.ball_radius;
+        let half = |range: f32| (config.ball_radius / range.hypot(centre_height)).asin();
+        let mut middle = (near + far) / 2.0;
+        if !whole {
+            for _ in 0..4 {
+                middle = near + half(centre_height * middle.tan());
+            }
+        }
+        let range = centre_height * middle.tan();
+        if !(range.is_finite() && range > 0.0 && range <= config.ball_range_max) {
+            return None;
+        }
+        let half_expected = half(range);
+        let [u, v] = [u_sum, v_sum].map(|sum| sum / region.len() as f32);
+        let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
+        if self.is_beyond_carpet(angle / std::f32::consts::TAU, range) {
+            return None;
+        }
+        let part = (far - near) / (2.0 * half_expected);
+        let pixels = expected_ball_pixels(self.map, config, range, [u, v])?;
+        let share = region.len() as f32 / pixels;
+        // Larger than a ball on the ground could be here: it is nearer, and so higher.
+        let on_ground = part < 1.6 && share < 2.5;
+        if share.min(part) < config.ball_visible_share_min || share > 8.0 {
+            return None;
+        }
+        if !self.is_surrounded_by_carpet([u, v], region.len()) {
+            return None;
+        }
+        let far_step = height / middle.cos().powi(2) * half_expected;
+        let along = 0.02 + 0.25 * far_step * (1.0 - part.min(1.0)) + 0.05 * far_step;
+        let across = 0.01 + 0.01 * range;
+        let (a2, c2) = (along * along, across * across);
+        Some(BallDetection {
+            at: At::new(range * ex, range * ey),
+            covariance: [
+                a2 * ex * ex + c2 * ey * ey,
+                (a2 - c2) * ex * ey,
+                a2 * ey * ey + c2 * ex * ex,
+            ],
+            on_ground,
+            score: share.min(1.0 / share).min(1.0) * part.min(1.0 / part).min(1.0).sqrt(),
+            position_px: [u, v],
+            pixels: region.len(),
+        })
+    }
+
+    /// Is there carpet around a region? A poster or a shirt behind the field has floor, wall or net around it instead.
+    ///
+    /// Lines, and robots that hide a part, say neither yes nor no.
+    fn is_surrounded_by_carpet(&self, [u, v]: [f32; 2], pixels: usize) -> bool {
+        let reach = 3.0 * (pixels as f32 / std::f32::consts::PI).sqrt() + SURROUND_OFFSET_PX;
+        let class = |length: f32, cos: f32, sin: f32| {
+            let (column, row) = ((u + length * cos).round(), (v + length * sin).round());
+            let inside = column >= 0.0
+                && row >= 0.0
+                && (column as usize) < self.map.width_px
+                && (row as usize) < self.map.height_px;
+            inside.then(|| {
+                let native = self.image.native_channels(column as usize, row as usize);
+                self.lookup_table.class(native)
+            })
+        };
+        let [mut carpet, mut other, mut near_carpet, mut near_other] = [0u32; 4];
+        let [towards_u, towards_v] = [self.centre_px[0] - u, self.centre_px[1] - v];
+        let away = towards_u.hypot(towards_v).max(1.0);
+        for way in 0..SURROUND_DIRECTIONS {
+            let (sin, cos) =
+                (std::f32::consts::TAU * way as f32 / SURROUND_DIRECTIONS as f32).sin_cos();
+            let mut length = 0.0;
+            while length <= reach && class(length, cos, sin) == Some(ColourClass::BALL) {
+                length += 1.0;
+            }
+            // Its near half touches the carpet; its height may hide what is far behind it.
+            let near = u32::from(cos * towards_u + sin * towards_v > 0.5 * away);
+            match class(length + SURROUND_OFFSET_PX, cos, sin) {
+                Some(ColourClass::CARPET) => {
+                    (carpet, near_carpet) = (carpet + 1, near_carpet + near)
+                }
+                Some(
+                    ColourClass::WHITE
+                    | ColourClass::BLACK
+                    | ColourClass::BALL
+                    | ColourClass::CYAN
+                    | ColourClass::MAGENTA,
+                ) => {}
+                _ => (other, near_other) = (other + 1, near_other + near),
+            }
+        }
+        match near_carpet + near_other {
+            0 => carpet > other,
+            _ => near_carpet >= near_other,
+        }
+    }
+
+    /// Does the carpet end before the ball's middle on both its sides? Then it is something behind the carpet.
+    ///
+    /// `turns`: its direction about the mirror's axis; `range`: its distance, metres.
+    pub(crate) fn is_beyond_carpet(&self, turns: f32, range: f32) -> bool {
+        let half = self.config.ball_radius / (std::f32::consts::TAU * range);
+        let count = self.carpet_end.len();
+        let end = |turns: f32, outward: usize| {
+            let place = turns.rem_euclid(1.0) * count as f32;
+            self.carpet_end[(place as usize + outward) % count]
+        };
+        // One ray past each side of the ball; its height hides carpet, so its far side may seem to lie farther out.
+        let end = end(turns - half, count - 1).max(end(turns + half, 2));
+        range > 1.02 * end
+    }
+}
+
+/// Pixels of a whole ball on the ground at a distance, whose middle is seen at a place of the image: its solid angle over
+/// a pixel's.
+pub(crate) fn expected_ball_pixels(
+    map: &GroundMap,
+    config: &ObjectConfig,
+    range: f32,
+    [u, v]: [f32; 2],
+) -> Option<f32> {
+    let height = config.viewpoint_height;
+    let half = (config.ball_radius / range.hypot(height - config.ball_radius)).asin();
+    let (column, row) = (u.round() as usize, v.round() as usize);
+    let (radial, tangential) = crate::scan::pattern::pixel_footprint(map, column, row)?;
+    let ground = map.at(column, row)?.distance();
+    let angle = (ground / height).atan();
+    let radial_angle = radial * angle.cos().powi(2) / height;
+    let tangential_angle = tangential / ground * angle.sin();
+    Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
+}
+
+/// Pixels of a whole ball that lies at a place of the ground; none where the map does not show it.
+pub fn expected_ball_pixels_at(
+    map: &GroundMap,
+    config: &ObjectConfig,
+    at: At<RobotFrame>,
+) -> Option<f32> {
+    // Its middle hides ground a little farther out than it touches.
+    let beyond = config.viewpoint_height / (config.viewpoint_height - config.ball_radius);
+    let mut nearest = (0.1 * at.distance(), None);
+    for row in 0..map.height_px {
+        for column in 0..map.width_px {
+            let Some(ground) = map.at(column, row) else {
+                continue;
+            };
+            let off = (ground.x - beyond * at.x).hypot(ground.y - beyond * at.y);
+            if off < nearest.0 {
+                nearest = (off, Some([column as f32, row as f32]));
+            }
+        }
+    }
+    expected_ball_pixels(map, config, at.distance(), nearest.1?)
+}

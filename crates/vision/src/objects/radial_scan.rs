@@ -1,0 +1,238 @@
+//! How far does the carpet reach in each direction, and what ends it? Rays from the mirror's axis to its rim.
+
+use std::f32::consts::TAU;
+use std::ops::Range;
+
+use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
+use crate::colour::pixel_classifier::PixelClassifier;
+use crate::config::ObjectConfig;
+use crate::image::ImageView;
+use crate::optics::ground_map::GroundMap;
+use localize::robot::CameraConfig;
+
+/// A sample of a ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct RaySample {
+    pub(crate) u: u16,
+    pub(crate) v: u16,
+    /// Where the ground would be, robot frame, metres; not a number above the horizon.
+    pub(crate) ground: [f32; 2],
+    /// Its distance, metres; infinite above the horizon.
+    pub(crate) range: f32,
+}
+
+/// The rays' samples, ray by ray, outward.
+#[derive(Debug, Clone)]
+pub(crate) struct RadialScan {
+    pub(crate) samples: Vec<RaySample>,
+    /// Where each ray starts in `samples`, and one past the last.
+    pub(crate) starts: Vec<usize>,
+    /// What was read, one a sample.
+    pub(crate) classes: Vec<ColourClass>,
+    reader: PixelClassifier,
+}
+
+/// What one ray shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct CarpetEnd {
+    /// Distance of the last carpet before something else, metres; infinite where nothing ends it or none is seen.
+    pub(crate) range: f32,
+    /// First sample beyond that.
+    pub(crate) first_beyond: usize,
+    /// Was any carpet seen?
+    pub(crate) carpet_seen: bool,
+}
+
+/// Carpet begins again where so many of the last five samples are carpet; fewer are noise on something dark.
+const CARPET_HISTORY_MASK: u32 = 0b1_1111;
+const CARPET_HISTORY_MIN: u32 = 4;
+/// So many samples of a ray lie beside the robot itself.
+const NEAR_ROBOT_SAMPLES: usize = 8;
+
+impl RadialScan {
+    pub(crate) fn new(
+        map: &GroundMap,
+        camera: &CameraConfig,
+        mask: Option<&[bool]>,
+        range_min: f32,
+        config: &ObjectConfig,
+    ) -> Self {
+        let [cu, cv] = camera.centre_px;
+        let (width, height) = (map.width_px as f32, map.height_px as f32);
+        let (mut samples, mut starts) = (Vec::new(), vec![0]);
+        for ray in 0..config.ray_count {
+            let (sin, cos) = (TAU * ray as f32 / config.ray_count as f32).sin_cos();
+            for step in (0..).step_by(config.ray_step_px) {
+                let (u, v) = (
+                    (cu + step as f32 * cos).round(),
+                    (cv - step as f32 * sin).round(),
+                );
+                let inside = u >= 0.0 && v >= 0.0 && u < width && v < height;
+                if !(inside && camera.is_inside_mirror(u, v)) {
+                    break;
+                }
+                let (column, row) = (u as usize, v as usize);
+                if mask.is_some_and(|mask| !mask[row * map.width_px + column]) {
+                    continue;
+                }
+                let ground = map.at(column, row);
+                let range = ground.map_or(f32::INFINITY, |at| at.distance());
+                // Without ground before the first ground there is the robot itself.
+                if range < range_min || ground.is_none() && samples.len() == starts[ray] {
+                    continue;
+                }
+                samples.push(RaySample {
+                    u: column as u16,
+                    v: row as u16,
+                    ground: ground.map_or([f32::NAN; 2], |at| [at.x, at.y]),
+                    range,
+                });
+            }
+            starts.push(samples.len());
+        }
+        let places: Vec<[u16; 2]> = samples.iter().map(|s| [s.u, s.v]).collect();
+        RadialScan {
+            reader: PixelClassifier::new(&places, map.height_px),
+            classes: vec![ColourClass::OTHER; samples.len()],
+            samples,
+            starts,
+        }
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Reads what the rays show in these rows of a frame that was checked.
+    pub(crate) fn read(
+        &mut self,
+        frame: &ImageView<'_>,
+        table: &ColourLookupTable,
+        rows: &Range<usize>,
+    ) {
+        self.reader
+            .classify_rows(frame, table, rows, &mut self.classes);
+    }
+
+    /// Follows each ray to the carpet's end.
+    ///
+    /// A cable, a shadow or a ball is passed over: only what covers more of the ground than `gap_max` plus `gap_share`
+    /// of its distance ends the carpet. White counts a quarter, since a line may point at the robot. A ray whose
+    /// nearest samples are covered (own body, a rod) starts where its first carpet is.
+    pub(crate) fn find_carpet_ends(&self, config: &ObjectConfig) -> Vec<CarpetEnd> {
+        let sight = |ray| self.find_carpet_end(ray, config);
+        (0..self.count()).map(sight).collect()
+    }
+
+    /// The samples of a class, each with its ray's direction, turns.
+    pub(crate) fn samples_of_class(
+        &self,
+        class: ColourClass,
+    ) -> impl Iterator<Item = (f32, &RaySample)> {
+        let ends = self.starts.windows(2).enumerate();
+        ends.flat_map(move |(ray, ends)| {
+            let turns = ray as f32 / self.count() as f32;
+            let classes = &self.classes[ends[0]..ends[1]];
+            // Most rays show none: whole vector registers at a time.
+            let any = classes
+                .iter()
+                .fold(false, |any, &found| any | (found == class));
+            let here = if any { ends[0]..ends[1] } else { 0..0 };
+            here.filter(move |&index| self.classes[index] == class)
+                .map(move |index| (turns, &self.samples[index]))
+        })
+    }
+
+    fn find_carpet_end(&self, ray: usize, config: &ObjectConfig) -> CarpetEnd {
+        let (start, end) = (self.starts[ray], self.starts[ray + 1]);
+        let classes = &self.classes[..end];
+        let endless = |carpet| CarpetEnd {
+            range: f32::INFINITY,
+            first_beyond: end,
+            carpet_seen: carpet,
+        };
+        let Some((mut last, mut recent)) = first_carpet(classes, start) else {
+            return endless(false);
+        };
+        loop {
+            let more = count_leading_carpet(&classes[last + 1..]);
+            recent = ((recent + 1) << more.min(5)) - 1;
+            last += more;
+            let range = self.samples[last].range;
+            let gap_max = config.carpet_gap_max + config.carpet_gap_per_range * range;
+            let (mut gap, mut before) = (0.0, range);
+            let mut resumed = None;
+            for (index, &class) in classes.iter().enumerate().skip(last + 1) {
+                recent =
+                    (recent << 1 | u32::from(class == ColourClass::CARPET)) & CARPET_HISTORY_MASK;
+                if class == ColourClass::CARPET && recent.count_ones() >= CARPET_HISTORY_MIN {
+                    resumed = Some(index);
+                    break;
+                }
+                let here = self.samples[index].range;
+                let step = here - before;
+                before = here;
+                gap += if class == ColourClass::WHITE {
+                    0.25 * step
+                } else {
+                    step
+                };
+                if gap > gap_max {
+                    return CarpetEnd {
+                        range: range,
+                        first_beyond: last + 1,
+                        carpet_seen: true,
+                    };
+                }
+            }
+            match resumed {
+                Some(index) => last = index,
+                None => return endless(true),
+            }
+        }
+    }
+}
+
+/// Where a ray's carpet begins, and which of the last samples up to there are carpet, a bit each.
+fn first_carpet(classes: &[ColourClass], start: usize) -> Option<(usize, u32)> {
+    let mut recent = 0u32;
+    for (index, &class) in classes.iter().enumerate().skip(start) {
+        recent = (recent << 1 | u32::from(class == ColourClass::CARPET)) & CARPET_HISTORY_MASK;
+        // Beside the robot itself little carpet may be left before an obstacle: two samples of it are enough there.
+        let near = index < start + NEAR_ROBOT_SAMPLES && recent & 0b11 == 0b11;
+        if class == ColourClass::CARPET && (near || recent.count_ones() >= CARPET_HISTORY_MIN) {
+            return Some((index, recent));
+        }
+    }
+    None
+}
+
+/// Does the carpet reach farther on both sides of neighbouring rays that end at `range`, by `more` metres at least?
+///
+/// Past one ray at the silhouette's edge, which may graze it.
+pub(crate) fn occludes_carpet_end(
+    sights: &[CarpetEnd],
+    group: &[usize],
+    range: f32,
+    more: f32,
+) -> bool {
+    let (Some(first), Some(last)) = (group.first(), group.last()) else {
+        return false;
+    };
+    let count = sights.len();
+    [(first + count - 2) % count, (last + 2) % count]
+        .iter()
+        .all(|&ray| sights[ray].range - range >= more)
+}
+
+/// How many samples are carpet before the first that is not.
+fn count_leading_carpet(classes: &[ColourClass]) -> usize {
+    let other = |class: &ColourClass| *class != ColourClass::CARPET;
+    // Whole vector registers first.
+    let (blocks, _) = classes.as_chunks::<16>();
+    let plain =
+        |block: &&[ColourClass; 16]| block.iter().fold(true, |all, class| all & !other(class));
+    let passed = 16 * blocks.iter().take_while(plain).count();
+    let rest = &classes[passed..];
+    passed + rest.iter().position(other).unwrap_or(rest.len())
+}

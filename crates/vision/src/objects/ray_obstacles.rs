@@ -1,0 +1,224 @@
+//! What stands at the carpet's end in each direction? One column a ray, rods and cables passed over.
+
+use crate::colour::lookup_table::ColourClass;
+use crate::config::ObjectConfig;
+use crate::objects::radial_scan::{CarpetEnd, RadialScan};
+
+/// What ends the carpet of one ray.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RayObstacle {
+    /// Where its foot is, metres.
+    pub(crate) range: f32,
+    /// The median of its own and both neighbours' ranges.
+    pub(crate) smoothed_range: f32,
+    /// The ray's direction, robot frame, unit length.
+    pub(crate) direction: [f32; 2],
+    /// Dark or coloured from the floor up.
+    pub(crate) solid_base: bool,
+    /// No carpet before it: it begins beside the robot itself.
+    pub(crate) touches_robot: bool,
+    /// Samples of that colour.
+    pub(crate) cyan: u32,
+    /// Samples of that colour.
+    pub(crate) magenta: u32,
+    /// Its foot.
+    pub(crate) base_sample: usize,
+}
+
+/// A foot is so many samples high at least: its edge is mixed with the carpet.
+pub(crate) const BASE_SAMPLES: usize = 5;
+
+/// How far neighbouring columns of one thing lie apart at most, metres: a side seen at a slant, and a sample's step.
+pub(crate) fn range_step_max(range: f32) -> f32 {
+    0.15 + 0.1 * range
+}
+
+/// The columns of all rays; none where nothing stands within range.
+pub(crate) fn find_ray_obstacles(
+    rays: &RadialScan,
+    sights: &[CarpetEnd],
+    config: &ObjectConfig,
+) -> Vec<Option<RayObstacle>> {
+    let mut columns: Vec<Option<RayObstacle>> = (0..rays.count())
+        .map(|ray| {
+            let all = rays.starts[ray]..rays.starts[ray + 1];
+            find_obstacle_at_robot(rays, all.clone(), config)
+                .or_else(|| find_obstacle_beyond_carpet(rays, &sights[ray], all.end, config))
+        })
+        .collect();
+    replace_thin_obstacles(&mut columns, config);
+    smooth_ranges(&columns)
+}
+
+/// What stands beyond the carpet.
+fn find_obstacle_beyond_carpet(
+    rays: &RadialScan,
+    sight: &CarpetEnd,
+    end: usize,
+    config: &ObjectConfig,
+) -> Option<RayObstacle> {
+    if !(sight.carpet_seen && sight.range <= config.robot_range_max) {
+        return None;
+    }
+    // A line, and what is mixed of it and the carpet, may lie before the foot.
+    let before = sight.first_beyond..skip_lines(rays, sight.first_beyond, end, config);
+    let solid = before.clone().find(|&first| {
+        let foot = &rays.classes[first..end.min(first + BASE_SAMPLES)];
+        is_robot_colour(foot[0])
+            && 2 * foot.iter().filter(|&&class| is_robot_colour(class)).count() >= foot.len()
+    });
+    let first = solid.unwrap_or_else(|| {
+        let mut samples = before.clone();
+        let line = |sample: &usize| rays.classes[*sample] == ColourClass::WHITE;
+        samples.find(|sample| !line(sample)).unwrap_or(before.end)
+    });
+    let foot = &rays.classes[first..end.min(first + BASE_SAMPLES)];
+    let whites = foot
+        .iter()
+        .filter(|&&class| class == ColourClass::WHITE)
+        .count();
+    if foot.is_empty() || 2 * whites > foot.len() {
+        return None;
+    }
+    // What is mixed of floor and foot is shared between them.
+    let floor = |class: &ColourClass| matches!(*class, ColourClass::CARPET | ColourClass::WHITE);
+    let between = &rays.classes[sight.first_beyond..first];
+    let last = between.iter().rposition(floor);
+    let last = last.map_or(sight.first_beyond - 1, |last| sight.first_beyond + last);
+    let range = (rays.samples[last].range + rays.samples[first].range) / 2.0;
+    Some(build_ray_obstacle(rays, first, end, range, solid.is_some()))
+}
+
+/// So far on lines may lie, from a sample on.
+fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectConfig) -> usize {
+    let mut gap = 0.0;
+    let within = |sample: &usize| {
+        gap += weighted_ground_step(rays, *sample);
+        gap < config.carpet_gap_max
+    };
+    from + (from..end).take_while(within).count()
+}
+
+/// Ground that a sample covers along its ray, metres: white counts a quarter, as a line may point at the robot.
+fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
+    let step = rays.samples[sample].range - rays.samples[sample - 1].range;
+    if rays.classes[sample] == ColourClass::WHITE {
+        0.25 * step
+    } else {
+        step
+    }
+}
+
+/// What hides the carpet from the robot itself on, farther than a passed-over gap would.
+fn find_obstacle_at_robot(
+    rays: &RadialScan,
+    all: std::ops::Range<usize>,
+    config: &ObjectConfig,
+) -> Option<RayObstacle> {
+    let classes = &rays.classes[all.clone()];
+    let clear = |pair: &[ColourClass; 2]| *pair == [ColourClass::CARPET; 2];
+    let covered = classes.array_windows().take_while(|pair| !clear(pair));
+    let covered = all.start + covered.count();
+    if covered == all.start {
+        return None;
+    }
+    let nearest = rays.samples[all.start].range;
+    let gap: f32 = (all.start + 1..covered)
+        .map(|sample| weighted_ground_step(rays, sample))
+        .sum();
+    let hides = gap > config.carpet_gap_max + config.carpet_gap_per_range * nearest;
+    hides.then(|| RayObstacle {
+        touches_robot: true,
+        ..build_ray_obstacle(rays, all.start, all.end, nearest, true)
+    })
+}
+
+fn build_ray_obstacle(
+    rays: &RadialScan,
+    first: usize,
+    end: usize,
+    range: f32,
+    solid: bool,
+) -> RayObstacle {
+    let of = |wanted: ColourClass| {
+        let same = rays.classes[first..end].iter().filter(|&&c| c == wanted);
+        same.count() as u32
+    };
+    let [x, y] = rays.samples[first].ground;
+    let length = x.hypot(y);
+    RayObstacle {
+        range,
+        smoothed_range: range,
+        direction: [x / length, y / length],
+        solid_base: solid,
+        touches_robot: false,
+        cyan: of(ColourClass::CYAN),
+        magenta: of(ColourClass::MAGENTA),
+        base_sample: first,
+    }
+}
+
+fn is_robot_colour(class: ColourClass) -> bool {
+    matches!(
+        class,
+        ColourClass::BLACK | ColourClass::CYAN | ColourClass::MAGENTA
+    )
+}
+
+/// Rays whose end is nearer than both its neighbours' and too narrow for a robot see a rod or a cable: what stands beside
+/// it stands behind it too.
+///
+/// The robot's own rods look so in every direction that has one.
+fn replace_thin_obstacles(columns: &mut [Option<RayObstacle>], config: &ObjectConfig) {
+    let count = columns.len();
+    let ray_angle = std::f32::consts::TAU / count as f32;
+    for first in 0..count {
+        let range = |columns: &[Option<RayObstacle>], ray: usize| {
+            columns[ray % count].map_or(f32::INFINITY, |column| column.range)
+        };
+        let own = range(columns, first);
+        let before = range(columns, first + count - 1);
+        if !own.is_finite() || before - own <= range_step_max(own) {
+            continue;
+        }
+        let widest = (config.robot_width_min / (ray_angle * own)) as usize;
+        let farther = |ray: &usize| range(columns, *ray) - own > range_step_max(own);
+        let Some(after) = (first + 1..=first + widest).find(farther) else {
+            continue;
+        };
+        let beside = if before <= range(columns, after) {
+            columns[(first + count - 1) % count]
+        } else {
+            columns[after % count]
+        };
+        for ray in first..after {
+            // Behind a rod things are seen in the rod's own direction.
+            let towards = columns[ray % count].map(|column| column.direction);
+            columns[ray % count] = beside.map(|beside| RayObstacle {
+                direction: towards.unwrap_or(beside.direction),
+                ..beside
+            });
+        }
+    }
+}
+
+/// With the median of three neighbouring rays' ranges: a robot is as wide as several, noise ends a single one early.
+fn smooth_ranges(columns: &[Option<RayObstacle>]) -> Vec<Option<RayObstacle>> {
+    let count = columns.len();
+    let median = |ray: usize| {
+        let own = columns[ray]?;
+        let beside = [ray + count - 1, ray + 1].map(|ray| columns[ray % count]);
+        let [before, after] = beside.map(|other| other.map_or(own.range, |other| other.range));
+        let solid = |other: Option<RayObstacle>| {
+            let near = other.filter(|o| (o.range - own.range).abs() < range_step_max(own.range));
+            near.map_or(own.solid_base, |other| other.solid_base)
+        };
+        let [one, other] = beside.map(solid);
+        Some(RayObstacle {
+            smoothed_range: own.range.clamp(before.min(after), before.max(after)),
+            solid_base: if one == other { one } else { own.solid_base },
+            ..own
+        })
+    };
+    (0..count).map(median).collect()
+}

@@ -1,0 +1,196 @@
+//! Which point of the ground does a pixel show? The map that vision measures with, traced or calibrated.
+
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Cursor, Seek, Write};
+use std::path::{Path, PathBuf};
+
+use localize::frames::{At, RobotFrame};
+use npyz::npz::{NpzArchive, NpzWriter};
+use npyz::{NpyFile, WriterBuilder};
+
+/// Pixel → ground point in the robot frame, for an upright robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GroundMap {
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Forward, metres, row by row; NaN where no ground is seen.
+    pub x: Vec<f32>,
+    /// To the left, metres, row by row; NaN where no ground is seen.
+    pub y: Vec<f32>,
+}
+
+/// Why there is no map.
+#[derive(Debug, thiserror::Error)]
+pub enum GroundMapError {
+    /// The file cannot be opened, read or written.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        source: std::io::Error,
+    },
+    /// An array is missing, of another type, or of another shape.
+    #[error("{}: {reason}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+impl GroundMap {
+    /// The ground point that the pixel's centre shows.
+    pub fn at(&self, column: usize, row: usize) -> Option<At<RobotFrame>> {
+        if column >= self.width_px || row >= self.height_px {
+            return None;
+        }
+        let index = row * self.width_px + column;
+        let (x, y) = (self.x[index], self.y[index]);
+        (x.is_finite() && y.is_finite()).then(|| At::new(x, y))
+    }
+
+    /// The ground point between pixel centres, bilinear; none if any of the four neighbours shows no ground.
+    pub fn interpolate(&self, u: f32, v: f32) -> Option<At<RobotFrame>> {
+        let (u0, v0) = (u.floor(), v.floor());
+        if !(u0 >= 0.0 && v0 >= 0.0) {
+            return None;
+        }
+        let (column, row) = (u0 as usize, v0 as usize);
+        let (fu, fv) = (u - u0, v - v0);
+        let next_column = if fu > 0.0 { column + 1 } else { column };
+        let next_row = if fv > 0.0 { row + 1 } else { row };
+        let p00 = self.at(column, row)?;
+        let p10 = self.at(next_column, row)?;
+        let p01 = self.at(column, next_row)?;
+        let p11 = self.at(next_column, next_row)?;
+        let mix = |a: f32, b: f32, c: f32, d: f32| {
+            (a + fu * (b - a)) * (1.0 - fv) + (c + fu * (d - c)) * fv
+        };
+        Some(At::new(
+            mix(p00.x, p10.x, p01.x, p11.x),
+            mix(p00.y, p10.y, p01.y, p11.y),
+        ))
+    }
+
+    /// Reads `x_m` and `y_m` (float32, rows × columns) from an npz archive.
+    pub fn load(path: &Path) -> Result<Self, GroundMapError> {
+        let file = |source| GroundMapError::File {
+            path: path.to_owned(),
+            source,
+        };
+        let mut archive =
+            NpzArchive::new(BufReader::new(File::open(path).map_err(file)?)).map_err(file)?;
+        let (x, [height_px, width_px]) = read_array(&mut archive, path, "x_m")?;
+        let (y, shape) = read_array(&mut archive, path, "y_m")?;
+        if shape != [height_px, width_px] {
+            let reason = format!(
+                "x_m is {height_px} × {width_px} but y_m is {} × {}",
+                shape[0], shape[1]
+            );
+            return Err(GroundMapError::Content {
+                path: path.to_owned(),
+                reason,
+            });
+        }
+        Ok(GroundMap {
+            width_px,
+            height_px,
+            x,
+            y,
+        })
+    }
+
+    /// Writes the npz archive; the file appears whole or not at all.
+    pub fn save(&self, path: &Path) -> Result<(), GroundMapError> {
+        let file = |source| GroundMapError::File {
+            path: path.to_owned(),
+            source,
+        };
+        let partial = path.with_extension("npz.part");
+        self.write_npz(BufWriter::new(File::create(&partial).map_err(file)?))
+            .map_err(file)?;
+        std::fs::rename(&partial, path).map_err(file)
+    }
+
+    /// The npz archive as bytes, for a log's attachment.
+    pub fn to_npz(&self) -> std::io::Result<Vec<u8>> {
+        let mut bytes = Cursor::new(Vec::new());
+        self.write_npz(&mut bytes)?;
+        Ok(bytes.into_inner())
+    }
+
+    fn write_npz(&self, target: impl Write + Seek) -> std::io::Result<()> {
+        let mut archive = NpzWriter::new(target);
+        for (name, values) in [("x_m", &self.x), ("y_m", &self.y)] {
+            let mut writer = archive
+                .array(name, Default::default())?
+                .default_dtype()
+                .shape(&[self.height_px as u64, self.width_px as u64])
+                .begin_nd()?;
+            writer.extend(values.iter())?;
+            writer.finish()?;
+        }
+        Ok(())
+    }
+}
+
+fn read_array(
+    archive: &mut NpzArchive<BufReader<File>>,
+    path: &Path,
+    name: &str,
+) -> Result<(Vec<f32>, [usize; 2]), GroundMapError> {
+    let content = |reason: String| GroundMapError::Content {
+        path: path.to_owned(),
+        reason,
+    };
+    let found: Option<NpyFile<_>> = archive
+        .by_name(name)
+        .map_err(|error| content(format!("{name}: {error}")))?;
+    let found = found.ok_or_else(|| content(format!("has no array {name}")))?;
+    let &[rows, columns] = found.shape() else {
+        return Err(content(format!(
+            "{name} has {} dimensions, wanted rows × columns",
+            found.shape().len()
+        )));
+    };
+    if found.order() != npyz::Order::C {
+        return Err(content(format!(
+            "{name} is stored column by column, wanted row by row"
+        )));
+    }
+    let values = found
+        .into_vec::<f32>()
+        .map_err(|error| content(format!("{name}: {error} (wanted float32)")))?;
+    Ok((values, [rows as usize, columns as usize]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn saved_map_round_trips_bit_exactly() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("map.npz");
+        let map = GroundMap {
+            width_px: 3,
+            height_px: 2,
+            x: vec![1.0, -2.5, f32::NAN, 0.1, 0.2, 0.3],
+            y: vec![0.0, 7.25, f32::NAN, 1.1, 1.2, 1.3],
+        };
+        map.save(&path).expect("saved");
+        let bytes = std::fs::read(&path).expect("a file");
+        assert_eq!(map.to_npz().expect("bytes"), bytes);
+        let back = GroundMap::load(&path).expect("loaded");
+        assert_eq!((back.width_px, back.height_px), (3, 2));
+        for (a, b) in map.x.iter().chain(&map.y).zip(back.x.iter().chain(&back.y)) {
+            assert_eq!(a.to_bits(), b.to_bits());
+        }
+        assert_eq!(back.at(2, 0), None);
+        assert_eq!(back.interpolate(0.5, 0.0).map(|p| p.x), Some(-0.75));
+    }
+}
