@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use vision::optics::ray_tracing::{self, Ray, Tracer};
+use vision::optics::ray_tracing::{Ray, Tracer};
 
 use crate::camera::{Camera, Mount};
 use crate::errors;

@@ -97,7 +97,7 @@ impl ColourLookupTable {
     pub(crate) fn cell_class(&self, cell: u32) -> ColourClass {
         let cell = cell as usize % CELLS;
         match self.classes[cell].load(Ordering::Relaxed) {
-            UNKNOWN => self.fill(cell),
+            UNFILLED => self.fill(cell),
             class => ColourClass(class),
         }
     }
