@@ -20,15 +20,16 @@ fn process(criterion: &mut Criterion) {
     let map = optics::trace_rays(&robot.camera, &profile, &Mount::default())
         .expect("rays")
         .ground_map();
-    let mut eyes = Vision::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes");
+    let mut vision =
+        Vision::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes");
     let image = Image::load(&folder.join("frames/000.jpg")).expect("an image");
     criterion.bench_function("see_480", |bencher| {
-        bencher.iter(|| eyes.process(black_box(&image.view())).expect("seen"))
+        bencher.iter(|| vision.process(black_box(&image.view())).expect("seen"))
     });
     criterion.bench_function("see_480_in_new_light", |bencher| {
         bencher.iter(|| {
-            eyes.reset_colour_model();
-            eyes.process(black_box(&image.view())).expect("seen")
+            vision.reset_colour_model();
+            vision.process(black_box(&image.view())).expect("seen")
         })
     });
 }

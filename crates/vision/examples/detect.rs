@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         (None, None) => return Err("robot.toml has neither [map] nor [mirror]".into()),
     };
-    let mut eyes = Vision::new(
+    let mut vision = Vision::new(
         &map,
         &robot.camera,
         field.config.line_width,
@@ -50,9 +50,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
     println!(
         "{} samples, {} pixels, {:.1} %",
-        eyes.scan_pattern().samples.len(),
-        eyes.scan_pattern().pixel_count,
-        100.0 * eyes.scan_pattern().coverage
+        vision.scan_pattern().samples.len(),
+        vision.scan_pattern().pixel_count,
+        100.0 * vision.scan_pattern().coverage
     );
     let single = !folder.join("odometry.csv").exists();
     let truth = load_poses(&folder.join("truth.csv"))?;
@@ -62,9 +62,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         let record = record?;
         let image = Image::load(&folder.join(&record[1]))?;
         if single {
-            eyes.reset_colour_model();
+            vision.reset_colour_model();
         }
-        let seen = eyes.process(&image.view())?;
+        let seen = vision.process(&image.view())?;
         let score = truth
             .get(index)
             .map(|&pose| Score::evaluate(&seen, pose, &field));
@@ -101,7 +101,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             );
         }
         if seen.colours_learned {
-            println!("   {:?}", eyes.carpet_model());
+            println!("   {:?}", vision.carpet_model());
         }
         if let Some(score) = score {
             total.add(&score);
@@ -112,7 +112,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 &record[1],
                 &image,
                 &map,
-                &mut eyes,
+                &mut vision,
                 &seen,
                 truth.get(index),
                 &field,
@@ -129,7 +129,7 @@ fn save_overlays(
     file: &str,
     image: &Image,
     map: &GroundMap,
-    eyes: &mut Vision,
+    vision: &mut Vision,
     seen: &vision::Detections,
     pose: Option<&Pose>,
     field: &Field,
@@ -140,7 +140,7 @@ fn save_overlays(
     if let Some(&pose) = pose {
         overlay::draw_field(&mut drawn, 2, map, pose, &field.markings);
     }
-    overlay::draw_carpet_end(&mut drawn, 2, eyes.scan_pattern(), seen);
+    overlay::draw_carpet_end(&mut drawn, 2, vision.scan_pattern(), seen);
     overlay::draw_detections(&mut drawn, 2, seen);
     drawn.save(&out.join(name).with_extension("png"))?;
     let mut points = csv::Writer::from_path(out.join(name).with_extension("csv"))?;
@@ -160,8 +160,8 @@ fn save_overlays(
     }
     points.flush()?;
     let mut classes = overlay::upscale(image, 2);
-    let of_samples = eyes.classify_samples(&image.view())?.to_vec();
-    for (sample, class) in eyes.scan_pattern().samples.iter().zip(of_samples) {
+    let of_samples = vision.classify_samples(&image.view())?.to_vec();
+    for (sample, class) in vision.scan_pattern().samples.iter().zip(of_samples) {
         let colour = overlay::class_colour(class);
         let (u, v) = (2 * i64::from(sample.u), 2 * i64::from(sample.v));
         overlay::draw_pixel(&mut classes, u, v, colour);

@@ -40,15 +40,15 @@ fn lines_are_detected_in_grey_images() {
         .expect("rays")
         .ground_map();
     let image = Image::load(&folder.join("frames/000.jpg")).expect("an image");
-    let mut eyes = Vision::new(&map, &camera, 0.125, VisionConfig::default()).expect("eyes");
-    let coloured = eyes.process(&image.view()).expect("seen").line_points;
+    let mut vision = Vision::new(&map, &camera, 0.125, VisionConfig::default()).expect("eyes");
+    let coloured = vision.process(&image.view()).expect("seen").line_points;
     let grey: Vec<u8> = image
         .rgb
         .chunks_exact(3)
         .map(|rgb| (rgb.iter().map(|&c| u32::from(c)).sum::<u32>() / 3) as u8)
         .collect();
     let frame = ImageView::packed(image.width_px, image.height_px, PixelFormat::Grey8, &grey);
-    let seen = eyes.process(&frame).expect("seen").line_points;
+    let seen = vision.process(&frame).expect("seen").line_points;
     // Most points of the coloured image are found again at the same places.
     let found = coloured.iter().filter(|point| {
         seen.iter()
@@ -88,7 +88,7 @@ fn vision_accepts_any_size_format_and_map() {
                 x: indices.clone().map(|index| place(index)[0]).collect(),
                 y: indices.map(|index| place(index)[1]).collect(),
             };
-            let Ok(mut eyes) = Vision::new(&map, &camera, 0.125, VisionConfig::default()) else {
+            let Ok(mut vision) = Vision::new(&map, &camera, 0.125, VisionConfig::default()) else {
                 continue;
             };
             for format in FORMATS {
@@ -96,7 +96,7 @@ fn vision_accepts_any_size_format_and_map() {
                 let data: Vec<u8> = (0..bytes as u32)
                     .map(|index| (index.wrapping_mul(2_654_435_761) >> 24) as u8)
                     .collect();
-                match eyes.process(&ImageView::packed(width_px, height_px, format, &data)) {
+                match vision.process(&ImageView::packed(width_px, height_px, format, &data)) {
                     Ok(_) => seen += 1,
                     Err(error) => assert!(matches!(error, VisionError::TooDark { .. }), "{error}"),
                 }

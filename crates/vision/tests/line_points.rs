@@ -58,8 +58,8 @@ fn wall_base_is_detected_when_enabled() {
         let mut config = VisionConfig::default();
         config.scan.circles = 36;
         config.lines.detect_wall_bases = walls;
-        let mut eyes = Vision::new(&map, &camera, 0.125, config).expect("eyes");
-        let seen = eyes.process(&image.view()).expect("seen");
+        let mut vision = Vision::new(&map, &camera, 0.125, config).expect("eyes");
+        let seen = vision.process(&image.view()).expect("seen");
         let near = |off: f32| {
             let at_wall = seen.line_points.iter().filter(|one| {
                 (one.point.at.x - 2.0).abs() < off && (one.point.at.y - 1.0).abs() > 0.3
@@ -81,7 +81,7 @@ fn image(name: &str) -> Image {
 fn lines_of_a_path_traced_drive_are_detected_without_labels() {
     let field = Field::load(&folder().join("field.toml")).expect("a field");
     let truth = std::fs::read_to_string(folder().join("truth.csv")).expect("truth.csv");
-    let mut eyes = sample_vision();
+    let mut vision = sample_vision();
     let (mut points, mut right) = (0, 0);
     for (index, line) in truth.lines().skip(1).enumerate() {
         let row: Vec<f32> = line
@@ -89,7 +89,7 @@ fn lines_of_a_path_traced_drive_are_detected_without_labels() {
             .map(|cell| cell.parse().expect("a number"))
             .collect();
         let pose = Pose::new(row[1], row[2], row[3]);
-        let seen = eyes
+        let seen = vision
             .process(&image(&format!("{index:03}.jpg")).view())
             .expect("seen");
         for seen in seen.line_points {
@@ -212,9 +212,13 @@ fn four_labelled_pixels_suffice_to_detect_lines() {
         label(260, 118, "line"),
     ];
     let table = ColourTable::learn(&labels, TableKind::Yuv).expect("a table");
-    let mut eyes = sample_vision();
-    eyes.set_colour_table(table);
-    let labelled = eyes.process(&image.view()).expect("seen").line_points.len();
+    let mut vision = sample_vision();
+    vision.set_colour_table(table);
+    let labelled = vision
+        .process(&image.view())
+        .expect("seen")
+        .line_points
+        .len();
     assert!(
         labelled * 10 >= unlabelled * 7,
         "{labelled} of {unlabelled}"

@@ -58,17 +58,19 @@ fn detect(
         virtual_sensors: config,
         ..VisionConfig::default()
     };
-    let mut eyes = Vision::new(&map(), &camera(), 0.125, config)?;
+    let mut vision = Vision::new(&map(), &camera(), 0.125, config)?;
     assert_eq!(
-        eyes.virtual_sensor_regions()
+        vision
+            .virtual_sensor_regions()
             .iter()
             .filter(|(name, _)| *name == "bumper")
             .count(),
         9
     );
-    let seen = eyes.process(&image.view());
+    let seen = vision.process(&image.view());
     assert!(
-        eyes.classify_samples(&image.view())?
+        vision
+            .classify_samples(&image.view())?
             .contains(&ColourClass::CARPET)
     );
     seen

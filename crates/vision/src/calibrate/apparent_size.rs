@@ -8,6 +8,7 @@ use std::f32::consts::{PI, TAU};
 use crate::calibrate::{CalibrationError, ImageResidual, NamedImage};
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::azimuth;
 use crate::process::{Detections, Vision};
 use localize::robot::CameraConfig;
 
@@ -75,16 +76,21 @@ pub fn calibrate_sizes(
         name: name.to_owned(),
         source,
     };
-    let mut eyes = Vision::new(map, camera, line_width, config.clone())
+    let mut vision = Vision::new(map, camera, line_width, config.clone())
         .map_err(|source| failed("settings", source))?;
     let (mut lines, mut balls, mut residuals) = (Vec::new(), Vec::new(), Vec::new());
     for image in images {
-        eyes.reset_colour_model();
-        let (points, left_out) = match eyes.process(&image.image.view()) {
-            Ok(seen) => {
-                lines.extend(measure_line_widths(&seen, camera, line_width, &config));
-                balls.extend(measure_ball(&seen, map, &config));
-                (seen.line_points.len(), None)
+        vision.reset_colour_model();
+        let (points, left_out) = match vision.process(&image.image.view()) {
+            Ok(detections) => {
+                lines.extend(measure_line_widths(
+                    &detections,
+                    camera,
+                    line_width,
+                    &config,
+                ));
+                balls.extend(measure_ball(&detections, map, &config));
+                (detections.line_points.len(), None)
             }
             Err(error) => (0, Some(error.to_string())),
         };
@@ -100,7 +106,10 @@ pub fn calibrate_sizes(
             "neither lines nor balls were seen often enough to be measured".to_owned(),
         ));
     }
-    let farthest = lines.iter().chain(&balls).map(|one| one.distance);
+    let farthest = lines
+        .iter()
+        .chain(&balls)
+        .map(|measurement| measurement.distance);
     let rows = (farthest.fold(0.0, f32::max) / BIN_WIDTH) as usize + 1;
     let rows: Vec<SizeBin> = (0..rows)
         .map(|row| {
@@ -139,21 +148,15 @@ pub fn calibrate_sizes(
 
 /// Widths of the lines across themselves: neighbouring crossings tell how a line runs.
 fn measure_line_widths(
-    seen: &Detections,
+    detections: &Detections,
     camera: &CameraConfig,
     line_width: f32,
     config: &VisionConfig,
 ) -> Vec<SizeMeasurement> {
-    let [cu, cv] = camera.centre_px;
-    let mut points: Vec<_> = seen
+    let mut points: Vec<_> = detections
         .line_points
         .iter()
-        .map(|point| {
-            (
-                (cv - point.position_px[1]).atan2(point.position_px[0] - cu),
-                point,
-            )
-        })
+        .map(|point| (azimuth(camera.centre_px, point.position_px), point))
         .collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     let step = TAU / RADIAL_LINES as f32;
@@ -192,11 +195,11 @@ fn measure_line_widths(
 
 /// The ball's size, if it lies on the ground and is whole enough to be measured.
 fn measure_ball(
-    seen: &Detections,
+    detections: &Detections,
     map: &GroundMap,
     config: &VisionConfig,
 ) -> Option<SizeMeasurement> {
-    let ball = seen
+    let ball = detections
         .ball
         .filter(|ball| ball.on_ground && ball.score > 0.5)?;
     let expected = crate::objects::ball::expected_ball_pixels(
@@ -216,13 +219,23 @@ fn measure_ball(
 fn bin_medians(all: &[SizeMeasurement], range: &std::ops::Range<f32>) -> ([Option<f32>; 2], usize) {
     let members: Vec<&SizeMeasurement> = all
         .iter()
-        .filter(|one| range.contains(&one.distance))
+        .filter(|measurement| range.contains(&measurement.distance))
         .collect();
     let median = |mut values: Vec<f32>| {
         values.sort_by(f32::total_cmp);
         (values.len() >= MEASUREMENTS_MIN).then(|| values[values.len() / 2])
     };
-    let found = median(members.iter().map(|one| one.measured_px).collect());
-    let by_map = median(members.iter().map(|one| one.predicted_px).collect());
-    ([found, by_map], members.len())
+    let measured = median(
+        members
+            .iter()
+            .map(|measurement| measurement.measured_px)
+            .collect(),
+    );
+    let by_map = median(
+        members
+            .iter()
+            .map(|measurement| measurement.predicted_px)
+            .collect(),
+    );
+    ([measured, by_map], members.len())
 }

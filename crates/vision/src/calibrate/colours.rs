@@ -31,7 +31,7 @@ const UNOBSERVED_WEIGHT: f32 = 0.05;
 
 /// Learns carpet and white from images without labels; those in which nothing can be told are left out and named.
 pub fn learn_colours(
-    eyes: &mut Vision,
+    vision: &mut Vision,
     images: &[NamedImage],
 ) -> Result<LearnedColours, CalibrationError> {
     let mut learned = LearnedColours {
@@ -40,19 +40,19 @@ pub fn learn_colours(
         counts: vec![0; CELLS],
     };
     for image in images {
-        eyes.reset_colour_model();
-        let frame = image.image.view();
-        let (points, left_out) = match eyes.process(&frame) {
+        vision.reset_colour_model();
+        let view = image.image.view();
+        let (points, left_out) = match vision.process(&view) {
             Err(error) => (0, Some(error.to_string())),
-            Ok(seen) => {
-                let white_seen = eyes
+            Ok(detections) => {
+                let white_measured = vision
                     .carpet_model()
                     .is_some_and(|model| model.white_measured);
-                let reason = (!white_seen).then(|| "too few lines to tell white by".to_owned());
-                (seen.line_points.len(), reason)
+                let reason = (!white_measured).then(|| "too few lines to tell white by".to_owned());
+                (detections.line_points.len(), reason)
             }
         };
-        if let (None, Some(model)) = (&left_out, eyes.carpet_model()) {
+        if let (None, Some(model)) = (&left_out, vision.carpet_model()) {
             learned.models.push(*model);
             for rgb in image.image.rgb.chunks_exact(3) {
                 learned.counts[cell(rgb_to_yuv([rgb[0], rgb[1], rgb[2]]))] += 1;

@@ -4,7 +4,7 @@ use localize::Pose;
 use localize::matching::distance_field::DistanceField;
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT};
+use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT, PriorTerm};
 
 /// Numbers of an image: x, y, θ and its lean (a, b).
 const IMAGE_PARAMETERS: usize = 5;
@@ -20,6 +20,15 @@ const ROBUST_SCALES: [f64; 6] = [0.6, 0.4, 0.25, 0.15, 0.1, 0.08];
 
 /// Newton steps per reach.
 const ITERATIONS_PER_SCALE: usize = 8;
+
+/// A line point of one image, metres.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CalibrationPoint {
+    /// Its ground point in the start map, robot frame.
+    pub(super) start: [f64; 2],
+    pub(super) std_radial: f64,
+    pub(super) std_tangential: f64,
+}
 
 /// One image's points and the pose being fitted.
 #[derive(Debug, Clone)]
@@ -46,16 +55,18 @@ pub(super) struct ImageFit {
 }
 
 impl FitImage {
-    /// `points`: start-map point, radial and tangential deviation, metres.
-    pub(super) fn new(index: usize, points: &[([f64; 2], f64, f64)], pose: Pose) -> Self {
+    pub(super) fn new(index: usize, points: &[CalibrationPoint], pose: Pose) -> Self {
         FitImage {
             index,
             points: points
                 .iter()
-                .map(|(start, radial, tangential)| FitPoint {
-                    basis: BasisValues::new(*start),
-                    variance: MARKING_STD * MARKING_STD
-                        + 0.5 * (radial * radial + tangential * tangential),
+                .map(|point| {
+                    let (radial, tangential) = (point.std_radial, point.std_tangential);
+                    FitPoint {
+                        basis: BasisValues::new(point.start),
+                        variance: MARKING_STD * MARKING_STD
+                            + 0.5 * (radial * radial + tangential * tangential),
+                    }
                 })
                 .collect(),
             state: [
@@ -96,26 +107,26 @@ impl<'a> JointFit<'a> {
 
     /// Runs all rounds; an image that lies nowhere in the end of one is not used in the next.
     pub(super) fn optimize(&mut self) {
-        for (round, reach) in ROBUST_SCALES.into_iter().enumerate() {
+        for (round, robust_scale) in ROBUST_SCALES.into_iter().enumerate() {
             // First the poses under the coarse map, then all together.
             for step in 0..ITERATIONS_PER_SCALE {
-                let whole = round > 0 || step >= 3;
-                if self.gauss_newton_step(reach, whole) < 1e-5 {
+                let fit_map = round > 0 || step >= 3;
+                if self.gauss_newton_step(robust_scale, fit_map) < 1e-5 {
                     break;
                 }
             }
             if round >= 3 {
                 for index in 0..self.images.len() {
-                    let judged = self.evaluate(&self.images[index]);
+                    let evaluation = self.evaluate(&self.images[index]);
                     let image = &mut self.images[index];
-                    image.used = judged.inlier_count >= 0.5 * image.points.len() as f64;
+                    image.used = evaluation.inlier_count >= 0.5 * image.points.len() as f64;
                 }
             }
         }
     }
 
     /// One Newton step on the reweighted squares; returns its size. `whole`: the map moves too.
-    fn gauss_newton_step(&mut self, reach: f64, whole: bool) -> f64 {
+    fn gauss_newton_step(&mut self, robust_scale: f64, fit_map: bool) -> f64 {
         let unknowns = PARAMETER_COUNT + IMAGE_PARAMETERS * self.images.len();
         let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
         let mut gradient = DVector::<f64>::zeros(unknowns);
@@ -142,15 +153,15 @@ impl<'a> JointFit<'a> {
                 let (rx, ry) = (cos * nx + sin * ny, cos * ny - sin * nx);
                 let by = by.map(|[gx, gy]| rx * gx + ry * gy);
                 // Geman and McClure's weight (c²/(c² + t²))², over the point's own variance.
-                let c2 = reach * reach + 9.0 * point.variance;
+                let c2 = robust_scale * robust_scale + 9.0 * point.variance;
                 let weight = (c2 / (c2 + distance * distance)).powi(2)
-                    / (point.variance + 0.01 * reach * reach);
+                    / (point.variance + 0.01 * robust_scale * robust_scale);
                 row.clear();
-                if whole {
+                if fit_map {
                     MapCorrection::append_jacobian(&point.basis, by, &mut row);
                 }
-                let turn = ny * (on_field[0] - x) - nx * (on_field[1] - y);
-                row.extend([(start, nx), (start + 1, ny), (start + 2, turn)]);
+                let by_theta = ny * (on_field[0] - x) - nx * (on_field[1] - y);
+                row.extend([(start, nx), (start + 1, ny), (start + 2, by_theta)]);
                 row.extend([(start + 3, by[2]), (start + 4, by[3])]);
                 for &(i, di) in &row {
                     gradient[i] += weight * distance * di;
@@ -160,15 +171,15 @@ impl<'a> JointFit<'a> {
                 }
             }
             let information = 1.0 / (IMAGE_TILT_STD * IMAGE_TILT_STD);
-            for (i, lean) in [(start + 3, a), (start + 4, b)] {
+            for (i, tilt) in [(start + 3, a), (start + 4, b)] {
                 normal[(i, i)] += information;
-                gradient[i] += information * lean;
+                gradient[i] += information * tilt;
             }
             for i in start..start + 3 {
                 normal[(i, i)] += 1.0;
             }
         }
-        for (weight, row) in MapCorrection::prior_terms() {
+        for PriorTerm { weight, row } in MapCorrection::prior_terms() {
             let value: f64 = row
                 .iter()
                 .map(|&(i, di)| di * self.correction.parameters[i])
@@ -180,7 +191,7 @@ impl<'a> JointFit<'a> {
                 }
             }
         }
-        if !whole {
+        if !fit_map {
             for i in 0..PARAMETER_COUNT {
                 gradient[i] = 0.0;
                 normal[(i, i)] += 1e12;
@@ -196,9 +207,9 @@ impl<'a> JointFit<'a> {
         let mut size = 0.0f64;
         for (number, image) in self.images.iter_mut().enumerate() {
             for (i, value) in image.state.iter_mut().enumerate() {
-                let moved = step[PARAMETER_COUNT + IMAGE_PARAMETERS * number + i];
-                *value += moved;
-                size = size.max(moved.abs());
+                let change = step[PARAMETER_COUNT + IMAGE_PARAMETERS * number + i];
+                *value += change;
+                size = size.max(change.abs());
             }
         }
         size

@@ -26,6 +26,13 @@ pub(super) struct MapCorrection {
     pub(super) viewpoint_height: f64,
 }
 
+/// A square to be added to the cost: `weight` × (row · parameters)².
+pub(super) struct PriorTerm {
+    pub(super) weight: f64,
+    /// Index of a parameter and its coefficient.
+    pub(super) row: Vec<(usize, f64)>,
+}
+
 /// A start map's point made ready: its polar coordinates and basis functions.
 #[derive(Debug, Clone)]
 pub(super) struct BasisValues {
@@ -144,9 +151,9 @@ impl MapCorrection {
         row.push((TILT_INDEX + 1, by[3]));
     }
 
-    /// Weak beliefs about a correction: (weight, row) of squares to be added, each row times the numbers being zero.
-    pub(super) fn prior_terms() -> Vec<(f64, Vec<(usize, f64)>)> {
-        let mut beliefs = Vec::new();
+    /// Weak priors: a correction is small and smooth.
+    pub(super) fn prior_terms() -> Vec<PriorTerm> {
+        let mut terms = Vec::new();
         for group in 0..RANGE_HARMONICS + BEARING_HARMONICS {
             // A guess may be 30 % off in range all around; around the circle the lean below does most, a few percent are left.
             let (value, bend) = match group {
@@ -156,17 +163,27 @@ impl MapCorrection {
             };
             for k in 0..SPLINE_COUNT {
                 let number = group * SPLINE_COUNT + k;
-                beliefs.push((1.0 / (value * value), vec![(number, 1.0)]));
+                terms.push(PriorTerm {
+                    weight: 1.0 / (value * value),
+                    row: vec![(number, 1.0)],
+                });
                 if k >= 2 {
                     let row = vec![(number - 2, 1.0), (number - 1, -2.0), (number, 1.0)];
-                    beliefs.push((1.0 / (bend * bend), row));
+                    terms.push(PriorTerm {
+                        weight: 1.0 / (bend * bend),
+                        row,
+                    });
                 }
             }
         }
-        let lean = 4f64.to_radians();
-        beliefs.push((1.0 / (lean * lean), vec![(TILT_INDEX, 1.0)]));
-        beliefs.push((1.0 / (lean * lean), vec![(TILT_INDEX + 1, 1.0)]));
-        beliefs
+        let tilt_std = 4f64.to_radians();
+        for index in [TILT_INDEX, TILT_INDEX + 1] {
+            terms.push(PriorTerm {
+                weight: 1.0 / (tilt_std * tilt_std),
+                row: vec![(index, 1.0)],
+            });
+        }
+        terms
     }
 
     /// The start map, corrected.

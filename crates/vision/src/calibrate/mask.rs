@@ -65,12 +65,12 @@ pub fn calibrate_mask(
         .collect();
     levels.sort_by(f64::total_cmp);
     let typical = levels.get(levels.len() / 2).copied().unwrap_or(0.0);
-    let own: Vec<bool> = statistics
+    let is_body: Vec<bool> = statistics
         .iter()
         .map(|&[mean, deviation]| deviation < STATIC_STD_MAX && mean < DARK_RATIO_MAX * typical)
         .collect();
-    Ok((0..own.len())
-        .map(|pixel| !has_body_neighbours(&own, camera, pixel))
+    Ok((0..is_body.len())
+        .map(|pixel| !has_body_neighbours(&is_body, camera, pixel))
         .collect())
 }
 
@@ -106,13 +106,13 @@ pub fn load_mask(path: &Path, width_px: usize, height_px: usize) -> Result<Vec<b
 }
 
 /// Are at least three of the nine pixels around one the robot's own? Widens by a pixel's blur, drops specks.
-fn has_body_neighbours(own: &[bool], camera: &CameraConfig, pixel: usize) -> bool {
+fn has_body_neighbours(is_body: &[bool], camera: &CameraConfig, pixel: usize) -> bool {
     let (u, v) = (pixel % camera.width_px, pixel / camera.width_px);
     let columns = u.saturating_sub(1)..=(u + 1).min(camera.width_px - 1);
     let rows = v.saturating_sub(1)..=(v + 1).min(camera.height_px - 1);
-    let found = rows
+    let body_pixels = rows
         .flat_map(|v| columns.clone().map(move |u| (u, v)))
-        .filter(|&(u, v)| own[v * camera.width_px + u])
+        .filter(|&(u, v)| is_body[v * camera.width_px + u])
         .count();
-    found >= 3
+    body_pixels >= 3
 }

@@ -72,13 +72,13 @@ pub fn fit_mount(
         let step = damped.lu().solve(&-gradient).ok_or_else(|| {
             CalibrationError::NoConvergence("the points leave the mount open".into())
         })?;
-        let tried = self::cost(camera, profile, points, &(unknowns + step));
-        match tried {
-            Ok(tried) if tried < cost => {
-                let gained = cost - tried;
+        let new_cost = self::cost(camera, profile, points, &(unknowns + step));
+        match new_cost {
+            Ok(new_cost) if new_cost < cost => {
+                let decrease = cost - new_cost;
                 unknowns += step;
-                (cost, damping) = (tried, damping * 0.3);
-                if gained < 1e-9 * cost {
+                (cost, damping) = (new_cost, damping * 0.3);
+                if decrease < 1e-9 * cost {
                     break;
                 }
             }
@@ -90,7 +90,7 @@ pub fn fit_mount(
     }
     let (camera, mount) = apply_parameters(camera, &unknowns);
     let tracer = Tracer::new(&camera, profile, &mount)?;
-    let offs: Vec<f64> = points
+    let distances: Vec<f64> = points
         .iter()
         .filter_map(|point| {
             let ground = tracer
@@ -108,7 +108,7 @@ pub fn fit_mount(
         camera,
         mount,
         rms_px,
-        residuals: offs,
+        residuals: distances,
     })
 }
 

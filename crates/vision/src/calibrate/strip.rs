@@ -80,7 +80,7 @@ pub fn calibrate_strip(
     images: &[StripImage],
 ) -> Result<StripCalibration, CalibrationError> {
     check_strip(strip)?;
-    let mut found = Vec::with_capacity(images.len());
+    let mut edges_by_image = Vec::with_capacity(images.len());
     for image in images {
         image
             .image
@@ -100,19 +100,19 @@ pub fn calibrate_strip(
             width: strip.width,
             starts_black: strip.first_bar == BarColour::Black,
         };
-        found.push(search.detect());
+        edges_by_image.push(search.detect());
     }
-    let mut left_out: Vec<Option<String>> = found
+    let mut left_out: Vec<Option<String>> = edges_by_image
         .iter()
         .map(|edges| (edges.len() < 4).then(|| format!("only {} edges of the strip", edges.len())))
         .collect();
     // Images are left out one by one, the worst first, since a bad one bends the fit for all.
     loop {
-        let rings = fit_rings(strip, images, &found, &left_out);
+        let rings = fit_rings(strip, images, &edges_by_image, &left_out);
         let rings = rings.ok_or_else(|| too_few_images(&left_out))?;
         let offs: Vec<Option<f64>> = (0..images.len())
             .map(|index| {
-                let offs = found[index].iter().filter_map(|edge| {
+                let offs = edges_by_image[index].iter().filter_map(|edge| {
                     let ring = rings
                         .iter()
                         .find(|ring| ring.edge_index == edge.edge_index)?;
@@ -130,7 +130,12 @@ pub fn calibrate_strip(
             }
             _ => {
                 return Ok(build_calibration(
-                    camera, strip, images, &found, left_out, &rings,
+                    camera,
+                    strip,
+                    images,
+                    &edges_by_image,
+                    left_out,
+                    &rings,
                 ));
             }
         }
@@ -185,7 +190,7 @@ struct EdgeRing {
 fn fit_rings(
     strip: &Strip,
     images: &[StripImage],
-    found: &[Vec<PolarEdge>],
+    edges_by_image: &[Vec<PolarEdge>],
     left_out: &[Option<String>],
 ) -> Option<Vec<EdgeRing>> {
     let used = left_out.iter().filter(|reason| reason.is_none()).count();
@@ -197,7 +202,9 @@ fn fit_rings(
         let all: Vec<(f64, PolarEdge)> = (0..images.len())
             .filter(|&index| left_out[index].is_none())
             .filter_map(|index| {
-                let edge = found[index].iter().find(|edge| edge.edge_index == number)?;
+                let edge = edges_by_image[index]
+                    .iter()
+                    .find(|edge| edge.edge_index == number)?;
                 Some((images[index].direction, *edge))
             })
             .collect();
@@ -257,14 +264,14 @@ fn build_calibration(
     camera: &CameraConfig,
     strip: &Strip,
     images: &[StripImage],
-    found: &[Vec<PolarEdge>],
+    edges_by_image: &[Vec<PolarEdge>],
     left_out: Vec<Option<String>>,
     rings: &[EdgeRing],
 ) -> StripCalibration {
     let distance = |number: usize| strip.first_edge + number as f64 * strip.spacing;
     let (mut residuals, mut points) = (Vec::new(), Vec::new());
     let (mut sum, mut count) = (0.0, 0);
-    for ((image, edges), left_out) in images.iter().zip(found).zip(left_out) {
+    for ((image, edges), left_out) in images.iter().zip(edges_by_image).zip(left_out) {
         let offs: Vec<f64> = edges
             .iter()
             .filter_map(|edge| {

@@ -87,62 +87,60 @@ struct ScanPeak {
 /// Pass by pass over all runs: what they look at lies far apart in memory, and the look-ups of many runs overlap only
 /// where nothing but look-ups lies between them.
 pub(crate) fn detect_line_points(
-    reading: &ScanReadout<'_>,
-    judge: &LineValidator<'_>,
+    readout: &ScanReadout<'_>,
+    validator: &LineValidator<'_>,
     scratch: &mut LineScratch,
     points: &mut Vec<LinePointDetection>,
-    refused: &mut Vec<RejectedCandidate>,
+    rejected: &mut Vec<RejectedCandidate>,
 ) {
     let LineScratch {
         values,
         peaks: found,
-        centre_samples: middles,
-        candidates: extents,
+        centre_samples,
+        candidates,
     } = scratch;
-    values.resize(reading.pattern.samples.len(), 0);
+    values.resize(readout.pattern.samples.len(), 0);
     found.clear();
-    let pieces = &reading.pattern.segments;
-    for (number, piece) in pieces.iter().enumerate() {
-        let end = reading.limits.segment_end(number, pieces, judge.carpet_end);
-        let range = piece.start as usize..end;
+    let segments = &readout.pattern.segments;
+    for (number, segment) in segments.iter().enumerate() {
+        let end = readout
+            .limits
+            .segment_end(number, segments, validator.carpet_end);
+        let range = segment.start as usize..end;
         let values = &mut values[range.clone()];
-        reading.brightness.gather(range.clone(), values);
-        let (start, end) = (piece.start, end as u32);
-        find_peaks(values, &reading.peak_thresholds[range], |run| {
-            found.push(ScanPeak {
-                start,
-                end,
-                peak: run,
-            });
+        readout.brightness.gather(range.clone(), values);
+        let (start, end) = (segment.start, end as u32);
+        find_peaks(values, &readout.peak_thresholds[range], |peak| {
+            found.push(ScanPeak { start, end, peak });
         });
     }
     let line = |found: &ScanPeak| {
         let range = found.start as usize..found.end as usize;
         ScanLineSlice {
-            samples: &reading.pattern.samples[range.clone()],
-            pixels: &reading.pixels[range.clone()],
+            samples: &readout.pattern.samples[range.clone()],
+            pixels: &readout.pixels[range.clone()],
             values: &values[range],
         }
     };
-    middles.clear();
-    middles.extend(
+    centre_samples.clear();
+    centre_samples.extend(
         found.iter().map(|found| {
-            reading.pattern.samples[found.start as usize + found.peak.middle() as usize]
+            readout.pattern.samples[found.start as usize + found.peak.middle() as usize]
         }),
     );
-    extents.clear();
-    for (found, middle) in found.iter().zip(&*middles) {
+    candidates.clear();
+    for (found, centre_sample) in found.iter().zip(&*centre_samples) {
         let line = line(found);
-        match judge.project_candidate(&line, &found.peak, middle) {
-            Ok(extent) => extents.push((*found, extent)),
-            Err(reason) => refused.push(line.reject(&found.peak, reason)),
+        match validator.project_candidate(&line, &found.peak, centre_sample) {
+            Ok(candidate) => candidates.push((*found, candidate)),
+            Err(reason) => rejected.push(line.reject(&found.peak, reason)),
         }
     }
-    for (found, extent) in &*extents {
+    for (found, candidate) in &*candidates {
         let line = line(found);
-        match judge.validate_candidate(&line, &found.peak, extent) {
+        match validator.validate_candidate(&line, &found.peak, candidate) {
             Ok(point) => points.push(point),
-            Err(reason) => refused.push(line.reject(&found.peak, reason)),
+            Err(reason) => rejected.push(line.reject(&found.peak, reason)),
         }
     }
 }
@@ -165,9 +163,9 @@ pub(crate) fn peak_thresholds(
         let sharp = (line_width / (sample.radial_footprint * config.blur_px)).min(1.0);
         (faintest * sharp).max(least).clamp(1.0, 120.0).round() as u8
     }));
-    for piece in &pattern.segments {
+    for segment in &pattern.segments {
         let mut lowest = u8::MAX;
-        for threshold in &mut thresholds[piece.start as usize..piece.end as usize] {
+        for threshold in &mut thresholds[segment.start as usize..segment.end as usize] {
             lowest = lowest.min(*threshold);
             *threshold = lowest;
         }

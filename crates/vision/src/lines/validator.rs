@@ -53,9 +53,9 @@ impl ScanLineSlice<'_> {
         [mix(a.u, b.u), mix(a.v, b.v)]
     }
 
-    pub(crate) fn reject(&self, run: &Peak, reason: RejectionReason) -> RejectedCandidate {
+    pub(crate) fn reject(&self, peak: &Peak, reason: RejectionReason) -> RejectedCandidate {
         RejectedCandidate {
-            position_px: self.sample_px(run.index),
+            position_px: self.sample_px(peak.index),
             reason,
         }
     }
@@ -86,19 +86,19 @@ impl LineValidator<'_> {
     pub(crate) fn project_candidate(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
+        peak: &Peak,
         sample: &ScanSample,
     ) -> Result<LineCandidate, RejectionReason> {
         if is_beyond_carpet(self.carpet_end, sample) {
             return Err(RejectionReason::BeyondCarpet);
         }
         let (left, right) = (
-            line.interpolate_ground(run.left_edge),
-            line.interpolate_ground(run.right_edge),
+            line.interpolate_ground(peak.left_edge),
+            line.interpolate_ground(peak.right_edge),
         );
         let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
         let width = (dx * dx + dy * dy).sqrt();
-        let width_px = (run.right_edge - run.left_edge).max(1e-3);
+        let width_px = (peak.right_edge - peak.left_edge).max(1e-3);
         // Sampling narrows a run by a part of a pixel, blur widens it by more.
         let pixel = width / width_px.max(1.0);
         if width < self.config.width_ratio_min * self.line_width - pixel / 3.0 {
@@ -122,31 +122,31 @@ impl LineValidator<'_> {
     pub(crate) fn validate_candidate(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
-        extent: &LineCandidate,
+        peak: &Peak,
+        candidate: &LineCandidate,
     ) -> Result<LinePointDetection, RejectionReason> {
-        let left_foot = self.find_adjacent_carpet(line, run, run.left_base, -1);
-        let right_foot = self.find_adjacent_carpet(line, run, run.right_base, 1);
-        let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
+        let left_base = self.find_adjacent_carpet(line, peak, peak.left_base, -1);
+        let right_base = self.find_adjacent_carpet(line, peak, peak.right_base, 1);
+        let (Some(left_base), Some(right_base)) = (left_base, right_base) else {
             return Err(RejectionReason::NoAdjacentCarpet);
         };
-        let run = &Peak {
-            left_base: left_foot,
-            right_base: right_foot,
-            ..*run
+        let peak = &Peak {
+            left_base,
+            right_base,
+            ..*peak
         };
-        let colours = PeakColours::measure(self.image, line, run);
-        if !self.has_line_contrast(line, run, &colours, extent.sample_footprint) {
+        let colours = PeakColours::measure(self.image, line, peak);
+        if !self.has_line_contrast(line, peak, &colours, candidate.sample_footprint) {
             return Err(RejectionReason::TooFaint);
         }
         if !self.is_white(&colours) {
             return Err(RejectionReason::NotWhite);
         }
         Ok(LinePointDetection {
-            point: extent.point,
-            position_px: line.interpolate_px(run.middle()),
-            contrast: run.contrast,
-            width: extent.width,
+            point: candidate.point,
+            position_px: line.interpolate_px(peak.middle()),
+            contrast: peak.contrast,
+            width: candidate.width,
         })
     }
 
@@ -154,17 +154,17 @@ impl LineValidator<'_> {
     fn find_adjacent_carpet(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
-        foot: usize,
+        peak: &Peak,
+        base: usize,
         outward: isize,
     ) -> Option<usize> {
         let carpet = |step: usize| {
-            let index = foot.checked_add_signed(outward * step as isize)?;
+            let index = base.checked_add_signed(outward * step as isize)?;
             let [u, v] = line.pixels.get(index)?.map(usize::from);
             let native = self.image.native_channels(u, v);
             (self.lookup_table.class(native) == ColourClass::CARPET).then_some(index)
         };
-        let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
+        let reach = 1 + (peak.right_edge - peak.left_edge) as usize / 4;
         (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
     }
 
@@ -175,7 +175,7 @@ impl LineValidator<'_> {
     fn has_line_contrast(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
+        peak: &Peak,
         colours: &PeakColours,
         pixel: f32,
     ) -> bool {
@@ -184,13 +184,13 @@ impl LineValidator<'_> {
             let sum: u32 = line.values[from..=to].iter().map(|&v| u32::from(v)).sum();
             sum as f32 / (to - from + 1) as f32
         };
-        let left = mean(run.left_base.saturating_sub(2), run.left_base);
+        let left = mean(peak.left_base.saturating_sub(2), peak.left_base);
         let right = mean(
-            run.right_base.min(line.values.len() - 1),
-            run.right_base + 2,
+            peak.right_base.min(line.values.len() - 1),
+            peak.right_base + 2,
         );
-        let beside = left.max(right);
-        let contrast = mean(colours.first, colours.last) - beside;
+        let carpet_level = left.max(right);
+        let contrast = mean(colours.first, colours.last) - carpet_level;
         let count = (colours.last - colours.first + 1) as f32;
         if contrast < self.config.contrast_sigma_min * self.noise * (1.0 / count + 1.0 / 3.0).sqrt()
         {
@@ -199,11 +199,11 @@ impl LineValidator<'_> {
         let [carpet_light, ..] = self
             .carpet_model
             .chroma_coordinates(self.carpet_model.carpet);
-        let [beside_light, ..] = self.carpet_model.chroma_coordinates(colours.carpet_mean);
-        let lit = (beside_light / carpet_light.max(1e-6)).clamp(0.3, 1.5);
-        let full = (lit * white_contrast(self.carpet_model)).min(255.0 - beside);
-        let sharp = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
-        contrast >= self.config.white_share_min * sharp * full
+        let [carpet_light_here, ..] = self.carpet_model.chroma_coordinates(colours.carpet_mean);
+        let shading = (carpet_light_here / carpet_light.max(1e-6)).clamp(0.3, 1.5);
+        let contrast_full = (shading * white_contrast(self.carpet_model)).min(255.0 - carpet_level);
+        let blur_factor = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
+        contrast >= self.config.white_share_min * blur_factor * contrast_full
     }
 
     /// Is what the run adds to the carpet beside it light of the lamp's colour?
@@ -244,15 +244,15 @@ struct PeakColours {
 }
 
 impl PeakColours {
-    fn measure(frame: &ImageView<'_>, line: &ScanLineSlice<'_>, run: &Peak) -> Self {
+    fn measure(image: &ImageView<'_>, line: &ScanLineSlice<'_>, peak: &Peak) -> Self {
         let colour = |index: usize| {
             let [u, v] = line.sample_pixel(index);
-            frame.rgb(u, v).map(f32::from)
+            image.rgb(u, v).map(f32::from)
         };
-        let (left, right) = (colour(run.left_base), colour(run.right_base));
+        let (left, right) = (colour(peak.left_base), colour(peak.right_base));
         let end = line.samples.len() - 1;
-        let first = (run.left_edge.ceil() as usize).min(run.index);
-        let last = (run.right_edge.floor() as usize).clamp(run.index, end);
+        let first = (peak.left_edge.ceil() as usize).min(peak.index);
+        let last = (peak.right_edge.floor() as usize).clamp(peak.index, end);
         let count = (last - first + 1) as f32;
         let mut top = [0.0f32; 3];
         for index in first..=last {

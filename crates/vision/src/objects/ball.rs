@@ -8,7 +8,10 @@ use localize::frames::{At, RobotFrame};
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
+use crate::objects::covariance::covariance_from_polar;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::azimuth;
+use crate::scan::pattern::pixel_footprint;
 
 /// The ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -195,7 +198,7 @@ impl BallDetector<'_> {
         }
         let half_expected = half(range);
         let [u, v] = [u_sum, v_sum].map(|sum| sum / region.len() as f32);
-        let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
+        let angle = azimuth(self.centre_px, [u, v]);
         if self.is_beyond_carpet(angle / std::f32::consts::TAU, range) {
             return None;
         }
@@ -210,17 +213,12 @@ impl BallDetector<'_> {
         if !self.is_surrounded_by_carpet([u, v], region.len()) {
             return None;
         }
-        let far_step = height / middle.cos().powi(2) * half_expected;
-        let along = 0.02 + 0.25 * far_step * (1.0 - part.min(1.0)) + 0.05 * far_step;
+        let far_footprint = height / middle.cos().powi(2) * half_expected;
+        let along = 0.02 + 0.25 * far_footprint * (1.0 - part.min(1.0)) + 0.05 * far_footprint;
         let across = 0.01 + 0.01 * range;
-        let (a2, c2) = (along * along, across * across);
         Some(BallDetection {
             at: At::new(range * ex, range * ey),
-            covariance: [
-                a2 * ex * ex + c2 * ey * ey,
-                (a2 - c2) * ex * ey,
-                a2 * ey * ey + c2 * ex * ex,
-            ],
+            covariance: covariance_from_polar([ex, ey], along, across),
             on_ground,
             score: share.min(1.0 / share).min(1.0) * part.min(1.0 / part).min(1.0).sqrt(),
             position_px: [u, v],
@@ -247,9 +245,9 @@ impl BallDetector<'_> {
         let [mut carpet, mut other, mut near_carpet, mut near_other] = [0u32; 4];
         let [towards_u, towards_v] = [self.centre_px[0] - u, self.centre_px[1] - v];
         let away = towards_u.hypot(towards_v).max(1.0);
-        for way in 0..SURROUND_DIRECTIONS {
+        for direction in 0..SURROUND_DIRECTIONS {
             let (sin, cos) =
-                (std::f32::consts::TAU * way as f32 / SURROUND_DIRECTIONS as f32).sin_cos();
+                (std::f32::consts::TAU * direction as f32 / SURROUND_DIRECTIONS as f32).sin_cos();
             let mut length = 0.0;
             while length <= reach && class(length, cos, sin) == Some(ColourClass::BALL) {
                 length += 1.0;
@@ -303,11 +301,11 @@ pub(crate) fn expected_ball_pixels(
     let height = config.viewpoint_height;
     let half = (config.ball_radius / range.hypot(height - config.ball_radius)).asin();
     let (column, row) = (u.round() as usize, v.round() as usize);
-    let (radial, tangential) = crate::scan::pattern::pixel_footprint(map, column, row)?;
+    let footprint = pixel_footprint(map, column, row)?;
     let ground = map.at(column, row)?.distance();
     let angle = (ground / height).atan();
-    let radial_angle = radial * angle.cos().powi(2) / height;
-    let tangential_angle = tangential / ground * angle.sin();
+    let radial_angle = footprint.radial * angle.cos().powi(2) / height;
+    let tangential_angle = footprint.tangential / ground * angle.sin();
     Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
 }
 
@@ -319,17 +317,7 @@ pub fn expected_ball_pixels_at(
 ) -> Option<f32> {
     // Its middle hides ground a little farther out than it touches.
     let beyond = config.viewpoint_height / (config.viewpoint_height - config.ball_radius);
-    let mut nearest = (0.1 * at.distance(), None);
-    for row in 0..map.height_px {
-        for column in 0..map.width_px {
-            let Some(ground) = map.at(column, row) else {
-                continue;
-            };
-            let off = (ground.x - beyond * at.x).hypot(ground.y - beyond * at.y);
-            if off < nearest.0 {
-                nearest = (off, Some([column as f32, row as f32]));
-            }
-        }
-    }
-    expected_ball_pixels(map, config, at.distance(), nearest.1?)
+    let hidden = At::new(beyond * at.x, beyond * at.y);
+    let pixel = map.nearest_pixel(hidden, 0.1 * at.distance())?;
+    expected_ball_pixels(map, config, at.distance(), pixel)
 }

@@ -4,6 +4,7 @@ use localize::frames::{At, RobotFrame};
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectConfig;
+use crate::objects::covariance::covariance_from_polar;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan, occludes_carpet_end};
 
 /// What was seen of a goal.
@@ -45,8 +46,8 @@ const GOAL_WIDTH_MIN: f32 = 0.5;
 
 /// Groups rays that end in a goal's colour.
 pub(crate) fn detect_goals(
-    rays: &RadialScan,
-    sights: &[CarpetEnd],
+    scan: &RadialScan,
+    carpet_ends: &[CarpetEnd],
     config: &ObjectConfig,
 ) -> Vec<GoalDetection> {
     let mut found = Vec::new();
@@ -55,16 +56,16 @@ pub(crate) fn detect_goals(
         (GoalKind::Yellow, ColourClass::YELLOW),
         (GoalKind::Post, ColourClass::WHITE),
     ] {
-        let share: Vec<f32> = (0..rays.count())
-            .map(|ray| goal_colour_share(rays, &sights[ray], rays.starts[ray + 1], class))
+        let share: Vec<f32> = (0..scan.count())
+            .map(|ray| goal_colour_share(scan, &carpet_ends[ray], scan.starts[ray + 1], class))
             .collect();
         let joined = |a: usize, b: usize| {
-            let (a_end, b_end) = (sights[a].range, sights[b].range);
+            let (a_end, b_end) = (carpet_ends[a].range, carpet_ends[b].range);
             share[a] > 0.0
                 && share[b] > 0.0
                 && (a_end - b_end).abs() < 0.2 + 0.15 * a_end.min(b_end)
         };
-        let count = rays.count();
+        let count = scan.count();
         let Some(first) = (0..count).find(|&ray| !joined((ray + count - 1) % count, ray)) else {
             continue;
         };
@@ -73,7 +74,7 @@ pub(crate) fn detect_goals(
             let ray = (first + step) % count;
             let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
             if !follows {
-                found.extend(build_goal(rays, sights, &share, &group, kind, config));
+                found.extend(build_goal(scan, carpet_ends, &share, &group, kind, config));
                 group.clear();
             }
             if share[ray] > 0.0 {
@@ -88,26 +89,31 @@ pub(crate) fn detect_goals(
 ///
 /// A goal's wall is looked at just beyond the carpet. A post is higher than the mirror, so it covers its direction up to
 /// the horizon: a sticker on a robot, glare or a line does not.
-fn goal_colour_share(rays: &RadialScan, sight: &CarpetEnd, end: usize, class: ColourClass) -> f32 {
-    if !(sight.carpet_seen && sight.range.is_finite()) {
+fn goal_colour_share(
+    scan: &RadialScan,
+    carpet_end: &CarpetEnd,
+    end: usize,
+    class: ColourClass,
+) -> f32 {
+    if !(carpet_end.carpet_seen && carpet_end.range.is_finite()) {
         return 0.0;
     }
     let far = if class == ColourClass::WHITE {
         let above =
-            (sight.first_beyond..end).find(|&sample| rays.samples[sample].range.is_infinite());
+            (carpet_end.first_beyond..end).find(|&sample| scan.samples[sample].range.is_infinite());
         above.unwrap_or(end)
     } else {
-        end.min(sight.first_beyond + 16)
+        end.min(carpet_end.first_beyond + 16)
     };
-    let beyond = &rays.classes[sight.first_beyond..far];
+    let beyond = &scan.classes[carpet_end.first_beyond..far];
     let share =
         beyond.iter().filter(|&&found| found == class).count() as f32 / beyond.len().max(1) as f32;
     if share >= 0.6 { share } else { 0.0 }
 }
 
 fn build_goal(
-    rays: &RadialScan,
-    sights: &[CarpetEnd],
+    scan: &RadialScan,
+    carpet_ends: &[CarpetEnd],
     share: &[f32],
     group: &[usize],
     kind: GoalKind,
@@ -115,7 +121,7 @@ fn build_goal(
 ) -> Option<GoalDetection> {
     let ends: Vec<[f32; 2]> = group
         .iter()
-        .map(|&ray| rays.samples[sights[ray].first_beyond.saturating_sub(1)].ground)
+        .map(|&ray| scan.samples[carpet_ends[ray].first_beyond.saturating_sub(1)].ground)
         .collect();
     let count = ends.len() as f32;
     let [x, y] = ends.iter().fold([0.0, 0.0], |[x, y], end| {
@@ -133,7 +139,7 @@ fn build_goal(
         GoalKind::Post if width + 0.5 * ray_angle * range < 0.5 * POST_SIDE => return None,
         // A wall or a window behind the carpet's edge has the same edge beside it.
         GoalKind::Post
-            if !occludes_carpet_end(sights, group, range, config.post_depth_step_min) =>
+            if !occludes_carpet_end(carpet_ends, group, range, config.post_depth_step_min) =>
         {
             return None;
         }
@@ -142,18 +148,13 @@ fn build_goal(
     }
     let [ex, ey] = [x / range, y / range];
     let (along, across) = (0.05 + 0.05 * range, ray_angle * range);
-    let (a2, c2) = (along * along, across * across);
-    let sample = rays.samples[sights[group[group.len() / 2]]
+    let sample = scan.samples[carpet_ends[group[group.len() / 2]]
         .first_beyond
         .saturating_sub(1)];
     Some(GoalDetection {
         kind,
         at: At::new(x, y),
-        covariance: [
-            a2 * ex * ex + c2 * ey * ey,
-            (a2 - c2) * ex * ey,
-            a2 * ey * ey + c2 * ex * ex,
-        ],
+        covariance: covariance_from_polar([ex, ey], along, across),
         width,
         score: group.iter().map(|&ray| share[ray]).sum::<f32>() / count,
         position_px: [f32::from(sample.u), f32::from(sample.v)],

@@ -8,6 +8,7 @@ use crate::colour::pixel_classifier::PixelClassifier;
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::nearest_pixel;
 use localize::robot::CameraConfig;
 
 /// A sample of a ray.
@@ -57,16 +58,12 @@ impl RadialScan {
         range_min: f32,
         config: &ObjectConfig,
     ) -> Self {
-        let [cu, cv] = camera.centre_px;
         let (width, height) = (map.width_px as f32, map.height_px as f32);
         let (mut samples, mut starts) = (Vec::new(), vec![0]);
         for ray in 0..config.ray_count {
-            let (sin, cos) = (TAU * ray as f32 / config.ray_count as f32).sin_cos();
+            let azimuth = (TAU * ray as f32 / config.ray_count as f32).sin_cos();
             for step in (0..).step_by(config.ray_step_px) {
-                let (u, v) = (
-                    (cu + step as f32 * cos).round(),
-                    (cv - step as f32 * sin).round(),
-                );
+                let [u, v] = nearest_pixel(camera.centre_px, step as f32, azimuth);
                 let inside = u >= 0.0 && v >= 0.0 && u < width && v < height;
                 if !(inside && camera.is_inside_mirror(u, v)) {
                     break;
@@ -90,9 +87,9 @@ impl RadialScan {
             }
             starts.push(samples.len());
         }
-        let places: Vec<[u16; 2]> = samples.iter().map(|s| [s.u, s.v]).collect();
+        let pixels: Vec<[u16; 2]> = samples.iter().map(|s| [s.u, s.v]).collect();
         RadialScan {
-            reader: PixelClassifier::new(&places, map.height_px),
+            reader: PixelClassifier::new(&pixels, map.height_px),
             classes: vec![ColourClass::OTHER; samples.len()],
             samples,
             starts,
@@ -106,12 +103,12 @@ impl RadialScan {
     /// Reads what the rays show in these rows of a frame that was checked.
     pub(crate) fn read(
         &mut self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
         rows: &Range<usize>,
     ) {
         self.reader
-            .classify_rows(frame, table, rows, &mut self.classes);
+            .classify_rows(image, table, rows, &mut self.classes);
     }
 
     /// Follows each ray to the carpet's end.
@@ -120,8 +117,8 @@ impl RadialScan {
     /// of its distance ends the carpet. White counts a quarter, since a line may point at the robot. A ray whose
     /// nearest samples are covered (own body, a rod) starts where its first carpet is.
     pub(crate) fn find_carpet_ends(&self, config: &ObjectConfig) -> Vec<CarpetEnd> {
-        let sight = |ray| self.find_carpet_end(ray, config);
-        (0..self.count()).map(sight).collect()
+        let carpet_end = |ray| self.find_carpet_end(ray, config);
+        (0..self.count()).map(carpet_end).collect()
     }
 
     /// The samples of a class, each with its ray's direction, turns.
@@ -179,7 +176,7 @@ impl RadialScan {
                 };
                 if gap > gap_max {
                     return CarpetEnd {
-                        range: range,
+                        range,
                         first_beyond: last + 1,
                         carpet_seen: true,
                     };
@@ -211,7 +208,7 @@ fn first_carpet(classes: &[ColourClass], start: usize) -> Option<(usize, u32)> {
 ///
 /// Past one ray at the silhouette's edge, which may graze it.
 pub(crate) fn occludes_carpet_end(
-    sights: &[CarpetEnd],
+    carpet_ends: &[CarpetEnd],
     group: &[usize],
     range: f32,
     more: f32,
@@ -219,10 +216,10 @@ pub(crate) fn occludes_carpet_end(
     let (Some(first), Some(last)) = (group.first(), group.last()) else {
         return false;
     };
-    let count = sights.len();
+    let count = carpet_ends.len();
     [(first + count - 2) % count, (last + 2) % count]
         .iter()
-        .all(|&ray| sights[ray].range - range >= more)
+        .all(|&ray| carpet_ends[ray].range - range >= more)
 }
 
 /// How many samples are carpet before the first that is not.

@@ -4,6 +4,8 @@
 //! The windows are configuration in image coordinates; those not configured are laid out from the ground map, so that
 //! any mirror has them.
 
+use localize::frames::At;
+
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::{ImageRect, VirtualSensorConfig};
 use crate::error::VisionError;
@@ -78,21 +80,21 @@ impl VirtualSensors {
         let layout = Layout { map, camera };
         let bumpers = match &config.bumpers[..] {
             [] => layout.bumpers(config),
-            given => given.to_vec(),
+            rects => rects.to_vec(),
         };
         let goals = match &config.goals[..] {
             [] => layout.goals(),
-            given => given.to_vec(),
+            rects => rects.to_vec(),
         };
         let kick = config.kick.or_else(|| layout.kick(config));
         let lens_window = config.lens.unwrap_or_else(|| layout.lens());
-        let mut laid: Vec<(&'static str, ImageRect)> = Vec::new();
-        laid.extend(bumpers.iter().map(|&window| ("bumper", window)));
-        laid.extend(goals.iter().map(|&window| ("goal", window)));
-        laid.extend(config.ball.map(|window| ("ball", window)));
-        laid.extend(kick.map(|window| ("kick", window)));
-        laid.push(("lens", lens_window));
-        for (name, window) in &laid {
+        let mut regions: Vec<(&'static str, ImageRect)> = Vec::new();
+        regions.extend(bumpers.iter().map(|&window| ("bumper", window)));
+        regions.extend(goals.iter().map(|&window| ("goal", window)));
+        regions.extend(config.ball.map(|window| ("ball", window)));
+        regions.extend(kick.map(|window| ("kick", window)));
+        regions.push(("lens", lens_window));
+        for (name, window) in &regions {
             let right = window.left_px + window.width_px;
             let bottom = window.top_px + window.height_px;
             let configured = match *name {
@@ -121,7 +123,7 @@ impl VirtualSensors {
                 .map_or(PixelGrid { pixels: Vec::new() }, samples),
             lens: PixelGrid::new(&lens_window.scaled(LENS_SEARCH_SCALE), map, 3 * GRID / 2),
             lens_window,
-            regions: laid,
+            regions,
         })
     }
 
@@ -131,7 +133,7 @@ impl VirtualSensors {
 
     pub(crate) fn read(
         &self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
         ball_px: Option<[f32; 2]>,
     ) -> VirtualSensorReadings {
@@ -142,7 +144,7 @@ impl VirtualSensors {
             )
         };
         let bumpers = self.bumpers.iter().map(|samples| {
-            let share = samples.class_share(frame, table, obstacle);
+            let share = samples.class_share(image, table, obstacle);
             Bumper {
                 share,
                 hit: share >= self.config.bumper_occupied_share_min,
@@ -152,21 +154,21 @@ impl VirtualSensors {
             let middles = self
                 .goals
                 .iter()
-                .filter_map(|samples| samples.class_centroid(frame, table, wanted));
+                .filter_map(|samples| samples.class_centroid(image, table, wanted));
             let (share, middle) = middles.max_by(|a, b| a.0.total_cmp(&b.0))?;
             (share >= self.config.goal_colour_share_min).then_some(middle)
         };
-        let touching = self
+        let ball_share = self
             .kick
-            .class_share(frame, table, |class| class == ColourClass::BALL);
-        let lens_px = self.lens.find_dark_blob(frame);
+            .class_share(image, table, |class| class == ColourClass::BALL);
+        let lens_px = self.lens.find_dark_blob(image);
         VirtualSensorReadings {
             bumpers: bumpers.collect(),
             blue_goal_px: goal(ColourClass::BLUE),
             yellow_goal_px: goal(ColourClass::YELLOW),
             ball_px: ball_px
                 .filter(|&at| self.config.ball.is_none_or(|window| window.contains(at))),
-            kick: touching >= self.config.kick_colour_share_min,
+            kick: ball_share >= self.config.kick_colour_share_min,
             lens_px,
             lens_centred: lens_px.map(|at| self.lens_window.contains(at)),
         }
@@ -177,13 +179,13 @@ impl PixelGrid {
     fn new(window: &ImageRect, map: &GroundMap, grid: usize) -> Self {
         let along = |start: f32, length: f32, size: usize| -> Vec<u16> {
             let count = (length.round() as usize).clamp(1, grid);
-            let mut places: Vec<u16> = (0..count)
+            let mut positions: Vec<u16> = (0..count)
                 .map(|step| start + length * (step as f32 + 0.5) / count as f32)
-                .filter(|place| (0.0..size as f32).contains(place))
-                .map(|place| place as u16)
+                .filter(|position| (0.0..size as f32).contains(position))
+                .map(|position| position as u16)
                 .collect();
-            places.dedup();
-            places
+            positions.dedup();
+            positions
         };
         let columns = along(window.left_px, window.width_px, map.width_px);
         let rows = along(window.top_px, window.height_px, map.height_px);
@@ -197,22 +199,22 @@ impl PixelGrid {
 
     fn classes<'a>(
         &'a self,
-        frame: &'a ImageView<'_>,
+        image: &'a ImageView<'_>,
         table: &'a ColourLookupTable,
     ) -> impl Iterator<Item = ([u16; 2], ColourClass)> + 'a {
         let class =
-            |[u, v]: [u16; 2]| table.class(frame.native_channels(usize::from(u), usize::from(v)));
+            |[u, v]: [u16; 2]| table.class(image.native_channels(usize::from(u), usize::from(v)));
         self.pixels.iter().map(move |&pixel| (pixel, class(pixel)))
     }
 
     fn class_share(
         &self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
         wanted: impl Fn(ColourClass) -> bool,
     ) -> f32 {
         let found = self
-            .classes(frame, table)
+            .classes(image, table)
             .filter(|&(_, class)| wanted(class));
         found.count() as f32 / self.pixels.len().max(1) as f32
     }
@@ -220,12 +222,12 @@ impl PixelGrid {
     /// Share and middle of a class's pixels.
     fn class_centroid(
         &self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
         wanted: ColourClass,
     ) -> Option<(f32, [f32; 2])> {
         let found = self
-            .classes(frame, table)
+            .classes(image, table)
             .filter(|&(_, class)| class == wanted);
         let [u, v, count] = found.fold([0.0f32; 3], |[u, v, count], ([at_u, at_v], _)| {
             [u + f32::from(at_u), v + f32::from(at_v), count + 1.0]
@@ -234,28 +236,31 @@ impl PixelGrid {
     }
 
     /// Middle of what is dark here, if it stands out from the rest and is not cut by the window's edge.
-    fn find_dark_blob(&self, frame: &ImageView<'_>) -> Option<[f32; 2]> {
+    fn find_dark_blob(&self, image: &ImageView<'_>) -> Option<[f32; 2]> {
         let level = |[u, v]: [u16; 2]| {
-            let rgb = frame.rgb(usize::from(u), usize::from(v));
+            let rgb = image.rgb(usize::from(u), usize::from(v));
             rgb.iter().map(|&channel| f32::from(channel)).sum::<f32>() / 3.0
         };
         let levels: Vec<f32> = self.pixels.iter().map(|&pixel| level(pixel)).collect();
         let mut ranked = levels.clone();
         let upper_quarter = levels.len() * 3 / 4;
         ranked.get(upper_quarter)?;
-        let (_, &mut around, _) = ranked.select_nth_unstable_by(upper_quarter, f32::total_cmp);
+        let (_, &mut surround_level, _) =
+            ranked.select_nth_unstable_by(upper_quarter, f32::total_cmp);
         let (first, last) = (self.pixels.first()?, self.pixels.last()?);
         let at_edge =
             |[u, v]: [u16; 2]| u == first[0] || v == first[1] || u == last[0] || v == last[1];
         let (mut sum, mut count, mut cut) = ([0.0f32; 2], 0.0, 0.0);
         let pixels = self.pixels.iter().zip(&levels);
-        for (&pixel, _) in pixels.filter(|&(_, &level)| level < LENS_DARKNESS_RATIO * around) {
+        for (&pixel, _) in
+            pixels.filter(|&(_, &level)| level < LENS_DARKNESS_RATIO * surround_level)
+        {
             sum = [sum[0] + f32::from(pixel[0]), sum[1] + f32::from(pixel[1])];
             count += 1.0;
             cut += f32::from(u8::from(at_edge(pixel)));
         }
         // A disc inside the square touches its edge nowhere; a rod or two may.
-        let stands_out = count >= 4.0 && cut < 0.25 * count && around >= 8.0;
+        let stands_out = count >= 4.0 && cut < 0.25 * count && surround_level >= 8.0;
         stands_out.then(|| sum.map(|sum| sum / count))
     }
 }
@@ -269,20 +274,8 @@ struct Layout<'a> {
 impl Layout<'_> {
     /// The pixel that shows a place of the ground best; none if it is farther off than a tenth of its distance.
     fn nearest_pixel(&self, angle: f32, range: f32) -> Option<[f32; 2]> {
-        let [x, y] = [range * angle.cos(), range * angle.sin()];
-        let mut best = (0.1 * range, None);
-        for row in 0..self.map.height_px {
-            for column in 0..self.map.width_px {
-                let Some(ground) = self.map.at(column, row) else {
-                    continue;
-                };
-                let off = (ground.x - x).hypot(ground.y - y);
-                if off < best.0 {
-                    best = (off, Some([column as f32, row as f32]));
-                }
-            }
-        }
-        best.1
+        let ground = At::new(range * angle.cos(), range * angle.sin());
+        self.map.nearest_pixel(ground, 0.1 * range)
     }
 
     /// A square around a place of the ground that is as wide as `size` metres of ground along the ray.
@@ -292,7 +285,7 @@ impl Layout<'_> {
             [range - 0.5 * size, range + 0.5 * size].map(|at| self.nearest_pixel(angle, at));
         let (near, far) = (near.unwrap_or(middle), far?);
         let along = (far[0] - near[0]).hypot(far[1] - near[1]);
-        Some(ImageRect::around(middle, along.max(3.0)))
+        Some(ImageRect::square(middle, along.max(3.0)))
     }
 
     fn bumpers(&self, config: &VirtualSensorConfig) -> Vec<ImageRect> {
@@ -320,7 +313,7 @@ impl Layout<'_> {
                     cu + 0.75 * rim * direction[0],
                     cv + 0.75 * rim * direction[1],
                 ];
-                ImageRect::around(middle, 0.5 * rim)
+                ImageRect::square(middle, 0.5 * rim)
             })
             .collect()
     }
@@ -332,12 +325,12 @@ impl Layout<'_> {
     /// A fiftieth of the image around where the axis should be: a mirror moved by more bends the map by centimetres.
     fn lens(&self) -> ImageRect {
         let side = 0.02 * self.map.width_px.min(self.map.height_px) as f32;
-        ImageRect::around(self.camera.centre_px, side.max(4.0))
+        ImageRect::square(self.camera.centre_px, side.max(4.0))
     }
 }
 
 impl ImageRect {
-    fn around([u, v]: [f32; 2], side: f32) -> Self {
+    fn square([u, v]: [f32; 2], side: f32) -> Self {
         ImageRect {
             left_px: u - 0.5 * side,
             top_px: v - 0.5 * side,
