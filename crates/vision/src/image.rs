@@ -299,28 +299,31 @@ mod tests {
     #[test]
     fn every_pixel_format_decodes_to_the_encoded_colour() {
         for (format, stride, data) in encode_in_all_formats([200, 90, 40]) {
-            let frame = ImageView {
+            let view = ImageView {
                 width_px: 4,
                 height_px: 2,
                 format,
                 stride,
                 data: &data,
             };
-            frame.check(4, 2).expect("whole");
+            view.check(4, 2).expect("whole");
             for (column, row) in [(0, 0), (1, 0), (2, 1), (3, 1)] {
-                let found = frame.rgb(column, row);
-                let off = found
+                let decoded = view.rgb(column, row);
+                let error = decoded
                     .iter()
                     .zip([200u8, 90, 40])
                     .map(|(a, b)| a.abs_diff(b))
                     .max();
-                assert!(off <= Some(2), "{format:?} ({column}, {row}): {found:?}");
+                assert!(
+                    error <= Some(2),
+                    "{format:?} ({column}, {row}): {decoded:?}"
+                );
             }
-            let torn = ImageView {
+            let truncated = ImageView {
                 data: &data[..data.len() - 1],
-                ..frame
+                ..view
             };
-            assert!(torn.check(4, 2).is_err(), "{format:?}");
+            assert!(truncated.check(4, 2).is_err(), "{format:?}");
         }
     }
 }

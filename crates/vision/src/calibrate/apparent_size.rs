@@ -1,7 +1,7 @@
-//! How large are a line and the ball in the image, near and far? Measured, beside what the map makes of them.
+//! Apparent size of lines and ball in the image over distance, measured and as predicted by the map.
 //!
-//! minho2016 III.A: the relation between distance and size in pixels is what tells a line from clutter. Here it follows
-//! from the map; measuring it checks map, focus and ball, and shows where blur makes things wider than they are.
+//! minho2016 III.A: the relation between distance and size in pixels separates lines from clutter. Here it follows from
+//! the map; measuring it checks map, focus and ball, and shows where blur widens objects.
 
 use std::f32::consts::{PI, TAU};
 
@@ -12,31 +12,31 @@ use crate::optics::image_polar::azimuth;
 use crate::process::{Detections, Vision};
 use localize::robot::CameraConfig;
 
-/// Sizes at one distance; those of the map are what an object without blur has.
+/// Sizes at one distance; predictions by the map are without blur.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SizeBin {
-    /// Middle of the distances that it holds for, metres.
+    /// Centre of the bin, metres.
     pub distance: f32,
-    /// Crossings of lines measured.
+    /// Number of line crossings measured.
     pub lines: usize,
-    /// A line's width along the radius, pixels (median); none if no line was seen here.
+    /// Median width of a line along the radius, pixels. None without lines at this distance.
     pub line_px: Option<f32>,
-    /// The same by the map.
+    /// As predicted by the map, pixels.
     pub line_px_by_map: Option<f32>,
-    /// Balls measured.
+    /// Number of balls measured.
     pub balls: usize,
-    /// Diameter of a disc with as many pixels as the ball has (median).
+    /// Median diameter of a disc with as many pixels as the ball.
     pub ball_px: Option<f32>,
-    /// The same by the map.
+    /// As predicted by the map, pixels.
     pub ball_px_by_map: Option<f32>,
 }
 
 /// Sizes over distance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SizeCalibration {
-    /// By distance, outward.
+    /// By ascending distance.
     pub rows: Vec<SizeBin>,
-    /// How each image went.
+    /// Residual of each image; `rms_px` is 0.
     pub images: Vec<ImageResidual>,
     /// Root mean square difference of measured and predicted line width, pixels.
     pub line_rms_px: Option<f32>,
@@ -44,23 +44,23 @@ pub struct SizeCalibration {
     pub ball_rms_px: Option<f32>,
 }
 
-/// Distances that share a row, metres.
+/// Width of a bin, metres.
 const BIN_WIDTH: f32 = 0.5;
-/// Radial lines that are scanned: neighbours cross a marking at 4 m 14 cm apart.
+/// Radial scan lines: neighbours are 14 cm apart at 4 m.
 const RADIAL_LINES: usize = 180;
-/// Fewer measurements make no median.
+/// Fewest measurements for a median.
 const MEASUREMENTS_MIN: usize = 3;
-/// A line crossed more aslant than this (sine of the angle) is left out.
+/// Crossings with a smaller sine of the angle are excluded.
 const CROSSING_SINE_MIN: f32 = 0.5;
 
-/// One measured and predicted size.
+/// Measured and predicted size of one object.
 struct SizeMeasurement {
     distance: f32,
     measured_px: f32,
     predicted_px: f32,
 }
 
-/// Measures lines and balls in a drive's images, each seen by itself.
+/// Measures lines and balls in independent images.
 pub fn calibrate_sizes(
     camera: &CameraConfig,
     map: &GroundMap,
@@ -103,7 +103,7 @@ pub fn calibrate_sizes(
     }
     if lines.len() < MEASUREMENTS_MIN && balls.len() < MEASUREMENTS_MIN {
         return Err(CalibrationError::NoConvergence(
-            "neither lines nor balls were seen often enough to be measured".to_owned(),
+            "too few lines and balls were detected".to_owned(),
         ));
     }
     let farthest = lines
@@ -146,7 +146,7 @@ pub fn calibrate_sizes(
     })
 }
 
-/// Widths of the lines across themselves: neighbouring crossings tell how a line runs.
+/// Line widths perpendicular to the line; its direction follows from adjacent crossings.
 fn measure_line_widths(
     detections: &Detections,
     camera: &CameraConfig,
@@ -164,7 +164,7 @@ fn measure_line_widths(
     for (index, (angle, point)) in points.iter().enumerate() {
         let at = point.point.at;
         let distance = at.distance();
-        // The nearest point of the next ray that may lie on the same line.
+        // The nearest point on the next ray, likely on the same line.
         let next = points[index + 1..]
             .iter()
             .take_while(|(other, _)| other - angle < 1.5 * step)
@@ -193,7 +193,7 @@ fn measure_line_widths(
     measured
 }
 
-/// The ball's size, if it lies on the ground and is whole enough to be measured.
+/// The ball's size, if it is on the ground and mostly visible.
 fn measure_ball(
     detections: &Detections,
     map: &GroundMap,

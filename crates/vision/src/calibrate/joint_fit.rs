@@ -1,4 +1,4 @@
-//! Which correction and which poses lay all images' line points onto the markings? Robust least squares over all at once.
+//! Joint robust least squares of the map correction and all image poses, from line points to markings.
 
 use localize::Pose;
 use localize::matching::distance_field::DistanceField;
@@ -6,19 +6,19 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT, PriorTerm};
 
-/// Numbers of an image: x, y, θ and its lean (a, b).
+/// Parameters of an image: x, y, θ and its tilt (a, b).
 const IMAGE_PARAMETERS: usize = 5;
 
-/// Standard deviation of one frame's lean, radians: photographs of real robots show 0.45°.
+/// Standard deviation of one image's tilt, radians: photographs of real robots show 0.45°.
 const IMAGE_TILT_STD: f64 = 0.45 * std::f64::consts::PI / 180.0;
 
-/// A point's own deviation besides its pixel's, metres: paint is not where the rule book says.
+/// Deviation of the painted markings from the rule book, metres; added to a point's pixel deviation.
 const MARKING_STD: f64 = 0.015;
 
-/// Reach of the robust error, metres, from the first rounds to the last: a wrong map at first, paint at last.
+/// Scale of the robust error per round, metres: from a wrong map to the accuracy of paint.
 const ROBUST_SCALES: [f64; 6] = [0.6, 0.4, 0.25, 0.15, 0.1, 0.08];
 
-/// Newton steps per reach.
+/// Gauss-Newton steps per scale.
 const ITERATIONS_PER_SCALE: usize = 8;
 
 /// A line point of one image, metres.
@@ -36,7 +36,7 @@ pub(super) struct FitImage {
     pub(super) index: usize,
     pub(super) points: Vec<FitPoint>,
     state: [f64; IMAGE_PARAMETERS],
-    /// False once most of its points lie nowhere.
+    /// False once most of its points are outliers.
     pub(super) used: bool,
 }
 
@@ -47,7 +47,7 @@ pub(super) struct FitPoint {
     variance: f64,
 }
 
-/// How an image fits.
+/// Residual of one image.
 pub(super) struct ImageFit {
     pub(super) sum_squared: f64,
     pub(super) inlier_count: f64,
@@ -89,7 +89,7 @@ impl FitImage {
     }
 }
 
-/// All that is fitted.
+/// The joint fit: map correction and images.
 pub(super) struct JointFit<'a> {
     distances: &'a DistanceField,
     pub(super) correction: MapCorrection,
@@ -105,10 +105,10 @@ impl<'a> JointFit<'a> {
         }
     }
 
-    /// Runs all rounds; an image that lies nowhere in the end of one is not used in the next.
+    /// Runs all rounds; excludes images whose points are mostly outliers after a late round.
     pub(super) fn optimize(&mut self) {
         for (round, robust_scale) in ROBUST_SCALES.into_iter().enumerate() {
-            // First the poses under the coarse map, then all together.
+            // First only the poses under the initial map, then everything.
             for step in 0..ITERATIONS_PER_SCALE {
                 let fit_map = round > 0 || step >= 3;
                 if self.gauss_newton_step(robust_scale, fit_map) < 1e-5 {
@@ -125,7 +125,7 @@ impl<'a> JointFit<'a> {
         }
     }
 
-    /// One Newton step on the reweighted squares; returns its size. `whole`: the map moves too.
+    /// One Gauss-Newton step on the reweighted squares; returns its size. `fit_map`: the map is free too.
     fn gauss_newton_step(&mut self, robust_scale: f64, fit_map: bool) -> f64 {
         let unknowns = PARAMETER_COUNT + IMAGE_PARAMETERS * self.images.len();
         let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
@@ -149,7 +149,7 @@ impl<'a> JointFit<'a> {
                     .nearest(on_field[0] as f32, on_field[1] as f32);
                 let distance = f64::from(nearest.signed_distance);
                 let [nx, ny] = nearest.normal.map(f64::from);
-                // The normal in the robot's frame.
+                // The normal in the robot frame.
                 let (rx, ry) = (cos * nx + sin * ny, cos * ny - sin * nx);
                 let by = by.map(|[gx, gy]| rx * gx + ry * gy);
                 // Geman and McClure's weight (c²/(c² + t²))², over the point's own variance.
@@ -215,7 +215,7 @@ impl<'a> JointFit<'a> {
         size
     }
 
-    /// How an image's points lie at the present fit.
+    /// Residual of an image at the present fit.
     pub(super) fn evaluate(&self, image: &FitImage) -> ImageFit {
         let [x, y, theta, a, b] = image.state;
         let (sin, cos) = theta.sin_cos();

@@ -139,8 +139,8 @@ fn confirmed_carpet_range(detections: &Detections, centre_px: [f32; 2]) -> [f32;
 }
 
 fn smooth_towards(colour: &mut [f32; 3], towards: [f32; 3], rate: f32) {
-    for (channel, wanted) in colour.iter_mut().zip(towards) {
-        *channel += rate * (wanted - *channel);
+    for (channel, target) in colour.iter_mut().zip(towards) {
+        *channel += rate * (target - *channel);
     }
 }
 
@@ -205,11 +205,11 @@ mod tests {
             );
             colour = clamp_to_prior(colour, model.carpet, &model, &config);
         }
-        let wanted = model.carpet.map(|c| c * 0.7);
+        let target = model.carpet.map(|c| c * 0.7);
         assert!(
             colour
                 .iter()
-                .zip(wanted)
+                .zip(target)
                 .all(|(a, b)| (a / b - 1.0).abs() < 0.05),
             "{colour:?}"
         );

@@ -240,7 +240,7 @@ impl ColourTable {
             reason,
         };
         let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-        let torn = || refuse("truncated file".to_owned());
+        let truncated = || refuse("truncated file".to_owned());
         let rest = bytes
             .strip_prefix(MAGIC)
             .ok_or_else(|| refuse("not a colour table".to_owned()))?;
@@ -248,26 +248,26 @@ impl ColourTable {
             let four = rest.get(4 * place..4 * place + 4)?;
             Some(u32::from_le_bytes(four.try_into().ok()?))
         };
-        let version = number(0).ok_or_else(torn)?;
+        let version = number(0).ok_or_else(truncated)?;
         if version != VERSION {
             return Err(refuse(format!(
                 "unsupported version: {version} (expected {VERSION})"
             )));
         }
-        let kind = match number(1).ok_or_else(torn)? {
+        let kind = match number(1).ok_or_else(truncated)? {
             0 => TableKind::Uv,
             _ => TableKind::Yuv,
         };
-        let length = number(2).ok_or_else(torn)? as usize;
-        let names = rest.get(12..12 + length).ok_or_else(torn)?;
+        let length = number(2).ok_or_else(truncated)? as usize;
+        let names = rest.get(12..12 + length).ok_or_else(truncated)?;
         let names = String::from_utf8(names.to_vec()).map_err(|error| refuse(error.to_string()))?;
         let classes = rest[12 + length..].to_vec();
-        let wanted = match kind {
+        let expected_len = match kind {
             TableKind::Uv => 1 << 16,
             TableKind::Yuv => 1 << 24,
         };
-        if classes.len() != wanted {
-            return Err(torn());
+        if classes.len() != expected_len {
+            return Err(truncated());
         }
         Ok(ColourTable {
             kind,

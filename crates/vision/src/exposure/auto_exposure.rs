@@ -189,8 +189,8 @@ impl AutoExposure {
     }
 }
 
-/// Every n-th pixel, so that at least `wanted` remain.
-fn subsample(pixels: &[[u16; 2]], wanted: usize) -> Vec<[u16; 2]> {
-    let step = (pixels.len() / wanted).max(1);
+/// Every n-th pixel, so that at least `count_min` remain.
+fn subsample(pixels: &[[u16; 2]], count_min: usize) -> Vec<[u16; 2]> {
+    let step = (pixels.len() / count_min).max(1);
     pixels.iter().step_by(step).copied().collect()
 }

@@ -1,4 +1,4 @@
-//! Is this run a line? As wide on the ground as one, with carpet on both sides, as bright as a line must be, and white.
+//! Line validation of a peak: width on the ground, carpet on both sides, contrast and colour.
 
 use localize::frames::At;
 use localize::sample::LinePoint;
@@ -11,7 +11,7 @@ use crate::lines::detection::{LinePointDetection, RejectedCandidate, RejectionRe
 use crate::scan::pattern::ScanSample;
 use crate::scan::peaks::Peak;
 
-/// What a run is judged by.
+/// Validates peaks of one image.
 pub(crate) struct LineValidator<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) lookup_table: &'a ColourLookupTable,
@@ -20,11 +20,11 @@ pub(crate) struct LineValidator<'a> {
     pub(crate) line_width: f32,
     /// Standard deviation of the brightness on plain carpet, levels.
     pub(crate) noise: f32,
-    /// Where the carpet ends along each ray, metres; see [`crate::objects::radial_scan`].
+    /// Range of the carpet's boundary along each ray, metres; see [`crate::objects::radial_scan`].
     pub(crate) carpet_end: &'a [f32],
 }
 
-/// One piece of a scan line as it was read.
+/// A segment of a scan line as read.
 pub(crate) struct ScanLineSlice<'a> {
     pub(crate) samples: &'a [ScanSample],
     pub(crate) pixels: &'a [[u16; 2]],
@@ -60,7 +60,7 @@ impl ScanLineSlice<'_> {
         }
     }
 
-    /// A sample's place in the image.
+    /// A sample's column and row.
     fn sample_pixel(&self, index: usize) -> [usize; 2] {
         self.pixels[index].map(usize::from)
     }
@@ -71,7 +71,7 @@ impl ScanLineSlice<'_> {
     }
 }
 
-/// A run on the ground.
+/// A peak projected to the ground.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LineCandidate {
     point: LinePoint,
@@ -82,7 +82,7 @@ pub(crate) struct LineCandidate {
 }
 
 impl LineValidator<'_> {
-    /// Where a run lies on the ground, if it is where and as wide as a line can be; `sample`: its middle.
+    /// Projects a peak to the ground; rejects it beyond the carpet or with a wrong width. `sample`: its middle.
     pub(crate) fn project_candidate(
         &self,
         line: &ScanLineSlice<'_>,
@@ -99,7 +99,7 @@ impl LineValidator<'_> {
         let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
         let width = (dx * dx + dy * dy).sqrt();
         let width_px = (peak.right_edge - peak.left_edge).max(1e-3);
-        // Sampling narrows a run by a part of a pixel, blur widens it by more.
+        // Sampling narrows a peak by a fraction of a pixel; blur widens it by more.
         let pixel = width / width_px.max(1.0);
         if width < self.config.width_ratio_min * self.line_width - pixel / 3.0 {
             return Err(RejectionReason::TooNarrow);
@@ -118,7 +118,7 @@ impl LineValidator<'_> {
         })
     }
 
-    /// The point of a run that has a line's extent, if it also looks like one.
+    /// Checks adjacent carpet, contrast and colour of a projected peak.
     pub(crate) fn validate_candidate(
         &self,
         line: &ScanLineSlice<'_>,
@@ -150,7 +150,7 @@ impl LineValidator<'_> {
         })
     }
 
-    /// Where the carpet begins beyond a foot: the first of two carpet samples, within reach of the run's blurred edge.
+    /// Start of the carpet outward of a base: the first of two carpet samples within the peak's blurred edge.
     fn find_adjacent_carpet(
         &self,
         line: &ScanLineSlice<'_>,
@@ -168,10 +168,10 @@ impl LineValidator<'_> {
         (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
     }
 
-    /// Is the run higher than noise makes it, and as high as a line must be here?
+    /// True if the contrast exceeds the noise and is at least that of a line at this place.
     ///
-    /// A line that covers several pixels has white's full contrast, less for glare; one thinner than the image's blur
-    /// (about `blur_px`) has the share of it that its width is of the blur.
+    /// A line several pixels wide has the full contrast of white, reduced by glare. A line thinner than the image's blur
+    /// (`blur_px`) has this contrast times width over blur.
     fn has_line_contrast(
         &self,
         line: &ScanLineSlice<'_>,
@@ -206,7 +206,7 @@ impl LineValidator<'_> {
         contrast >= self.config.white_share_min * blur_factor * contrast_full
     }
 
-    /// Is what the run adds to the carpet beside it light of the lamp's colour?
+    /// True if the peak adds light of the lamp's colour to the adjacent carpet.
     fn is_white(&self, colours: &PeakColours) -> bool {
         if self.carpet_model.is_grey() {
             return true;
@@ -219,7 +219,7 @@ impl LineValidator<'_> {
         if light <= 0.0 {
             return false;
         }
-        // Noise of the chroma of two samples of carpet and the run's own, in units of the carpet's chroma.
+        // Chroma noise of two carpet samples and the peak, in units of the carpet's chroma.
         let white = self.carpet_model.white.iter().sum::<f32>() / 3.0;
         let count = (colours.last - colours.first + 1) as f32;
         let noise =
@@ -234,9 +234,9 @@ impl LineValidator<'_> {
     }
 }
 
-/// Mean colours of a run and of the carpet beside it.
+/// Mean colours of a peak and of the adjacent carpet.
 struct PeakColours {
-    /// The samples between the edges.
+    /// First and last sample between the edges.
     first: usize,
     last: usize,
     peak_mean: [f32; 3],
@@ -270,7 +270,7 @@ impl PeakColours {
     }
 }
 
-/// White's brightness over the carpet's by the weights of the reading, levels.
+/// Weighted brightness of white minus that of the carpet, levels.
 pub(crate) fn white_contrast(model: &CarpetModel) -> f32 {
     let weights = model.channel_weights();
     (0..3)
@@ -278,7 +278,7 @@ pub(crate) fn white_contrast(model: &CarpetModel) -> f32 {
         .sum()
 }
 
-/// Does the carpet end before this sample along both rays beside it?
+/// True if the carpet ends before this sample along both adjacent rays.
 pub(crate) fn is_beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
     let place = sample.azimuth_turns * carpet_end.len() as f32;
     let lower = place as usize % carpet_end.len();

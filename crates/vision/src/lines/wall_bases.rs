@@ -1,8 +1,8 @@
-//! Where does carpet meet a wall? White that begins at the carpet and is wider than any line: the wall's foot.
+//! Base points of white walls: white that starts at the carpet and is wider than any line.
 //!
-//! lima2001 4.4 takes every white-to-green and green-to-white transition on its circles, "the intersection between the
-//! field and the walls" (4) included. Of a line both transitions lie a few pixels apart and their middle says more; a
-//! wall has but one.
+//! lima2001 4.4 uses every white-to-green and green-to-white transition on its circles, "the intersection between the
+//! field and the walls" (4) included. A line has two transitions a few pixels apart, whose middle is more accurate; a
+//! wall has only one.
 
 use localize::frames::At;
 use localize::sample::LinePoint;
@@ -12,12 +12,12 @@ use crate::lines::detection::{LinePointDetection, ScanReadout};
 use crate::lines::validator::{LineValidator, is_beyond_carpet};
 use crate::scan::pattern::ScanSample;
 
-/// Blur between carpet and white, samples that are neither.
+/// Blurred samples between carpet and white that are neither.
 const BLUR_SAMPLES: usize = 3;
-/// Carpet and white are told by so many samples in a row.
+/// Consecutive samples that confirm carpet or white.
 const CONFIRMING_SAMPLES: usize = 2;
 
-/// Adds the feet of walls along all scan lines.
+/// Adds base points of walls along all scan lines.
 pub(crate) fn detect_wall_bases(
     readout: &ScanReadout<'_>,
     validator: &LineValidator<'_>,
@@ -44,14 +44,14 @@ pub(crate) fn detect_wall_bases(
             classes: &classes,
         };
         for at in CONFIRMING_SAMPLES..samples.len() {
-            // A wall begins behind this sample, or ends before it.
+            // A wall starts after this sample or ends before it.
             points.extend(line.find_wall_base(at - 1, 1, validator));
             points.extend(line.find_wall_base(at, -1, validator));
         }
     }
 }
 
-/// A piece of a scan line, read and classified.
+/// A segment of a scan line with brightness and classes.
 struct ClassifiedScanLine<'a> {
     samples: &'a [ScanSample],
     values: &'a [u8],
@@ -64,7 +64,7 @@ impl ClassifiedScanLine<'_> {
         (index < self.samples.len()).then_some(index)
     }
 
-    /// Do so many samples from `start` on have this class?
+    /// True if `CONFIRMING_SAMPLES` samples from `start` on have this class.
     fn are_class(&self, class: ColourClass, start: usize, direction: isize) -> bool {
         (0..CONFIRMING_SAMPLES).all(|step| {
             self.offset_index(start, direction, step)
@@ -72,7 +72,7 @@ impl ClassifiedScanLine<'_> {
         })
     }
 
-    /// The foot of a wall whose last carpet sample is `carpet`, seen along `way`.
+    /// Base point of a wall whose last carpet sample is `carpet`; `direction`: ±1 along the line.
     fn find_wall_base(
         &self,
         carpet: usize,
@@ -89,14 +89,14 @@ impl ClassifiedScanLine<'_> {
             .filter_map(|step| self.offset_index(carpet, direction, step))
             .find(|&index| self.are_class(ColourClass::WHITE, index, direction))?;
         let width = self.white_width(white, direction);
-        // As wide as no line is, even if crossed aslant: see `Judge::point`.
+        // Wider than a line crossed at a slant: see `LineValidator::project_candidate`.
         if width
             <= validator.config.width_ratio_max * validator.line_width
                 + 1.5 * self.samples[white].radial_footprint
         {
             return None;
         }
-        // Between the levels of both sides; the white sample beside the edge may still be blurred.
+        // The edge is at the mean of both levels; the first white sample may still be blurred.
         let value = |index: usize| f32::from(self.values[index]);
         let top = value(white).max(self.offset_index(white, direction, 1).map_or(0.0, value));
         let low = value(self.offset_index(carpet, -direction, 1)?);
@@ -121,7 +121,7 @@ impl ClassifiedScanLine<'_> {
         None
     }
 
-    /// How far white goes on from `start`, metres on the ground.
+    /// Width of the white from `start` on, metres on the ground.
     fn white_width(&self, start: usize, direction: isize) -> f32 {
         let mut end = start;
         while let Some(next) = self.offset_index(end, direction, 1)

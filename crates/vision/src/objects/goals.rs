@@ -1,4 +1,4 @@
-//! Where are the goals? Coloured walls behind the carpet's end, and white posts that stand on it.
+//! Goal detection: coloured walls beyond the carpet's boundary, and white posts.
 
 use localize::frames::{At, RobotFrame};
 
@@ -7,7 +7,7 @@ use crate::config::ObjectConfig;
 use crate::objects::covariance::covariance_from_polar;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan, occludes_carpet_end};
 
-/// What was seen of a goal.
+/// Kind of a goal detection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GoalKind {
     /// A blue goal of 2001.
@@ -18,33 +18,33 @@ pub enum GoalKind {
     Post,
 }
 
-/// A goal or a post of one.
+/// A goal or one of its posts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoalDetection {
-    /// What was seen.
+    /// Kind.
     pub kind: GoalKind,
-    /// Its middle on the ground, metres.
+    /// Its centre on the ground, metres.
     pub at: At<RobotFrame>,
     /// Covariance: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// How wide it is seen, metres.
+    /// Visible width, metres.
     pub width: f32,
-    /// How sure it is, 0 to 1: the share of what its rays show beyond the carpet that has its colour.
+    /// Confidence, 0 to 1: mean fraction of its colour beyond the carpet along its rays.
     pub score: f32,
-    /// Where its middle meets the carpet, in the image: column, row, pixels.
+    /// Image position where its middle meets the carpet: column, row, pixels.
     pub position_px: [f32; 2],
 }
 
-/// Widest white thing still taken for a post, metres: its side of 0.125 aslant, blurred.
+/// Widest post, metres: the diagonal of its 0.125 m side, blurred.
 const POST_WIDTH_MAX: f32 = 0.35;
 
 /// Side of a post, metres.
 const POST_SIDE: f32 = 0.125;
 
-/// Narrowest coloured thing taken for a goal, metres: half of the goal of 2001 may be hidden.
+/// Narrowest goal, metres: part of the goal of 2001 may be hidden.
 const GOAL_WIDTH_MIN: f32 = 0.5;
 
-/// Groups rays that end in a goal's colour.
+/// Groups adjacent rays that end at a goal's colour.
 pub(crate) fn detect_goals(
     scan: &RadialScan,
     carpet_ends: &[CarpetEnd],
@@ -85,10 +85,10 @@ pub(crate) fn detect_goals(
     found
 }
 
-/// Share of the samples beyond the carpet that have a colour; zero below 0.6.
+/// Fraction of the samples beyond the carpet that have a colour; zero below 0.6.
 ///
-/// A goal's wall is looked at just beyond the carpet. A post is higher than the mirror, so it covers its direction up to
-/// the horizon: a sticker on a robot, glare or a line does not.
+/// For a goal's wall only samples next to the carpet count. A post is higher than the mirror and covers its direction up
+/// to the horizon, unlike stickers on robots, glare or lines.
 fn goal_colour_share(
     scan: &RadialScan,
     carpet_end: &CarpetEnd,
@@ -135,9 +135,9 @@ fn build_goal(
     };
     match kind {
         GoalKind::Post if width > POST_WIDTH_MAX || range > 6.0 => return None,
-        // Half of its side may be hidden, and half a ray is as near as rays tell.
+        // Half of its side may be hidden; rays resolve half a ray's spacing.
         GoalKind::Post if width + 0.5 * ray_angle * range < 0.5 * POST_SIDE => return None,
-        // A wall or a window behind the carpet's edge has the same edge beside it.
+        // A wall or a window at the carpet's boundary has the same boundary next to it.
         GoalKind::Post
             if !occludes_carpet_end(carpet_ends, group, range, config.post_depth_step_min) =>
         {

@@ -1,19 +1,19 @@
-//! Where exactly does the nearest foot stand? Pixel by pixel around the ray that found it.
+//! Refines an obstacle's ground contact pixel by pixel around the ray that found it.
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
 use crate::optics::image_polar::nearest_pixel;
 
-/// So far from the ray's own find the foot is sought, pixels: some samples of a ray.
+/// Search radius along a direction, pixels: a few samples of a ray.
 const SEARCH_RADIUS_PX: i32 = 6;
 const SEARCH_SAMPLES: usize = 2 * SEARCH_RADIUS_PX as usize + 1;
 /// Directions between two rays: 0.5° for 180 of them, 4 cm at 4 m.
 const DIRECTIONS_PER_RAY: i16 = 4;
-/// So many pixels that are not floor are a foot: the mixed edge of a line is two wide.
+/// Consecutive pixels that are not floor and confirm an obstacle: a line's blurred edge has two.
 const OBSTACLE_PIXELS_MIN: usize = 3;
 
-/// What a foot is sought in.
+/// Searches ground contacts in one image.
 #[derive(Clone, Copy)]
 pub(crate) struct GroundContactSearch<'a> {
     pub(crate) image: &'a ImageView<'a>,
@@ -23,7 +23,7 @@ pub(crate) struct GroundContactSearch<'a> {
     pub(crate) centre_px: [f32; 2],
 }
 
-/// A foot's nearest point.
+/// An obstacle's nearest ground contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct GroundContact {
     /// Metres.
@@ -33,7 +33,7 @@ pub(crate) struct GroundContact {
 }
 
 impl GroundContactSearch<'_> {
-    /// The nearest end of the floor around a pixel, up to a ray's angle (radians) to both sides.
+    /// Nearest end of the floor around a pixel, up to one ray angle (radians) to both sides.
     pub(crate) fn find_nearest(&self, [u, v]: [f32; 2], ray_angle: f32) -> Option<GroundContact> {
         let (across, up) = (u - self.centre_px[0], self.centre_px[1] - v);
         let (angle, radius) = (up.atan2(across), across.hypot(up));
@@ -45,7 +45,7 @@ impl GroundContactSearch<'_> {
             .min_by(|a, b| a.range.total_cmp(&b.range))
     }
 
-    /// Where the floor ends in one direction; none where it does not, or something stands before.
+    /// End of the floor in one direction. None if it does not end within the search radius.
     fn find_in_direction(&self, angle: f32, radius: f32) -> Option<GroundContact> {
         let azimuth = angle.sin_cos();
         let mut pixels = [[0.0; 2]; SEARCH_SAMPLES];
@@ -73,7 +73,7 @@ impl GroundContactSearch<'_> {
         })?;
         let dark = levels[first..first + OBSTACLE_PIXELS_MIN].iter().copied();
         let dark = dark.fold(f32::INFINITY, f32::min);
-        // A blurred edge lies where the level is half way; classes change later, since dim carpet is carpet still.
+        // A blurred edge is at half height; classes change later, since dim carpet is still carpet.
         let half = (carpet_sum / carpet_count + dark) / 2.0;
         let edge = (1..=first).rev().find(|&index| levels[index - 1] >= half);
         let (edge, part) = match edge {

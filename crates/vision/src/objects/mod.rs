@@ -1,4 +1,4 @@
-//! Which object is it? Radial scans from the robot outwards, robots, ball, goals, virtual sensors.
+//! Object detection: radial scan of the carpet's boundary, robots, ball, goals, virtual sensors.
 
 pub mod ball;
 mod covariance;

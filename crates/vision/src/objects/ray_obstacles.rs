@@ -1,39 +1,39 @@
-//! What stands at the carpet's end in each direction? One column a ray, rods and cables passed over.
+//! Obstacle at the carpet's end of each ray; rods and cables are skipped.
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectConfig;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 
-/// What ends the carpet of one ray.
+/// Obstacle of one ray.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RayObstacle {
-    /// Where its foot is, metres.
+    /// Range of its base, metres.
     pub(crate) range: f32,
-    /// The median of its own and both neighbours' ranges.
+    /// Median of its own and both neighbours' ranges, metres.
     pub(crate) smoothed_range: f32,
     /// The ray's direction, robot frame, unit length.
     pub(crate) direction: [f32; 2],
-    /// Dark or coloured from the floor up.
+    /// True if it is dark or of a team's colour from the floor up.
     pub(crate) solid_base: bool,
-    /// No carpet before it: it begins beside the robot itself.
+    /// True if no carpet is visible before it: it starts next to the robot.
     pub(crate) touches_robot: bool,
-    /// Samples of that colour.
+    /// Number of cyan samples.
     pub(crate) cyan: u32,
-    /// Samples of that colour.
+    /// Number of magenta samples.
     pub(crate) magenta: u32,
-    /// Its foot.
+    /// Sample of its base.
     pub(crate) base_sample: usize,
 }
 
-/// A foot is so many samples high at least: its edge is mixed with the carpet.
+/// Samples of a base: its edge is mixed with the carpet.
 pub(crate) const BASE_SAMPLES: usize = 5;
 
-/// How far neighbouring columns of one thing lie apart at most, metres: a side seen at a slant, and a sample's step.
+/// Largest range step between adjacent rays on one object, metres: a slanted side plus the sample spacing.
 pub(crate) fn range_step_max(range: f32) -> f32 {
     0.15 + 0.1 * range
 }
 
-/// The columns of all rays; none where nothing stands within range.
+/// Obstacles of all rays; None if there is none within range.
 pub(crate) fn find_ray_obstacles(
     rays: &RadialScan,
     carpet_ends: &[CarpetEnd],
@@ -50,7 +50,7 @@ pub(crate) fn find_ray_obstacles(
     smooth_ranges(&obstacles)
 }
 
-/// What stands beyond the carpet.
+/// Obstacle at the carpet's end.
 fn find_obstacle_beyond_carpet(
     rays: &RadialScan,
     carpet_end: &CarpetEnd,
@@ -60,7 +60,7 @@ fn find_obstacle_beyond_carpet(
     if !(carpet_end.carpet_seen && carpet_end.range <= config.robot_range_max) {
         return None;
     }
-    // A line, and what is mixed of it and the carpet, may lie before the foot.
+    // A line and its blurred edges may precede the base.
     let before = carpet_end.first_beyond..skip_lines(rays, carpet_end.first_beyond, end, config);
     let solid = before.clone().find(|&first| {
         let base = &rays.classes[first..end.min(first + BASE_SAMPLES)];
@@ -80,7 +80,7 @@ fn find_obstacle_beyond_carpet(
     if base.is_empty() || 2 * whites > base.len() {
         return None;
     }
-    // What is mixed of floor and foot is shared between them.
+    // The base is in the middle of the samples that mix floor and obstacle.
     let floor = |class: &ColourClass| matches!(*class, ColourClass::CARPET | ColourClass::WHITE);
     let between = &rays.classes[carpet_end.first_beyond..first];
     let last = between.iter().rposition(floor);
@@ -91,7 +91,7 @@ fn find_obstacle_beyond_carpet(
     Some(build_ray_obstacle(rays, first, end, range, solid.is_some()))
 }
 
-/// So far on lines may lie, from a sample on.
+/// One past the last sample that may be a line, starting at `from`.
 fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectConfig) -> usize {
     let mut gap = 0.0;
     let within = |sample: &usize| {
@@ -101,7 +101,7 @@ fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectConfig)
     from + (from..end).take_while(within).count()
 }
 
-/// Ground that a sample covers along its ray, metres: white counts a quarter, as a line may point at the robot.
+/// Ground that a sample covers along its ray, metres; white counts a quarter, since a line may point at the robot.
 fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
     let step = rays.samples[sample].range - rays.samples[sample - 1].range;
     if rays.classes[sample] == ColourClass::WHITE {
@@ -111,7 +111,7 @@ fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
     }
 }
 
-/// What hides the carpet from the robot itself on, farther than a passed-over gap would.
+/// Obstacle that hides the carpet from the robot on, farther than an ignored gap.
 fn find_obstacle_at_robot(
     rays: &RadialScan,
     all: std::ops::Range<usize>,
@@ -167,10 +167,10 @@ fn is_robot_colour(class: ColourClass) -> bool {
     )
 }
 
-/// Rays whose end is nearer than both its neighbours' and too narrow for a robot see a rod or a cable: what stands beside
-/// it stands behind it too.
+/// Replaces obstacles that are nearer than both neighbours and narrower than a robot (rods, cables) by the nearer
+/// neighbour.
 ///
-/// The robot's own rods look so in every direction that has one.
+/// The mirror's own rods appear in fixed directions.
 fn replace_thin_obstacles(obstacles: &mut [Option<RayObstacle>], config: &ObjectConfig) {
     let count = obstacles.len();
     let ray_angle = std::f32::consts::TAU / count as f32;
@@ -194,7 +194,7 @@ fn replace_thin_obstacles(obstacles: &mut [Option<RayObstacle>], config: &Object
             obstacles[after % count]
         };
         for ray in first..after {
-            // Behind a rod things are seen in the rod's own direction.
+            // The replacement is in the ray's own direction.
             let towards = obstacles[ray % count].map(|obstacle| obstacle.direction);
             obstacles[ray % count] = neighbours.map(|neighbours| RayObstacle {
                 direction: towards.unwrap_or(neighbours.direction),
@@ -204,7 +204,7 @@ fn replace_thin_obstacles(obstacles: &mut [Option<RayObstacle>], config: &Object
     }
 }
 
-/// With the median of three neighbouring rays' ranges: a robot is as wide as several, noise ends a single one early.
+/// Smooths ranges and bases over three adjacent rays: a robot covers several, noise only one.
 fn smooth_ranges(obstacles: &[Option<RayObstacle>]) -> Vec<Option<RayObstacle>> {
     let count = obstacles.len();
     let median = |ray: usize| {

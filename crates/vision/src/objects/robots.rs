@@ -1,6 +1,6 @@
-//! Where do robots stand? What ends the carpet in neighbouring directions at like distance, with its team marker.
+//! Robot detection: groups of adjacent rays whose carpet ends at similar range, with their team marker.
 //!
-//! lima2001 section 3: the first obstacle in each direction; a robot's foot is where its column leaves the carpet.
+//! lima2001 section 3: the first obstacle in each direction; a robot's base is where its ray leaves the carpet.
 
 use localize::frames::{At, RobotFrame};
 use localize::world::TeamColour;
@@ -13,26 +13,26 @@ use crate::objects::ray_obstacles::{
     BASE_SAMPLES, RayObstacle, find_ray_obstacles, range_step_max,
 };
 
-/// A robot, or somebody's legs.
+/// A robot, or a person's legs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotDetection {
-    /// Its middle: `robot_radius` behind its nearest edge; metres.
+    /// Its centre, metres: `robot_radius` behind its nearest edge.
     pub at: At<RobotFrame>,
-    /// The nearest point of the ground that it covers, metres.
+    /// Its nearest ground contact, metres.
     pub edge: At<RobotFrame>,
-    /// Covariance of its middle: xx, xy, yy, m².
+    /// Covariance of its centre: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// How wide it is seen, metres.
+    /// Visible width, metres.
     pub width: f32,
-    /// Its team's colour, where one is seen.
+    /// Team colour, if a marker is visible.
     pub marker: Option<TeamColour>,
-    /// How sure it is one: thirds for standing before what is beside it, for its marker and for its dark foot.
+    /// Confidence: one third per cue (depth step to its neighbours, team marker, dark base); at least two thirds.
     pub score: f32,
-    /// Its nearest edge in the image: column, row, pixels.
+    /// Image position of its nearest edge: column, row, pixels.
     pub position_px: [f32; 2],
 }
 
-/// Groups the rays' ends into robots.
+/// Groups the rays' obstacles into robots.
 pub(crate) fn detect_robots(
     rays: &RadialScan,
     carpet_ends: &[CarpetEnd],
@@ -48,7 +48,7 @@ pub(crate) fn detect_robots(
         }
         _ => false,
     };
-    // Start at a gap, so that no group is cut where the circle is.
+    // Start at a gap, so that no group is split at azimuth 0.
     let Some(first) = (0..count).find(|&ray| !joined((ray + count - 1) % count, ray)) else {
         return Vec::new();
     };
@@ -77,7 +77,7 @@ pub(crate) fn detect_robots(
     found
 }
 
-/// A group wider than a robot is cut where it recedes between two nearer parts, or else steps: robots side by side.
+/// Splits a group wider than a robot at a dip between nearer parts, at a depth step, or where the base changes.
 fn split_group(
     obstacles: &[Option<RayObstacle>],
     group: &[usize],
@@ -87,10 +87,10 @@ fn split_group(
     let range = |index: usize| obstacles[group[index]].map_or(f32::INFINITY, |c| c.smoothed_range);
     let nearest = (0..group.len()).map(range).fold(f32::INFINITY, f32::min);
     let ray_angle = std::f32::consts::TAU / obstacles.len() as f32;
-    // Seen corner on, the league's square robot is √2 wider than its side.
+    // The diagonal of the league's square robot is √2 times its side.
     let robot_width = 2.0 * config.robot_radius * std::f32::consts::SQRT_2;
     if group.len() as f32 * ray_angle * nearest > robot_width {
-        // The nearest part before each place, and from each place on.
+        // Running minimum of the range from both ends.
         let running = |nearest: &mut f32, index| {
             *nearest = range(index).min(*nearest);
             Some(*nearest)
@@ -101,7 +101,7 @@ fn split_group(
             .scan(f32::INFINITY, running)
             .collect();
         after.reverse();
-        // Asked for inner places only.
+        // Valid for inner indices only.
         let dip = |index: usize| range(index) - before[index - 1].max(after[index + 1]);
         let cut = (1..group.len().saturating_sub(1)).max_by(|&a, &b| dip(a).total_cmp(&dip(b)));
         if let Some(cut) = cut.filter(|&cut| dip(cut) > 0.1) {
@@ -109,10 +109,10 @@ fn split_group(
             split_group(obstacles, &group[cut + 1..], config, found);
             return;
         }
-        // One stands half a robot farther than the other.
+        // A depth step of half a robot separates two robots.
         let step = |index: usize| (range(index) - range(index - 1)).abs();
         let cut = (1..group.len()).max_by(|&a, &b| step(a).total_cmp(&step(b)));
-        // Or what is dark from the floor up stands before a wall or the carpet's edge.
+        // Or a change of the base: a dark base next to a wall or the carpet's boundary.
         let solid =
             |index: usize| obstacles[group[index]].is_some_and(|obstacle| obstacle.solid_base);
         let cut = cut
@@ -169,10 +169,10 @@ fn build_robot(
         (c, m) if m > 2 * c => Some(TeamColour::Magenta),
         _ => None,
     };
-    // A dark floor behind the carpet, a coloured thing on it, clutter: each shows one sign of a robot, not two.
+    // Dark floor behind the carpet, coloured objects and clutter show one cue each; a robot shows at least two.
     let cues = [stands_out, marker.is_some(), solid >= 0.5];
     let cues = cues.iter().filter(|&&cue| cue).count();
-    // A hand before the mirror is dark as well, and nothing is seen beside it; so near a marker is large, noise is not.
+    // A hand in front of the mirror passes two cues as well. So near, a marker is large, but noise is not.
     let touching = 2 * members
         .iter()
         .filter(|obstacle| obstacle.touches_robot)
@@ -192,7 +192,7 @@ fn build_robot(
             position_px: base_px,
         });
     let middle = contact.range + config.robot_radius;
-    // Along the ray: a sample's step and an unknown radius; across: half a ray's spacing and half the unknown width.
+    // Along the ray: sample spacing and unknown radius. Across: ray spacing and unknown width.
     let next = rays.samples[(nearest.base_sample + 1).min(rays.samples.len() - 1)].range;
     let step = (next - nearest.range).abs().min(1.0);
     let (along, across) = (step + 0.05, ray_angle * middle + 0.05);

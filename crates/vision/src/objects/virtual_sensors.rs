@@ -1,8 +1,7 @@
-//! What do the virtual sensors say? Windows of the image, each asked one question: lima2001 section 3.3.
+//! Virtual sensors (lima2001 section 3.3): image regions that each answer one question.
 //!
-//! Nine bumpers around the camera, goals, ball, imminent kick, and whether the camera still sits under the mirror.
-//! The windows are configuration in image coordinates; those not configured are laid out from the ground map, so that
-//! any mirror has them.
+//! Nine bumpers around the robot, goals, ball, imminent kick, and whether the camera is still centred under the mirror.
+//! Regions are configured in image coordinates; the others are derived from the ground map, for any mirror.
 
 use localize::frames::At;
 
@@ -16,38 +15,38 @@ use localize::robot::CameraConfig;
 /// One bumper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bumper {
-    /// Share of its window that is black, white or of a team's colour: not floor.
+    /// Fraction of its region that is black, white or of a team's colour.
     pub share: f32,
-    /// Is something there?
+    /// True if the fraction reaches the threshold.
     pub hit: bool,
 }
 
-/// What the windows of one frame say; places are columns and rows, pixels.
+/// Readings of one image; positions are column and row, pixels.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VirtualSensorReadings {
     /// The bumpers, from the left over the front to the right and round the back.
     pub bumpers: Vec<Bumper>,
-    /// Middle of the blue goal, if it is in one of the goal windows.
+    /// Centroid of the blue goal, if it is in a goal region.
     pub blue_goal_px: Option<[f32; 2]>,
-    /// Middle of the yellow goal, if it is in one of the goal windows.
+    /// Centroid of the yellow goal, if it is in a goal region.
     pub yellow_goal_px: Option<[f32; 2]>,
-    /// Middle of the ball, if it is in the ball window.
+    /// Centroid of the ball, if it is in the ball region.
     pub ball_px: Option<[f32; 2]>,
-    /// Does the ball touch the kicker?
+    /// True if the ball touches the kicker.
     pub kick: bool,
-    /// Middle of the camera's own lens in the mirror, where it stands out.
+    /// Centroid of the camera's lens in the mirror. None if it does not stand out.
     pub lens_px: Option<[f32; 2]>,
-    /// Is the lens inside its window? If not, mirror or camera were moved.
+    /// True if the lens is inside its region; otherwise mirror or camera moved.
     pub lens_centred: Option<bool>,
 }
 
-/// A window's pixels: a grid of at most [`GRID`] × [`GRID`].
+/// Sampled pixels of a region: a grid of at most [`GRID`] × [`GRID`].
 #[derive(Debug, Clone)]
 struct PixelGrid {
     pixels: Vec<[u16; 2]>,
 }
 
-/// The windows of one camera.
+/// The virtual sensors of one camera.
 #[derive(Debug, Clone)]
 pub(crate) struct VirtualSensors {
     config: VirtualSensorConfig,
@@ -56,19 +55,19 @@ pub(crate) struct VirtualSensors {
     kick: PixelGrid,
     lens: PixelGrid,
     lens_window: ImageRect,
-    /// Where each window is: bumpers, goals, ball, kick, lens.
+    /// Name and rectangle of each region: bumpers, goals, ball, kick, lens.
     regions: Vec<(&'static str, ImageRect)>,
 }
 
-/// Samples along a window's side: a share of 1/256 is finer than any threshold.
+/// Samples along a region's side: a resolution of 1/256 is finer than any threshold.
 const GRID: usize = 16;
-/// The lens is sought in a square this many times as wide as its window.
+/// The lens is searched in a square this many times as wide as its region.
 const LENS_SEARCH_SCALE: f32 = 3.0;
-/// The lens is darker than this share of what surrounds it; a blacker robot around it hides it.
+/// The lens is darker than this fraction of its surroundings.
 const LENS_DARKNESS_RATIO: f32 = 0.6;
-/// Bumpers of lima2001: as many, evenly around.
+/// Number of bumpers, evenly around the robot (lima2001).
 const BUMPERS: usize = 9;
-/// Directions of the three goal windows from forward, degrees.
+/// Directions of the three goal regions from forward, degrees.
 const GOALS_DEG: [f32; 3] = [40.0, 0.0, -40.0];
 
 impl VirtualSensors {
@@ -109,7 +108,7 @@ impl VirtualSensors {
                 return Err(VisionError::Config {
                     key: "windows",
                     value: f64::from(right.max(bottom)),
-                    reason: "a window must lie inside the image",
+                    reason: "a region must lie inside the image",
                 });
             }
         }
@@ -150,11 +149,11 @@ impl VirtualSensors {
                 hit: share >= self.config.bumper_occupied_share_min,
             }
         });
-        let goal = |wanted: ColourClass| {
+        let goal = |target: ColourClass| {
             let middles = self
                 .goals
                 .iter()
-                .filter_map(|samples| samples.class_centroid(image, table, wanted));
+                .filter_map(|samples| samples.class_centroid(image, table, target));
             let (share, middle) = middles.max_by(|a, b| a.0.total_cmp(&b.0))?;
             (share >= self.config.goal_colour_share_min).then_some(middle)
         };
@@ -211,31 +210,31 @@ impl PixelGrid {
         &self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
-        wanted: impl Fn(ColourClass) -> bool,
+        matches: impl Fn(ColourClass) -> bool,
     ) -> f32 {
         let found = self
             .classes(image, table)
-            .filter(|&(_, class)| wanted(class));
+            .filter(|&(_, class)| matches(class));
         found.count() as f32 / self.pixels.len().max(1) as f32
     }
 
-    /// Share and middle of a class's pixels.
+    /// Fraction and centroid of a class's pixels.
     fn class_centroid(
         &self,
         image: &ImageView<'_>,
         table: &ColourLookupTable,
-        wanted: ColourClass,
+        target: ColourClass,
     ) -> Option<(f32, [f32; 2])> {
         let found = self
             .classes(image, table)
-            .filter(|&(_, class)| class == wanted);
+            .filter(|&(_, class)| class == target);
         let [u, v, count] = found.fold([0.0f32; 3], |[u, v, count], ([at_u, at_v], _)| {
             [u + f32::from(at_u), v + f32::from(at_v), count + 1.0]
         });
         (count > 0.0).then(|| (count / self.pixels.len() as f32, [u / count, v / count]))
     }
 
-    /// Middle of what is dark here, if it stands out from the rest and is not cut by the window's edge.
+    /// Centroid of the dark pixels, if they stand out and are not cut by the region's edge.
     fn find_dark_blob(&self, image: &ImageView<'_>) -> Option<[f32; 2]> {
         let level = |[u, v]: [u16; 2]| {
             let rgb = image.rgb(usize::from(u), usize::from(v));
@@ -259,26 +258,26 @@ impl PixelGrid {
             count += 1.0;
             cut += f32::from(u8::from(at_edge(pixel)));
         }
-        // A disc inside the square touches its edge nowhere; a rod or two may.
+        // A disc inside the square does not touch its edge; rods may.
         let stands_out = count >= 4.0 && cut < 0.25 * count && surround_level >= 8.0;
         stands_out.then(|| sum.map(|sum| sum / count))
     }
 }
 
-/// Lays out windows by what the map says of the ground.
+/// Derives default regions from the ground map.
 struct Layout<'a> {
     map: &'a GroundMap,
     camera: &'a CameraConfig,
 }
 
 impl Layout<'_> {
-    /// The pixel that shows a place of the ground best; none if it is farther off than a tenth of its distance.
+    /// Pixel nearest to a ground point; None if it is off by more than a tenth of the range.
     fn nearest_pixel(&self, angle: f32, range: f32) -> Option<[f32; 2]> {
         let ground = At::new(range * angle.cos(), range * angle.sin());
         self.map.nearest_pixel(ground, 0.1 * range)
     }
 
-    /// A square around a place of the ground that is as wide as `size` metres of ground along the ray.
+    /// Square around a ground point, as wide as `size` metres of ground along the ray.
     fn square(&self, angle: f32, range: f32, size: f32) -> Option<ImageRect> {
         let middle = self.nearest_pixel(angle, range)?;
         let [near, far] =
@@ -322,7 +321,7 @@ impl Layout<'_> {
         self.square(0.0, config.kick_range, config.kick_size)
     }
 
-    /// A fiftieth of the image around where the axis should be: a mirror moved by more bends the map by centimetres.
+    /// A fiftieth of the image around the axis: a larger displacement of the mirror distorts the map by centimetres.
     fn lens(&self) -> ImageRect {
         let side = 0.02 * self.map.width_px.min(self.map.height_px) as f32;
         ImageRect::square(self.camera.centre_px, side.max(4.0))
@@ -349,7 +348,7 @@ impl ImageRect {
         }
     }
 
-    /// Is a place of the image inside?
+    /// True if an image position is inside.
     pub fn contains(&self, [u, v]: [f32; 2]) -> bool {
         (self.left_px..self.left_px + self.width_px).contains(&u)
             && (self.top_px..self.top_px + self.height_px).contains(&v)

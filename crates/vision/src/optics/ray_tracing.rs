@@ -303,13 +303,13 @@ mod tests {
             let x = (1.0 - (1.0f64 - 1.6 * tangent * tangent).sqrt()) / (4.0 * tangent);
             let (height, slope) = (0.2 + 2.0 * x * x, 4.0 * x);
             let gamma = tangent.atan() + 2.0 * slope.atan();
-            let wanted = x + (height + 0.6) * gamma.tan();
+            let expected = x + (height + 0.6) * gamma.tan();
             let ray = tracer.ray(50.0, 50.0 - ahead_px).expect("a ray");
             match ray.at_height(0.0) {
                 Some(ground) => {
                     assert!(
-                        (f64::from(ground.x) - wanted).abs() < 1e-5 * wanted,
-                        "{} {wanted}",
+                        (f64::from(ground.x) - expected).abs() < 1e-5 * expected,
+                        "{} {expected}",
                         ground.x
                     );
                     assert!(ground.y.abs() < 1e-6);

@@ -39,20 +39,20 @@ impl BrightnessReader {
     /// `places`: column and row of each sample in an image of this size.
     pub(crate) fn new(pixels: &[[u16; 2]], width_px: usize, height_px: usize) -> Self {
         let pixel = |&[u, v]: &[u16; 2]| usize::from(v) * width_px + usize::from(u);
-        let mut wanted = vec![false; width_px * height_px];
+        let mut needed = vec![false; width_px * height_px];
         for place in pixels {
-            wanted[pixel(place)] = true;
+            needed[pixel(place)] = true;
         }
         let mut spans: Vec<RowSpan> = Vec::new();
-        for (row, wanted) in wanted.chunks_exact(width_px.max(1)).enumerate() {
+        for (row, needed) in needed.chunks_exact(width_px.max(1)).enumerate() {
             let row_start = spans.len();
-            for (group, wanted) in wanted.chunks(SPAN_ALIGNMENT).enumerate() {
-                if !wanted.contains(&true) {
+            for (group, needed) in needed.chunks(SPAN_ALIGNMENT).enumerate() {
+                if !needed.contains(&true) {
                     continue;
                 }
                 let (column, end) = (
                     group * SPAN_ALIGNMENT,
-                    group * SPAN_ALIGNMENT + wanted.len(),
+                    group * SPAN_ALIGNMENT + needed.len(),
                 );
                 match spans[row_start..].last_mut() {
                     Some(last) if column <= last.column + last.width_px + SPAN_GAP_MAX => {
@@ -61,7 +61,7 @@ impl BrightnessReader {
                     _ => spans.push(RowSpan {
                         row,
                         column,
-                        width_px: wanted.len(),
+                        width_px: needed.len(),
                         plane_start: 0,
                     }),
                 }

@@ -187,12 +187,12 @@ impl Builder<'_> {
         let mut radii = [rim, 0.0];
         for step in 0..=rim as usize {
             let radius = step as f32;
-            let seen = (0..DIRECTIONS).any(|direction| {
+            let visible = (0..DIRECTIONS).any(|direction| {
                 let angle = TAU * direction as f32 / DIRECTIONS as f32;
                 let [u, v] = nearest_pixel(self.camera.centre_px, radius, angle.sin_cos());
                 self.sample(u, v).is_some()
             });
-            if seen {
+            if visible {
                 radii = [radii[0].min(radius), radius];
             }
         }
