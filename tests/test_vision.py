@@ -84,7 +84,7 @@ def test_what_is_no_image_of_this_camera_is_refused(camera: Camera, ground: Grou
         eyes.see(first[:100])
     with pytest.raises(ValueError, match="rows × columns"):
         eyes.see(np.zeros((480, 480, 4), dtype=np.uint8))
-    with pytest.raises(ValueError, match="black frame"):
+    with pytest.raises(ValueError, match="black image"):
         eyes.see(np.zeros_like(first))
     assert 0.1 < eyes.scan_coverage < 0.5
 

@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use localize::field::{FieldConfig, FieldError};
 use localize::frames::{At, Pose};
 use localize::robot::BodyConfig;
+use localize::world::TeamColour;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use sim::image_sensor::FilmConfig;
 use sim::light::LightConfig;
 use sim::render::{Renderer, RendererConfig, Scene};
-use sim::scenario::{BallConfig, TeamColour};
+use sim::scenario::BallConfig;
 use sim::world::RobotState;
 
 use crate::camera::{Camera, Mount};

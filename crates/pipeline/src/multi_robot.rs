@@ -9,11 +9,12 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use localize::Stamp;
+use localize::world::TeamColour;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
-use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeamColour, TeammateConfig};
+use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeammateConfig};
 use sim::{Sim, SimSample as Simulated};
 
 use crate::cycle::{Cycle, Pipeline, PipelineConfig};

@@ -212,7 +212,7 @@ impl Default for ObjectConfig {
             ray_step_px: 2,
             carpet_gap_max: 0.3,
             carpet_gap_per_range: 0.45,
-            viewpoint_height: 0.78,
+            viewpoint_height: localize::robot::DEFAULT_MIRROR_RIM_HEIGHT,
             ball_radius: 0.11,
             ball_hue_deg: [8.0, 62.0],
             ball_visible_share_min: 0.2,

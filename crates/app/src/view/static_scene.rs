@@ -18,8 +18,6 @@ use pipeline::setup::Setup;
 const MARKING_POINT_SPACING: f32 = 0.1;
 /// A gap between neighbours longer than so many steps is no line but the next marking.
 const GAP_STEPS: f32 = 1.5;
-/// Where the viewpoint is when no profile says it, metres: the league's robots are at most 0.8 m high.
-const DEFAULT_VIEWPOINT_HEIGHT: f32 = 0.78;
 
 /// Field, camera and map.
 pub(crate) struct StaticScene {
@@ -54,7 +52,9 @@ pub(crate) struct CameraModel {
 impl StaticScene {
     /// Works out what drawing needs: a fraction of a second for a large camera.
     pub(crate) fn new(setup: Setup) -> Self {
-        let height = setup.viewpoint_height.unwrap_or(DEFAULT_VIEWPOINT_HEIGHT);
+        let height = setup
+            .viewpoint_height
+            .unwrap_or(localize::robot::DEFAULT_MIRROR_RIM_HEIGHT);
         let eye = setup.camera.map(|(camera, map)| CameraModel {
             inverse: InverseGroundMap::new(&map),
             config: camera,

@@ -26,7 +26,8 @@ use crate::stamp::Stamp;
 pub enum OdometryFrame {}
 
 /// The colour that a robot wears.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TeamColour {
     /// Cyan.
     Cyan,

@@ -7,10 +7,10 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use localize::robot::BodyConfig;
 use localize::robot::CameraConfig;
+use localize::world::TeamColour;
 use localize::{At, Field, Pose};
 use sim::Scenario;
 use sim::render::{Renderer, RendererConfig, Scene};
-use sim::scenario::TeamColour;
 use sim::world::RobotState;
 use vision::Profile;
 

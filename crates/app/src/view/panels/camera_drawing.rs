@@ -5,10 +5,10 @@ use std::f32::consts::TAU;
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Shape, Stroke, Ui, Vec2};
 use localize::At;
 use localize::frames::RobotFrame;
+use localize::world::TeamColour;
 use vision::config::ImageRect;
 use vision::lines::detection::RejectionReason;
 use vision::objects::goals::GoalKind;
-use vision::objects::robots::Marker;
 
 use super::camera::CameraLayers;
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
@@ -149,8 +149,8 @@ fn objects(drawing: &CameraCanvas<'_>) {
                 eframe::egui::StrokeKind::Middle,
             );
             let team = match robot.marker {
-                Some(Marker::Cyan) => " cyan",
-                Some(Marker::Magenta) => " magenta",
+                Some(TeamColour::Cyan) => " cyan",
+                Some(TeamColour::Magenta) => " magenta",
                 None => "",
             };
             let text = format!("robot{team} {:.1} m", robot.at.distance());
