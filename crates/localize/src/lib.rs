@@ -8,6 +8,7 @@ pub mod frames;
 pub mod robot;
 pub mod sample;
 pub mod stamp;
+pub mod tilt;
 pub mod toml_location;
 
 pub mod field;

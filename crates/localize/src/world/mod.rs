@@ -20,6 +20,7 @@ use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
+use crate::tilt::ground_from_map;
 
 /// The frame in which odometry adds up: fixed to the ground but for its slow drift.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -249,17 +250,12 @@ impl WorldModel {
     fn measurement_from(
         &self,
         sighting: &ObjectObservation,
-        [a, b]: [f32; 2],
+        tilt: [f32; 2],
         odometry_from_robot: Tf<OdometryFrame, RobotFrame>,
     ) -> Option<Measurement> {
         let height = self.viewpoint_height;
-        let seen = sighting.at;
-        // MATH.md 2, "Tilt": where it stands if the robot leans by (a, b).
-        let stretch = (a * seen.x + b * seen.y) / height;
-        let at = At::<RobotFrame>::new(
-            seen.x + a * height + stretch * seen.x,
-            seen.y + b * height + stretch * seen.y,
-        );
+        let [x, y] = ground_from_map([sighting.at.x, sighting.at.y], tilt, height);
+        let at = At::<RobotFrame>::new(x, y);
         let range = at.distance();
         let [xx, xy, yy] = sighting.covariance;
         let along = match range {
