@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use crate::estimate::{Estimate, Mode};
 use crate::frames::{At, FieldFrame, Pose};
+use crate::random::standard_normal;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
-use crate::synthetic::drive::standard_normal;
 use crate::team::{ReportedBall, TeamConfig, TeamModel, TeamReport};
 use crate::tilt;
 use crate::world::{ObjectObservation, WorldConfig, WorldModel, WorldObservation, WorldView};
