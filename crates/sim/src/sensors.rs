@@ -5,7 +5,6 @@ pub(crate) use localize::random::standard_normal;
 use localize::robot::{CompassModelConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// What a robot at rest feels, m/s².
