@@ -7,7 +7,6 @@ use anyhow::{Context, Result, anyhow};
 use localize::config::{LocalizeConfig, SettingOutOfRange};
 use localize::estimate::Estimate;
 use localize::field::GoalColour;
-use localize::global_search::scan_map::CacheStatus;
 use localize::localizer::Localizer;
 use localize::sample::{Compass, GoalObservation, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{TeamConfig, TeamModel, TeamReport, TeamView};
@@ -25,6 +24,7 @@ use vision::process::{Detections, Vision};
 
 use crate::paths;
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample, SourceImage};
+use crate::scan_map_cache::{self, CacheStatus};
 use crate::setup::Setup;
 
 /// One turn of the spine: what came in, what each stage found, what it refused and why, how long it took.
@@ -432,7 +432,7 @@ fn build_localizer(setup: &Setup, config: LocalizeConfig) -> Localizer {
     let Some(folder) = paths::cache_folder() else {
         return Localizer::new(&setup.field, config);
     };
-    let (localizer, origin) = Localizer::with_cache(&setup.field, config, &folder);
+    let (localizer, origin) = scan_map_cache::build_localizer(&setup.field, config, &folder);
     let megabytes = localizer.memory_bytes() as f64 / 1e6;
     let folder = folder.display();
     match origin {

@@ -5,6 +5,7 @@
 pub mod csv_table;
 pub mod paths;
 pub mod sample;
+pub mod scan_map_cache;
 pub mod setup;
 
 pub mod recording;

@@ -7,6 +7,7 @@ use localize::frames::{At, Pose, RobotFrame};
 use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
 use localize::robot::CameraConfig;
 use localize::robot::RobotConfig;
+use localize::tilt::map_from_ground;
 use vision::GroundMap;
 use vision::colour::colour_table::ColourTable;
 use vision::overlay::marking_points;
@@ -95,15 +96,8 @@ impl StaticScene {
 
 impl CameraModel {
     /// Where a point of the ground is in the image of a robot that leans.
-    pub(crate) fn project(&self, ground: At<RobotFrame>, [a, b]: [f32; 2]) -> Option<[f32; 2]> {
-        // The way back of the tilt in MATH.md 2: q = (p + a h) · h / (h − a·p), solved for p.
-        let height = self.viewpoint_height;
-        let (along, square) = (a * ground.x + b * ground.y, a * a + b * b);
-        let shift = (along - square * height) / (1.0 + along / height);
-        let upright = At::new(
-            ground.x - a * height - ground.x * shift / height,
-            ground.y - b * height - ground.y * shift / height,
-        );
-        self.inverse.project(&self.map, upright)
+    pub(crate) fn project(&self, ground: At<RobotFrame>, tilt: [f32; 2]) -> Option<[f32; 2]> {
+        let [x, y] = map_from_ground([ground.x, ground.y], tilt, self.viewpoint_height)?;
+        self.inverse.project(&self.map, At::new(x, y))
     }
 }

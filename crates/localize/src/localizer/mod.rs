@@ -13,7 +13,6 @@ mod output;
 mod tilt_bias;
 mod track;
 
-use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
@@ -25,7 +24,7 @@ use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{PoseFilter, TiltPrior};
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::BranchAndBound;
-use crate::global_search::scan_map::{CacheStatus, ScanMap};
+use crate::global_search::scan_map::ScanMap;
 use crate::global_search::{GlobalSearch, GlobalSearchMethod};
 use crate::localizer::candidates::Candidates;
 use crate::matching::Matcher;
@@ -103,40 +102,25 @@ const BUFFERED_MAX: usize = 3000;
 impl Localizer {
     /// Builds the field's tables, in parallel; knows nothing yet.
     pub fn new(field: &Field, config: LocalizeConfig) -> Self {
-        Localizer::build(field, config, None).0
+        Localizer::with_scan_map(field, config, None)
     }
 
-    /// The same with a folder where a scan map, which takes a second to build, is kept from run to run; says where it
-    /// came from if the configuration needs one.
-    pub fn with_cache(
-        field: &Field,
-        config: LocalizeConfig,
-        folder: &Path,
-    ) -> (Self, Option<CacheStatus>) {
-        Localizer::build(field, config, Some(folder))
+    /// True if the configuration needs a scan map, which takes a second to build.
+    pub fn needs_scan_map(config: &LocalizeConfig) -> bool {
+        config.global_search.method == GlobalSearchMethod::ScanMap
+            || config.tracker == Tracker::ScanMap
     }
 
-    fn build(
-        field: &Field,
-        config: LocalizeConfig,
-        folder: Option<&Path>,
-    ) -> (Self, Option<CacheStatus>) {
+    /// The same with a scan map built earlier from this field and configuration; one is built if needed and not given.
+    pub fn with_scan_map(field: &Field, config: LocalizeConfig, stored: Option<ScanMap>) -> Self {
         let distances = DistanceField::new(field, &config.distance_field);
-        let by = config.global_search.method;
-        let needed = by == GlobalSearchMethod::ScanMap || config.tracker == Tracker::ScanMap;
         let scan_map = || {
-            let config = config.global_search.scan_map.clone();
-            needed.then(|| match folder {
-                Some(folder) => {
-                    let (map, origin) = ScanMap::load_or_build(folder, field, &distances, config);
-                    (Arc::new(map), Some(origin))
-                }
-                None => (Arc::new(ScanMap::new(field, &distances, config)), None),
-            })
+            let scan_config = config.global_search.scan_map.clone();
+            let build = || ScanMap::new(field, &distances, scan_config);
+            Localizer::needs_scan_map(&config).then(|| Arc::new(stored.unwrap_or_else(build)))
         };
         let search = || BranchAndBound::new(field, &distances, config.branch_and_bound.clone());
         let (search, scan_map) = rayon::join(search, scan_map);
-        let (scan_map, origin) = scan_map.unzip();
         let relocaliser = GlobalSearch::with_scan_map(
             field,
             &distances,
@@ -145,7 +129,7 @@ impl Localizer {
         );
         let (half_x, half_y) = field.carpet_half_extent();
         let turn = std::f32::consts::PI * std::f32::consts::PI / 3.0;
-        let localizer = Localizer {
+        Localizer {
             matcher: Matcher::new(config.matching.clone()),
             distance_field: distances,
             search,
@@ -179,13 +163,17 @@ impl Localizer {
             snapshot: None,
             buffered: Vec::new(),
             config,
-        };
-        (localizer, origin.flatten())
+        }
     }
 
     /// The configuration in use.
     pub fn config(&self) -> &LocalizeConfig {
         &self.config
+    }
+
+    /// The scan map, if the configuration needs one.
+    pub fn scan_map(&self) -> Option<&ScanMap> {
+        self.scan_map.as_deref()
     }
 
     /// The distance look-up, for drawing and for other matchers.

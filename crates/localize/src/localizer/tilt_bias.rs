@@ -11,6 +11,7 @@ use crate::frames::At;
 use crate::sample::LinePoint;
 use crate::sensors::attitude::AttitudeConfig;
 use crate::stamp::Stamp;
+use crate::tilt::ground_from_map;
 
 /// How fast the constant part wanders, degrees per square root of a second.
 const TILT_BIAS_DRIFT_DEG: f32 = 0.05;
@@ -142,7 +143,7 @@ impl Localizer {
 pub(super) fn compensate_points(points: &mut [LinePoint], [a, b]: [f32; 2], height: f32) {
     for point in points {
         let At { x, y, .. } = point.at;
-        let stretch = height / (height - a * x - b * y).max(0.5 * height);
-        point.at = At::new((x + a * height) * stretch, (y + b * height) * stretch);
+        let [x, y] = ground_from_map([x, y], [a, b], height);
+        point.at = At::new(x, y);
     }
 }

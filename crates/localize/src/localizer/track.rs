@@ -9,6 +9,7 @@ use crate::filter::PoseFilter;
 use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
+use crate::global_search::scan_map::CellMatch;
 use crate::localizer::candidates::pose_difference;
 use crate::matching::Match;
 use crate::sample::LinePoint;
@@ -84,7 +85,7 @@ impl Localizer {
             .scan_map
             .as_ref()
             .and_then(|map| map.find_pose_near(points, centre));
-        if let Some((_, pose)) = found {
+        if let Some(CellMatch { pose, .. }) = found {
             // A cell, and about half a step of the histograms.
             let cell = self.config.global_search.scan_map.cell;
             let turn = self

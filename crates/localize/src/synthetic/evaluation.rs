@@ -17,8 +17,9 @@ use crate::localizer::Localizer;
 use crate::localizer::candidates::pose_difference;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::random::standard_normal;
 use crate::synthetic::drive::{
-    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
+    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
 };
 
 /// Errors of tracked drives.

@@ -205,14 +205,7 @@ impl MapCorrection {
     }
 }
 
-/// Where a point of an upright robot's map really lies when the robot leans by (a, b) radians (MATH.md 2).
-fn tilt_ground_point([x, y]: [f64; 2], [a, b]: [f64; 2], height: f64) -> [f64; 2] {
-    let depth = height - a * x - b * y;
-    // Beyond the horizon there is no ground.
-    let factor = if depth > 0.05 * height {
-        height / depth
-    } else {
-        f64::NAN
-    };
-    [(x + a * height) * factor, (y + b * height) * factor]
+/// Where a point of an upright robot's map lies on the ground with tilt (a, b) (docs/methods.md 3.3); NaN at the horizon.
+fn tilt_ground_point(point: [f64; 2], tilt: [f64; 2], height: f64) -> [f64; 2] {
+    localize::tilt::ground_above_depth(point, tilt, height, 0.05 * height).unwrap_or([f64::NAN; 2])
 }
