@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use localize::config::SettingError;
+
 /// Why vision cannot work with what it was given.
 #[derive(Debug, thiserror::Error)]
 pub enum VisionError {
@@ -41,16 +43,9 @@ pub enum VisionError {
         /// The level that 95 % of the scanned pixels stay below, of 255.
         brightest: u8,
     },
-    /// A value of the configuration that cannot work.
-    #[error("[vision] {key} = {value}: {reason}")]
-    Config {
-        /// The key.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// What it must be.
-        reason: &'static str,
-    },
+    /// A setting whose value cannot work.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// A file of labels, colours or a mask is not what it should be.
     #[error("{}: {reason}", path.display())]
     File {

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::config::{SettingError, TEAM_BOUNDS, check_bounds};
+
 /// Sharing among team-mates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -45,23 +47,8 @@ impl Default for TeamConfig {
 }
 
 impl TeamConfig {
-    /// Refuses what no team can be followed with; the word names the key, its value and the bounds.
-    pub fn check(&self) -> Result<(), String> {
-        let bounds = [
-            ("team.mates_max", self.teammates_max as f32, 0.0, 12.0),
-            ("team.age_max", self.ball_age_max, 0.01, 60.0),
-            ("team.forget_after", self.report_timeout, 0.01, 3600.0),
-            ("team.ball_wander", self.ball_acceleration_noise, 0.0, 100.0),
-            ("team.velocity_std", self.velocity_std, 0.0, 100.0),
-            ("team.std_min", self.position_std_min, 1e-3, 10.0),
-            ("team.agree", self.gate, 0.1, 1e4),
-            ("team.half_evidence_max", self.half_log_odds_max, 0.0, 10.0),
-        ];
-        for (key, value, low, high) in bounds {
-            if !(value >= low && value <= high) {
-                return Err(format!("{key} = {value}: must be {low} to {high}"));
-            }
-        }
-        Ok(())
+    /// Refuses values that cannot work, and names the first.
+    pub fn check(&self) -> Result<(), SettingError> {
+        check_bounds("team", self, TEAM_BOUNDS)
     }
 }

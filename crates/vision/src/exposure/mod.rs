@@ -9,6 +9,7 @@ use crate::config::AutoExposureConfig;
 use crate::error::VisionError;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
+use localize::config::SettingError;
 use localize::robot::{CameraConfig, CameraControl, CameraSetting};
 
 mod histogram;
@@ -120,11 +121,14 @@ impl AutoExposure {
             .map(|(&pixel, _)| pixel)
             .collect();
         if centre.is_empty() {
-            return Err(VisionError::Config {
-                key: "exposure.ring_range",
+            return Err(SettingError {
+                key: "vision.exposure.centre_range_max".to_owned(),
                 value: f64::from(config.centre_range_max),
-                reason: "no pixel shows own body or carpet within it",
-            });
+                min: f64::from(map.nearest_ground()),
+                max: f64::INFINITY,
+                why: "no pixel shows own body or carpet within it",
+            }
+            .into());
         }
         let setting = control.map_or(
             CameraSetting {
