@@ -84,7 +84,7 @@ class Log:
         return sorted(topic for topic, count in self.counts.items() if count)
 
     def files(self) -> dict[str, bytes]:
-        """Files that the run was made with: robot.toml, field.toml, map.npz, spine.toml, …"""
+        """Files that the run was made with: robot.toml, field.toml, map.npz, pipeline.toml (spine.toml in 0.1.0), …"""
         from mcap.reader import make_reader
         from mcap.records import Attachment
 

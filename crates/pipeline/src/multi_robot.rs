@@ -17,11 +17,13 @@ use serde::Serialize;
 use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeammateConfig};
 use sim::{Sim, SimSample as Simulated};
 
-use crate::cycle::{Cycle, Pipeline, PipelineConfig};
+use crate::config::PipelineConfig;
+use crate::cycle::Cycle;
 use crate::datagram::TeamLink;
 use crate::datagram::TeamLinkConfig;
 use crate::log::start_log;
 use crate::log::{LogConfig, Recorder};
+use crate::pipeline::Pipeline;
 use crate::sample::Sample;
 use crate::score::summary::{RunStatistics, Summary};
 use crate::score::{self, SampleStatistics};
@@ -451,7 +453,7 @@ mod tests {
         std::fs::create_dir(&files).expect("a folder");
         log.header().write_files(&files).expect("written");
         let setup = Setup::load(&files.join("robot.toml"), None).expect("a setup");
-        let settings = files.join(crate::cycle::PIPELINE_FILE);
+        let settings = files.join(crate::config::PIPELINE_FILE);
         let config = PipelineConfig::load("default", Some(&settings)).expect("settings");
         let mut spine = Pipeline::new(&setup, &config).expect("a spine");
         let verdict = verify(log, |sample| spine.process_sample(sample)).expect("verified");

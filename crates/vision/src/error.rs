@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-/// Why vision cannot use a file, an image or a configuration.
+use localize::config::SettingError;
+
+/// Why vision cannot use a file, an image or a setting.
 #[derive(Debug, thiserror::Error)]
 pub enum VisionError {
     /// An image file cannot be read or is not an image.
@@ -44,16 +46,9 @@ pub enum VisionError {
     /// Classes were requested although no colours are learned: no image was processed yet, or the last one failed.
     #[error("no colour model: process an image first")]
     NoColourModel,
-    /// An invalid value of the configuration.
-    #[error("[vision] {key} = {value}: {reason}")]
-    Config {
-        /// The key.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// The requirement it fails.
-        reason: &'static str,
-    },
+    /// A setting out of its bounds.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
     /// A file of labels, colours or a mask has invalid content.
     #[error("{}: {reason}", path.display())]
     File {

@@ -9,13 +9,13 @@ use vision::config::ObjectConfig;
 use crate::commands::arguments::{self, UsageError};
 use crate::interrupt;
 use pipeline::csv_table::format_seconds;
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::recording::Recording;
 use pipeline::result_files::CsvOutputs;
 use pipeline::score;
 use pipeline::score::detections::{DetectionStatistics, DetectionSummary, GroundTruthScene};
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Find the robot in every frame of a recording folder.
 ///
@@ -79,6 +79,9 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         &setup,
         &PipelineConfig::load(&args.preset, args.config.as_deref())?,
     )?;
+    if let Some(notice) = spine.notice() {
+        eprintln!("{notice}");
+    }
     let out = args
         .out
         .clone()

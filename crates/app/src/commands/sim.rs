@@ -19,8 +19,8 @@ use crate::interrupt;
 #[cfg(feature = "view")]
 use crate::view::{self, AfterRun};
 use crate::virtual_hardware;
+use pipeline::config::apply_overlay;
 use pipeline::csv_table::{CsvWriter, format_seconds};
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig, Recorder};
 use pipeline::multi_robot::{self, MultiRobotSimulation};
@@ -28,6 +28,7 @@ use pipeline::result_files::CsvOutputs;
 use pipeline::score;
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::simulation::{Simulation, load_scenario_with_overrides};
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Run a scenario headless, as fast as it goes.
 #[derive(clap::Args)]
@@ -219,6 +220,9 @@ fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<(
     let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
     let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
     let mut spine = Pipeline::new(&setup, &config)?;
+    if let Some(notice) = spine.notice() {
+        eprintln!("{notice}");
+    }
     let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
     let mut outputs = CsvOutputs::create(args.out.as_deref(), None, None)?;
     let header = "stamp_s,x_m,y_m,theta_rad";

@@ -17,7 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Searches;
 use super::metric::Metric;
 use super::output::CsvRows;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
 /// A pose this near is the right one, metres and radians (5°).
 const CORRECT_WITHIN: (f32, f32) = (0.25, 0.087);

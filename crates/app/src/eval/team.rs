@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use super::experiment::{MultiRobotRuns, TeamRuns, TeamVariant, Variant};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
-use pipeline::cycle::{PipelineConfig, apply_overlay};
+use pipeline::PipelineConfig;
+use pipeline::config::apply_overlay;
 use pipeline::multi_robot::{MultiRobotSimulation, RobotSummary};
 use pipeline::simulation::load_scenario_with_overrides;
 

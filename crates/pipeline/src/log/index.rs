@@ -17,7 +17,7 @@ use prost::Message;
 
 use super::encoded_image::EncodedImage;
 use super::fallback::FallbackReader;
-use super::header::Header;
+use super::header::{Header, translate_files};
 use super::mcap_records::{
     LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
 };
@@ -25,6 +25,7 @@ use super::read::LoggedCycle;
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
 };
+use crate::config::PIPELINE_FILE;
 
 /// A cut file's topics are sought in so many of its first chunks; ours are all in the first.
 const TOPIC_SEARCH_CHUNKS: usize = 16;
@@ -321,7 +322,8 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
             }
         }
     };
-    for file in ["robot.toml", "field.toml", "spine.toml"] {
+    let files = translate_files(files);
+    for file in ["robot.toml", "field.toml", PIPELINE_FILE] {
         if !files.contains_key(file) {
             missing.push(format!("no {file} in the log"));
         }

@@ -1,5 +1,6 @@
 //! Checks brightness and applies commands image by image; selects the pixels to measure.
 
+use localize::config::SettingError;
 use localize::robot::{CameraConfig, CameraControl, CameraSetting};
 
 use crate::config::AutoExposureConfig;
@@ -80,11 +81,14 @@ impl AutoExposure {
             .map(|(&pixel, _)| pixel)
             .collect();
         if centre.is_empty() {
-            return Err(VisionError::Config {
-                key: "exposure.ring_range",
+            return Err(SettingError {
+                key: "vision.exposure.centre_range_max".to_owned(),
                 value: f64::from(config.centre_range_max),
-                reason: "no pixel shows the robot or carpet within this range",
-            });
+                min: f64::from(map.nearest_ground()),
+                max: f64::INFINITY,
+                why: "no pixel shows the robot's body or carpet within this range",
+            }
+            .into());
         }
         let setting = control.map_or(
             CameraSetting {

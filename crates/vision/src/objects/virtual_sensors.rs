@@ -10,7 +10,17 @@ use crate::config::{ImageRect, VirtualSensorConfig};
 use crate::error::VisionError;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
+use localize::config::SettingError;
 use localize::robot::CameraConfig;
+
+/// The setting below `vision.virtual_sensors` that holds the windows of that name.
+fn setting_name(window: &str) -> &str {
+    match window {
+        "bumper" => "bumpers",
+        "goal" => "goals",
+        other => other,
+    }
+}
 
 /// One bumper.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,11 +115,19 @@ impl VirtualSensors {
             };
             let inside = right <= map.width_px as f32 && bottom <= map.height_px as f32;
             if configured && !inside {
-                return Err(VisionError::Config {
-                    key: "windows",
-                    value: f64::from(right.max(bottom)),
-                    reason: "a region must lie inside the image",
-                });
+                let wide = right > map.width_px as f32;
+                let (end, size_px) = match wide {
+                    true => (right, map.width_px),
+                    false => (bottom, map.height_px),
+                };
+                return Err(SettingError {
+                    key: format!("vision.virtual_sensors.{}", setting_name(name)),
+                    value: f64::from(end),
+                    min: 0.0,
+                    max: size_px as f64,
+                    why: "a window must lie inside the image",
+                }
+                .into());
             }
         }
         let samples = |window: &ImageRect| PixelGrid::new(window, map, GRID);

@@ -43,6 +43,12 @@ pub enum GroundMapError {
 }
 
 impl GroundMap {
+    /// Distance of the nearest ground that the map shows, metres; infinite if it shows none.
+    pub(crate) fn nearest_ground(&self) -> f32 {
+        let ranges = self.x.iter().zip(&self.y).map(|(x, y)| x.hypot(*y));
+        ranges.fold(f32::INFINITY, f32::min)
+    }
+
     /// Ground point of the pixel's centre.
     pub fn at(&self, column: usize, row: usize) -> Option<At<RobotFrame>> {
         if column >= self.width_px || row >= self.height_px {

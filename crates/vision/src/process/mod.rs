@@ -26,6 +26,7 @@ use crate::optics::ground_map::GroundMap;
 use crate::scan::brightness::BrightnessReader;
 use crate::scan::limits::ScanLimits;
 use crate::scan::pattern::ScanPattern;
+use localize::config::{SettingError, bound};
 use localize::robot::CameraConfig;
 
 use learning::ColourModel;
@@ -129,20 +130,18 @@ impl Vision {
         if let Some(mask) = mask.filter(|mask| mask.len() != map.x.len()) {
             return Err(size(mask.len() / map.height_px.max(1), map.height_px));
         }
-        if !(line_width.is_finite() && line_width > 0.0) {
-            return Err(VisionError::Config {
-                key: "line_width",
-                value: f64::from(line_width),
-                reason: "must be positive",
-            });
-        }
+        bound("", 0.001, 10.0, "width of the field's lines, metres")
+            .check("line_width", f64::from(line_width))?;
         let pattern = ScanPattern::new(map, camera, mask, line_width, &config.scan);
         if pattern.samples.is_empty() {
-            return Err(VisionError::Config {
-                key: "scan.range_max",
+            return Err(SettingError {
+                key: "vision.scan.range_max".to_owned(),
                 value: f64::from(config.scan.range_max),
-                reason: "no pixel of the map shows ground within this range",
-            });
+                min: f64::from(map.nearest_ground()),
+                max: f64::INFINITY,
+                why: "no pixel of the map shows ground within range",
+            }
+            .into());
         }
         let radial_scan =
             RadialScan::new(map, camera, mask, config.scan.range_min, &config.objects);
