@@ -22,5 +22,7 @@ pub mod multi_robot;
 pub mod result_files;
 pub mod score;
 
+pub mod run;
+
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
