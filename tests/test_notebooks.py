@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from conftest import PROGRAM, ROOT
+from conftest import ROOT
 
 NOTEBOOKS = sorted((ROOT / "py/examples").glob("*.ipynb"))
 
@@ -24,7 +24,6 @@ def run(path: Path) -> dict[str, Any]:
 @pytest.fixture(autouse=True)
 def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
     monkeypatch.setenv("MIRRORBALL_HOME", str(ROOT))
     monkeypatch.setenv("SECONDS_OF_PLAY", "2")
 

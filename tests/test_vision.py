@@ -79,14 +79,14 @@ def test_a_map_alone_tells_the_camera(camera: Camera, ground: GroundMap) -> None
 
 
 def test_what_is_no_image_of_this_camera_is_refused(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
-    eyes = vision.Eyes(map=ground, camera=camera)
+    detector = vision.Vision(map=ground, camera=camera)
     with pytest.raises(ValueError, match="480"):
-        eyes.see(first[:100])
+        detector.process(first[:100])
     with pytest.raises(ValueError, match="rows × columns"):
-        eyes.see(np.zeros((480, 480, 4), dtype=np.uint8))
+        detector.process(np.zeros((480, 480, 4), dtype=np.uint8))
     with pytest.raises(ValueError, match="black frame"):
-        eyes.see(np.zeros_like(first))
-    assert 0.1 < eyes.scan_coverage < 0.5
+        detector.process(np.zeros_like(first))
+    assert 0.1 < detector.scan_coverage < 0.5
 
 
 def test_colours_without_labels_find_carpet_and_lines(

@@ -9,7 +9,7 @@ import pandas as pd
 
 from mirrorball.analysis import figures
 from mirrorball.analysis.scores import difference, dropouts, shares, summary
-from mirrorball.analysis.tables import cycles, exposure, opened
+from mirrorball.analysis.tables import as_log, cycles, exposure
 from mirrorball.log import Log
 from mirrorball.page import picture, table, write
 
@@ -26,7 +26,7 @@ class Report:
 
 def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10) -> Report:
     """Writes index.html about one log. The light is measured in each `images_every`-th image; 0 leaves it out."""
-    log = opened(log)
+    log = as_log(log)
     run = cycles(log)
     if run.empty:
         raise ValueError(f"{log.path} has no cycle")
@@ -41,7 +41,7 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
     if run["error_m"].notna().any():
         sections.append(picture(figures.errors({name: run}), "Error against truth, and two standard deviations as stated"))
     sections.append(picture(figures.times({name: run}), "Stages"))
-    if images_every and log.counts.get("/camera/image"):
+    if images_every and log.message_counts.get("/camera/image"):
         sections.append(picture(figures.light(exposure(log, every=images_every)), "Light"))
     sections.append("<h2>Missing</h2>")
     sections.append(_missing(missing))
@@ -51,7 +51,7 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
 
 def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | Path) -> Report:
     """Writes index.html about two logs of one drive (or of two): their figures side by side, and how far apart they are."""
-    logs = (opened(first), opened(second))
+    logs = (as_log(first), as_log(second))
     runs = (cycles(logs[0]), cycles(logs[1]))
     names = [log.path.stem for log in logs]
     if names[0] == names[1]:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorball.analysis.tables import opened
+from mirrorball.analysis.tables import as_log
 from mirrorball.log import Log
 
 Image = NDArray[np.uint8]
@@ -27,7 +27,7 @@ def overlays(
     An image comes before its annotations in the log, which says what was found, and where the robot believed itself.
     """
     image, number = None, 0
-    for entry in opened(log).messages("/camera/image", "/camera/annotations", start_s=start_s, stop_s=stop_s):
+    for entry in as_log(log).messages("/camera/image", "/camera/annotations", start_s=start_s, stop_s=stop_s):
         if entry.topic == "/camera/image":
             image = entry
             continue
