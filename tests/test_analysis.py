@@ -144,6 +144,6 @@ def test_annotated_images_differ_from_raw_images(game: Path, tmp_path: Path) -> 
 
 
 def test_log_example_runs(game: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.argv", ["study_a_log.py", str(game), str(tmp_path / "page")])
-    cells = runpy.run_path(str(ROOT / "py/examples/study_a_log.py"))
+    monkeypatch.setattr("sys.argv", ["analyse_log.py", str(game), str(tmp_path / "page")])
+    cells = runpy.run_path(str(ROOT / "py/examples/analyse_log.py"))
     assert len(cells["run"]) == 60 and (tmp_path / "page/index.html").is_file()

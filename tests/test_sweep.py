@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import made_up_tasks
 import mirrorball
+import sweep_tasks
 from conftest import PROGRAM, ROOT
 from mirrorball.log import Log
 from mirrorball.simulation import Run, bundle_run
@@ -28,9 +28,9 @@ SCENARIO = ROOT / "config/scenarios/tracks_18x12.toml"
 def test_interrupted_sweep_resumes_with_missing_tasks(tmp_path: Path) -> None:
     trace = tmp_path / "trace"
     tasks = [{"value": float(value), "trace": str(trace)} for value in range(6)]
-    first = sweep(tasks[:4], folder=tmp_path, function=made_up_tasks.square, workers=2, progress=False)
+    first = sweep(tasks[:4], folder=tmp_path, function=sweep_tasks.square, workers=2, progress=False)
     assert first["square"].tolist() == [0.0, 1.0, 4.0, 9.0]
-    whole = sweep(tasks, folder=tmp_path, function=made_up_tasks.square, workers=2, progress=False)
+    whole = sweep(tasks, folder=tmp_path, function=sweep_tasks.square, workers=2, progress=False)
     assert whole["square"].tolist() == [0.0, 1.0, 4.0, 9.0, 16.0, 25.0]
     assert len(trace.read_text().splitlines()) == 6
     assert pd.read_parquet(tmp_path / "results.parquet")["square"].tolist() == whole["square"].tolist()
@@ -38,12 +38,12 @@ def test_interrupted_sweep_resumes_with_missing_tasks(tmp_path: Path) -> None:
 
 def test_failed_task_is_retried_and_value_error_recorded(tmp_path: Path) -> None:
     task = {"value": 0.0, "trace": str(tmp_path / "once")}
-    found = sweep([task], folder=tmp_path / "a", function=made_up_tasks.fragile, workers=1, progress=False)
+    found = sweep([task], folder=tmp_path / "a", function=sweep_tasks.fragile, workers=1, progress=False)
     assert found["error"].isna().all() and found["value"].tolist() == [1.0]
-    found = sweep([task], folder=tmp_path / "b", function=made_up_tasks.hopeless, workers=1, progress=False)
+    found = sweep([task], folder=tmp_path / "b", function=sweep_tasks.hopeless, workers=1, progress=False)
     assert found["error"].tolist() == ["ValueError: no mirror for 0.0"]
     # A failure is not a result: the next sweep tries it anew.
-    again = sweep([task], folder=tmp_path / "b", function=made_up_tasks.square, workers=1, progress=False)
+    again = sweep([task], folder=tmp_path / "b", function=sweep_tasks.square, workers=1, progress=False)
     assert again["error"].isna().all()
 
 
@@ -53,7 +53,7 @@ def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
     tasks = [{"value": float(value), "trace": str(tmp_path / "trace")} for value in range(3)]
     with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
         address = cluster.scheduler_address
-        found = sweep(tasks, folder=tmp_path, function=made_up_tasks.square, scheduler=address, progress=False)
+        found = sweep(tasks, folder=tmp_path, function=sweep_tasks.square, scheduler=address, progress=False)
     assert found["square"].tolist() == [0.0, 1.0, 4.0]
 
 

@@ -76,7 +76,7 @@ def write_png(log: Log | str | Path, *, folder: str | Path, every: int = 30, sca
     written = []
     for stamp, image in overlays(log, every=every, scale=scale):
         path = folder / f"{stamp:09.3f}.png"
-        _check(cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)), path)
+        _require_written(cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)), path)
         written.append(path)
     return written
 
@@ -93,7 +93,7 @@ def write_video(log: Log | str | Path, path: str | Path, *, rate_hz: float = 30.
         if writer is None:
             rows, columns = image.shape[:2]
             writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, (columns, rows))
-            _check(writer.isOpened(), path)
+            _require_written(writer.isOpened(), path)
         writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         count += 1
     if writer is None:
@@ -102,6 +102,6 @@ def write_video(log: Log | str | Path, path: str | Path, *, rate_hz: float = 30.
     return count
 
 
-def _check(done: bool, path: Path) -> None:
+def _require_written(done: bool, path: Path) -> None:
     if not done:
         raise OSError(f"cannot write {path}")

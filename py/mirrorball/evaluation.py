@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mirrorball.page import picture, table, write
+from mirrorball.html_page import picture, table, write
 
 COLOURS = ("#1b6ca8", "#c8553d", "#3b8a4f", "#8a5fa8", "#b98b1d", "#4a4a4a", "#6aa9c9", "#999999")
 # The papers draw truth black and estimates red.
-TRUTH, ESTIMATE = "black", "#d62728"
+TRUTH_COLOUR, ESTIMATE_COLOUR = "black", "#d62728"
 
 Part = dict[str, Any]
 Columns = dict[str, NDArray[Any]]
@@ -39,7 +39,7 @@ def write_page(folder: str | Path) -> Path:
         for part in results["parts"]:
             sections.append(f"<h2>{html.escape(part['title'])}</h2>")
             columns = read(folder / part["rows"])
-            sections += [picture(figure) for figure in DRAWINGS[part["kind"]](columns)]
+            sections += [picture(figure) for figure in PLOTS[part["kind"]](columns)]
             sections.append(figures_table(part["figures"]))
     return write(folder, title=results["title"], sections=sections)
 
@@ -68,18 +68,18 @@ def figures_table(figures: list[Part]) -> str:
     rows = []
     for (variant, name), found in cells.items():
         paper = next((one["paper"] for one in found.values() if one["paper"]), None)
-        rows.append([variant, name, _paper(paper), *(_cell(found.get(method)) for method in methods)])
+        rows.append([variant, name, _format_paper_value(paper), *(_format_metric(found.get(method)) for method in methods)])
     return table(["", "", "paper", *methods], rows)
 
 
-def _paper(paper: Part | None) -> str:
+def _format_paper_value(paper: Part | None) -> str:
     if paper is None:
         return ""
     until = "" if paper["until"] is None else f" to {paper['until']:g}"
     return f"{paper['value']:g}{until} ({paper['place']})"
 
 
-def _cell(one: Part | None) -> str:
+def _format_metric(one: Part | None) -> str:
     if one is None or one["value"] is None:
         return "–"
     interval = one["interval"]
@@ -100,7 +100,7 @@ def unique(values: NDArray[Any]) -> list[Any]:
     return list(dict.fromkeys(values.tolist()))
 
 
-def _grid(rows: int, columns: int, *, width: float = 11.0, height: float = 3.2) -> tuple[Figure, list[list[Any]]]:
+def _subplots(rows: int, columns: int, *, width: float = 11.0, height: float = 3.2) -> tuple[Figure, list[list[Any]]]:
     figure = Figure(figsize=(width, height * rows + 0.3), dpi=100)
     axes = [[figure.add_subplot(rows, columns, row * columns + column + 1) for column in range(columns)]
             for row in range(rows)]  # fmt: skip
@@ -121,7 +121,7 @@ def stills(columns: Columns) -> list[Figure]:
         error = 100.0 * np.stack([columns["error_x_m"][mine], columns["error_y_m"][mine]], axis=1)
         error = error[np.isfinite(error).all(axis=1)]
         near = error[np.hypot(error[:, 0], error[:, 1]) < 50.0]
-        figure, ((left, middle, right),) = _grid(1, 3, height=3.6)
+        figure, ((left, middle, right),) = _subplots(1, 3, height=3.6)
         if len(near) < 2:
             left.set_title(f"{method}: {len(near)} located")
             drawn.append(figure)
@@ -133,11 +133,11 @@ def stills(columns: Columns) -> list[Figure]:
             ax.hist(near[:, axis], bins=bins, color=COLOURS[0], alpha=0.6)
             fine = np.linspace(-reach, reach, 200)
             bell = np.exp(-0.5 * ((fine - mean[axis]) / std[axis]) ** 2) / (std[axis] * np.sqrt(2.0 * np.pi))
-            ax.plot(fine, bell * len(near) * (bins[1] - bins[0]), color=ESTIMATE, linewidth=1.6)
+            ax.plot(fine, bell * len(near) * (bins[1] - bins[0]), color=ESTIMATE_COLOUR, linewidth=1.6)
             ax.set(xlabel=f"error in {name} / cm", ylabel="images", title=f"{method}: μ {mean[axis]:.2f}, σ {std[axis]:.2f} cm")
         right.plot(near[:, 0], near[:, 1], ".", color=COLOURS[0], markersize=4.0)
         x, y = mean[0] + std[0] * np.array([-1, 1, 1, -1, -1]), mean[1] + std[1] * np.array([-1, -1, 1, 1, -1])
-        right.plot(x, y, color=ESTIMATE, linewidth=1.4)
+        right.plot(x, y, color=ESTIMATE_COLOUR, linewidth=1.4)
         right.set(xlabel="error in x / cm", ylabel="error in y / cm", title="one σ about the mean")
         drawn.append(figure)
     return drawn
@@ -150,15 +150,15 @@ def drives(columns: Columns) -> list[Figure]:
     cells = [(method, variant) for method in methods for variant in variants]
     # A row for each method, at most four plots wide; one variant alone has its methods side by side.
     width = max(1, min(len(variants) if len(variants) > 1 else len(methods), 4))
-    paths, axes = _grid(max(1, -(-len(cells) // width)), width, height=2.5 if width > 2 else 4.0)
+    paths, axes = _subplots(max(1, -(-len(cells) // width)), width, height=2.5 if width > 2 else 4.0)
     places = [ax for line in axes for ax in line]
-    over_time, (ax_time,) = _grid(1, 1, height=3.4)
+    over_time, (ax_time,) = _subplots(1, 1, height=3.4)
     for ax in places[len(cells) :]:
         ax.set_visible(False)
     for ax, (method, variant) in zip(places, cells, strict=False):
         mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["seed"] == seed)
-        ax.plot(*_broken(columns["true_x_m"][mine], columns["true_y_m"][mine]), color=TRUTH, linewidth=1.8)
-        ax.plot(*_broken(columns["x_m"][mine], columns["y_m"][mine]), color=ESTIMATE, linewidth=0.8)
+        ax.plot(*_break_at_jumps(columns["true_x_m"][mine], columns["true_y_m"][mine]), color=TRUTH_COLOUR, linewidth=1.8)
+        ax.plot(*_break_at_jumps(columns["x_m"][mine], columns["y_m"][mine]), color=ESTIMATE_COLOUR, linewidth=0.8)
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(f"{method}: {variant}", fontsize=8)
         ax.tick_params(labelsize=7)
@@ -173,14 +173,14 @@ def drives(columns: Columns) -> list[Figure]:
     return [paths, over_time]
 
 
-def _broken(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def _break_at_jumps(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     jumps = 1 + np.flatnonzero(np.hypot(np.diff(x), np.diff(y)) > 0.5)
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
 
 
 def times(columns: Columns) -> list[Figure]:
     """Nubot2013 figure 12: time of each cycle."""
-    figure, ((ax,),) = _grid(1, 1, height=3.6)
+    figure, ((ax,),) = _subplots(1, 1, height=3.6)
     for index, method in enumerate(unique(columns["method"])):
         mine = columns["method"] == method
         ax.plot(columns["cycle"][mine], columns["time_ms"][mine], linewidth=0.7, color=COLOURS[index % len(COLOURS)],
@@ -193,10 +193,10 @@ def times(columns: Columns) -> list[Figure]:
 def searches(columns: Columns) -> list[Figure]:
     """Where single sights were located rightly, and where not."""
     methods = unique(columns["method"])
-    figure, (line,) = _grid(1, len(methods), height=3.0)
+    figure, (line,) = _subplots(1, len(methods), height=3.0)
     for ax, method in zip(line, methods, strict=True):
         mine, right = columns["method"] == method, columns["right"] == 1.0
-        for which, colour, size in ((mine & right, "#9cc3dd", 3.0), (mine & ~right, ESTIMATE, 5.0)):
+        for which, colour, size in ((mine & right, "#9cc3dd", 3.0), (mine & ~right, ESTIMATE_COLOUR, 5.0)):
             ax.plot(columns["true_x_m"][which], columns["true_y_m"][which], ".", color=colour, markersize=size)
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(f"{method}: {int((mine & right).sum())} of {int(mine.sum())}", fontsize=9)
@@ -210,12 +210,12 @@ def landscape(columns: Columns) -> list[Figure]:
     error = columns["value"][surface].reshape(y.size, x.size)
     turned = columns["layer"] == "histogram"
     truth = columns["x_m"][turned][0], columns["y_m"][turned][0]
-    above, ((ax,),) = _grid(1, 1, height=5.6)
+    above, ((ax,),) = _subplots(1, 1, height=5.6)
     shade = ax.pcolormesh(x, y, error, cmap="viridis", shading="nearest", rasterized=True)
     above.colorbar(shade, ax=ax, label="mean error, eq. 5")
     ax.plot(*truth, "x", color="white", markersize=9)
     lowest = np.unravel_index(np.argmin(error), error.shape)
-    ax.plot(x[lowest[1]], y[lowest[0]], "o", markerfacecolor="none", color=ESTIMATE, markersize=9)
+    ax.plot(x[lowest[1]], y[lowest[0]], "o", markerfacecolor="none", color=ESTIMATE_COLOUR, markersize=9)
     ax.set(xlabel="x / m", ylabel="y / m", title="cross: truth; circle: lowest cell")
     ax.set_aspect("equal")
     relief = Figure(figsize=(11.0, 4.4), dpi=100)
@@ -241,7 +241,7 @@ def eyes(columns: Columns) -> list[Figure]:
     ]
     drawn = []
     for method in unique(columns["method"]):
-        figure, axes = _grid(2, 2, height=2.6)
+        figure, axes = _subplots(2, 2, height=2.6)
         for ax, (kind, title) in zip((ax for line in axes for ax in line), kinds, strict=True):
             for index, variant in enumerate(unique(columns["variant"])):
                 mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["kind"] == kind)
@@ -265,20 +265,24 @@ def fusion(columns: Columns) -> list[Figure]:
         # Wheels alone state no uncertainty: NEES 0 is none.
         known = columns[name] > 0.0
         if known.any():
-            drawn.append(_bars(columns, known, scale * columns[name], title, log=True))
+            drawn.append(_plot_grouped_bars(columns, known, scale * columns[name], title, log=True))
     if drawn and "nees" in columns:
-        drawn[-1].axes[0].axhline(3.0, color=TRUTH, linewidth=0.8)
+        drawn[-1].axes[0].axhline(3.0, color=TRUTH_COLOUR, linewidth=0.8)
     return drawn
 
 
 def team(columns: Columns) -> list[Figure]:
     """Error of the ball as each robot and as the team know it: one dot a robot and seed, a bar for their mean."""
     known = np.isfinite(columns["error_m"])
-    return [_bars(columns, known, 100.0 * columns["error_m"], "error of the ball / cm", log=False)] if known.any() else []
+    return (
+        [_plot_grouped_bars(columns, known, 100.0 * columns["error_m"], "error of the ball / cm", log=False)]
+        if known.any()
+        else []
+    )
 
 
-def _bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: str, *, log: bool) -> Figure:
-    figure, ((ax,),) = _grid(1, 1, height=3.4)
+def _plot_grouped_bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: str, *, log: bool) -> Figure:
+    figure, ((ax,),) = _subplots(1, 1, height=3.4)
     variants, methods = unique(columns["variant"][known]), unique(columns["method"][known])
     width = 0.8 / len(methods)
     for index, method in enumerate(methods):
@@ -300,7 +304,7 @@ def _bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: st
     return figure
 
 
-DRAWINGS: dict[str, Callable[[Columns], list[Figure]]] = {
+PLOTS: dict[str, Callable[[Columns], list[Figure]]] = {
     "stills": stills,
     "drives": drives,
     "times": times,

@@ -1,4 +1,4 @@
-"""Draw what the eyes find into a recording's images: `python draw_seen.py samples/stills out/`."""
+"""Draw what the eyes find into a recording's images: `python draw_detections.py samples/stills out/`."""
 
 import argparse
 import csv
@@ -10,7 +10,7 @@ import numpy as np
 import mirrorball
 from mirrorball import vision
 
-POINT, REFUSED, BALL, ROBOT, GOAL = (60, 0, 255), (0, 200, 255), (0, 140, 255), (255, 120, 0), (255, 255, 0)
+POINT, REJECTED, BALL, ROBOT, GOAL = (60, 0, 255), (0, 200, 255), (0, 140, 255), (255, 120, 0), (255, 255, 0)
 
 
 def draw(image: vision.Image, seen: vision.Detections, *, scale: int = 2) -> vision.Image:
@@ -24,7 +24,7 @@ def draw(image: vision.Image, seen: vision.Detections, *, scale: int = 2) -> vis
         return round(scale * (float(row["u_px"]) + 0.5)), round(scale * (float(row["v_px"]) + 0.5))
 
     for row in seen.refused:
-        cv2.circle(drawn, place(row), 1, REFUSED, -1)
+        cv2.circle(drawn, place(row), 1, REJECTED, -1)
     for row in seen.points:
         cv2.circle(drawn, place(row), 2, POINT, -1)
     for rows, colour, name in ((seen.ball, BALL, "ball"), (seen.robots, ROBOT, "robot"), (seen.goals, GOAL, "goal")):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLE = """
+CSS = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 1120px; margin: 2em auto; padding: 0 1em; color: #222; }
 img { max-width: 100%; }
 table { border-collapse: collapse; margin: 0.8em 0; }
@@ -47,7 +47,7 @@ def whole(title: str, sections: Sequence[str]) -> str:
     said = html.escape(title)
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{said}</title>
-<style>{STYLE}</style></head><body>
+<style>{CSS}</style></head><body>
 <h1>{said}</h1>
 {"".join(sections)}
 </body></html>
