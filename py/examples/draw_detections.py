@@ -1,4 +1,4 @@
-"""Draw what the eyes find into a recording's images: `python draw_detections.py samples/stills out/`."""
+"""Draw the detections into a recording's images: `python draw_detections.py samples/stills out/`."""
 
 import argparse
 import csv

@@ -1,7 +1,7 @@
 """Label the colours of a folder of images, for `mirrorball calibrate colours --labels`.
 
 `python label_images.py FOLDER --box 000.jpg 210 80 230 95 goal_blue` labels every pixel of a box (columns and rows of
-two corners); `--confirmed` adds what the eyes are sure of: carpet beside line points, the points themselves, the ball.
+two corners); `--confirmed` adds confident detections: carpet beside line points, the points themselves, the ball.
 A picture of each image with its labels shows whether they are right.
 """
 
@@ -44,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="a recording: robot.toml, images")
     parser.add_argument("--box", nargs=6, action="append", default=[], metavar=("FILE", "U0", "V0", "U1", "V1", "CLASS"))
-    parser.add_argument("--confirmed", action="store_true", help="also label what the eyes are sure of")
+    parser.add_argument("--confirmed", action="store_true", help="also label confident detections")
     parser.add_argument("--out", type=Path, required=True, help="where labels.csv and the pictures go")
     arguments = parser.parse_args()
     labels: list[Label] = []

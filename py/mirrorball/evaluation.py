@@ -40,7 +40,7 @@ def write_page(folder: str | Path) -> Path:
             sections.append(f"<h2>{html.escape(part['title'])}</h2>")
             columns = read(folder / part["rows"])
             sections += [picture(figure) for figure in PLOTS[part["kind"]](columns)]
-            sections.append(figures_table(part["figures"]))
+            sections.append(metrics_table(part["figures"]))
     return write(folder, title=results["title"], sections=sections)
 
 
@@ -59,7 +59,7 @@ def read(path: Path) -> Columns:
     return columns
 
 
-def figures_table(figures: list[Part]) -> str:
+def metrics_table(figures: list[Part]) -> str:
     """One row a figure and variant: the paper's number, then each method's with its interval."""
     methods = list(dict.fromkeys(one["method"] for one in figures))
     cells: dict[tuple[str, str], dict[str, Part]] = {}
@@ -84,18 +84,18 @@ def _format_metric(one: Part | None) -> str:
         return "–"
     interval = one["interval"]
     if interval is None:
-        return short(one["value"])
-    return f"{short(one['value'])} [{short(interval['low'])}, {short(interval['high'])}]"
+        return format_significant(one["value"])
+    return f"{format_significant(one['value'])} [{format_significant(interval['low'])}, {format_significant(interval['high'])}]"
 
 
-def short(value: float) -> str:
+def format_significant(value: float) -> str:
     """Three digits that matter, no powers of ten."""
     size = abs(value)
     digits = 1 if size >= 100.0 else 2 if size >= 1.0 else 3 if size >= 0.01 or size == 0.0 else 5
     return f"{value:.{digits}f}"
 
 
-def unique(values: NDArray[Any]) -> list[Any]:
+def unique_in_order(values: NDArray[Any]) -> list[Any]:
     """Values in the order of their first coming."""
     return list(dict.fromkeys(values.tolist()))
 
@@ -113,10 +113,10 @@ def _subplots(rows: int, columns: int, *, width: float = 11.0, height: float = 3
     return figure, axes
 
 
-def stills(columns: Columns) -> list[Figure]:
+def plot_single_image_errors(columns: Columns) -> list[Figure]:
     """Lima2001 figure 10: histograms of the errors with a Gaussian fitted, and all errors with the rectangle of one σ."""
     drawn = []
-    for method in unique(columns["method"]):
+    for method in unique_in_order(columns["method"]):
         mine = columns["method"] == method
         error = 100.0 * np.stack([columns["error_x_m"][mine], columns["error_y_m"][mine]], axis=1)
         error = error[np.isfinite(error).all(axis=1)]
@@ -143,10 +143,10 @@ def stills(columns: Columns) -> list[Figure]:
     return drawn
 
 
-def drives(columns: Columns) -> list[Figure]:
+def plot_trajectories(columns: Columns) -> list[Figure]:
     """Nubot2013 figures 8 and 9: true tracks black, estimates red; then each error over time, of the first seed."""
     seed = columns["seed"].min() if columns["seed"].size else 0
-    variants, methods = unique(columns["variant"]), unique(columns["method"])
+    variants, methods = unique_in_order(columns["variant"]), unique_in_order(columns["method"])
     cells = [(method, variant) for method in methods for variant in variants]
     # A row for each method, at most four plots wide; one variant alone has its methods side by side.
     width = max(1, min(len(variants) if len(variants) > 1 else len(methods), 4))
@@ -178,10 +178,10 @@ def _break_at_jumps(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDA
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
 
 
-def times(columns: Columns) -> list[Figure]:
+def plot_stage_times(columns: Columns) -> list[Figure]:
     """Nubot2013 figure 12: time of each cycle."""
     figure, ((ax,),) = _subplots(1, 1, height=3.6)
-    for index, method in enumerate(unique(columns["method"])):
+    for index, method in enumerate(unique_in_order(columns["method"])):
         mine = columns["method"] == method
         ax.plot(columns["cycle"][mine], columns["time_ms"][mine], linewidth=0.7, color=COLOURS[index % len(COLOURS)],
                 label=f"{method}, median {np.median(columns['time_ms'][mine]):.3g} ms")  # fmt: skip
@@ -190,9 +190,9 @@ def times(columns: Columns) -> list[Figure]:
     return [figure]
 
 
-def searches(columns: Columns) -> list[Figure]:
+def plot_global_search(columns: Columns) -> list[Figure]:
     """Where single sights were located rightly, and where not."""
-    methods = unique(columns["method"])
+    methods = unique_in_order(columns["method"])
     figure, (line,) = _subplots(1, len(methods), height=3.0)
     for ax, method in zip(line, methods, strict=True):
         mine, right = columns["method"] == method, columns["right"] == 1.0
@@ -203,7 +203,7 @@ def searches(columns: Columns) -> list[Figure]:
     return [figure]
 
 
-def landscape(columns: Columns) -> list[Figure]:
+def plot_error_landscape(columns: Columns) -> list[Figure]:
     """Error surface over the field (from above and as a relief), and the histograms' peaks over the heading."""
     surface = columns["layer"] == "error"
     x, y = (np.unique(columns[name][surface]) for name in ("x_m", "y_m"))
@@ -231,7 +231,7 @@ def landscape(columns: Columns) -> list[Figure]:
     return [above, relief]
 
 
-def eyes(columns: Columns) -> list[Figure]:
+def plot_detection_rates(columns: Columns) -> list[Figure]:
     """Share of line points that are right, and of markings, ball and robots that are found, over their distance."""
     kinds = [
         ("line point", "line points right"),
@@ -240,10 +240,10 @@ def eyes(columns: Columns) -> list[Figure]:
         ("robot", "robots found"),
     ]
     drawn = []
-    for method in unique(columns["method"]):
+    for method in unique_in_order(columns["method"]):
         figure, axes = _subplots(2, 2, height=2.6)
         for ax, (kind, title) in zip((ax for line in axes for ax in line), kinds, strict=True):
-            for index, variant in enumerate(unique(columns["variant"])):
+            for index, variant in enumerate(unique_in_order(columns["variant"])):
                 mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["kind"] == kind)
                 # A handful in a bin says nothing.
                 mine &= columns["count"] >= 10
@@ -256,7 +256,7 @@ def eyes(columns: Columns) -> list[Figure]:
     return drawn
 
 
-def fusion(columns: Columns) -> list[Figure]:
+def plot_fusion_errors(columns: Columns) -> list[Figure]:
     """Error of each estimator on each course, and how honest each is: one dot a seed, a bar for their mean."""
     titles = [("position_m", 100.0, "mean position error / cm"), ("blind_m", 100.0, "after 2 s without sight / cm"),
               ("after_hit_m", 100.0, "in the second after a hit / cm"), ("nees", 1.0, "NEES (3 is honest)")]  # fmt: skip
@@ -271,7 +271,7 @@ def fusion(columns: Columns) -> list[Figure]:
     return drawn
 
 
-def team(columns: Columns) -> list[Figure]:
+def plot_team_ball_errors(columns: Columns) -> list[Figure]:
     """Error of the ball as each robot and as the team know it: one dot a robot and seed, a bar for their mean."""
     known = np.isfinite(columns["error_m"])
     return (
@@ -283,7 +283,7 @@ def team(columns: Columns) -> list[Figure]:
 
 def _plot_grouped_bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: str, *, log: bool) -> Figure:
     figure, ((ax,),) = _subplots(1, 1, height=3.4)
-    variants, methods = unique(columns["variant"][known]), unique(columns["method"][known])
+    variants, methods = unique_in_order(columns["variant"][known]), unique_in_order(columns["method"][known])
     width = 0.8 / len(methods)
     for index, method in enumerate(methods):
         colour = COLOURS[index % len(COLOURS)]
@@ -305,13 +305,13 @@ def _plot_grouped_bars(columns: Columns, known: NDArray[Any], values: NDArray[An
 
 
 PLOTS: dict[str, Callable[[Columns], list[Figure]]] = {
-    "stills": stills,
-    "drives": drives,
-    "times": times,
-    "searches": searches,
-    "landscape": landscape,
-    "eyes": eyes,
-    "fusion": fusion,
-    "team": team,
+    "stills": plot_single_image_errors,
+    "drives": plot_trajectories,
+    "times": plot_stage_times,
+    "searches": plot_global_search,
+    "landscape": plot_error_landscape,
+    "eyes": plot_detection_rates,
+    "fusion": plot_fusion_errors,
+    "team": plot_team_ball_errors,
 }
 """How each kind of part is drawn."""
