@@ -1,4 +1,4 @@
-"""Do logs become the tables that they hold? A recorded game, and tables made up where a game has no such thing."""
+"""Tables, metrics and reports of a recorded game, and of synthetic tables for what a game lacks."""
 
 import json
 import runpy

@@ -1,4 +1,4 @@
-"""Does the executable run Python, and design mirrors for those who do not write it?"""
+"""Scripts and mirror design by the executable."""
 
 import json
 import os

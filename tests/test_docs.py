@@ -1,4 +1,4 @@
-"""Do the documents say what the source says?"""
+"""Documents agree with the source."""
 
 import re
 import subprocess

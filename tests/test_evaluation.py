@@ -1,4 +1,4 @@
-"""Does `mirrorball eval` set figures beside the paper's? A small experiment of every kind of part."""
+"""`mirrorball eval` on a small experiment of every kind of part."""
 
 import json
 import os

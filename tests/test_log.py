@@ -1,4 +1,4 @@
-"""Do other people's tools read our logs? Written by `mirrorball sim --record`, read by Python's mcap and by Rerun."""
+"""Logs of `mirrorball sim --record`, read by other tools: Python's mcap and Rerun."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Do designed mirrors show what they promise? Traced back by means that share nothing with the design."""
+"""Designed mirrors against independent ray tracing and published numbers."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Do files, reports and pictures hold what they should, and do mistakes in them say where?"""
+"""Design files, reports and rendered images, and the messages about invalid ones."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Does the workshop get the mirror that was designed? Every export is read back by other means and compared."""
+"""Exported files, read back by other libraries and compared with the design."""
 
 import csv
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Does the judgement say what is true? Against what follows from the design by other means."""
+"""The optical analysis against independent computations."""
 
 import numpy as np
 import pytest

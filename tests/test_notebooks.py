@@ -1,4 +1,4 @@
-"""Do the notebooks run from their first cell to their last? Here cell by cell in plain Python; with nbclient, in a kernel."""
+"""The notebooks run from the first cell to the last: in plain Python, and with nbclient in a kernel."""
 
 import json
 from pathlib import Path

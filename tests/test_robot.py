@@ -1,4 +1,4 @@
-"""Does `mirrorball run` play the simulated robot through its true wire formats? The virtual hardware."""
+"""`mirrorball run` on virtual hardware, by the wire formats of the real one."""
 
 import csv
 import hmac

@@ -1,4 +1,4 @@
-"""Does a real window open, draw and obey? Under Xvfb, where that is installed; skipped elsewhere."""
+"""The view in a real window under Xvfb; skipped where that is not installed."""
 
 import json
 import os

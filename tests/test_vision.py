@@ -1,4 +1,4 @@
-"""Does Python see what the robot sees? Images as OpenCV reads them, against the samples' truth."""
+"""Vision by Python on images as OpenCV reads them, against the samples' truth."""
 
 import csv
 from pathlib import Path

@@ -66,7 +66,7 @@ def main() -> None:
                 all_off.append(float(np.median(close)))
     off_cm = 100 * np.abs(all_off)
     print(f"{len(all_off)} of {len(rows) * len(wanted)} edges found by Canny in {len(rows)} images")
-    print(f"distance from the map's word: median {np.median(off_cm):.1f} cm, 95 % below {np.percentile(off_cm, 95):.1f} cm")
+    print(f"distance from the map's value: median {np.median(off_cm):.1f} cm, 95 % below {np.percentile(off_cm, 95):.1f} cm")
 
 
 if __name__ == "__main__":

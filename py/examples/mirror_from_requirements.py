@@ -1,4 +1,4 @@
-"""A mirror from wishes: what can be had at once, what cannot, and the best there is in both cases."""
+"""Mirrors from requirements: feasible ones, conflicting ones, and the best mirror for both."""
 
 import argparse
 

@@ -1,4 +1,4 @@
-"""How do our figures stand beside the papers'? The page of `mirrorball eval`, from results.json and its rows."""
+"""The page of `mirrorball eval`: our results next to the papers', from results.json and its rows."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 def write_page(folder: str | Path) -> Path:
-    """Writes index.html into the folder of an evaluation, from results.json and the CSV files beside it."""
+    """Writes index.html into the folder of an evaluation, from results.json and the CSV files next to it."""
     folder = Path(folder)
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     first, last = results["seeds"]
@@ -191,7 +191,7 @@ def plot_stage_times(columns: Columns) -> list[Figure]:
 
 
 def plot_global_search(columns: Columns) -> list[Figure]:
-    """Where single sights were located rightly, and where not."""
+    """Positions where single images were localized correctly, and where not."""
     methods = unique_in_order(columns["method"])
     figure, (line,) = _subplots(1, len(methods), height=3.0)
     for ax, method in zip(line, methods, strict=True):
@@ -245,7 +245,7 @@ def plot_detection_rates(columns: Columns) -> list[Figure]:
         for ax, (kind, title) in zip((ax for line in axes for ax in line), kinds, strict=True):
             for index, variant in enumerate(unique_in_order(columns["variant"])):
                 mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["kind"] == kind)
-                # A handful in a bin says nothing.
+                # Bins with few samples are not significant.
                 mine &= columns["count"] >= 10
                 share = 100.0 * columns["right"][mine] / columns["count"][mine]
                 ax.plot(columns["range_m"][mine] + 0.25, share, ".-", linewidth=1.2, markersize=5.0,
@@ -258,7 +258,7 @@ def plot_detection_rates(columns: Columns) -> list[Figure]:
 
 def plot_fusion_errors(columns: Columns) -> list[Figure]:
     """Error of each estimator on each course, and how honest each is: one dot a seed, a bar for their mean."""
-    titles = [("position_m", 100.0, "mean position error / cm"), ("blind_m", 100.0, "after 2 s without sight / cm"),
+    titles = [("position_m", 100.0, "mean position error / cm"), ("blind_m", 100.0, "after 2 s without vision / cm"),
               ("after_hit_m", 100.0, "in the second after a hit / cm"), ("nees", 1.0, "NEES (3 is honest)")]  # fmt: skip
     drawn = []
     for name, scale, title in titles:
@@ -272,7 +272,7 @@ def plot_fusion_errors(columns: Columns) -> list[Figure]:
 
 
 def plot_team_ball_errors(columns: Columns) -> list[Figure]:
-    """Error of the ball as each robot and as the team know it: one dot a robot and seed, a bar for their mean."""
+    """Ball error of each robot and of the team: one dot per robot and seed, a bar for their mean."""
     known = np.isfinite(columns["error_m"])
     return (
         [_plot_grouped_bars(columns, known, 100.0 * columns["error_m"], "error of the ball / cm", log=False)]

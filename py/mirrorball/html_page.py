@@ -1,4 +1,4 @@
-"""How do tables and figures become one HTML page that stands alone? No script, no other file."""
+"""Tables and figures as one self-contained HTML page, without scripts or other files."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def whole(title: str, sections: Sequence[str]) -> str:
 
 
 def write(folder: Path, *, title: str, sections: Sequence[str]) -> Path:
-    """Writes index.html into a folder (made if missing) and says where."""
+    """Writes index.html into a folder (created if missing) and returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     page = folder / "index.html"
     page.write_text(whole(title, sections), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What did a robot or a simulation record? Mirrorball's MCAP logs, message by message or as numpy columns.
+"""Mirrorball's MCAP logs, message by message or as numpy columns.
 
 Read by the crates: columns are filled in Rust, with Python's lock released. The schemas are in the file, so that topics of
 other versions can be read, too. One chunk (at most 4 MiB) is in memory at a time, whatever the log's size.

@@ -1,4 +1,4 @@
-"""How well does a robot localize in a scenario? One simulated run in one call, on this machine or wherever its files are sent.
+"""Simulated runs of scenarios, on this machine or on another one that gets the run's files.
 
 The run is computed in this process by the same functions as `mirrorball sim`: the same scenario, seed and settings give
 the same estimates. Python's lock is released meanwhile, so that threads run scenarios side by side.

@@ -60,7 +60,7 @@ class Detections:
     kick: bool
     """The ball touches the kicker."""
     lens_centred: bool | None
-    """The camera's lens is where the mirror's axis should be; None where it cannot be told."""
+    """The camera's lens is where the mirror's axis should be; None if it cannot be determined."""
 
 
 class Residual(NamedTuple):
@@ -170,7 +170,7 @@ def calibrate_strip(
     width_m: float,
     first_bar: str = "black",
 ) -> tuple[GroundMap, float, list[Residual]]:
-    """The ground map from images beside a radial strip of bars: the map, its residual in pixels, and each image's.
+    """The ground map from images next to a radial strip of bars: the map, its residual in pixels, and each image's.
 
     `directions_rad`: where the strip lies in the robot frame in each image.
     """

@@ -1,4 +1,4 @@
-//! Which Python exception says what went wrong? A missing file is an OSError, everything else a ValueError.
+//! Errors as Python exceptions: a missing file is an OSError, everything else a ValueError.
 
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;

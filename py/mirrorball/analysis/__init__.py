@@ -1,4 +1,4 @@
-"""How did a run go? Logs as tables, errors against truth, times, drop-outs, exposure; figures, reports, comparisons.
+"""Analysis of runs: logs as tables, errors against truth, times, drop-outs, exposure; figures, reports, comparisons.
 
 >>> from mirrorball.analysis import Log, cycles, report
 >>> table = cycles(Log("game.mcap"))  # doctest: +SKIP

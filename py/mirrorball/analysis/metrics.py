@@ -1,4 +1,4 @@
-"""What do a run's tables come to? Errors in numbers, what was dropped and for how long, and how two runs differ."""
+"""Metrics of a run's tables: errors, drop-outs and their durations, differences between two runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is handed on about a run? One HTML page that stands alone, for one log or for two side by side."""
+"""Reports of runs: one self-contained HTML page about one log, or about two side by side."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mirrorball.log import Log
 
 @dataclass(frozen=True)
 class Report:
-    """What was found, and the page that shows it."""
+    """Tables of a report, and its page."""
 
     page: Path
     cycles: tuple[pd.DataFrame, ...]

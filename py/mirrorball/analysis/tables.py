@@ -1,4 +1,4 @@
-"""What is in a log, as tables? One row a message, one row a cycle, one row an image; all at once or piece by piece."""
+"""Logs as tables: one row per message, cycle, line point or image; all at once or in pieces."""
 
 from __future__ import annotations
 

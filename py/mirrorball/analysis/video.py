@@ -1,4 +1,4 @@
-"""What did the robot see in what it saw? Camera images with the log's own annotations, as pictures or a video.
+"""Camera images with the log's own annotations, as PNG files or a video.
 
 Needs `pip install mirrorball[video]` (opencv-python-headless).
 """
@@ -22,9 +22,9 @@ Image = NDArray[np.uint8]
 def overlays(
     log: Log | str | Path, *, every: int = 1, scale: int = 2, start_s: float | None = None, stop_s: float | None = None
 ) -> Iterator[tuple[float, Image]]:
-    """Stamps (seconds) and images (rows × columns × red, green, blue), `scale` times enlarged, with all that was found.
+    """Stamps (seconds) and images (rows × columns × red, green, blue), `scale` times enlarged, with all detections.
 
-    An image comes before its annotations in the log, which says what was found, and where the robot believed itself.
+    Annotations mark the detections, and the field lines as seen from the estimated pose.
     """
     image, number = None, 0
     for entry in as_log(log).messages("/camera/image", "/camera/annotations", start_s=start_s, stop_s=stop_s):
@@ -82,7 +82,7 @@ def write_png(log: Log | str | Path, *, folder: str | Path, every: int = 30, sca
 
 
 def write_video(log: Log | str | Path, path: str | Path, *, rate_hz: float = 30.0, every: int = 1, scale: int = 2) -> int:
-    """Writes the overlays as a video (.mp4 or .avi by the name's end) and says how many images it has."""
+    """Writes the overlays as a video (.mp4 or .avi by the name's end) and returns the number of its images."""
     path = Path(path)
     codec = {".mp4": "mp4v", ".avi": "MJPG"}.get(path.suffix)
     if codec is None:

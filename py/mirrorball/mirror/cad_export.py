@@ -1,4 +1,4 @@
-"""What does the workshop get? The profile as CSV and DXF, the body as STL and STEP, each with its deviation stated.
+"""Files for manufacturing: the profile as CSV and DXF, the body as STL and STEP, each with its deviation stated.
 
 CSV is in metres as the robot reads it; drawings and bodies are in millimetres, as workshops read them, with the axis
 vertical and the pinhole at the origin.

@@ -1,4 +1,4 @@
-"""What do `mirrorball mirror`'s subcommands do? Each takes a design's name or file and gives one result to print."""
+"""The subcommands of `mirrorball mirror`: each takes a design's name or file and returns one result to print."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ WRITERS: dict[str, Callable[[Mirror, Path], Export]] = {
     "stl": write_stl,
     "step": write_step,
 }
-"""Formats that `export` knows."""
+"""Formats of `export`."""
 
 
 def design(source: str, *, out: str) -> Result:

@@ -1,4 +1,4 @@
-"""Which height does a camera ray meet on a part with a formula? Conic sections and straight lines, solved for Y(t).
+"""Parts in closed form: conic sections and straight lines, solved for the height Y(t) at which a camera ray meets them.
 
 Every closed part ends where its caller says: at a slope t, at a radius, or where its ray meets the ground.
 """
@@ -107,7 +107,7 @@ def close(
     t = np.linspace(start.t, t_to, 257)
     missed = ~np.isfinite(shape.height(t))
     if missed.any():
-        raise start.refuse(part, "the ray passes beside the mirror: the shape bends away from it", float(t[missed][0]))
+        raise start.refuse(part, "the ray misses the mirror: the shape bends away from it", float(t[missed][0]))
     return Segment(
         part=part,
         number=start.number,

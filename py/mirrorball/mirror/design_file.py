@@ -36,7 +36,7 @@ PART_KINDS: dict[str, type[Any]] = {
     "paraboloid": parts.Paraboloid,
     "hyperboloid": parts.Hyperboloid,
 }
-"""`kind` of a [[part]]; "free" besides, with its points."""
+"""`kind` of a [[part]]; and "free", with its points."""
 
 REQUIREMENT_KINDS: dict[str, type[Any]] = {
     "resolution": requirements.Resolution,
@@ -69,7 +69,7 @@ class DesignSpec:
     tolerances: Tolerances
     reach_m: float
     optimised: OptimisationResult | None
-    """How the wishes fared, if the file gave requirements."""
+    """How the requirements are satisfied, if the file states any."""
 
 
 def load(source: str | Path, *, progress: bool = True) -> DesignSpec:

@@ -1,4 +1,4 @@
-"""How does a judgement look? Figures without pyplot, so that nothing depends on a display or on what a notebook had open."""
+"""Figures of an optical analysis, without pyplot: independent of a display and of a notebook's state."""
 
 from __future__ import annotations
 

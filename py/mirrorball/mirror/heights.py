@@ -1,4 +1,4 @@
-"""Which heights does a mirror show at which distance? From the lowest to the highest, part by part."""
+"""Heights that a mirror shows at each distance, from the lowest to the highest, part by part."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class VisibleHeights:
     highest_m: Array
 
     def shows(self, *, distance_m: float, height_m: float) -> bool:
-        """Say whether a point is seen, between the distances that were asked for."""
+        """True if a point is visible; distances between the sampled ones are interpolated."""
         low = float(np.interp(distance_m, self.distance_m, self.lowest_m))
         high = float(np.interp(distance_m, self.distance_m, self.highest_m))
         return low <= height_m <= high

@@ -1,4 +1,4 @@
-"""Which profile sends each camera ray to its wanted point? The design equation, integrated once for every part.
+"""Numerical integration of the design equation: the profile that reflects each camera ray to its target point.
 
 With t = X/Y as the variable, d(ln Y)/dt = Y′/(1 − t·Y′), where Y′ is what the law of reflection asks for at (t, Y). The
 denominator is the cosine of incidence but for a positive factor: where it reaches zero the ray only grazes the mirror, and a

@@ -1,4 +1,4 @@
-"""How good is a design? What it shows of the ground and of objects, how sharply, and how evenly, before it is cut.
+"""Optical analysis of a design: resolution on ground and objects, defocus, astigmatism, blind zones.
 
 Everything is computed in the meridian plane from exact rays; pixels come in through the focal length alone.
 """

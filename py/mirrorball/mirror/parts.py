@@ -1,4 +1,4 @@
-"""Of which parts can a mirror be made? Each knows how to build itself on from where the part before it ends.
+"""The parts of a mirror. Each continues from the end of the previous part.
 
 A part that names no beginning of its own goes on with the last ray of the part before it, so the tangent is continuous. Camera
 rays are named by their slope t = tan β = ρ/f (image radius over focal length).
@@ -175,7 +175,7 @@ class Planar:
     and is left black. None: all of the plane is mirror."""
 
     def build(self, start: Start) -> list[Segment]:
-        """One closed segment, with a black one before it where `seen_from_m` says so."""
+        """One closed segment, preceded by a black one if `seen_from_m` is given."""
         shape = straight(start, 0.0)
         black = []
         if self.seen_from_m is not None:

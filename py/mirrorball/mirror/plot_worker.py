@@ -64,7 +64,7 @@ class PlotWorker:
         self._wait()
 
     def draw(self, subject: OpticalAnalysis | GroundErrors, names: Sequence[str], folder: Path) -> None:
-        """As `draw`, beside whatever the caller does until `finish`."""
+        """As `draw`, in parallel to the caller until `finish`."""
         if self._worker_pid is None:
             draw(subject, names, folder)
             return
@@ -94,7 +94,7 @@ def _worker_loop(jobs: int) -> None:
                 draw(*pickle.load(queue))
         os._exit(0)
     except KeyboardInterrupt:
-        # Whoever asked the parent too hears of it there.
+        # The parent reports the signal, if it got it, too.
         os._exit(1)
     except BaseException:
         traceback.print_exc()

@@ -1,4 +1,4 @@
-"""Which mirror do these parts make? Parts in, a profile that can be traced, judged and cut out."""
+"""Joins parts to a mirror's profile, for ray tracing, analysis and manufacturing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which mirrors have been built before? Designs to begin with, or to compare with."""
+"""Published mirrors, as starting points and for comparison."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where does a camera ray go after the mirror, and which slope sends it to a wanted point? (MATH.md 1)
+"""The law of reflection in the meridian plane: reflected rays, and the slope that reflects a ray to a point (docs/methods.md).
 
 One meridian plane: the pinhole is the origin, Y points up along the axis, the ground is at Y = −H. A camera ray has the
 slope t = X/Y; all lengths are metres, all arrays of one shape.

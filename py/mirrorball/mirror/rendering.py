@@ -1,4 +1,4 @@
-"""What would a robot with this mirror see? One call to the simulator's renderer, and one picture of mirror and view."""
+"""Rendered images of a robot with this mirror, and a figure of profile and image."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def view(
 
 
 def plot_profile_and_image(mirror: Mirror, image: NDArray[np.uint8]) -> Figure:
-    """The profile from rim to rim, as the papers draw it, beside what it shows."""
+    """The profile from rim to rim, as the papers draw it, next to the image that it gives."""
     from matplotlib.figure import Figure
 
     from mirrorball.mirror.figures import PART_COLOURS

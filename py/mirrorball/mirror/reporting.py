@@ -1,4 +1,4 @@
-"""How is a design handed to whoever must decide about it? Figures as PNG and SVG, and one HTML page that stands alone."""
+"""Reports of designs: figures as PNG and SVG, and one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def report(
     final.mkdir(parents=True, exist_ok=True)
     camera = camera or fit_camera(mirror)
     judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
-    # A report is there whole or not at all.
+    # A report appears complete or not at all.
     with tempfile.TemporaryDirectory(prefix=".report-", dir=final) as unfinished:
         errors = _write_report(
             judged,

@@ -39,7 +39,7 @@ class Resolution:
 
 @dataclass(frozen=True, kw_only=True)
 class Heights:
-    """See from one height to another at a distance, with at least so many pixels between them."""
+    """Visible heights at a distance, with at least `px` pixels between the lowest and the highest."""
 
     at_m: float
     from_height_m: float = 0.0

@@ -1,4 +1,4 @@
-"""What is one part of a profile once it is built? A stretch of camera slopes t with its height and its tangent."""
+"""A built part of a profile: an interval of camera slopes t with height and tangent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How does a CAD system get the mirror? One spline of revolution for each part, written and read by OpenCASCADE."""
+"""STEP files by OpenCASCADE: one spline of revolution for each part."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""How far off does the robot see the ground if workshop and mount are only this good? Monte Carlo over whole mirrors.
+"""Ground errors of an uncalibrated robot by tolerances of mirror and mount: Monte Carlo over complete mirrors.
 
 Each mirror is traced in three dimensions by the robot's own tracer; the error is the difference between the ground point that a
-pixel really shows and the one that the perfect mirror shows there, which is what an uncalibrated robot would believe.
+pixel really shows and the one that the perfect mirror shows there, which an uncalibrated robot assumes.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ ERROR_SOURCES = {
     "height": "height_m",
     "focal length": "focal_share",
 }
-"""What can be off, and the field that says how far."""
+"""Error sources, and the field with their standard deviation."""
 
 AZIMUTHS = 8
 """Directions around the robot: tilt and offset err along some and across others."""
@@ -73,7 +73,7 @@ class GroundErrors:
     radial_rms_m: Array
     tangential_rms_m: Array
     total_95_m: Array
-    """Distance between true and believed ground point that 95 % stay below."""
+    """95th percentile of the distance between true and assumed ground point."""
     lost_share: Array
     """Of pixels that no longer show ground."""
     by_cause_rms_m: dict[str, Array]
