@@ -1,4 +1,4 @@
-//! `mirrorball locate`: where was the robot in each frame of a recording folder?
+//! `mirrorball locate`: the robot's pose in each frame of a recording folder.
 
 use std::path::PathBuf;
 
@@ -11,19 +11,19 @@ use pipeline::cycle::PipelineConfig;
 use pipeline::result_files::CsvOutputs;
 use pipeline::run::{RecordingOptions, RecordingRun, ensure_usable};
 
-/// Find the robot in every frame of a recording folder.
+/// Locate the robot in every frame of a recording folder.
 ///
-/// The folder holds robot.toml, frames.csv (or points.csv with line points of another vision) and, if there are any,
+/// The folder holds robot.toml, frames.csv (or points.csv with line points of external vision) and, if available,
 /// odometry.csv, compass.csv and truth.csv. Writes poses.csv into it.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball locate samples/sequence --out poses.csv --json")]
 pub struct Args {
     /// The recording folder.
     dir: PathBuf,
-    /// Measure with this calibrated map (npz) in place of the robot's own.
+    /// Calibrated map (npz) in place of the robot's own.
     #[arg(long, value_name = "MAP.npz")]
     map: Option<PathBuf>,
-    /// Where the poses go [default: DIR/poses.csv].
+    /// File of the poses [default: DIR/poses.csv].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Also write every line point: stamp_s,x_m,y_m in the robot frame.
@@ -32,7 +32,7 @@ pub struct Args {
     /// Also write ball, robots and goals: stamp_s,kind,x_m,y_m,std_m,score in the robot frame.
     #[arg(long, value_name = "FILE")]
     seen: Option<PathBuf>,
-    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
     /// Change settings of vision and localisation by a TOML overlay.
@@ -40,7 +40,7 @@ pub struct Args {
     config: Option<PathBuf>,
 }
 
-/// Standard deviation taken for line points of another vision, which come without one, metres.
+/// Standard deviation assumed for line points of external vision, which come without one, metres.
 pub const EXTERNAL_POINT_STD: f32 = 0.04;
 
 /// Runs the command.

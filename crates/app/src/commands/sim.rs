@@ -1,4 +1,4 @@
-//! `mirrorball sim`: run a scenario as fast as it goes, and see how well the robot knew its place.
+//! `mirrorball sim`: run a scenario as fast as possible and score the localization.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,7 +26,7 @@ use pipeline::run::{RunScores, ScenarioOptions, ScenarioRun};
 #[cfg(feature = "view")]
 use pipeline::simulation::Simulation;
 
-/// Run a scenario headless, as fast as it goes.
+/// Run a scenario headless, as fast as possible.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball sim config/scenarios/game_18x12.toml --seed 7 --record game.mcap"
@@ -34,7 +34,7 @@ use pipeline::simulation::Simulation;
 pub struct Args {
     /// The scenario (TOML).
     scenario: PathBuf,
-    /// In place of the scenario's seed; the same seed gives the same run, bit for bit.
+    /// Seed, in place of the scenario's; the same seed gives the same run, bit for bit.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Seconds to simulate, in place of the scenario's.
@@ -43,7 +43,7 @@ pub struct Args {
     /// Record everything into a log (MCAP).
     #[arg(long, value_name = "LOG")]
     record: Option<PathBuf>,
-    /// How the log keeps images; only exact ones let `replay --verify` compute vision again.
+    /// Image compression in the log; `replay --verify` recomputes vision from png only.
     #[arg(long, value_parser = arguments::image_mode(), default_value = ImageCompression::default().name(), requires = "record")]
     images: ImageCompression,
     /// Write the estimated poses (as `locate` does).
@@ -52,17 +52,17 @@ pub struct Args {
     /// Write the true poses: stamp_s,x_m,y_m,theta_rad.
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
-    /// In place of a simulated robot its hardware: serial lines and a camera socket in this folder, in real time, with
-    /// the robot.toml and hardware.toml that `run --robot DIR` plays with. The wheels obey the base board.
+    /// Simulate the robot's hardware in real time: serial lines and a camera socket in this folder, with the robot.toml
+    /// and hardware.toml for `run --robot DIR`. The base board drives the wheels.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["record", "out", "config", "preset", "set", "set_config"])]
     hardware: Option<PathBuf>,
-    /// What of the hardware fails, and when (TOML).
+    /// Faults of the hardware and their times (TOML).
     #[arg(long, value_name = "FILE.toml", requires = "hardware")]
     faults: Option<PathBuf>,
-    /// The scenario's path moves the robot, whatever the base board is told.
+    /// Move the robot on the scenario's path; commands to the base board have no effect.
     #[arg(long, requires = "hardware")]
     own_path: bool,
-    /// How the virtual base is spoken to: our board's protocol, or a VESC for each wheel by UART or by an slcan adapter.
+    /// Protocol of the virtual base: our board's, or a VESC per wheel by UART or by an slcan adapter.
     #[arg(long, value_name = "BUS", value_parser = ["board", "vesc-uart", "vesc-slcan"], default_value = "board", requires = "hardware")]
     base: String,
     /// Format of the virtual camera's images.
@@ -71,7 +71,7 @@ pub struct Args {
     /// Images per second of the virtual camera, in place of the scenario's.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u16).range(1..=1000), requires = "hardware")]
     rate: Option<u16>,
-    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
     /// Change settings of vision and localisation by a TOML overlay.
@@ -83,13 +83,13 @@ pub struct Args {
     /// Change a setting, as localize.matching.steps_max=20; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set_config: Vec<String>,
-    /// Show it in a window, at most in real time; closing the window changes nothing.
+    /// Show the run in a window, at most in real time; closing the window does not change the run.
     #[cfg(feature = "view")]
     #[arg(long)]
     view: bool,
 }
 
-/// Plays the hardware; without --duration until a signal.
+/// Simulates the hardware; without --duration until a signal.
 fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
     let (mut scenario, robot) = Scenario::load(&args.scenario)?;
     scenario.seed = args.seed.unwrap_or(scenario.seed);
@@ -132,11 +132,11 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         let setup = simulation.setup()?;
         let config = load_config(args)?;
         let name = format!("sim {}", args.scenario.display());
-        // The last moment stays to be looked at.
+        // The window stays open on the last cycle.
         return view::run_with_window(&name, (setup, config), AfterRun::KeepOpen, |feed| {
             let started = Instant::now();
             play(args, json, |cycle| {
-                // A person watches at the pace of the world.
+                // At most real time, for the person who watches.
                 let ahead = cycle.stamp.seconds() - started.elapsed().as_secs_f64();
                 std::thread::sleep(Duration::from_secs_f64(ahead.clamp(0.0, 1.0)));
                 feed.publish(cycle);
@@ -168,7 +168,7 @@ fn play(args: &Args, json: bool, mut on_cycle: impl FnMut(&Arc<Cycle>)) -> Resul
     })?;
     ensure!(
         !run.is_multi_robot() || (args.out.is_none() && args.truth.is_none()),
-        "--out and --truth are of one robot, and {} has several: record them",
+        "--out and --truth need a single robot: {} has several. Use --record",
         args.scenario.display()
     );
     let mut outputs = CsvOutputs::create(args.out.as_deref(), None, None)?;
