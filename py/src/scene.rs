@@ -1,4 +1,4 @@
-//! A field in Python, and what a robot on it would see: the simulator's renderer in one call.
+//! Fields in Python, and images of a robot on them: the simulator's renderer in one call.
 
 use std::path::PathBuf;
 

@@ -27,6 +27,8 @@ pub mod multi_robot;
 pub mod result_files;
 pub mod score;
 
+pub mod run;
+
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 

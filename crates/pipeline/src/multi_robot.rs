@@ -4,6 +4,7 @@
 //! hundredth of a second all worlds are brought into line. Words travel as the datagrams of `net::team`, and are lost,
 //! late and out of order as the scenario says. The same seed gives the same bits, however many threads there are.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -62,7 +63,7 @@ struct SimulatedRobot {
 }
 
 /// How one robot fared.
-#[derive(Serialize)]
+#[derive(Debug, Serialize)]
 pub struct RobotSummary {
     /// Its number.
     pub robot: usize,
@@ -148,11 +149,16 @@ impl MultiRobotSimulation {
         })
     }
 
-    /// Plays to the end; `progress` hears the seconds played.
-    pub fn run(mut self, progress: impl Fn(f64)) -> Result<Vec<RobotSummary>> {
+    /// Runs to the end or until `on_progress`, which gets the simulated seconds, breaks off; logs are complete either way.
+    pub fn run(
+        mut self,
+        mut on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
+    ) -> Result<Vec<RobotSummary>> {
         while self.now.seconds() < self.duration {
             self.tick()?;
-            progress(self.now.seconds());
+            if on_progress(self.now.seconds())?.is_break() {
+                break;
+            }
         }
         let fared = |(index, player): (usize, SimulatedRobot)| {
             player.recorder.map(Recorder::finish).transpose()?;
@@ -415,7 +421,10 @@ mod tests {
                 seconds,
                 record,
             );
-            squad.expect("a squad").run(|_| ()).expect("played")
+            squad
+                .expect("a squad")
+                .run(|_| Ok(ControlFlow::Continue(())))
+                .expect("played")
         })
     }
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
-use localize::global_search::scan_map::CacheStatus;
+
 use localize::localizer::Localizer;
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
@@ -19,6 +19,7 @@ use vision::process::{Detections, Vision};
 use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::paths;
+use crate::scan_map_cache::{self, CacheStatus};
 use crate::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use crate::setup::Setup;
 

@@ -35,8 +35,8 @@ const CHUNK_TIMES_BYTES: usize = 16;
 /// A chunk of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ChunkInfo {
-    offset: u64,
-    length: u64,
+    pub(super) offset: u64,
+    pub(super) length: u64,
     /// Of its first message.
     pub start: Stamp,
     /// Of its last message.
@@ -332,7 +332,7 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
 }
 
 /// The summary at the end of a file that was closed.
-fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
+pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
     let mut file = BufReader::new(File::open(path)?);
     let size = file.get_ref().metadata()?.len();
     let options = SummaryReaderOptions::default()
@@ -354,7 +354,7 @@ fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
 }
 
 /// The whole chunks of a file without a summary: record after record by their lengths, contents passed over.
-fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
+pub(super) fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
     let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
     let size = file.metadata()?.len();
     let mut file = BufReader::new(file);

@@ -1,4 +1,4 @@
-"""Which mirror does this TOML file ask for? Parts or wishes, with the camera, lens and tolerances to judge it by.
+"""Reads mirror designs from TOML: parts or requirements, with the camera, lens and tolerances to analyse them.
 
 Keys are the arguments of the Python classes without their `_m`: metres are silent in files.
 """
@@ -15,18 +15,18 @@ import numpy as np
 import scipy
 
 from mirrorball._core import Camera
-from mirrorball.mirror import parts, wishes
-from mirrorball.mirror.building import Mirror, design
-from mirrorball.mirror.judging import Lens
-from mirrorball.mirror.law import Array
-from mirrorball.mirror.readymade import READYMADE
-from mirrorball.mirror.reporting import camera_for
+from mirrorball.mirror import parts, requirements
+from mirrorball.mirror.optical_analysis import Lens
+from mirrorball.mirror.profile_design import Mirror, design
+from mirrorball.mirror.reference_designs import REFERENCE_DESIGNS
+from mirrorball.mirror.reflection import Array
+from mirrorball.mirror.reporting import fit_camera
+from mirrorball.mirror.requirements import OptimisationResult, optimise
 from mirrorball.mirror.tolerances import Tolerances
-from mirrorball.mirror.wishes import Optimised, optimise
 
 T = TypeVar("T")
 
-PARTS: dict[str, type[Any]] = {
+PART_KINDS: dict[str, type[Any]] = {
     "horizontally isometric": parts.HorizontallyIsometric,
     "vertically isometric": parts.VerticallyIsometric,
     "constant curvature": parts.ConstantCurvature,
@@ -36,13 +36,13 @@ PARTS: dict[str, type[Any]] = {
     "paraboloid": parts.Paraboloid,
     "hyperboloid": parts.Hyperboloid,
 }
-"""`kind` of a [[part]]; "free" besides, with its points."""
+"""`kind` of a [[part]]; and "free", with its points."""
 
-WISHES: dict[str, type[Any]] = {
-    "resolution": wishes.Resolution,
-    "heights": wishes.Heights,
-    "maximal diameter": wishes.MaxDiameter,
-    "minimal curvature radius": wishes.MinCurvatureRadius,
+REQUIREMENT_KINDS: dict[str, type[Any]] = {
+    "resolution": requirements.Resolution,
+    "heights": requirements.Heights,
+    "maximal diameter": requirements.MaxDiameter,
+    "minimal curvature radius": requirements.MinCurvatureRadius,
 }
 """`kind` of a [[wish]]."""
 
@@ -60,7 +60,7 @@ CAMERA_KEYS = {
 
 
 @dataclass(frozen=True)
-class Plan:
+class DesignSpec:
     """A mirror with what it is to be judged by."""
 
     mirror: Mirror
@@ -68,61 +68,61 @@ class Plan:
     lens: Lens
     tolerances: Tolerances
     reach_m: float
-    optimised: Optimised | None
-    """How the wishes fared, if the file gave wishes."""
+    optimised: OptimisationResult | None
+    """How the requirements are satisfied, if the file states any."""
 
 
-def load(source: str | Path, *, progress: bool = True) -> Plan:
+def load(source: str | Path, *, progress: bool = True) -> DesignSpec:
     """Reads a TOML design, or takes a ready-made one by name. ValueError names file, table and key that are wrong."""
-    if str(source) in READYMADE:
-        mirror = READYMADE[str(source)]()
-        return Plan(mirror, camera_for(mirror), Lens(), Tolerances(), 12.0, None)
+    if str(source) in REFERENCE_DESIGNS:
+        mirror = REFERENCE_DESIGNS[str(source)]()
+        return DesignSpec(mirror, fit_camera(mirror), Lens(), Tolerances(), 12.0, None)
     path = Path(source)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        ready = ", ".join(READYMADE)
+        ready = ", ".join(REFERENCE_DESIGNS)
         raise FileNotFoundError(f"{path}: no such file, and no ready-made design ({ready})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: {error}") from error
     try:
-        return _plan(table, name=path.stem, progress=progress)
+        return _parse_design(table, name=path.stem, progress=progress)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     except ArithmeticError as error:
         raise ValueError(f"{path}: a number is too large or too small to design with: {error}") from error
 
 
-def _plan(table: dict[str, Any], *, name: str, progress: bool) -> Plan:
-    _known(table, {"name", "apex", "reach", "camera", "lens", "tolerances", "part", "wish"}, "the file")
-    camera = _camera(_table(_needed(table, "camera", "the file"), "[camera]"))
-    apex = _number(_needed(table, "apex", "the file"), "apex")
-    reach = _number(table.get("reach", 12.0), "reach")
+def _parse_design(table: dict[str, Any], *, name: str, progress: bool) -> DesignSpec:
+    _reject_unknown_keys(table, {"name", "apex", "reach", "camera", "lens", "tolerances", "part", "wish"}, "the file")
+    camera = _parse_camera(_require_table(_require_key(table, "camera", "the file"), "[camera]"))
+    apex = _require_number(_require_key(table, "apex", "the file"), "apex")
+    reach = _require_number(table.get("reach", 12.0), "reach")
     for key, value in (("apex", apex), ("reach", reach)):
         if not 0.0 < value <= 1000.0:
             raise ValueError(f"{key} = {value:g} must be positive, and at most 1000")
     name = str(table.get("name", name))
     if "/" in name or "\\" in name:
         raise ValueError(f"name = {name!r} must do as a file's name")
-    lens = _filled(Lens, _table(table.get("lens", {}), "[lens]"), "[lens]")
-    tolerances = _filled(Tolerances, _table(table.get("tolerances", {}), "[tolerances]"), "[tolerances]")
+    lens = _parse_dataclass(Lens, _require_table(table.get("lens", {}), "[lens]"), "[lens]")
+    tolerances = _parse_dataclass(Tolerances, _require_table(table.get("tolerances", {}), "[tolerances]"), "[tolerances]")
     if ("part" in table) == ("wish" in table):
         raise ValueError("give either [[part]] tables or [[wish]] tables")
     optimised = None
     if "wish" in table:
-        wanted = [_made(WISHES, row, f"wish {number}") for number, row in _rows(table, "wish")]
+        wanted = [_parse_kind(REQUIREMENT_KINDS, row, f"wish {number}") for number, row in _iter_tables(table, "wish")]
         optimised = optimise(wanted, camera=camera, apex_above_pinhole_m=apex, name=name, progress=progress)
         mirror = optimised.mirror
     else:
         half = (min(camera.width_px, camera.height_px) - 1) / 2.0
         mirror = design(
-            [_part(row, number) for number, row in _rows(table, "part")],
+            [_parse_part(row, number) for number, row in _iter_tables(table, "part")],
             pinhole_height_m=camera.pinhole_height_m,
             apex_above_pinhole_m=apex,
             t_max=(camera.outer_radius_px or half) / camera.focal_px,
             name=name,
         )
-    return Plan(
+    return DesignSpec(
         mirror=mirror,
         camera=camera,
         lens=lens,
@@ -132,13 +132,13 @@ def _plan(table: dict[str, Any], *, name: str, progress: bool) -> Plan:
     )
 
 
-def _camera(row: dict[str, Any]) -> Camera:
-    _known(row, set(CAMERA_KEYS), "[camera]")
+def _parse_camera(row: dict[str, Any]) -> Camera:
+    _reject_unknown_keys(row, set(CAMERA_KEYS), "[camera]")
     for key, needed in CAMERA_KEYS.items():
         if needed:
-            _needed(row, key, "[camera]")
+            _require_key(row, key, "[camera]")
     for key in set(row) & {"width_px", "height_px", "focal_px", "height", "outer_radius_px"}:
-        if _number(row[key], f"[camera] {key}") <= 0.0:
+        if _require_number(row[key], f"[camera] {key}") <= 0.0:
             raise ValueError(f"[camera] {key} = {row[key]:g} must be positive")
         if key in ("width_px", "height_px") and not isinstance(row[key], int):
             raise ValueError(f"[camera] {key} = {row[key]:g} must be a whole number")
@@ -152,18 +152,18 @@ def _camera(row: dict[str, Any]) -> Camera:
         raise ValueError(f"[camera]: {error}") from error
 
 
-def _part(row: dict[str, Any], number: int) -> parts.Part:
+def _parse_part(row: dict[str, Any], number: int) -> parts.Part:
     place = f"part {number}"
     if row.get("kind") == "free":
-        return _free({key: value for key, value in row.items() if key != "kind"}, place)
-    made: parts.Part = _made(PARTS, row, place)
+        return _parse_freeform({key: value for key, value in row.items() if key != "kind"}, place)
+    made: parts.Part = _parse_kind(PART_KINDS, row, place)
     return made
 
 
-def _free(row: dict[str, Any], place: str) -> parts.Free:
+def _parse_freeform(row: dict[str, Any], place: str) -> parts.Free:
     """A cubic through points (t, distance, height)."""
-    _known(row, {"points", "tangent_continuous"}, f"{place} (free)")
-    points = np.array(_needed(row, "points", f"{place} (free)"), dtype=np.float64)
+    _reject_unknown_keys(row, {"points", "tangent_continuous"}, f"{place} (free)")
+    points = np.array(_require_key(row, "points", f"{place} (free)"), dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or points.shape[0] < 4 or (np.diff(points[:, 0]) <= 0.0).any():
         raise ValueError(f"{place} (free): points must be at least four rows [t, distance, height] with rising t")
     curve = scipy.interpolate.CubicSpline(points[:, 0], points[:, 1:])
@@ -177,57 +177,57 @@ def _free(row: dict[str, Any], place: str) -> parts.Free:
     )
 
 
-def _made(kinds: dict[str, type[T]], row: dict[str, Any], place: str) -> T:
-    kind = _needed(row, "kind", place)
+def _parse_kind(kinds: dict[str, type[T]], row: dict[str, Any], place: str) -> T:
+    kind = _require_key(row, "kind", place)
     if kind not in kinds:
         raise ValueError(f"{place}: no kind {kind!r}; there are {', '.join(kinds)}")
-    return _filled(kinds[kind], {key: value for key, value in row.items() if key != "kind"}, f"{place} ({kind})")
+    return _parse_dataclass(kinds[kind], {key: value for key, value in row.items() if key != "kind"}, f"{place} ({kind})")
 
 
-def _filled(kind: type[T], row: dict[str, Any], place: str) -> T:
+def _parse_dataclass(kind: type[T], row: dict[str, Any], place: str) -> T:
     """A dataclass from a table whose keys are its fields without `_m`."""
-    names = {_key(field.name): field for field in fields(kind)}  # type: ignore[arg-type]
-    _known(row, set(names), place)
+    names = {_toml_key(field.name): field for field in fields(kind)}  # type: ignore[arg-type]
+    _reject_unknown_keys(row, set(names), place)
     for key, field in names.items():
         if field.default is MISSING:
-            _needed(row, key, place)
+            _require_key(row, key, place)
     for key, value in row.items():
         if "float" in str(names[key].type) and (isinstance(value, bool) or not isinstance(value, int | float)):
             raise ValueError(f"{place}: {key} = {value!r} must be a number")
     return kind(**{names[key].name: value for key, value in row.items()})
 
 
-def _table(value: Any, place: str) -> dict[str, Any]:
+def _require_table(value: Any, place: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"{place} = {value!r} must be a table")
     return value
 
 
-def _rows(table: dict[str, Any], key: str) -> Iterator[tuple[int, dict[str, Any]]]:
+def _iter_tables(table: dict[str, Any], key: str) -> Iterator[tuple[int, dict[str, Any]]]:
     rows = table[key]
     if not isinstance(rows, list):
         raise ValueError(f"{key} = {rows!r} must be [[{key}]] tables")
     for number, row in enumerate(rows, start=1):
-        yield number, _table(row, f"{key} {number}")
+        yield number, _require_table(row, f"{key} {number}")
 
 
-def _number(value: Any, key: str) -> float:
+def _require_number(value: Any, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise ValueError(f"{key} = {value!r} must be a number")
     return float(value)
 
 
-def _key(field: str) -> str:
+def _toml_key(field: str) -> str:
     return field if field.endswith("_per_m") else field.removesuffix("_m")
 
 
-def _known(row: dict[str, Any], known: set[str], place: str) -> None:
+def _reject_unknown_keys(row: dict[str, Any], known: set[str], place: str) -> None:
     unknown = sorted(set(row) - known)
     if unknown:
         raise ValueError(f"{place}: unknown key {unknown[0]!r}; known are {', '.join(sorted(known))}")
 
 
-def _needed(row: dict[str, Any], key: str, place: str) -> Any:
+def _require_key(row: dict[str, Any], key: str, place: str) -> Any:
     if key not in row:
         raise ValueError(f"{place} needs {key!r}")
     return row[key]

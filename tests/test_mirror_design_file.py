@@ -1,4 +1,4 @@
-"""Do files, reports and pictures hold what they should, and do mistakes in them say where?"""
+"""Design files, reports and rendered images, and the messages about invalid ones."""
 
 import re
 from pathlib import Path
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from mirrorball import Camera, Field, GroundMap, Mount, Profile, ground_map, render, trace_rays
-from mirrorball.mirror import Planar, camera_for, design, judge, lima2001, load, nubot2013, report, view
-from mirrorball.mirror.drawing import Drawer
+from mirrorball.mirror import Planar, design, fit_camera, judge, lima2001, load, nubot2013, report, view
+from mirrorball.mirror.plot_worker import PlotWorker
 
 ROOT = Path(__file__).parents[1]
-GOOD = """
+VALID_DESIGN = """
 apex = 0.2
 [camera]
 width_px = 480
@@ -27,7 +27,7 @@ until = 6.0
 """
 
 
-def test_the_design_in_the_repository_is_the_ready_made_one() -> None:
+def test_lima2001_toml_equals_reference_design() -> None:
     plan = load(ROOT / "config/mirrors/lima2001.toml")
     ready = lima2001()
     assert [part.part for part in plan.mirror.segments] == [part.part for part in ready.segments]
@@ -35,9 +35,9 @@ def test_the_design_in_the_repository_is_the_ready_made_one() -> None:
     assert plan.tolerances.tilt_deg == 0.2 and plan.lens.f_number == 2.0
 
 
-def test_free_points_are_met(tmp_path: Path) -> None:
+def test_freeform_points_are_met(tmp_path: Path) -> None:
     points = "[[0, 0, 0], [0.1, 1.5, 0], [0.2, 4.0, 0.1], [0.3, 8.0, 0.3]]"
-    free = GOOD[: GOOD.index("[[part]]")] + f'[[part]]\nkind = "free"\npoints = {points}\n'
+    free = VALID_DESIGN[: VALID_DESIGN.index("[[part]]")] + f'[[part]]\nkind = "free"\npoints = {points}\n'
     (tmp_path / "free.toml").write_text(free)
     mirror = load(tmp_path / "free.toml").mirror
     rays = mirror.rays(np.array([0.1, 0.2, 0.3]))
@@ -58,20 +58,20 @@ def test_free_points_are_met(tmp_path: Path) -> None:
         ("apex = 0.2", "apex = ", "line 2"),
     ],
 )
-def test_a_mistake_in_a_file_is_named_with_its_place(wrong: str, right: str, words: str, tmp_path: Path) -> None:
+def test_design_file_errors_name_file_and_key(wrong: str, right: str, words: str, tmp_path: Path) -> None:
     path = tmp_path / "mirror.toml"
-    path.write_text(GOOD.replace(wrong, right))
+    path.write_text(VALID_DESIGN.replace(wrong, right))
     with pytest.raises(ValueError, match=words) as caught:
         load(path)
     assert str(path) in str(caught.value)
 
 
-def test_a_missing_file_names_the_ready_made_designs() -> None:
+def test_missing_file_error_lists_reference_designs() -> None:
     with pytest.raises(FileNotFoundError, match="lima2001"):
         load("nowhere.toml")
 
 
-def test_report_writes_every_figure_twice_and_one_page(tmp_path: Path) -> None:
+def test_report_writes_svg_png_and_html(tmp_path: Path) -> None:
     written = report(nubot2013(), folder=tmp_path, mirrors=20, progress=False)
     names = ["profile", "ground", "heights", "surface", "sharpness", "sizes", "tolerances"]
     for name in names:
@@ -87,24 +87,24 @@ def test_report_writes_every_figure_twice_and_one_page(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_the_same_report_is_written_alone_and_with_a_second_process(tmp_path: Path) -> None:
+def test_report_is_identical_with_and_without_plot_worker(tmp_path: Path) -> None:
     report(lima2001(), folder=tmp_path / "first")
-    with Drawer() as drawer:
+    with PlotWorker() as drawer:
         report(lima2001(), folder=tmp_path / "second", drawer=drawer)
     for name in ("index.html", "ground.svg", "ground.png", "surface.svg", "sizes.png"):
         assert (tmp_path / "first" / name).read_bytes() == (tmp_path / "second" / name).read_bytes()
 
 
-def test_a_figure_that_the_second_process_cannot_write_is_an_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    with Drawer() as drawer, pytest.raises(OSError, match="could not be written"):
+def test_plot_worker_write_failure_raises_os_error(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with PlotWorker() as drawer, pytest.raises(OSError, match="could not be written"):
         drawer.draw(judge(lima2001(), focal_px=700.0), ["ground"], tmp_path / "nowhere")
         drawer.finish()
     assert "ground.svg" in capfd.readouterr().err
 
 
-def test_the_rendered_view_is_the_design_seen_from_inside() -> None:
+def test_rendered_ball_lies_at_isometric_radius() -> None:
     mirror = lima2001()
-    camera = camera_for(mirror)
+    camera = fit_camera(mirror)
     image = view(mirror, pose=(-1.0, 0.0, 0.0), ball=(1.0, 0.0), own_body=False)
     assert image.shape == (480, 480, 3) and image.dtype == np.uint8
     # Forward is up in the image; the ball's bottom two metres ahead lies at its isometric radius, and it is orange.
@@ -120,18 +120,18 @@ def test_the_rendered_view_is_the_design_seen_from_inside() -> None:
     assert (image[240, 239 + middle] == 0).all()
 
 
-def test_rendering_repeats_itself_bit_for_bit() -> None:
+def test_rendering_is_deterministic() -> None:
     mirror = nubot2013()
-    camera, profile = camera_for(mirror, size_px=200), mirror.profile()
+    camera, profile = fit_camera(mirror, size_px=200), mirror.profile()
     first, second, other = (
         render(camera=camera, profile=profile, field=Field(), pose=(1.0, 2.0, 0.5), seed=seed) for seed in (3, 3, 4)
     )
     assert (first == second).all() and (first != other).any()
 
 
-def test_ground_map_is_where_the_rays_come_down_and_reads_back(tmp_path: Path) -> None:
+def test_ground_map_matches_traced_rays_and_round_trips(tmp_path: Path) -> None:
     mirror = lima2001()
-    camera, profile = camera_for(mirror, size_px=120), mirror.profile()
+    camera, profile = fit_camera(mirror, size_px=120), mirror.profile()
     made = ground_map(camera=camera, profile=profile, mount=Mount(mirror_tilt_deg=(0.5, 0.0)))
     origin, direction = trace_rays(camera=camera, profile=profile, mount=Mount(mirror_tilt_deg=(0.5, 0.0)))
     assert made.x_m.shape == (120, 120) and made.x_m.dtype == np.float32
@@ -145,13 +145,13 @@ def test_ground_map_is_where_the_rays_come_down_and_reads_back(tmp_path: Path) -
         assert np.array_equal(archive["x_m"], made.x_m, equal_nan=True)
 
 
-def test_arrays_cross_without_a_copy() -> None:
+def test_ground_map_arrays_are_not_copied() -> None:
     mirror = lima2001()
-    made = ground_map(camera=camera_for(mirror, size_px=64), profile=mirror.profile())
+    made = ground_map(camera=fit_camera(mirror, size_px=64), profile=mirror.profile())
     assert made.x_m is made.x_m and made.x_m.flags.c_contiguous
 
 
-def test_wrong_arguments_raise_what_a_user_knows(tmp_path: Path) -> None:
+def test_invalid_arguments_raise_builtin_exceptions(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"none\.csv"):
         Profile.load(tmp_path / "none.csv")
     with pytest.raises(FileNotFoundError, match=r"none\.toml"):
@@ -162,7 +162,7 @@ def test_wrong_arguments_raise_what_a_user_knows(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="focal_px"):
         trace_rays(camera=low, profile=lima2001().profile())
     with pytest.raises(ValueError, match="finite"):
-        render(camera=camera_for(lima2001()), profile=lima2001().profile(), field=Field(), pose=(float("nan"), 0.0, 0.0))
+        render(camera=fit_camera(lima2001()), profile=lima2001().profile(), field=Field(), pose=(float("nan"), 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_wrong_arguments_raise_what_a_user_knows(tmp_path: Path) -> None:
         ("apex = 0.2\ntolerances = { form = -1.0 }", "form_m = -1 must not be negative"),
     ],
 )
-def test_a_slip_of_the_pen_is_named_with_its_file(tmp_path: Path, wrong: str, said: str) -> None:
+def test_invalid_values_name_file_and_key(tmp_path: Path, wrong: str, said: str) -> None:
     camera = "[camera]\nwidth_px = 480\nheight_px = 480\nfocal_px = 700.0\nheight = 0.6\n"
     path = tmp_path / "slip.toml"
     path.write_text(f"{wrong}\n{camera}[[part]]\nkind = 'planar'\nuntil_t = 0.2\n")
@@ -186,7 +186,7 @@ def test_a_slip_of_the_pen_is_named_with_its_file(tmp_path: Path, wrong: str, sa
     assert said in str(refused.value)
 
 
-def test_a_mirror_that_shows_nothing_of_use_is_reported_all_the_same(tmp_path: Path) -> None:
+def test_report_of_flat_mirror_succeeds(tmp_path: Path) -> None:
     flat = design([Planar(until_t=0.2)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
     assert report(flat, folder=tmp_path).page.exists()
     assert not list(tmp_path.glob(".report-*"))

@@ -1,4 +1,4 @@
-"""Does `mirrorball eval` set figures beside the paper's? A small experiment of every kind of part."""
+"""`mirrorball eval` on a small experiment of every kind of part."""
 
 import json
 import os
@@ -12,7 +12,7 @@ import pytest
 
 from conftest import PROGRAM, ROOT
 
-SMALL = """
+SMALL_EXPERIMENT = """
 title = "Small"
 source = "nobody"
 differs = ["It is small."]
@@ -113,14 +113,14 @@ def evaluate(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("small")
-    (folder / "small.toml").write_text(SMALL.format(root=ROOT))
+    (folder / "small.toml").write_text(SMALL_EXPERIMENT.format(root=ROOT))
     done = evaluate(folder / "small.toml", "--out", folder / "out", "--json")
     assert done.returncode == 0, done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found
 
 
-def test_every_kind_of_part_ends_in_tables_and_one_page(result: dict[str, Any]) -> None:
+def test_every_experiment_kind_gives_rows_and_html(result: dict[str, Any]) -> None:
     figures = {(part["name"], one["variant"], one["method"], one["name"]): one
                for part in result["parts"] for one in part["figures"]}  # fmt: skip
     open_x = figures["drives", "open, lit", "default", "mean |x|, cm"]
@@ -144,8 +144,8 @@ def test_every_kind_of_part_ends_in_tables_and_one_page(result: dict[str, Any]) 
     assert page.count("<img") == 12 and "5.907 (table 1)" in page and "It is small." in page
 
 
-def test_the_same_seeds_give_the_same_rows(tmp_path: Path) -> None:
-    (tmp_path / "small.toml").write_text(SMALL.format(root=ROOT))
+def test_equal_seeds_give_equal_rows_on_any_thread_count(tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(SMALL_EXPERIMENT.format(root=ROOT))
     rows = []
     for number, threads in (("1", "1"), ("2", "2")):
         os.environ["RAYON_NUM_THREADS"] = threads
@@ -156,15 +156,15 @@ def test_the_same_seeds_give_the_same_rows(tmp_path: Path) -> None:
     assert rows[0] == rows[1] and len(rows[0].splitlines()) == 1 + 2 * 2 * 21
 
 
-def test_what_cannot_be_run_is_named(tmp_path: Path) -> None:
-    (tmp_path / "bad.toml").write_text(SMALL.format(root=ROOT).replace('["default"]', '["defualt"]', 1))
+def test_invalid_experiments_are_rejected(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text(SMALL_EXPERIMENT.format(root=ROOT).replace('["default"]', '["defualt"]', 1))
     done = evaluate(tmp_path / "bad.toml", "--out", tmp_path)
     assert done.returncode == 1 and 'there is no preset "defualt"' in done.stderr and "drives" in done.stderr
     assert evaluate("nobody1999", "--out", tmp_path).returncode == 1
     assert evaluate("lima2001", "--out", tmp_path, "--only", "nothing").returncode == 2
 
 
-def test_our_experiments_name_files_that_exist_and_figures_that_come_out(result: dict[str, Any]) -> None:
+def test_shipped_experiments_name_existing_files_and_metrics(result: dict[str, Any]) -> None:
     names = {one["name"] for part in result["parts"] for one in part["figures"]}
     methods = {one["method"] for part in result["parts"] for one in part["figures"]} | {"lima2001", "nubot2013"}
     folder = ROOT / "config/experiments"

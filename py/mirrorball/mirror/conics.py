@@ -1,4 +1,4 @@
-"""Which height does a camera ray meet on a part with a formula? Conic sections and straight lines, solved for Y(t).
+"""Parts in closed form: conic sections and straight lines, solved for the height Y(t) at which a camera ray meets them.
 
 Every closed part ends where its caller says: at a slope t, at a radius, or where its ray meets the ground.
 """
@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from mirrorball.mirror.law import Array, reflect
+from mirrorball.mirror.reflection import Array, reflect
 from mirrorball.mirror.segment import Segment, Start
 
-T_LIMIT = 3.0
+MAX_RAY_SLOPE = 3.0
 """A ray 72° off the axis; no lens that looks into a mirror sees further."""
 
 
 @dataclass(frozen=True)
-class Until:
+class EndCondition:
     """Where a closed part ends; exactly one of the three."""
 
     t: float | None = None
@@ -95,9 +95,11 @@ def hyperbola(start: Start, eccentricity: float) -> Shape:
     return Shape(height, tangent)
 
 
-def close(shape: Shape, start: Start, *, until: Until, part: str, continues_tangent: bool, reflects: bool = True) -> Segment:
+def close(
+    shape: Shape, start: Start, *, until: EndCondition, part: str, tangent_continuous: bool, reflects: bool = True
+) -> Segment:
     """Finds where the part ends and makes it a segment; ValueError if it never gets there."""
-    t_to = _end(shape, start, until=until, part=part)
+    t_to = _solve_end_slope(shape, start, until=until, part=part)
     if not start.t < t_to:
         raise start.refuse(part, f"ends at t = {t_to:.4f}, where it should begin or earlier", start.t)
     if t_to > start.t_max:
@@ -105,7 +107,7 @@ def close(shape: Shape, start: Start, *, until: Until, part: str, continues_tang
     t = np.linspace(start.t, t_to, 257)
     missed = ~np.isfinite(shape.height(t))
     if missed.any():
-        raise start.refuse(part, "the ray passes beside the mirror: the shape bends away from it", float(t[missed][0]))
+        raise start.refuse(part, "the ray misses the mirror: the shape bends away from it", float(t[missed][0]))
     return Segment(
         part=part,
         number=start.number,
@@ -113,12 +115,12 @@ def close(shape: Shape, start: Start, *, until: Until, part: str, continues_tang
         t_to=t_to,
         height=shape.height,
         tangent=shape.tangent,
-        continues_tangent=continues_tangent,
+        tangent_continuous=tangent_continuous,
         reflects=reflects,
     )
 
 
-def _end(shape: Shape, start: Start, *, until: Until, part: str) -> float:
+def _solve_end_slope(shape: Shape, start: Start, *, until: EndCondition, part: str) -> float:
     given = [value for value in (until.t, until.ground_m, until.radius_m) if value is not None]
     if len(given) != 1:
         raise start.refuse(part, "say where it ends by exactly one of until_t, until_ground_m, until_radius_m")
@@ -133,7 +135,7 @@ def _end(shape: Shape, start: Start, *, until: Until, part: str) -> float:
         return rays.distance_at_m(0.0)
 
     wanted, what = (until.ground_m, "the ground at") if until.ground_m is not None else (until.radius_m or 0.0, "the radius")
-    t = np.linspace(start.t, min(start.t_max, T_LIMIT), 2001)
+    t = np.linspace(start.t, min(start.t_max, MAX_RAY_SLOPE), 2001)
     found = reached(t)
     met = np.isfinite(found)
     crossings = np.flatnonzero(met[:-1] & met[1:] & ((found[:-1] - wanted) * (found[1:] - wanted) <= 0.0))

@@ -1,4 +1,4 @@
-"""Who draws the figures? This process, and on wish a second one that loads matplotlib while the first still designs."""
+"""Draws figures in this process or in a second one, which loads matplotlib while the first still computes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mirrorball.mirror.judging import Judgement
+    from mirrorball.mirror.optical_analysis import OpticalAnalysis
     from mirrorball.mirror.tolerances import GroundErrors
 
-STYLE: Any = {
+RC_PARAMS: Any = {
     # Text stays text: small files that a reader can search, and no glyph outlines to compute.
     "svg.fonttype": "none",
     "svg.hashsalt": "mirrorball",
@@ -26,20 +26,20 @@ STYLE: Any = {
 """How matplotlib draws the figures of a page."""
 
 
-def draw(subject: Judgement | GroundErrors, names: Sequence[str], folder: Path) -> None:
+def draw(subject: OpticalAnalysis | GroundErrors, names: Sequence[str], folder: Path) -> None:
     """Draws these functions of `figures` as SVG and PNG into a folder."""
     import matplotlib
 
     from mirrorball.mirror import figures
 
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(RC_PARAMS):
         for name in names:
             figure = getattr(figures, name)(subject)
             figure.savefig(folder / f"{name}.svg", metadata={"Date": None})
             figure.savefig(folder / f"{name}.png", pil_kwargs={"compress_level": 1})
 
 
-class Drawer:
+class PlotWorker:
     """A forked process that loads matplotlib at once and then draws what it is given, a context to work in.
 
     A program with threads of its own (a notebook) had better not fork. Where no process can be forked, there is no second
@@ -47,44 +47,44 @@ class Drawer:
     """
 
     def __init__(self) -> None:
-        self._child: int | None = None
+        self._worker_pid: int | None = None
         if not hasattr(os, "fork"):
             return
-        jobs, self._jobs = os.pipe()
-        self._child = os.fork()
-        if self._child == 0:
-            os.close(self._jobs)
-            _serve(jobs)
+        jobs, self._job_pipe = os.pipe()
+        self._worker_pid = os.fork()
+        if self._worker_pid == 0:
+            os.close(self._job_pipe)
+            _worker_loop(jobs)
         os.close(jobs)
 
-    def __enter__(self) -> Drawer:
+    def __enter__(self) -> PlotWorker:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._end()
+        self._wait()
 
-    def draw(self, subject: Judgement | GroundErrors, names: Sequence[str], folder: Path) -> None:
-        """As `draw`, beside whatever the caller does until `finish`."""
-        if self._child is None:
+    def draw(self, subject: OpticalAnalysis | GroundErrors, names: Sequence[str], folder: Path) -> None:
+        """As `draw`, in parallel to the caller until `finish`."""
+        if self._worker_pid is None:
             draw(subject, names, folder)
             return
-        with os.fdopen(os.dup(self._jobs), "wb") as jobs:
+        with os.fdopen(os.dup(self._job_pipe), "wb") as jobs:
             pickle.dump((subject, list(names), folder), jobs)
 
     def finish(self) -> None:
         """Waits until all is drawn; OSError if a figure could not be written."""
-        if self._end() != 0:
+        if self._wait() != 0:
             raise OSError("a figure could not be written")
 
-    def _end(self) -> int:
-        if self._child is None:
+    def _wait(self) -> int:
+        if self._worker_pid is None:
             return 0
-        os.close(self._jobs)
-        child, self._child = self._child, None
+        os.close(self._job_pipe)
+        child, self._worker_pid = self._worker_pid, None
         return os.waitpid(child, 0)[1]
 
 
-def _serve(jobs: int) -> None:
+def _worker_loop(jobs: int) -> None:
     """Draws until there is no more; never returns: what is the parent's (buffers, atexit) is not to be cleaned up here."""
     try:
         from mirrorball.mirror import figures  # noqa: F401 (loads matplotlib before the first job comes)
@@ -94,7 +94,7 @@ def _serve(jobs: int) -> None:
                 draw(*pickle.load(queue))
         os._exit(0)
     except KeyboardInterrupt:
-        # Whoever asked the parent too hears of it there.
+        # The parent reports the signal, if it got it, too.
         os._exit(1)
     except BaseException:
         traceback.print_exc()

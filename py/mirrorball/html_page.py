@@ -1,4 +1,4 @@
-"""How do tables and figures become one HTML page that stands alone? No script, no other file."""
+"""Tables and figures as one self-contained HTML page, without scripts or other files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-STYLE = """
+CSS = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 1120px; margin: 2em auto; padding: 0 1em; color: #222; }
 img { max-width: 100%; }
 table { border-collapse: collapse; margin: 0.8em 0; }
@@ -47,7 +47,7 @@ def whole(title: str, sections: Sequence[str]) -> str:
     said = html.escape(title)
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{said}</title>
-<style>{STYLE}</style></head><body>
+<style>{CSS}</style></head><body>
 <h1>{said}</h1>
 {"".join(sections)}
 </body></html>
@@ -55,7 +55,7 @@ def whole(title: str, sections: Sequence[str]) -> str:
 
 
 def write(folder: Path, *, title: str, sections: Sequence[str]) -> Path:
-    """Writes index.html into a folder (made if missing) and says where."""
+    """Writes index.html into a folder (created if missing) and returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     page = folder / "index.html"
     page.write_text(whole(title, sections), encoding="utf-8")

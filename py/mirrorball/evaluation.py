@@ -1,4 +1,4 @@
-"""How do our figures stand beside the papers'? The page of `mirrorball eval`, from results.json and its rows."""
+"""The page of `mirrorball eval`: our results next to the papers', from results.json and its rows."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mirrorball.page import picture, table, write
+from mirrorball.html_page import picture, table, write
 
 COLOURS = ("#1b6ca8", "#c8553d", "#3b8a4f", "#8a5fa8", "#b98b1d", "#4a4a4a", "#6aa9c9", "#999999")
 # The papers draw truth black and estimates red.
-TRUTH, ESTIMATE = "black", "#d62728"
+TRUTH_COLOUR, ESTIMATE_COLOUR = "black", "#d62728"
 
 Part = dict[str, Any]
 Columns = dict[str, NDArray[Any]]
 
 
 def write_page(folder: str | Path) -> Path:
-    """Writes index.html into the folder of an evaluation, from results.json and the CSV files beside it."""
+    """Writes index.html into the folder of an evaluation, from results.json and the CSV files next to it."""
     folder = Path(folder)
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     first, last = results["seeds"]
@@ -39,8 +39,8 @@ def write_page(folder: str | Path) -> Path:
         for part in results["parts"]:
             sections.append(f"<h2>{html.escape(part['title'])}</h2>")
             columns = read(folder / part["rows"])
-            sections += [picture(figure) for figure in DRAWINGS[part["kind"]](columns)]
-            sections.append(figures_table(part["figures"]))
+            sections += [picture(figure) for figure in PLOTS[part["kind"]](columns)]
+            sections.append(metrics_table(part["figures"]))
     return write(folder, title=results["title"], sections=sections)
 
 
@@ -59,7 +59,7 @@ def read(path: Path) -> Columns:
     return columns
 
 
-def figures_table(figures: list[Part]) -> str:
+def metrics_table(figures: list[Part]) -> str:
     """One row a figure and variant: the paper's number, then each method's with its interval."""
     methods = list(dict.fromkeys(one["method"] for one in figures))
     cells: dict[tuple[str, str], dict[str, Part]] = {}
@@ -68,39 +68,39 @@ def figures_table(figures: list[Part]) -> str:
     rows = []
     for (variant, name), found in cells.items():
         paper = next((one["paper"] for one in found.values() if one["paper"]), None)
-        rows.append([variant, name, _paper(paper), *(_cell(found.get(method)) for method in methods)])
+        rows.append([variant, name, _format_paper_value(paper), *(_format_metric(found.get(method)) for method in methods)])
     return table(["", "", "paper", *methods], rows)
 
 
-def _paper(paper: Part | None) -> str:
+def _format_paper_value(paper: Part | None) -> str:
     if paper is None:
         return ""
     until = "" if paper["until"] is None else f" to {paper['until']:g}"
     return f"{paper['value']:g}{until} ({paper['place']})"
 
 
-def _cell(one: Part | None) -> str:
+def _format_metric(one: Part | None) -> str:
     if one is None or one["value"] is None:
         return "–"
     interval = one["interval"]
     if interval is None:
-        return short(one["value"])
-    return f"{short(one['value'])} [{short(interval['low'])}, {short(interval['high'])}]"
+        return format_significant(one["value"])
+    return f"{format_significant(one['value'])} [{format_significant(interval['low'])}, {format_significant(interval['high'])}]"
 
 
-def short(value: float) -> str:
+def format_significant(value: float) -> str:
     """Three digits that matter, no powers of ten."""
     size = abs(value)
     digits = 1 if size >= 100.0 else 2 if size >= 1.0 else 3 if size >= 0.01 or size == 0.0 else 5
     return f"{value:.{digits}f}"
 
 
-def unique(values: NDArray[Any]) -> list[Any]:
+def unique_in_order(values: NDArray[Any]) -> list[Any]:
     """Values in the order of their first coming."""
     return list(dict.fromkeys(values.tolist()))
 
 
-def _grid(rows: int, columns: int, *, width: float = 11.0, height: float = 3.2) -> tuple[Figure, list[list[Any]]]:
+def _subplots(rows: int, columns: int, *, width: float = 11.0, height: float = 3.2) -> tuple[Figure, list[list[Any]]]:
     figure = Figure(figsize=(width, height * rows + 0.3), dpi=100)
     axes = [[figure.add_subplot(rows, columns, row * columns + column + 1) for column in range(columns)]
             for row in range(rows)]  # fmt: skip
@@ -113,15 +113,15 @@ def _grid(rows: int, columns: int, *, width: float = 11.0, height: float = 3.2) 
     return figure, axes
 
 
-def stills(columns: Columns) -> list[Figure]:
+def plot_single_image_errors(columns: Columns) -> list[Figure]:
     """Lima2001 figure 10: histograms of the errors with a Gaussian fitted, and all errors with the rectangle of one σ."""
     drawn = []
-    for method in unique(columns["method"]):
+    for method in unique_in_order(columns["method"]):
         mine = columns["method"] == method
         error = 100.0 * np.stack([columns["error_x_m"][mine], columns["error_y_m"][mine]], axis=1)
         error = error[np.isfinite(error).all(axis=1)]
         near = error[np.hypot(error[:, 0], error[:, 1]) < 50.0]
-        figure, ((left, middle, right),) = _grid(1, 3, height=3.6)
+        figure, ((left, middle, right),) = _subplots(1, 3, height=3.6)
         if len(near) < 2:
             left.set_title(f"{method}: {len(near)} located")
             drawn.append(figure)
@@ -133,32 +133,32 @@ def stills(columns: Columns) -> list[Figure]:
             ax.hist(near[:, axis], bins=bins, color=COLOURS[0], alpha=0.6)
             fine = np.linspace(-reach, reach, 200)
             bell = np.exp(-0.5 * ((fine - mean[axis]) / std[axis]) ** 2) / (std[axis] * np.sqrt(2.0 * np.pi))
-            ax.plot(fine, bell * len(near) * (bins[1] - bins[0]), color=ESTIMATE, linewidth=1.6)
+            ax.plot(fine, bell * len(near) * (bins[1] - bins[0]), color=ESTIMATE_COLOUR, linewidth=1.6)
             ax.set(xlabel=f"error in {name} / cm", ylabel="images", title=f"{method}: μ {mean[axis]:.2f}, σ {std[axis]:.2f} cm")
         right.plot(near[:, 0], near[:, 1], ".", color=COLOURS[0], markersize=4.0)
         x, y = mean[0] + std[0] * np.array([-1, 1, 1, -1, -1]), mean[1] + std[1] * np.array([-1, -1, 1, 1, -1])
-        right.plot(x, y, color=ESTIMATE, linewidth=1.4)
+        right.plot(x, y, color=ESTIMATE_COLOUR, linewidth=1.4)
         right.set(xlabel="error in x / cm", ylabel="error in y / cm", title="one σ about the mean")
         drawn.append(figure)
     return drawn
 
 
-def drives(columns: Columns) -> list[Figure]:
+def plot_trajectories(columns: Columns) -> list[Figure]:
     """Nubot2013 figures 8 and 9: true tracks black, estimates red; then each error over time, of the first seed."""
     seed = columns["seed"].min() if columns["seed"].size else 0
-    variants, methods = unique(columns["variant"]), unique(columns["method"])
+    variants, methods = unique_in_order(columns["variant"]), unique_in_order(columns["method"])
     cells = [(method, variant) for method in methods for variant in variants]
     # A row for each method, at most four plots wide; one variant alone has its methods side by side.
     width = max(1, min(len(variants) if len(variants) > 1 else len(methods), 4))
-    paths, axes = _grid(max(1, -(-len(cells) // width)), width, height=2.5 if width > 2 else 4.0)
+    paths, axes = _subplots(max(1, -(-len(cells) // width)), width, height=2.5 if width > 2 else 4.0)
     places = [ax for line in axes for ax in line]
-    over_time, (ax_time,) = _grid(1, 1, height=3.4)
+    over_time, (ax_time,) = _subplots(1, 1, height=3.4)
     for ax in places[len(cells) :]:
         ax.set_visible(False)
     for ax, (method, variant) in zip(places, cells, strict=False):
         mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["seed"] == seed)
-        ax.plot(*_broken(columns["true_x_m"][mine], columns["true_y_m"][mine]), color=TRUTH, linewidth=1.8)
-        ax.plot(*_broken(columns["x_m"][mine], columns["y_m"][mine]), color=ESTIMATE, linewidth=0.8)
+        ax.plot(*_break_at_jumps(columns["true_x_m"][mine], columns["true_y_m"][mine]), color=TRUTH_COLOUR, linewidth=1.8)
+        ax.plot(*_break_at_jumps(columns["x_m"][mine], columns["y_m"][mine]), color=ESTIMATE_COLOUR, linewidth=0.8)
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(f"{method}: {variant}", fontsize=8)
         ax.tick_params(labelsize=7)
@@ -173,15 +173,15 @@ def drives(columns: Columns) -> list[Figure]:
     return [paths, over_time]
 
 
-def _broken(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def _break_at_jumps(x: NDArray[Any], y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     jumps = 1 + np.flatnonzero(np.hypot(np.diff(x), np.diff(y)) > 0.5)
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
 
 
-def times(columns: Columns) -> list[Figure]:
+def plot_stage_times(columns: Columns) -> list[Figure]:
     """Nubot2013 figure 12: time of each cycle."""
-    figure, ((ax,),) = _grid(1, 1, height=3.6)
-    for index, method in enumerate(unique(columns["method"])):
+    figure, ((ax,),) = _subplots(1, 1, height=3.6)
+    for index, method in enumerate(unique_in_order(columns["method"])):
         mine = columns["method"] == method
         ax.plot(columns["cycle"][mine], columns["time_ms"][mine], linewidth=0.7, color=COLOURS[index % len(COLOURS)],
                 label=f"{method}, median {np.median(columns['time_ms'][mine]):.3g} ms")  # fmt: skip
@@ -190,32 +190,32 @@ def times(columns: Columns) -> list[Figure]:
     return [figure]
 
 
-def searches(columns: Columns) -> list[Figure]:
-    """Where single sights were located rightly, and where not."""
-    methods = unique(columns["method"])
-    figure, (line,) = _grid(1, len(methods), height=3.0)
+def plot_global_search(columns: Columns) -> list[Figure]:
+    """Positions where single images were localized correctly, and where not."""
+    methods = unique_in_order(columns["method"])
+    figure, (line,) = _subplots(1, len(methods), height=3.0)
     for ax, method in zip(line, methods, strict=True):
         mine, right = columns["method"] == method, columns["right"] == 1.0
-        for which, colour, size in ((mine & right, "#9cc3dd", 3.0), (mine & ~right, ESTIMATE, 5.0)):
+        for which, colour, size in ((mine & right, "#9cc3dd", 3.0), (mine & ~right, ESTIMATE_COLOUR, 5.0)):
             ax.plot(columns["true_x_m"][which], columns["true_y_m"][which], ".", color=colour, markersize=size)
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_title(f"{method}: {int((mine & right).sum())} of {int(mine.sum())}", fontsize=9)
     return [figure]
 
 
-def landscape(columns: Columns) -> list[Figure]:
+def plot_error_landscape(columns: Columns) -> list[Figure]:
     """Error surface over the field (from above and as a relief), and the histograms' peaks over the heading."""
     surface = columns["layer"] == "error"
     x, y = (np.unique(columns[name][surface]) for name in ("x_m", "y_m"))
     error = columns["value"][surface].reshape(y.size, x.size)
     turned = columns["layer"] == "histogram"
     truth = columns["x_m"][turned][0], columns["y_m"][turned][0]
-    above, ((ax,),) = _grid(1, 1, height=5.6)
+    above, ((ax,),) = _subplots(1, 1, height=5.6)
     shade = ax.pcolormesh(x, y, error, cmap="viridis", shading="nearest", rasterized=True)
     above.colorbar(shade, ax=ax, label="mean error, eq. 5")
     ax.plot(*truth, "x", color="white", markersize=9)
     lowest = np.unravel_index(np.argmin(error), error.shape)
-    ax.plot(x[lowest[1]], y[lowest[0]], "o", markerfacecolor="none", color=ESTIMATE, markersize=9)
+    ax.plot(x[lowest[1]], y[lowest[0]], "o", markerfacecolor="none", color=ESTIMATE_COLOUR, markersize=9)
     ax.set(xlabel="x / m", ylabel="y / m", title="cross: truth; circle: lowest cell")
     ax.set_aspect("equal")
     relief = Figure(figsize=(11.0, 4.4), dpi=100)
@@ -231,7 +231,7 @@ def landscape(columns: Columns) -> list[Figure]:
     return [above, relief]
 
 
-def eyes(columns: Columns) -> list[Figure]:
+def plot_detection_rates(columns: Columns) -> list[Figure]:
     """Share of line points that are right, and of markings, ball and robots that are found, over their distance."""
     kinds = [
         ("line point", "line points right"),
@@ -240,12 +240,12 @@ def eyes(columns: Columns) -> list[Figure]:
         ("robot", "robots found"),
     ]
     drawn = []
-    for method in unique(columns["method"]):
-        figure, axes = _grid(2, 2, height=2.6)
+    for method in unique_in_order(columns["method"]):
+        figure, axes = _subplots(2, 2, height=2.6)
         for ax, (kind, title) in zip((ax for line in axes for ax in line), kinds, strict=True):
-            for index, variant in enumerate(unique(columns["variant"])):
+            for index, variant in enumerate(unique_in_order(columns["variant"])):
                 mine = (columns["method"] == method) & (columns["variant"] == variant) & (columns["kind"] == kind)
-                # A handful in a bin says nothing.
+                # Bins with few samples are not significant.
                 mine &= columns["count"] >= 10
                 share = 100.0 * columns["right"][mine] / columns["count"][mine]
                 ax.plot(columns["range_m"][mine] + 0.25, share, ".-", linewidth=1.2, markersize=5.0,
@@ -256,30 +256,34 @@ def eyes(columns: Columns) -> list[Figure]:
     return drawn
 
 
-def fusion(columns: Columns) -> list[Figure]:
+def plot_fusion_errors(columns: Columns) -> list[Figure]:
     """Error of each estimator on each course, and how honest each is: one dot a seed, a bar for their mean."""
-    titles = [("position_m", 100.0, "mean position error / cm"), ("blind_m", 100.0, "after 2 s without sight / cm"),
+    titles = [("position_m", 100.0, "mean position error / cm"), ("blind_m", 100.0, "after 2 s without vision / cm"),
               ("after_hit_m", 100.0, "in the second after a hit / cm"), ("nees", 1.0, "NEES (3 is honest)")]  # fmt: skip
     drawn = []
     for name, scale, title in titles:
         # Wheels alone state no uncertainty: NEES 0 is none.
         known = columns[name] > 0.0
         if known.any():
-            drawn.append(_bars(columns, known, scale * columns[name], title, log=True))
+            drawn.append(_plot_grouped_bars(columns, known, scale * columns[name], title, log=True))
     if drawn and "nees" in columns:
-        drawn[-1].axes[0].axhline(3.0, color=TRUTH, linewidth=0.8)
+        drawn[-1].axes[0].axhline(3.0, color=TRUTH_COLOUR, linewidth=0.8)
     return drawn
 
 
-def team(columns: Columns) -> list[Figure]:
-    """Error of the ball as each robot and as the team know it: one dot a robot and seed, a bar for their mean."""
+def plot_team_ball_errors(columns: Columns) -> list[Figure]:
+    """Ball error of each robot and of the team: one dot per robot and seed, a bar for their mean."""
     known = np.isfinite(columns["error_m"])
-    return [_bars(columns, known, 100.0 * columns["error_m"], "error of the ball / cm", log=False)] if known.any() else []
+    return (
+        [_plot_grouped_bars(columns, known, 100.0 * columns["error_m"], "error of the ball / cm", log=False)]
+        if known.any()
+        else []
+    )
 
 
-def _bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: str, *, log: bool) -> Figure:
-    figure, ((ax,),) = _grid(1, 1, height=3.4)
-    variants, methods = unique(columns["variant"][known]), unique(columns["method"][known])
+def _plot_grouped_bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: str, *, log: bool) -> Figure:
+    figure, ((ax,),) = _subplots(1, 1, height=3.4)
+    variants, methods = unique_in_order(columns["variant"][known]), unique_in_order(columns["method"][known])
     width = 0.8 / len(methods)
     for index, method in enumerate(methods):
         colour = COLOURS[index % len(COLOURS)]
@@ -300,14 +304,14 @@ def _bars(columns: Columns, known: NDArray[Any], values: NDArray[Any], title: st
     return figure
 
 
-DRAWINGS: dict[str, Callable[[Columns], list[Figure]]] = {
-    "stills": stills,
-    "drives": drives,
-    "times": times,
-    "searches": searches,
-    "landscape": landscape,
-    "eyes": eyes,
-    "fusion": fusion,
-    "team": team,
+PLOTS: dict[str, Callable[[Columns], list[Figure]]] = {
+    "stills": plot_single_image_errors,
+    "drives": plot_trajectories,
+    "times": plot_stage_times,
+    "searches": plot_global_search,
+    "landscape": plot_error_landscape,
+    "eyes": plot_detection_rates,
+    "fusion": plot_fusion_errors,
+    "team": plot_team_ball_errors,
 }
 """How each kind of part is drawn."""

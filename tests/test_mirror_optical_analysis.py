@@ -1,11 +1,11 @@
-"""Does the judgement say what is true? Against what follows from the design by other means."""
+"""The optical analysis against independent computations."""
 
 import numpy as np
 import pytest
 
 from mirrorball import Camera
 from mirrorball.mirror import (
-    READYMADE,
+    REFERENCE_DESIGNS,
     Cone,
     HorizontallyIsometric,
     Hyperboloid,
@@ -13,18 +13,18 @@ from mirrorball.mirror import (
     Planar,
     Sphere,
     Tolerances,
-    camera_for,
     design,
-    heights_seen,
+    fit_camera,
     judge,
     lima2001,
     monte_carlo,
+    visible_heights,
 )
 
 
-@pytest.mark.parametrize("name", READYMADE)
-def test_radial_resolution_is_the_slope_of_ground_over_pixels(name: str) -> None:
-    for view in judge(READYMADE[name](), focal_px=500.0).views:
+@pytest.mark.parametrize("name", REFERENCE_DESIGNS)
+def test_radial_resolution_is_pixels_per_ground_gradient(name: str) -> None:
+    for view in judge(REFERENCE_DESIGNS[name](), focal_px=500.0).views:
         near = np.isfinite(view.ground_m) & (view.ground_m < 12.0)
         if near.sum() < 10:
             continue
@@ -33,13 +33,13 @@ def test_radial_resolution_is_the_slope_of_ground_over_pixels(name: str) -> None
         assert step[3:-3] == pytest.approx(view.radial_px_per_m[near][3:-3], rel=1e-3)
 
 
-def test_isometric_part_has_one_resolution_both_ways() -> None:
+def test_isometric_part_has_equal_radial_and_tangential_resolution() -> None:
     view = judge(lima2001(), focal_px=500.0).views[0]
     assert view.radial_px_per_m == pytest.approx(500.0 * 0.22 / 6.0, rel=1e-6)
     assert view.tangential_px_per_m == pytest.approx(500.0 * 0.22 / 6.0, rel=1e-6)
 
 
-def test_plane_mirror_shows_things_behind_itself() -> None:
+def test_plane_mirror_image_lies_behind_the_surface() -> None:
     mirror = design([Planar(until_t=0.4)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
     judged = judge(mirror, focal_px=500.0)
     view = judged.views[0]
@@ -52,7 +52,7 @@ def test_plane_mirror_shows_things_behind_itself() -> None:
     assert judged.smallest_curvature_radius_m == np.inf
 
 
-def test_sphere_has_its_radius_of_curvature_and_its_focus() -> None:
+def test_sphere_has_expected_curvature_and_focal_length() -> None:
     mirror = design([Sphere(radius_m=0.05, until_t=0.1)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
     judged = judge(mirror, focal_px=500.0)
     assert judged.smallest_curvature_radius_m == pytest.approx(0.05, rel=1e-6)
@@ -62,7 +62,7 @@ def test_sphere_has_its_radius_of_curvature_and_its_focus() -> None:
     assert judged.views[0].image_sagittal_m[0] == pytest.approx(wanted, rel=1e-4)
 
 
-def test_hyperboloids_caustic_is_a_point() -> None:
+def test_hyperboloid_caustic_is_a_point() -> None:
     mirror = design([Hyperboloid(eccentricity=1.3, until_t=0.4)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
     judged = judge(mirror, focal_px=500.0)
     view = judged.views[0]
@@ -81,7 +81,7 @@ def test_caustic_is_where_neighbouring_rays_cross() -> None:
         assert a + way * along_a == pytest.approx([view.caustic_x_m[i], view.caustic_y_m[i]], abs=2e-4)
 
 
-def test_blind_zones_are_where_no_ray_comes_down() -> None:
+def test_blind_zones_are_ground_without_rays() -> None:
     ring = design(
         [HorizontallyIsometric(until_t=0.1, until_m=1.0), Cone(slope=0.75, until_ground_m=5.0)],
         pinhole_height_m=0.6,
@@ -93,7 +93,7 @@ def test_blind_zones_are_where_no_ray_comes_down() -> None:
     assert judge(lima2001(), focal_px=500.0).blind_m == ()
 
 
-def test_mirror_in_its_own_way_is_noticed() -> None:
+def test_self_occlusion_is_detected() -> None:
     cup = design(
         [HorizontallyIsometric(until_t=0.2, until_m=8.0), Cone(slope=-0.5, until_t=0.3)],
         pinhole_height_m=0.6,
@@ -104,13 +104,13 @@ def test_mirror_in_its_own_way_is_noticed() -> None:
     assert not any(view.blocked.any() for view in judge(lima2001(), focal_px=500.0).views)
 
 
-def test_lines_keep_their_pixels_where_the_mirror_is_isometric() -> None:
+def test_line_width_px_is_constant_on_isometric_part() -> None:
     sizes = judge(lima2001(), focal_px=500.0, reach_m=12.0).sizes
     inside = (sizes.distance_m > 0.7) & (sizes.distance_m < 5.9)
     assert sizes.line_radial_px[inside] == pytest.approx(0.125 * 500.0 * 0.22 / 6.0, rel=1e-4)
 
 
-def test_ball_is_as_large_as_its_outermost_rays() -> None:
+def test_ball_size_matches_its_tangent_rays() -> None:
     mirror = lima2001()
     sizes = judge(mirror, focal_px=500.0, reach_m=12.0).sizes
     index = int(np.argmin(np.abs(sizes.distance_m - 3.0)))
@@ -122,7 +122,7 @@ def test_ball_is_as_large_as_its_outermost_rays() -> None:
     assert sizes.ball_radial_px[index] == pytest.approx(500.0 * np.ptp(rays.t[hit]), abs=0.5)
 
 
-def test_focus_removes_the_blur_where_it_is_set() -> None:
+def test_defocus_vanishes_at_the_focus_distance() -> None:
     judged = judge(lima2001(), focal_px=500.0, lens=Lens(focus_m=0.21))
     meridional, _ = judged.blur_px(judged.views[0])
     index = int(np.argmin(np.abs(judged.views[0].image_tangential_m - 0.21)))
@@ -130,22 +130,22 @@ def test_focus_removes_the_blur_where_it_is_set() -> None:
 
 
 ONLY_FOCAL = Tolerances(form_m=0.0, tilt_deg=0.0, offset_m=0.0, height_m=0.0, focal_share=0.01)
-ONLY_OFFSET = Tolerances(form_m=0.0, tilt_deg=0.0, offset_m=0.0, height_m=0.002, focal_share=0.0)
+ONLY_HEIGHT = Tolerances(form_m=0.0, tilt_deg=0.0, offset_m=0.0, height_m=0.002, focal_share=0.0)
 
 
 def camera() -> Camera:
-    return camera_for(lima2001())
+    return fit_camera(lima2001())
 
 
-def test_a_focal_length_off_by_a_percent_moves_isometric_ground_by_a_percent() -> None:
+def test_focal_length_error_scales_isometric_range() -> None:
     errors = monte_carlo(lima2001(), camera=camera(), tolerances=ONLY_FOCAL, count=400, reach_m=5.5, progress=False)
     assert errors.radial_rms_m == pytest.approx(0.01 * errors.distance_m, rel=0.15)
     assert errors.tangential_rms_m.max() < 1e-5
 
 
-def test_a_raised_mirror_errs_as_the_law_says() -> None:
+def test_mirror_height_error_matches_reflection_law() -> None:
     mirror = lima2001()
-    errors = monte_carlo(mirror, camera=camera(), tolerances=ONLY_OFFSET, count=400, reach_m=5.5, progress=False)
+    errors = monte_carlo(mirror, camera=camera(), tolerances=ONLY_HEIGHT, count=400, reach_m=5.5, progress=False)
     lifted = 1e-5
     for index in (3, 9, 15):
         t = errors.distance_m[index] * 0.22 / 6.0
@@ -164,24 +164,24 @@ def test_a_raised_mirror_errs_as_the_law_says() -> None:
         assert errors.radial_rms_m[index] == pytest.approx(0.002 * abs(slope), rel=0.15)
 
 
-def test_monte_carlo_repeats_itself_bit_for_bit() -> None:
+def test_monte_carlo_is_deterministic() -> None:
     first, second = (monte_carlo(lima2001(), camera=camera(), count=20, seed=seed, progress=False) for seed in (7, 7))
     assert (first.total_95_m == second.total_95_m).all()
     other = monte_carlo(lima2001(), camera=camera(), count=20, seed=8, progress=False)
     assert (first.radial_rms_m != other.radial_rms_m).any()
 
 
-def test_causes_add_up_to_the_whole() -> None:
+def test_variances_of_sources_add_up_to_total() -> None:
     errors = monte_carlo(lima2001(), camera=camera(), count=600, reach_m=6.0, progress=False)
     whole = np.hypot(errors.radial_rms_m, errors.tangential_rms_m)
     parts = np.sqrt(sum(part**2 for part in errors.by_cause_rms_m.values()))
     assert parts == pytest.approx(whole, rel=0.25)
 
 
-def test_heights_seen_are_those_that_the_design_was_made_for() -> None:
+def test_visible_heights_match_the_design_target() -> None:
     # lima2001: the curved part ends on the point 0.6 m high at 11.2 m; the isometric part's last ray is down at 6 m.
     judged = judge(lima2001(), focal_px=731.25)
-    isometric, curved, planar = heights_seen(judged, distance_m=np.array([3.0, 5.9, 6.1, 11.2]))
+    isometric, curved, planar = visible_heights(judged, distance_m=np.array([3.0, 5.9, 6.1, 11.2]))
     assert curved.highest_m[3] == pytest.approx(0.6, abs=1e-3) and curved.lowest_m[3] == 0.0
     assert curved.shows(distance_m=11.2, height_m=0.59) and not curved.shows(distance_m=11.2, height_m=0.61)
     assert np.isfinite(isometric.highest_m[:2]).all() and np.isnan(isometric.highest_m[2:]).all()

@@ -1,4 +1,4 @@
-"""Does the workshop get the mirror that was designed? Every export is read back by other means and compared."""
+"""Exported files, read back by other libraries and compared with the design."""
 
 import csv
 from pathlib import Path
@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from mirrorball import Profile
-from mirrorball.mirror import READYMADE, lima2001, read_dxf, read_stl, write_csv, write_dxf, write_step, write_stl
-from mirrorball.mirror.law import Array
+from mirrorball.mirror import REFERENCE_DESIGNS, lima2001, read_dxf, read_stl, write_csv, write_dxf, write_step, write_stl
+from mirrorball.mirror.reflection import Array
 
 
 def distance_to_chords(points: Array, corners: Array) -> Array:
@@ -21,9 +21,9 @@ def distance_to_chords(points: Array, corners: Array) -> Array:
     return np.asarray(np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1))
 
 
-@pytest.mark.parametrize("name", READYMADE)
+@pytest.mark.parametrize("name", REFERENCE_DESIGNS)
 def test_csv_reads_back_within_a_micrometre(name: str, tmp_path: Path) -> None:
-    mirror = READYMADE[name]()
+    mirror = REFERENCE_DESIGNS[name]()
     export = write_csv(mirror, tmp_path / "mirror.csv", step_m=2e-4)
     with export.path.open() as file:
         rows = list(csv.reader(file))
@@ -57,8 +57,8 @@ def test_dxf_reads_back_within_its_deviation(deviation_m: float, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", ["lima2001", "sphere_cone_1999"])
-def test_stl_is_a_closed_body_within_its_deviation(name: str, tmp_path: Path) -> None:
-    mirror = READYMADE[name]()
+def test_stl_is_watertight_within_its_stated_deviation(name: str, tmp_path: Path) -> None:
+    mirror = REFERENCE_DESIGNS[name]()
     export = write_stl(mirror, tmp_path / "mirror.stl", deviation_m=2e-5, back_m=0.01)
     assert export.deviation_m <= 2.1e-5
     body = trimesh.load_mesh(export.path)
@@ -78,7 +78,7 @@ def test_stl_is_a_closed_body_within_its_deviation(name: str, tmp_path: Path) ->
         assert (np.abs(points[:, 2] - height) / np.hypot(1.0, tangent)).max() <= limit + 1e-7
 
 
-def test_stl_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_invalid_stl_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "no.stl"
     path.write_bytes(b"solid nothing")
     with pytest.raises(ValueError, match="no binary STL"):
@@ -99,6 +99,6 @@ def test_step_reads_back_within_its_deviation(tmp_path: Path) -> None:
     assert distances_m(export.path, points + np.array([0.0, 0.0, -1e-4])).min() > 2e-5
 
 
-def test_a_deviation_of_nothing_is_refused(tmp_path: Path) -> None:
+def test_zero_deviation_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="deviation_m = 0"):
         write_dxf(lima2001(), tmp_path / "no.dxf", deviation_m=0.0)

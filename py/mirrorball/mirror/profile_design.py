@@ -1,4 +1,4 @@
-"""Which mirror do these parts make? Parts in, a profile that can be traced, judged and cut out."""
+"""Joins parts to a mirror's profile, for ray tracing, analysis and manufacturing."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorball._core import Profile
-from mirrorball.mirror.law import Array, Rays
 from mirrorball.mirror.parts import Part
+from mirrorball.mirror.reflection import Array, Rays
 from mirrorball.mirror.segment import Segment, Start
 
-KINK_M = 2e-6
+KINK_SAMPLE_SPACING_M = 2e-6
 """A sample this close on either side of a kink keeps it from rounding off whatever curve is laid through the samples."""
 
 
@@ -68,16 +68,16 @@ class Mirror:
             first, last = ends * segment.height(ends)
             count = max(int(np.ceil((last - first) / step_m)), 4)
             x = np.linspace(first, last, count + 1)[1:]
-            if segment is not self.segments[0] and not segment.continues_tangent:
-                x = np.append(first + KINK_M, x)
-            if (following := self._after(segment)) and not following.continues_tangent:
-                x = np.insert(x, -1, last - KINK_M)
-            t = _slopes_at(segment, x)
+            if segment is not self.segments[0] and not segment.tangent_continuous:
+                x = np.append(first + KINK_SAMPLE_SPACING_M, x)
+            if (following := self._next_segment(segment)) and not following.tangent_continuous:
+                x = np.insert(x, -1, last - KINK_SAMPLE_SPACING_M)
+            t = _slopes_at_radii(segment, x)
             radii.append(x)
             heights.append(x / t)
         return np.concatenate(radii), np.concatenate(heights) + self.pinhole_height_m
 
-    def _after(self, segment: Segment) -> Segment | None:
+    def _next_segment(self, segment: Segment) -> Segment | None:
         index = self.segments.index(segment) + 1
         return self.segments[index] if index < len(self.segments) else None
 
@@ -87,7 +87,7 @@ class Mirror:
         return Profile(radius_m=radius, height_m=height)
 
 
-def _slopes_at(segment: Segment, x_m: Array) -> Array:
+def _slopes_at_radii(segment: Segment, x_m: Array) -> Array:
     """Camera slopes t at which a segment has the radii x: Newton on X(t) = t·Y(t), with dX/dt = Y/(1 − t·Y′)."""
     grid = np.linspace(segment.t_from, segment.t_to, 400)
     t = np.interp(x_m, grid * segment.height(grid), grid)

@@ -1,25 +1,34 @@
-"""Are wishes met as claimed, and is the blame for those that are not where it belongs?"""
+"""Requirements are satisfied as claimed, and conflicts name the requirements that cause them."""
 
 import numpy as np
 import pytest
 
 from mirrorball import Camera
-from mirrorball.mirror import Heights, MaxDiameter, MinCurvatureRadius, Optimised, Resolution, Wish, judge, optimise
+from mirrorball.mirror import (
+    Heights,
+    MaxDiameter,
+    MinCurvatureRadius,
+    OptimisationResult,
+    Requirement,
+    Resolution,
+    judge,
+    optimise,
+)
 
 CAMERA = Camera(width_px=480, height_px=480, focal_px=580.0, pinhole_height_m=0.6, outer_radius_px=234.0)
 
 
-def best(*wishes: Wish) -> Optimised:
-    return optimise(wishes, camera=CAMERA, apex_above_pinhole_m=0.17, progress=False)
+def best(*requirements: Requirement) -> OptimisationResult:
+    return optimise(requirements, camera=CAMERA, apex_above_pinhole_m=0.17, progress=False)
 
 
-def radial_px_per_m(found: Optimised, distance_m: float) -> float:
+def radial_px_per_m(found: OptimisationResult, distance_m: float) -> float:
     view = judge(found.mirror, focal_px=580.0, rays_per_part=3000).views[0]
     near = np.isfinite(view.ground_m)
     return float(np.interp(distance_m, view.ground_m[near], view.radial_px_per_m[near]))
 
 
-def test_one_even_band_gets_all_the_image_there_is() -> None:
+def test_single_resolution_band_uses_the_full_image_radius() -> None:
     found = best(Resolution(from_m=0.5, to_m=6.0, px_per_m=15.0))
     assert found.conflicts == ()
     # 234 px over at most 6 m, and nothing is gained by showing the first half metre larger.
@@ -28,7 +37,7 @@ def test_one_even_band_gets_all_the_image_there_is() -> None:
         assert radial_px_per_m(found, distance) >= 15.0 * found.share * 0.99
 
 
-def test_wishes_that_fit_are_all_met_by_the_mirror_as_built() -> None:
+def test_feasible_requirements_are_met_by_the_built_mirror() -> None:
     found = best(
         Resolution(from_m=0.5, to_m=2.0, px_per_m=40.0),
         Resolution(from_m=2.0, to_m=8.0, px_per_m=10.0),
@@ -45,7 +54,7 @@ def test_wishes_that_fit_are_all_met_by_the_mirror_as_built() -> None:
     assert 580.0 * np.ptp(rays.t[seen]) >= 20.0
 
 
-def test_two_bands_that_want_more_pixels_than_there_are_blame_each_other() -> None:
+def test_competing_resolution_bands_are_reported_as_conflict() -> None:
     near = Resolution(from_m=0.5, to_m=2.0, px_per_m=80.0)
     far = Resolution(from_m=2.0, to_m=8.0, px_per_m=20.0)
     wide = MaxDiameter(diameter_m=0.3)
@@ -55,7 +64,7 @@ def test_two_bands_that_want_more_pixels_than_there_are_blame_each_other() -> No
     assert set(found.conflicts) == {near, far}
 
 
-def test_a_small_mirror_is_blamed_when_it_is_what_stands_in_the_way() -> None:
+def test_diameter_limit_is_reported_as_conflict() -> None:
     ground = Resolution(from_m=0.5, to_m=6.0, px_per_m=30.0)
     small = MaxDiameter(diameter_m=0.05)
     soft = MinCurvatureRadius(radius_m=0.001)
@@ -64,13 +73,13 @@ def test_a_small_mirror_is_blamed_when_it_is_what_stands_in_the_way() -> None:
     assert set(found.conflicts) == {ground, small}
 
 
-def test_a_hard_wish_is_kept_at_the_cost_of_the_others() -> None:
+def test_hard_constraint_is_kept_at_the_cost_of_soft_ones() -> None:
     found = best(Resolution(from_m=0.5, to_m=6.0, px_per_m=30.0), MaxDiameter(diameter_m=0.08, hard=True))
     assert 2.0 * found.mirror.radius_m <= 0.08 * 1.001
     assert found.share < 1.0
 
 
-def test_the_part_that_was_found_is_the_map_it_says() -> None:
+def test_optimised_part_realises_its_target_map() -> None:
     found = best(Resolution(from_m=0.5, to_m=6.0, px_per_m=15.0), Heights(at_m=7.0, to_height_m=1.0))
     t = np.linspace(0.02, 0.98, 60) * found.mirror.t_max
     rays = found.mirror.rays(t)
@@ -81,7 +90,7 @@ def test_the_part_that_was_found_is_the_map_it_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wishes", "words"),
+    ("requirements", "words"),
     [
         ([MaxDiameter(diameter_m=0.1)], "nothing says what the mirror should see"),
         ([Resolution(from_m=2.0, to_m=1.0, px_per_m=10.0)], "from_m must be less than to_m"),
@@ -92,6 +101,6 @@ def test_the_part_that_was_found_is_the_map_it_says() -> None:
         ),
     ],
 )
-def test_wishes_that_nothing_can_meet_say_so(wishes: list[Wish], words: str) -> None:
+def test_infeasible_requirements_raise_value_error(requirements: list[Requirement], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        best(*wishes)
+        best(*requirements)

@@ -1,4 +1,4 @@
-"""How good is a design? What it shows of the ground and of objects, how sharply, and how evenly, before it is cut.
+"""Optical analysis of a design: resolution on ground and objects, defocus, astigmatism, blind zones.
 
 Everything is computed in the meridian plane from exact rays; pixels come in through the focal length alone.
 """
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorball.mirror.building import Mirror
-from mirrorball.mirror.law import Array, Mask, Rays
+from mirrorball.mirror.profile_design import Mirror
+from mirrorball.mirror.reflection import Array, Mask, Rays
 from mirrorball.mirror.segment import Segment
 
 BALL_RADIUS_M = 0.11
@@ -69,7 +69,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Sizes:
+class ObjectSizes:
     """Pixels that a thing covers, over its distance."""
 
     distance_m: Array
@@ -84,7 +84,7 @@ class Sizes:
 
 
 @dataclass(frozen=True)
-class Outline:
+class PartMeridian:
     """One part's meridian in the pinhole's frame, evenly spaced in t."""
 
     part: str
@@ -96,18 +96,18 @@ class Outline:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class OpticalAnalysis:
     """Everything the report draws: numbers alone, which can be sent to another process."""
 
     name: str
     pinhole_height_m: float
-    outlines: tuple[Outline, ...]
+    outlines: tuple[PartMeridian, ...]
     """From the axis outwards, black rings included."""
     focal_px: float
     lens: Lens
     reach_m: float
     views: tuple[View, ...]
-    sizes: Sizes
+    sizes: ObjectSizes
     blind_m: tuple[tuple[float, float], ...]
     """Stretches of ground from the axis to the reach that no ray shows."""
     viewpoint_m: float
@@ -131,15 +131,15 @@ class Judgement:
         return blur(view.image_tangential_m), blur(view.image_sagittal_m)
 
 
-def _outline(segment: Segment) -> Outline:
+def _part_meridian(segment: Segment) -> PartMeridian:
     t = np.linspace(segment.t_from, segment.t_to, 20)
     y = segment.height(t)
-    return Outline(part=segment.part, number=segment.number, reflects=segment.reflects, t=t, x_m=t * y, y_m=y)
+    return PartMeridian(part=segment.part, number=segment.number, reflects=segment.reflects, t=t, x_m=t * y, y_m=y)
 
 
 def judge(
     mirror: Mirror, *, focal_px: float, lens: Lens | None = None, reach_m: float = 12.0, rays_per_part: int = 600
-) -> Judgement:
+) -> OpticalAnalysis:
     """Traces the mirror densely and derives what the report shows; `reach_m` is how far the ground matters."""
     for key, value in (("focal_px", focal_px), ("reach_m", reach_m)):
         if not (np.isfinite(value) and value > 0.0):
@@ -152,23 +152,23 @@ def judge(
             edge = (segment.t_to - segment.t_from) * 1e-9
             t = np.linspace(segment.t_from + edge, segment.t_to - edge, rays_per_part)
             traced.append((segment, segment.rays(t, mirror.pinhole_height_m)))
-    viewpoint = _viewpoint([rays for _, rays in traced])
+    viewpoint = _fit_viewpoint([rays for _, rays in traced])
     views = tuple(
-        _view(mirror, rays, focal_px=focal_px, part=segment.part, viewpoint_m=viewpoint,
+        _analyse_part(mirror, rays, focal_px=focal_px, part=segment.part, viewpoint_m=viewpoint,
               curvature=segment.curvature_per_m(rays.t))
         for segment, rays in traced
     )  # fmt: skip
     bend = max(float(np.abs(view.curvature_per_m).max()) for view in views)
-    return Judgement(
+    return OpticalAnalysis(
         name=mirror.name,
         pinhole_height_m=mirror.pinhole_height_m,
-        outlines=tuple(_outline(segment) for segment in mirror.segments),
+        outlines=tuple(_part_meridian(segment) for segment in mirror.segments),
         focal_px=focal_px,
         lens=lens,
         reach_m=reach_m,
         views=views,
-        sizes=_sizes(views, focal_px=focal_px, reach_m=reach_m),
-        blind_m=_blind(views, reach_m=reach_m),
+        sizes=_object_sizes(views, focal_px=focal_px, reach_m=reach_m),
+        blind_m=_blind_zones(views, reach_m=reach_m),
         viewpoint_m=viewpoint,
         focus_m=lens.focus_m if lens.focus_m is not None else _best_focus(views, reach_m=reach_m),
         smallest_curvature_radius_m=1.0 / bend if bend > 0.0 else float("inf"),
@@ -176,8 +176,8 @@ def judge(
     )
 
 
-def _view(mirror: Mirror, rays: Rays, *, focal_px: float, part: str, viewpoint_m: float, curvature: Array) -> View:
-    blocked = _blocked(mirror, rays)
+def _analyse_part(mirror: Mirror, rays: Rays, *, focal_px: float, part: str, viewpoint_m: float, curvature: Array) -> View:
+    blocked = _self_occlusion(mirror, rays)
     ground = np.where(blocked, np.nan, rays.distance_at_m(0.0))
     sin, cos = np.sin(rays.gamma_rad), np.cos(rays.gamma_rad)
     # Cosine law of the meridian: rates along t of the meeting point, the ray and the ground.
@@ -191,7 +191,7 @@ def _view(mirror: Mirror, rays: Rays, *, focal_px: float, part: str, viewpoint_m
         tangential = np.abs(focal_px * rays.t / ground)
         # The envelope of the rays lies where moving t moves the ray along itself only.
         along = -x_rate * (cos + rays.slope * sin) / gamma_rate
-    meridional, sagittal = _virtual_image(rays, curvature, ground)
+    meridional, sagittal = _astigmatic_foci(rays, curvature, ground)
     return View(
         part=part,
         rays=rays,
@@ -208,7 +208,7 @@ def _view(mirror: Mirror, rays: Rays, *, focal_px: float, part: str, viewpoint_m
     )
 
 
-def _virtual_image(rays: Rays, curvature: Array, ground: Array) -> tuple[Array, Array]:
+def _astigmatic_foci(rays: Rays, curvature: Array, ground: Array) -> tuple[Array, Array]:
     """Coddington: 1/s′ = 1/s + 2κ/cos i (meridional), 1/s + 2·cos i·κₛ (sagittal), s′ behind the mirror."""
     incidence = np.cos(np.arctan(rays.t) + np.arctan(rays.slope))
     to_mirror = np.hypot(rays.x_m, rays.y_m)
@@ -231,7 +231,7 @@ def _best_focus(views: tuple[View, ...], *, reach_m: float) -> float:
     return 1.0 / middle if middle > 0.0 else float("inf")
 
 
-def _viewpoint(parts: list[Rays]) -> float:
+def _fit_viewpoint(parts: list[Rays]) -> float:
     """Least squares on the axis: each ray's distance from (0, Y_v) is x·cos γ + (y − Y_v)·sin γ."""
     gamma = np.concatenate([rays.gamma_rad for rays in parts])
     x, y = (np.concatenate([getattr(rays, key) for rays in parts]) for key in ("x_m", "y_m"))
@@ -239,7 +239,7 @@ def _viewpoint(parts: list[Rays]) -> float:
     return float(np.sum(sin * (x * cos + y * sin)) / np.sum(sin**2))
 
 
-def _blocked(mirror: Mirror, rays: Rays) -> Mask:
+def _self_occlusion(mirror: Mirror, rays: Rays) -> Mask:
     """True where a reflected ray would have to pass through the mirror (either side of the axis)."""
     t = np.linspace(0.0, mirror.t_max, 400)
     surface = mirror.rays(t)
@@ -255,7 +255,7 @@ def _blocked(mirror: Mirror, rays: Rays) -> Mask:
     return blocked
 
 
-def _blind(views: tuple[View, ...], *, reach_m: float) -> tuple[tuple[float, float], ...]:
+def _blind_zones(views: tuple[View, ...], *, reach_m: float) -> tuple[tuple[float, float], ...]:
     seen: list[tuple[float, float]] = []
     for view in views:
         ground = view.ground_m
@@ -275,7 +275,7 @@ def _blind(views: tuple[View, ...], *, reach_m: float) -> tuple[tuple[float, flo
     return tuple(blind)
 
 
-def _sizes(views: tuple[View, ...], *, focal_px: float, reach_m: float) -> Sizes:
+def _object_sizes(views: tuple[View, ...], *, focal_px: float, reach_m: float) -> ObjectSizes:
     distance = np.linspace(0.3, reach_m, 150)
     ball, robot = np.zeros_like(distance), np.zeros_like(distance)
     line = np.zeros_like(distance)
@@ -289,18 +289,18 @@ def _sizes(views: tuple[View, ...], *, focal_px: float, reach_m: float) -> Sizes
         off = (distance - rays.x_m[:, None]) * cos - high * sin
         hits = clear & (np.abs(off) <= BALL_RADIUS_M) & (high * cos + (distance - rays.x_m[:, None]) * sin > 0.0)
         ball += (hits * step).sum(axis=0)
-        arc_ball = np.maximum(arc_ball, _arc(hits, rays, distance, BALL_RADIUS_M, focal_px))
+        arc_ball = np.maximum(arc_ball, _tangential_size_px(hits, rays, distance, BALL_RADIUS_M, focal_px))
         near, far = distance - LINE_WIDTH_M / 2.0, distance + LINE_WIDTH_M / 2.0
-        line += focal_px * _slope_between(view, near, far)
+        line += focal_px * _slope_range_between(view, near, far)
         ground = np.where(np.isfinite(view.ground_m), view.ground_m, np.inf)[:, None]
         hits = (ground >= near) & (ground <= far)
-        arc_line = np.maximum(arc_line, _arc(hits, rays, distance, LINE_WIDTH_M / 2.0, focal_px))
+        arc_line = np.maximum(arc_line, _tangential_size_px(hits, rays, distance, LINE_WIDTH_M / 2.0, focal_px))
         with np.errstate(divide="ignore", invalid="ignore"):
             height = rays.y_m[:, None] + rays.pinhole_height_m - (distance - rays.x_m[:, None]) * cos / sin
         hits = clear & (sin > 0.0) & (height >= 0.0) & (height <= ROBOT_HEIGHT_M)
         robot += (hits * step).sum(axis=0)
-        arc_robot = np.maximum(arc_robot, _arc(hits, rays, distance, ROBOT_WIDTH_M / 2.0, focal_px))
-    return Sizes(
+        arc_robot = np.maximum(arc_robot, _tangential_size_px(hits, rays, distance, ROBOT_WIDTH_M / 2.0, focal_px))
+    return ObjectSizes(
         distance_m=distance,
         ball_radial_px=ball,
         ball_tangential_px=arc_ball,
@@ -311,7 +311,7 @@ def _sizes(views: tuple[View, ...], *, focal_px: float, reach_m: float) -> Sizes
     )
 
 
-def _slope_between(view: View, near: Array, far: Array) -> Array:
+def _slope_range_between(view: View, near: Array, far: Array) -> Array:
     """How much of t shows the ground between two distances, linear between neighbouring rays."""
     ground = view.ground_m
     low, high = np.fmin(ground[:-1], ground[1:])[:, None], np.fmax(ground[:-1], ground[1:])[:, None]
@@ -321,7 +321,7 @@ def _slope_between(view: View, near: Array, far: Array) -> Array:
     return np.asarray((share * np.diff(view.rays.t)[:, None]).sum(axis=0))
 
 
-def _arc(hits: Mask, rays: Rays, distance: Array, half_width_m: float, focal_px: float) -> Array:
+def _tangential_size_px(hits: Mask, rays: Rays, distance: Array, half_width_m: float, focal_px: float) -> Array:
     """Pixels across the line of sight, at the middle of the rays that hit."""
     count = hits.sum(axis=0)
     middle = np.divide((hits * rays.t[:, None]).sum(axis=0), count, out=np.zeros_like(distance), where=count > 0)

@@ -1,4 +1,4 @@
-"""What would a robot with this mirror see? One call to the simulator's renderer, and one picture of mirror and view."""
+"""Rendered images of a robot with this mirror, and a figure of profile and image."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorball._core import Camera, Field, Mount, render
-from mirrorball.mirror.building import Mirror
-from mirrorball.mirror.reporting import camera_for
+from mirrorball.mirror.profile_design import Mirror
+from mirrorball.mirror.reporting import fit_camera
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ def view(
 
     Without a camera one whose image the mirror fills; without a field the league's of 18 × 12 m. Black rings stay black.
     """
-    camera = camera or camera_for(mirror)
+    camera = camera or fit_camera(mirror)
     image = render(
         camera=camera,
         profile=mirror.profile(),
@@ -50,11 +50,11 @@ def view(
     return image
 
 
-def portrait(mirror: Mirror, image: NDArray[np.uint8]) -> Figure:
-    """The profile from rim to rim, as the papers draw it, beside what it shows."""
+def plot_profile_and_image(mirror: Mirror, image: NDArray[np.uint8]) -> Figure:
+    """The profile from rim to rim, as the papers draw it, next to the image that it gives."""
     from matplotlib.figure import Figure
 
-    from mirrorball.mirror.figures import COLOURS
+    from mirrorball.mirror.figures import PART_COLOURS
 
     figure = Figure(figsize=(10.5, 4.8), dpi=100)
     left, right = figure.add_axes((0.07, 0.13, 0.42, 0.76)), figure.add_axes((0.54, 0.03, 0.43, 0.90))
@@ -62,7 +62,7 @@ def portrait(mirror: Mirror, image: NDArray[np.uint8]) -> Figure:
     for segment in mirror.segments:
         t = np.linspace(segment.t_from, segment.t_to, 200)
         y = segment.height(t)
-        colour = COLOURS[number % len(COLOURS)] if segment.reflects else "black"
+        colour = PART_COLOURS[number % len(PART_COLOURS)] if segment.reflects else "black"
         number += segment.reflects
         for side in (1.0, -1.0):
             label = segment.part if side > 0.0 else None

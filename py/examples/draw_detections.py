@@ -1,4 +1,4 @@
-"""Draw what the eyes find into a recording's images: `python draw_seen.py samples/stills out/`."""
+"""Draw the detections into a recording's images: `python draw_detections.py samples/stills out/`."""
 
 import argparse
 import csv
@@ -10,10 +10,10 @@ import numpy as np
 import mirrorball
 from mirrorball import vision
 
-POINT, REFUSED, BALL, ROBOT, GOAL = (60, 0, 255), (0, 200, 255), (0, 140, 255), (255, 120, 0), (255, 255, 0)
+POINT, REJECTED, BALL, ROBOT, GOAL = (60, 0, 255), (0, 200, 255), (0, 140, 255), (255, 120, 0), (255, 255, 0)
 
 
-def draw(image: vision.Image, seen: vision.Seen, *, scale: int = 2) -> vision.Image:
+def draw(image: vision.Image, seen: vision.Detections, *, scale: int = 2) -> vision.Image:
     """A larger copy with points, refused runs, ball, robots and goals drawn in."""
     drawn = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
     if drawn.ndim == 2:
@@ -24,7 +24,7 @@ def draw(image: vision.Image, seen: vision.Seen, *, scale: int = 2) -> vision.Im
         return round(scale * (float(row["u_px"]) + 0.5)), round(scale * (float(row["v_px"]) + 0.5))
 
     for row in seen.refused:
-        cv2.circle(drawn, place(row), 1, REFUSED, -1)
+        cv2.circle(drawn, place(row), 1, REJECTED, -1)
     for row in seen.points:
         cv2.circle(drawn, place(row), 2, POINT, -1)
     for rows, colour, name in ((seen.ball, BALL, "ball"), (seen.robots, ROBOT, "robot"), (seen.goals, GOAL, "goal")):
@@ -46,7 +46,7 @@ def main() -> None:
     ground = arguments.map or mirrorball.ground_map(
         camera=camera, profile=mirrorball.Profile.load(arguments.folder / "mirror.csv")
     )
-    eyes = vision.Eyes(map=ground, camera=camera)
+    detector = vision.Vision(map=ground, camera=camera)
     arguments.out.mkdir(parents=True, exist_ok=True)
     with (arguments.folder / "frames.csv").open(newline="") as table:
         names = [row["file"] for row in csv.DictReader(table)]
@@ -54,8 +54,8 @@ def main() -> None:
         image = cv2.imread(str(arguments.folder / name))
         if image is None:
             raise FileNotFoundError(arguments.folder / name)
-        eyes.forget_light()
-        seen = eyes.see(np.asarray(image, dtype=np.uint8))
+        detector.reset_colour_model()
+        seen = detector.process(np.asarray(image, dtype=np.uint8))
         cv2.imwrite(str(arguments.out / f"{Path(name).stem}.png"), draw(np.asarray(image, dtype=np.uint8), seen))
         print(f"{name}: {len(seen.points)} points, {len(seen.ball)} ball, {len(seen.robots)} robots, {len(seen.goals)} goals")
 

@@ -1,9 +1,9 @@
-"""Which mirror fulfils these wishes best, and which of them cannot be had together?
+"""Finds the mirror that satisfies requirements best, and the requirements that exclude each other.
 
 The unknown is how fast the outgoing ray's angle γ grows with the camera slope t; with γ(t) the tangent follows from the law of
-reflection, and the profile from one quadrature. A wish is met to the share m if a resolution reaches m times what was
-wanted, or a diameter 1/m times what was allowed. All wishes share one m, which is made as large as it can be: above 1
-everything is met with that much to spare, below 1 the wishes conflict, and leaving them out one by one finds those that do.
+reflection, and the profile from one quadrature. A requirement's satisfaction m is the ratio of the resolution achieved
+to the one required, or of the permitted diameter to the one achieved. The optimiser maximises one m common to all
+requirements. Above 1 all are satisfied with that margin. Below 1 they conflict, and leaving them out one by one finds which do.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import scipy
 from tqdm import tqdm
 
 from mirrorball._core import Camera
-from mirrorball.mirror.building import Mirror, design
-from mirrorball.mirror.law import Array
 from mirrorball.mirror.parts import Free
+from mirrorball.mirror.profile_design import Mirror, design
+from mirrorball.mirror.reflection import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +39,7 @@ class Resolution:
 
 @dataclass(frozen=True, kw_only=True)
 class Heights:
-    """See from one height to another at a distance, with at least so many pixels between them."""
+    """Visible heights at a distance, with at least `px` pixels between the lowest and the highest."""
 
     at_m: float
     from_height_m: float = 0.0
@@ -76,39 +76,39 @@ class MinCurvatureRadius:
         return f"radius of curvature at least {1e3 * self.radius_m:g} mm"
 
 
-Wish = Resolution | Heights | MaxDiameter | MinCurvatureRadius
+Requirement = Resolution | Heights | MaxDiameter | MinCurvatureRadius
 
 
 @dataclass(frozen=True)
-class Optimised:
-    """The best mirror and what it makes of the wishes."""
+class OptimisationResult:
+    """The best mirror and how it satisfies the requirements."""
 
     mirror: Mirror
     part: Free
     """The one part it is made of: its `target` is the map that was found."""
     share: float
-    """How far every wish is met; at least 1 when all are."""
-    met: tuple[tuple[Wish, float], ...]
-    """Each wish with how far it is met by itself."""
-    conflicts: tuple[Wish, ...]
-    """Wishes that cannot be met together although without any one of them the others can; empty if all are met."""
+    """Smallest satisfaction of all requirements; at least 1 if all are satisfied."""
+    met: tuple[tuple[Requirement, float], ...]
+    """Each requirement with its own satisfaction."""
+    conflicts: tuple[Requirement, ...]
+    """Requirements that cannot be met together although without any one of them the others can; empty if all are met."""
 
 
 KNOTS = 12
 """Of ln dγ/dt; a cubic through them bends as finely as a lathe would follow."""
-GRID = 301
+RAY_COUNT = 301
 """Rays per candidate."""
-HORIZON = 1.565
+MAX_GROUND_ANGLE = 1.565
 """Rays closer to level than a third of a degree see the ground too far away to count, radians."""
-LEAST_FACING = 0.05
+MIN_FACING = 0.05
 """1 − t·Y′ stays above this, so that no ray grazes the mirror."""
-MET = 1.0 - 1e-3
+SATISFIED_RATIO = 1.0 - 1e-3
 """A share this close to 1 counts as met; the optimiser stops no closer."""
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A profile on the grid of camera slopes, with everything the wishes ask about."""
+    """A profile on the grid of camera slopes, with everything the requirements ask about."""
 
     t: Array
     gamma: Array
@@ -127,16 +127,16 @@ class _Candidate:
 
 
 class _Problem:
-    """Wishes as logarithms of shares: one number per place where a wish must hold."""
+    """Requirements as logarithms of shares: one number per place where a requirement must hold."""
 
-    def __init__(self, wishes: Sequence[Wish], *, camera: Camera, pinhole_height_m: float, apex_m: float) -> None:
-        self.wishes = tuple(wishes)
+    def __init__(self, requirements: Sequence[Requirement], *, camera: Camera, pinhole_height_m: float, apex_m: float) -> None:
+        self.requirements = tuple(requirements)
         self.focal_px = camera.focal_px
         half = (min(camera.width_px, camera.height_px) - 1) / 2.0
         self.t_max = (camera.outer_radius_px or half) / camera.focal_px
         self.pinhole_height_m = pinhole_height_m
         self.apex_m = apex_m
-        self.u = np.linspace(0.0, 1.0, GRID)
+        self.u = np.linspace(0.0, 1.0, RAY_COUNT)
         self.last: tuple[bytes, _Candidate] | None = None
         self.basis = np.asarray(scipy.interpolate.CubicSpline(np.linspace(0.0, 1.0, KNOTS), np.eye(KNOTS))(self.u))
 
@@ -144,22 +144,22 @@ class _Problem:
         """Unknowns: ln dγ/du at the knots, then ln of the rim's t."""
         key = unknowns[: KNOTS + 1].tobytes()
         if self.last is None or self.last[0] != key:
-            self.last = key, self._trace(unknowns)
+            self.last = key, self._trace_candidate(unknowns)
         return self.last[1]
 
-    def _trace(self, unknowns: Array) -> _Candidate:
+    def _trace_candidate(self, unknowns: Array) -> _Candidate:
         rim = float(np.exp(unknowns[KNOTS]))
         rate = np.exp(np.clip(self.basis @ unknowns[:KNOTS], -12.0, 12.0))
-        gamma = _integral(rate, 1.0)
+        gamma = _cumulative_trapezoid(rate, 1.0)
         t = rim * self.u
         slope = np.tan(np.clip((gamma - np.arctan(t)) / 2.0, -1.5, 1.5))
         facing = 1.0 - t * slope
-        steep = _integral(slope / np.maximum(facing, 1e-3), rim)
+        steep = _cumulative_trapezoid(slope / np.maximum(facing, 1e-3), rim)
         y = self.apex_m * np.exp(np.clip(steep, -5.0, 5.0))
         alpha_rate = (rate / rim - 1.0 / (1.0 + t**2)) / 2.0
         curvature = alpha_rate * facing / (y * np.hypot(1.0, slope))
         # Beyond the horizon the ground goes on at a great distance, so that it stays a rising function of t.
-        down = np.minimum(gamma, HORIZON)
+        down = np.minimum(gamma, MAX_GROUND_ANGLE)
         drop = y + self.pinhole_height_m
         x_rate = y / np.maximum(facing, 1e-3)
         return _Candidate(
@@ -176,40 +176,44 @@ class _Problem:
 
     def reach(self) -> list[tuple[float, float]]:
         """Points that some ray must see whatever the share."""
-        ground = [(wish.to_m, 0.0) for wish in self.wishes if isinstance(wish, Resolution)]
-        return ground + [(wish.at_m, wish.to_height_m) for wish in self.wishes if isinstance(wish, Heights)]
+        ground = [(requirement.to_m, 0.0) for requirement in self.requirements if isinstance(requirement, Resolution)]
+        return ground + [
+            (requirement.at_m, requirement.to_height_m) for requirement in self.requirements if isinstance(requirement, Heights)
+        ]
 
-    def shares(self, wish: Wish, found: _Candidate) -> Array:
-        """Ln of how far the wish is met, at each place where it must hold."""
-        if isinstance(wish, Resolution):
-            return self._resolution(wish, found)
-        if isinstance(wish, Heights):
-            low, high = (_t_seeing(found, wish.at_m, h) for h in (wish.from_height_m, wish.to_height_m))
-            return np.log(np.maximum([(high - low) * self.focal_px / wish.px], 1e-6))
-        if isinstance(wish, MaxDiameter):
-            return np.log([wish.diameter_m / (2.0 * found.x[-1])])
-        return -np.log(np.maximum(np.abs(found.curvature[::5]) * wish.radius_m, 1e-3))
+    def shares(self, requirement: Requirement, found: _Candidate) -> Array:
+        """Ln of how far the requirement is met, at each place where it must hold."""
+        if isinstance(requirement, Resolution):
+            return self._log_resolution_ratio(requirement, found)
+        if isinstance(requirement, Heights):
+            low, high = (
+                _slope_seeing_point(found, requirement.at_m, h) for h in (requirement.from_height_m, requirement.to_height_m)
+            )
+            return np.log(np.maximum([(high - low) * self.focal_px / requirement.px], 1e-6))
+        if isinstance(requirement, MaxDiameter):
+            return np.log([requirement.diameter_m / (2.0 * found.x[-1])])
+        return -np.log(np.maximum(np.abs(found.curvature[::5]) * requirement.radius_m, 1e-3))
 
-    def _resolution(self, wish: Resolution, found: _Candidate) -> Array:
-        distance = np.geomspace(max(wish.from_m, 1e-3), wish.to_m, 48)
-        if wish.direction == "tangential":
+    def _log_resolution_ratio(self, requirement: Resolution, found: _Candidate) -> Array:
+        distance = np.geomspace(max(requirement.from_m, 1e-3), requirement.to_m, 48)
+        if requirement.direction == "tangential":
             px_per_m = self.focal_px * np.interp(distance, found.ground, found.t) / distance
         else:
             px_per_m = self.focal_px / np.interp(distance, found.ground, found.ground_rate)
-        return np.asarray(np.log(np.maximum(px_per_m / wish.px_per_m, 1e-6)))
+        return np.asarray(np.log(np.maximum(px_per_m / requirement.px_per_m, 1e-6)))
 
     def limits(self, unknowns: Array) -> Array:
-        """What must hold whatever the share: reach, no folding, the lens, hard wishes."""
+        """What must hold whatever the share: reach, no folding, the lens, hard requirements."""
         found = self.candidate(unknowns)
         reach = [found.gamma[-1] - found.gamma_to(*point) for point in self.reach()]
-        facing = (1.0 - found.t * found.slope - LEAST_FACING)[::20]
-        hard = [self.shares(wish, found) for wish in self.wishes if wish.hard]
+        facing = (1.0 - found.t * found.slope - MIN_FACING)[::20]
+        hard = [self.shares(requirement, found) for requirement in self.requirements if requirement.hard]
         return np.concatenate([reach, facing, [np.log(self.t_max) - unknowns[KNOTS]], *hard])
 
     def soft(self, unknowns: Array) -> Array:
-        """Logarithm of the share minus the common one: positive where a wish is met better than that."""
+        """Logarithm of the share minus the common one: positive where a requirement is met better than that."""
         found = self.candidate(unknowns)
-        parts = [self.shares(wish, found) for wish in self.wishes if not wish.hard]
+        parts = [self.shares(requirement, found) for requirement in self.requirements if not requirement.hard]
         return np.asarray(np.concatenate([*parts, np.zeros(0)]) - unknowns[KNOTS + 1])
 
     def holds(self, unknowns: Array) -> Array:
@@ -218,7 +222,7 @@ class _Problem:
 
     def start(self, rim: float) -> Array:
         """An even map of the ground out to the furthest point."""
-        flat = replace(self.candidate(np.append(np.zeros(KNOTS), np.log(rim))), y=np.full(GRID, 1.2 * self.apex_m))
+        flat = replace(self.candidate(np.append(np.zeros(KNOTS), np.log(rim))), y=np.full(RAY_COUNT, 1.2 * self.apex_m))
         end = np.tan(min(max(flat.gamma_to(*point) for point in self.reach()) + 0.02, 1.5))
         u = np.linspace(0.0, 1.0, KNOTS)
         unknowns = np.append(np.log(end / (1.0 + (u * end) ** 2)), [np.log(rim), 0.0])
@@ -227,14 +231,14 @@ class _Problem:
         return unknowns
 
 
-def _integral(rate: Array, length: float) -> Array:
+def _cumulative_trapezoid(rate: Array, length: float) -> Array:
     """From the axis outwards, by trapezoids: the mirror itself is integrated exactly, later."""
-    total = np.zeros(GRID)
+    total = np.zeros(RAY_COUNT)
     np.cumsum(rate[1:] + rate[:-1], out=total[1:])
-    return np.asarray(total * (length / (2 * (GRID - 1))))
+    return np.asarray(total * (length / (2 * (RAY_COUNT - 1))))
 
 
-def _t_seeing(found: _Candidate, distance_m: float, height_m: float) -> float:
+def _slope_seeing_point(found: _Candidate, distance_m: float, height_m: float) -> float:
     """Camera slope of the ray that passes a point; at the rim if none does."""
     wanted = np.arctan2(distance_m - found.x, found.y + found.pinhole_height_m - height_m)
     return float(np.interp(0.0, found.gamma - wanted, found.t))
@@ -245,7 +249,7 @@ def _solve(problem: _Problem, starts: Sequence[Array], *, enough: float = 20.0) 
     smooth = np.diff(np.eye(KNOTS), n=2, axis=0)
 
     def cost(unknowns: Array) -> float:
-        # A touch of smoothness decides what no wish asks about.
+        # A weak smoothness term determines what no requirement constrains.
         return float(-unknowns[-1] + 1e-4 * np.sum((smooth @ unknowns[:KNOTS]) ** 2))
 
     best, broken = np.asarray(starts[0]), np.inf
@@ -260,7 +264,7 @@ def _solve(problem: _Problem, starts: Sequence[Array], *, enough: float = 20.0) 
             options={"maxiter": 150, "ftol": 1e-7},
         )
         found = np.asarray(result.x)
-        # The common share is what the wishes make of it, not what the solver believes.
+        # Recomputed from the requirements: the solver's own variable is within its tolerance of this.
         soft = problem.soft(np.append(found[:-1], 0.0))
         found[-1] = float(soft.min()) if soft.size else 0.0
         harm = float(max(-problem.limits(found).min(), 0.0))
@@ -271,68 +275,71 @@ def _solve(problem: _Problem, starts: Sequence[Array], *, enough: float = 20.0) 
     return best, broken
 
 
-def _can_be_met(problem: _Problem, near: Array) -> bool:
+def _is_feasible(problem: _Problem, near: Array) -> bool:
     found, broken = _solve(problem, [near, problem.start(0.95 * problem.t_max)], enough=1.0)
-    return broken < 1e-4 and bool(found[-1] >= np.log(MET))
+    return broken < 1e-4 and bool(found[-1] >= np.log(SATISFIED_RATIO))
 
 
 def optimise(
-    wishes: Sequence[Wish],
+    requirements: Sequence[Requirement],
     *,
     camera: Camera,
     apex_above_pinhole_m: float,
     name: str = "optimised",
     progress: bool = True,
-) -> Optimised:
-    """Finds the free part that meets the wishes best; the camera gives focal length, pinhole height and the image's edge.
+) -> OptimisationResult:
+    """Finds the free part that satisfies the requirements best.
 
-    Wishes marked `hard` are met whatever it costs the others. ValueError if wishes make no sense, or if the hard ones cannot be
-    had at all.
+    The camera gives focal length, pinhole height and the image's edge. Requirements marked `hard` are constraints.
+    ValueError if requirements are invalid, or if no mirror satisfies the hard ones.
     """
-    _check(wishes)
-    build: Callable[[Sequence[Wish]], _Problem] = lambda kept: _Problem(  # noqa: E731
+    _validate(requirements)
+    build: Callable[[Sequence[Requirement]], _Problem] = lambda kept: _Problem(  # noqa: E731
         kept, camera=camera, pinhole_height_m=camera.pinhole_height_m, apex_m=apex_above_pinhole_m
     )
-    problem = build(wishes)
-    soft = [wish for wish in wishes if not wish.hard]
+    problem = build(requirements)
+    soft = [requirement for requirement in requirements if not requirement.hard]
     with tqdm(total=1 + len(soft), unit="search", disable=not progress, leave=False) as bar:
         starts = [problem.start(share * problem.t_max) for share in (0.95, 0.6)]
         best, broken = _solve(problem, starts)
         bar.update()
         if broken >= 1e-4:
-            told = "; ".join(str(wish) for wish in wishes if wish.hard) or "reaching the furthest wish"
-            raise ValueError(f"no mirror 1 − t·Y′ > {LEAST_FACING} under this lens can have: {told}")
-        conflicts = list(soft) if best[-1] < np.log(MET) else []
-        for wish in list(conflicts):
-            without = build([kept for kept in wishes if kept.hard or (kept in conflicts and kept is not wish)])
+            hard = (
+                "; ".join(str(requirement) for requirement in requirements if requirement.hard)
+                or "reaching the furthest requirement"
+            )
+            raise ValueError(f"no mirror 1 − t·Y′ > {MIN_FACING} under this lens can have: {hard}")
+        conflicts = list(soft) if best[-1] < np.log(SATISFIED_RATIO) else []
+        for requirement in list(conflicts):
+            without = build([kept for kept in requirements if kept.hard or (kept in conflicts and kept is not requirement)])
             bar.update()
-            if without.reach() and not _can_be_met(without, best):
-                conflicts.remove(wish)
+            if without.reach() and not _is_feasible(without, best):
+                conflicts.remove(requirement)
     found = problem.candidate(best)
-    part = Free(target=_target(found, problem.reach()), until_t=float(found.t[-1]), tangent_continuous=True, name=name)
+    part = Free(target=_target_map(found, problem.reach()), until_t=float(found.t[-1]), tangent_continuous=True, name=name)
     mirror = design([part], pinhole_height_m=camera.pinhole_height_m, apex_above_pinhole_m=apex_above_pinhole_m, name=name)
-    met = tuple((wish, float(np.exp(problem.shares(wish, found).min()))) for wish in wishes)
-    return Optimised(
+    met = tuple((requirement, float(np.exp(problem.shares(requirement, found).min()))) for requirement in requirements)
+    return OptimisationResult(
         mirror=mirror, part=part, share=float(np.exp(best[-1])) if soft else 1.0, met=met, conflicts=tuple(conflicts)
     )
 
 
-def _check(wishes: Sequence[Wish]) -> None:
-    if not any(isinstance(wish, Resolution | Heights) for wish in wishes):
-        raise ValueError("wish for a resolution or for heights: nothing says what the mirror should see")
-    for wish in wishes:
-        values = {key: value for key, value in vars(wish).items() if isinstance(value, float | int)}
+def _validate(requirements: Sequence[Requirement]) -> None:
+    if not any(isinstance(requirement, Resolution | Heights) for requirement in requirements):
+        raise ValueError("no requirement of a resolution or of heights: nothing says what the mirror should see")
+    for requirement in requirements:
+        values = {key: value for key, value in vars(requirement).items() if isinstance(value, float | int)}
         wrong = [key for key, value in values.items() if not (np.isfinite(value) and value >= 0.0)]
         if wrong:
-            raise ValueError(f"{wish}: {wrong[0]} = {values[wrong[0]]} must be a number and not negative")
-        if isinstance(wish, Resolution) and not wish.from_m < wish.to_m:
-            raise ValueError(f"{wish}: from_m must be less than to_m")
-        if isinstance(wish, Heights) and not wish.from_height_m < wish.to_height_m:
-            raise ValueError(f"{wish}: from_height_m must be less than to_height_m")
+            raise ValueError(f"{requirement}: {wrong[0]} = {values[wrong[0]]} must be a number and not negative")
+        if isinstance(requirement, Resolution) and not requirement.from_m < requirement.to_m:
+            raise ValueError(f"{requirement}: from_m must be less than to_m")
+        if isinstance(requirement, Heights) and not requirement.from_height_m < requirement.to_height_m:
+            raise ValueError(f"{requirement}: from_height_m must be less than to_height_m")
 
 
-def _target(found: _Candidate, reach: Sequence[tuple[float, float]]) -> Callable[[Array], tuple[Array, Array]]:
-    """T ↦ (distance, height): along the ground to the furthest wish, then up a wall there."""
+def _target_map(found: _Candidate, reach: Sequence[tuple[float, float]]) -> Callable[[Array], tuple[Array, Array]]:
+    """T ↦ (distance, height): along the ground to the furthest requirement, then up a wall there."""
     wall = max(distance for distance, _ in reach)
     foot = np.arctan2(wall - found.x, found.y + found.pinhole_height_m)
     low = found.gamma <= foot
@@ -340,12 +347,12 @@ def _target(found: _Candidate, reach: Sequence[tuple[float, float]]) -> Callable
     # carried some rays past the foot, so that neither spline ends where it is used. The ground's is laid through the
     # angle below the apex, which stays smooth up to the horizon.
     count = int(low.sum())
-    near = slice(0, min(count + 5, GRID))
+    near = slice(0, min(count + 5, RAY_COUNT))
     high = found.y[0] + found.pinhole_height_m
     below = scipy.interpolate.CubicSpline(found.t[near], np.arctan(found.ground / high)[near])
-    if count > GRID - 5:
+    if count > RAY_COUNT - 5:
         return lambda t: (np.asarray(high * np.tan(below(t))), np.zeros_like(t))
-    far = slice(max(count - 5, 1), GRID)
+    far = slice(max(count - 5, 1), RAY_COUNT)
     rise = found.y + found.pinhole_height_m - (wall - found.x) / np.tan(np.maximum(found.gamma, 1e-6))
     height = scipy.interpolate.CubicSpline(found.t[far], rise[far])
     past = (found.gamma - foot)[count - 1 : count + 1]

@@ -1,4 +1,4 @@
-"""What does the workshop get? The profile as CSV and DXF, the body as STL and STEP, each with its deviation stated.
+"""Files for manufacturing: the profile as CSV and DXF, the body as STL and STEP, each with its deviation stated.
 
 CSV is in metres as the robot reads it; drawings and bodies are in millimetres, as workshops read them, with the axis
 vertical and the pinhole at the origin.
@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorball.mirror.building import Mirror
-from mirrorball.mirror.law import Array
+from mirrorball.mirror.profile_design import Mirror
+from mirrorball.mirror.reflection import Array
 
-MM = 1e3
+MM_PER_M = 1e3
 """Millimetres in a metre."""
 
 
@@ -46,17 +46,17 @@ def write_dxf(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7) ->
     from ezdxf import units
 
     path = Path(path)
-    drawing = ezdxf.new("R2010", units=units.MM)
+    drawing = ezdxf.new("R2010", units=units.MM_PER_M)
     space = drawing.modelspace()
     worst = 0.0
     for index, segment in enumerate(mirror.segments, start=1):
-        x, y, off = _chords(mirror, index - 1, deviation_m)
+        x, y, off = _approximate_by_chords(mirror, index - 1, deviation_m)
         worst = max(worst, off)
         layer = f"{index}_{segment.part}".replace(" ", "_")
         drawing.layers.add(layer, color=index)
-        space.add_lwpolyline(np.column_stack([MM * x, MM * y]).tolist(), dxfattribs={"layer": layer})
+        space.add_lwpolyline(np.column_stack([MM_PER_M * x, MM_PER_M * y]).tolist(), dxfattribs={"layer": layer})
     axis = drawing.layers.add("axis", color=8)
-    space.add_line((0.0, 0.0), (0.0, MM * float(y.max()) * 1.1), dxfattribs={"layer": axis.dxf.name})
+    space.add_line((0.0, 0.0), (0.0, MM_PER_M * float(y.max()) * 1.1), dxfattribs={"layer": axis.dxf.name})
     drawing.saveas(path)
     return Export(path, worst)
 
@@ -68,13 +68,13 @@ def write_stl(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-5, ba
     """
     path = Path(path)
     # Half for the chords along the meridian, half for those around the axis.
-    pieces = [_chords(mirror, index, deviation_m / 2.0) for index in range(len(mirror.segments))]
+    pieces = [_approximate_by_chords(mirror, index, deviation_m / 2.0) for index in range(len(mirror.segments))]
     x = np.concatenate([pieces[0][0][:1], *[piece[0][1:] for piece in pieces]])
     y = np.concatenate([pieces[0][1][:1], *[piece[1][1:] for piece in pieces]])
     around = 4 * int(np.ceil(np.pi / np.arccos(1.0 - min(deviation_m / 2.0 / x[-1], 0.5)) / 4.0))
     sag = x[-1] * (1.0 - np.cos(np.pi / around))
     top = float(y.max()) + back_m
-    facets = _turned(np.append(x, [x[-1], 0.0]), np.append(y, [top, top]), around) * MM
+    facets = _revolve(np.append(x, [x[-1], 0.0]), np.append(y, [top, top]), around) * MM_PER_M
     edges = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
     record = np.zeros(len(facets), dtype=[("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("spare", "<u2")])
     record["normal"] = edges / np.linalg.norm(edges, axis=1, keepdims=True)
@@ -84,7 +84,7 @@ def write_stl(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-5, ba
         file.write(np.uint32(len(facets)).tobytes())
         file.write(record.tobytes())
     # Corners are stored as 32-bit numbers.
-    rounding = float(np.spacing(np.float32(MM * max(top, x[-1])))) / MM
+    rounding = float(np.spacing(np.float32(MM_PER_M * max(top, x[-1])))) / MM_PER_M
     return Export(path, float(max(piece[2] for piece in pieces) + sag + rounding))
 
 
@@ -105,7 +105,7 @@ def read_stl(path: str | Path) -> Array:
     if len(raw) != 84 + 50 * count:
         raise ValueError(f"{path}: {len(raw)} bytes are no binary STL")
     record = np.frombuffer(raw, [("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("spare", "<u2")], count, 84)
-    return np.asarray(record["corner"], dtype=np.float64) / MM
+    return np.asarray(record["corner"], dtype=np.float64) / MM_PER_M
 
 
 def read_dxf(path: str | Path) -> list[Array]:
@@ -113,10 +113,10 @@ def read_dxf(path: str | Path) -> list[Array]:
     import ezdxf
 
     space = ezdxf.readfile(path).modelspace()
-    return [np.array(line.get_points("xy")) / MM for line in space.query("LWPOLYLINE")]
+    return [np.array(line.get_points("xy")) / MM_PER_M for line in space.query("LWPOLYLINE")]
 
 
-def _chords(mirror: Mirror, index: int, deviation_m: float) -> tuple[Array, Array, float]:
+def _approximate_by_chords(mirror: Mirror, index: int, deviation_m: float) -> tuple[Array, Array, float]:
     """Points of one segment (above the pinhole) whose chords stay within the deviation, and what they do reach.
 
     A chord of length l leaves its arc by κ·l²/8, so points are spread evenly in ∫√κ ds.
@@ -155,7 +155,7 @@ def _chord_error(height: Callable[[Array], Array], at: Array, x: Array, y: Array
     return 1.005 * worst
 
 
-def _turned(radius: Array, height: Array, around: int) -> Array:
+def _revolve(radius: Array, height: Array, around: int) -> Array:
     """Triangles of the body turned from a meridian that begins and ends on the axis; normals point outwards."""
     angle = np.arange(around + 1) * (2.0 * np.pi / around)
     angle[-1] = 0.0

@@ -1,4 +1,4 @@
-"""Where does a camera ray go after the mirror, and which slope sends it to a wanted point? (MATH.md 1)
+"""The law of reflection in the meridian plane: reflected rays, and the slope that reflects a ray to a point (docs/methods.md).
 
 One meridian plane: the pinhole is the origin, Y points up along the axis, the ground is at Y = −H. A camera ray has the
 slope t = X/Y; all lengths are metres, all arrays of one shape.
@@ -50,10 +50,10 @@ def reflect(*, t: Array, y_m: Array, slope: Array, pinhole_height_m: float) -> R
     return Rays(t=t, x_m=t * y_m, y_m=y_m, slope=slope, gamma_rad=gamma, pinhole_height_m=pinhole_height_m)
 
 
-def slope_towards(*, t: Array, y_m: Array, distance_m: Array, height_m: Array, pinhole_height_m: float) -> Array:
+def slope_to_point(*, t: Array, y_m: Array, distance_m: Array, height_m: Array, pinhole_height_m: float) -> Array:
     """Slope Y′ that sends the ray t from (t·Y, Y) through (distance, height above the ground).
 
-    The design equation of MATH.md 1, with atan2 so that points above the mirror can be wished for too.
+    The design equation of docs/methods.md, with atan2 so that points above the mirror can be targets, too.
     """
     gamma = np.arctan2(distance_m - t * y_m, y_m + pinhole_height_m - height_m)
     return np.asarray(np.tan((gamma - np.arctan(t)) / 2.0))

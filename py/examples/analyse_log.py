@@ -1,7 +1,7 @@
 # %% [markdown]
-# # How did a game go?
+# # Analysis of a game
 # A log of `mirrorball sim SCENARIO --record game.mcap` (or of a robot) as tables, figures and a page.
-# Run it cell by cell in a notebook, or whole: `mirrorball script py/examples/study_a_log.py game.mcap out/game`
+# Run it cell by cell in a notebook, or whole: `mirrorball script py/examples/analyse_log.py game.mcap out/game`
 
 # %%
 from __future__ import annotations

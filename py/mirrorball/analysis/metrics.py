@@ -1,4 +1,4 @@
-"""What do a run's tables come to? Errors in numbers, what was dropped and for how long, and how two runs differ."""
+"""Metrics of a run's tables: errors, drop-outs and their durations, differences between two runs."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-ERRORS = {"position error, cm": ("error_m", 100.0), "heading error, °": ("error_theta_rad", 180.0 / np.pi)}
-TIMES = {"vision, ms": ("see_ms", 1.0), "localisation, ms": ("localize_ms", 1.0)}
-OTHERS = {"line points": ("line_points", 1.0), "normalised error²": ("nees", 1.0)}
+ERROR_METRICS = {"position error, cm": ("error_m", 100.0), "heading error, °": ("error_theta_rad", 180.0 / np.pi)}
+TIME_METRICS = {"vision, ms": ("see_ms", 1.0), "localisation, ms": ("localize_ms", 1.0)}
+OTHER_METRICS = {"line points": ("line_points", 1.0), "normalised error²": ("nees", 1.0)}
 
 
 def summary(cycles: pd.DataFrame) -> pd.DataFrame:
     """Mean, median, 95 % and largest of errors, times and counts; one row each, those unknown left out."""
     rows = {}
-    for name, (column, scale) in (ERRORS | TIMES | OTHERS).items():
+    for name, (column, scale) in (ERROR_METRICS | TIME_METRICS | OTHER_METRICS).items():
         values = scale * cycles[column].abs().dropna()
         if len(values):
             rows[name] = (values.mean(), values.median(), values.quantile(0.95), values.max(), len(values))
@@ -48,13 +48,13 @@ def dropouts(cycles: pd.DataFrame, *, gap_factor: float = 1.5) -> pd.DataFrame:
     if "fault" in cycles:
         broken = cycles[cycles["fault"] != ""]
         rows += [("unusable", stamp, stamp, fault) for stamp, fault in zip(broken["stamp_s"], broken["fault"], strict=True)]
-    for first, last in _stretches((cycles["mode"] == "lost").to_numpy()):
+    for first, last in _true_intervals((cycles["mode"] == "lost").to_numpy()):
         reasons = cycles["reason"].iloc[first : last + 1]
         rows.append(("lost", stamps[first], stamps[last], ", ".join(sorted({reason for reason in reasons if reason}))))
     return pd.DataFrame(sorted(rows, key=lambda row: row[1]), columns=["kind", "start_s", "stop_s", "detail"])
 
 
-def _stretches(mask: Any) -> list[tuple[int, int]]:
+def _true_intervals(mask: Any) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(begin), int(end) - 1) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 

@@ -1,4 +1,4 @@
-//! What does an image show, in Python? OpenCV's arrays in, columns of numbers out; `mirrorball.vision` names them.
+//! Vision in Python: OpenCV's arrays in, columns of numbers out; `mirrorball.vision` names them.
 
 use std::path::PathBuf;
 
@@ -18,15 +18,15 @@ use crate::errors;
 use crate::rays::GroundMap;
 
 /// An image as OpenCV reads it: rows × columns (grey) or rows × columns × 3 (blue, green, red), bytes.
-pub(crate) struct Pixels {
+pub(crate) struct ArrayImage {
     width_px: usize,
     height_px: usize,
     format: PixelFormat,
     bytes: Vec<u8>,
 }
 
-impl Pixels {
-    pub(crate) fn of(array: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<Self> {
+impl ArrayImage {
+    pub(crate) fn from_array(array: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<Self> {
         let (height_px, width_px, format) = match *array.shape() {
             [rows, columns] => (rows, columns, PixelFormat::Grey8),
             [rows, columns, 3] => (rows, columns, PixelFormat::Bgr8),
@@ -36,7 +36,7 @@ impl Pixels {
                 )));
             }
         };
-        Ok(Pixels {
+        Ok(ArrayImage {
             width_px,
             height_px,
             format,
@@ -45,12 +45,12 @@ impl Pixels {
         })
     }
 
-    fn frame(&self) -> ImageView<'_> {
+    fn view(&self) -> ImageView<'_> {
         ImageView::packed(self.width_px, self.height_px, self.format, &self.bytes)
     }
 
     /// Red, green, blue.
-    pub(crate) fn image(&self) -> Image {
+    pub(crate) fn to_rgb_image(&self) -> Image {
         let rgb = match self.format {
             PixelFormat::Grey8 => self.bytes.iter().flat_map(|&level| [level; 3]).collect(),
             _ => {
@@ -67,7 +67,7 @@ impl Pixels {
 }
 
 /// The settings of `[vision]`, as an overlay file has them under that name.
-pub(crate) fn settings(toml: Option<&str>) -> PyResult<VisionConfig> {
+pub(crate) fn parse_vision_config(toml: Option<&str>) -> PyResult<VisionConfig> {
     toml.map_or_else(
         || Ok(VisionConfig::default()),
         |text| toml::from_str(text).map_err(|error| PyValueError::new_err(error.to_string())),
@@ -75,7 +75,7 @@ pub(crate) fn settings(toml: Option<&str>) -> PyResult<VisionConfig> {
 }
 
 /// The camera as given, or as the map shows it.
-pub(crate) fn camera_or_of_map(
+pub(crate) fn camera_or_from_map(
     camera: Option<&Bound<'_, Camera>>,
     map: &vision::GroundMap,
 ) -> PyResult<localize::robot::CameraConfig> {
@@ -86,10 +86,10 @@ pub(crate) fn camera_or_of_map(
     }
 }
 
-/// The eyes of one camera: tables built once, and the colours of the light it is in.
+/// Vision of one camera: tables that are built once, and the colour model of the present light.
 #[pyclass(module = "mirrorball._core")]
-pub(crate) struct Eyes {
-    eyes: vision::Vision,
+pub(crate) struct Vision {
+    vision: vision::Vision,
     /// Different pixels that the scan lines read.
     #[pyo3(get)]
     scan_pixels: usize,
@@ -99,7 +99,7 @@ pub(crate) struct Eyes {
 }
 
 #[pymethods]
-impl Eyes {
+impl Vision {
     #[new]
     #[pyo3(signature = (*, map, camera=None, mask=None, line_width_m=0.125, settings_toml=None))]
     fn new(
@@ -111,46 +111,46 @@ impl Eyes {
         settings_toml: Option<&str>,
     ) -> PyResult<Self> {
         let map = map.get().to_rust(py)?;
-        let camera = camera_or_of_map(camera, &map)?;
-        let config = settings(settings_toml)?;
+        let camera = camera_or_from_map(camera, &map)?;
+        let config = parse_vision_config(settings_toml)?;
         let mask: Option<Vec<bool>> = mask.map(|mask| mask.as_array().iter().copied().collect());
-        let eyes = py
+        let vision = py
             .detach(|| {
                 vision::Vision::with_mask(&map, &camera, mask.as_deref(), line_width_m, config)
             })
             .map_err(|error| errors::vision(&error))?;
-        Ok(Eyes {
-            scan_pixels: eyes.scan_pattern().pixel_count,
-            scan_coverage: eyes.scan_pattern().coverage,
-            eyes,
+        Ok(Vision {
+            scan_pixels: vision.scan_pattern().pixel_count,
+            scan_coverage: vision.scan_pattern().coverage,
+            vision,
         })
     }
 
-    /// Takes classes from a learned table.
-    fn set_colours(&mut self, table: &Bound<'_, ColourTable>) {
-        self.eyes.set_colour_table(table.get().0.clone());
+    /// Takes colour classes from a learned table.
+    fn set_colour_table(&mut self, table: &Bound<'_, ColourTable>) {
+        self.vision.set_colour_table(table.get().0.clone());
     }
 
-    /// Forgets the light, so that the next image is learned from.
-    fn forget_light(&mut self) {
-        self.eyes.reset_colour_model();
+    /// Discards the colour model; the next image gives a new one.
+    fn reset_colour_model(&mut self) {
+        self.vision.reset_colour_model();
     }
 
-    /// Everything that an image shows: a column of numbers or words by name.
-    fn see<'py>(
+    /// Detections in an image: columns of numbers or texts by name.
+    fn process<'py>(
         &mut self,
         py: Python<'py>,
         image: PyReadonlyArrayDyn<'py, u8>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let pixels = Pixels::of(&image)?;
-        let seen = py
-            .detach(|| self.eyes.process(&pixels.frame()))
+        let image = ArrayImage::from_array(&image)?;
+        let detections = py
+            .detach(|| self.vision.process(&image.view()))
             .map_err(|error| errors::vision(&error))?;
-        columns(py, &seen)
+        detection_columns(py, &detections)
     }
 }
 
-fn refusal(reason: RejectionReason) -> &'static str {
+fn rejection_reason_name(reason: RejectionReason) -> &'static str {
     match reason {
         RejectionReason::NoAdjacentCarpet => "no carpet beside",
         RejectionReason::TooNarrow => "too narrow",
@@ -161,7 +161,7 @@ fn refusal(reason: RejectionReason) -> &'static str {
     }
 }
 
-fn column<'py, T>(
+fn f32_column<'py, T>(
     py: Python<'py>,
     rows: &[T],
     value: impl Fn(&T) -> f32,
@@ -172,32 +172,41 @@ fn column<'py, T>(
         .into_pyarray(py)
 }
 
-fn columns<'py>(py: Python<'py>, seen: &Detections) -> PyResult<Bound<'py, PyDict>> {
+fn detection_columns<'py>(
+    py: Python<'py>,
+    detections: &Detections,
+) -> PyResult<Bound<'py, PyDict>> {
     let all = PyDict::new(py);
     let points = PyDict::new(py);
-    let rows = &seen.line_points;
-    points.set_item("x_m", column(py, rows, |row| row.point.at.x))?;
-    points.set_item("y_m", column(py, rows, |row| row.point.at.y))?;
-    points.set_item("std_radial_m", column(py, rows, |row| row.point.std_radial))?;
+    let rows = &detections.line_points;
+    points.set_item("x_m", f32_column(py, rows, |row| row.point.at.x))?;
+    points.set_item("y_m", f32_column(py, rows, |row| row.point.at.y))?;
+    points.set_item(
+        "std_radial_m",
+        f32_column(py, rows, |row| row.point.std_radial),
+    )?;
     points.set_item(
         "std_tangential_m",
-        column(py, rows, |row| row.point.std_tangential),
+        f32_column(py, rows, |row| row.point.std_tangential),
     )?;
-    points.set_item("u_px", column(py, rows, |row| row.position_px[0]))?;
-    points.set_item("v_px", column(py, rows, |row| row.position_px[1]))?;
-    points.set_item("width_m", column(py, rows, |row| row.width))?;
-    points.set_item("contrast", column(py, rows, |row| row.contrast))?;
+    points.set_item("u_px", f32_column(py, rows, |row| row.position_px[0]))?;
+    points.set_item("v_px", f32_column(py, rows, |row| row.position_px[1]))?;
+    points.set_item("width_m", f32_column(py, rows, |row| row.width))?;
+    points.set_item("contrast", f32_column(py, rows, |row| row.contrast))?;
     all.set_item("points", points)?;
     let refused = PyDict::new(py);
-    let rows = &seen.rejected_candidates;
-    refused.set_item("u_px", column(py, rows, |row| row.position_px[0]))?;
-    refused.set_item("v_px", column(py, rows, |row| row.position_px[1]))?;
-    let reasons: Vec<&str> = rows.iter().map(|row| refusal(row.reason)).collect();
+    let rows = &detections.rejected_candidates;
+    refused.set_item("u_px", f32_column(py, rows, |row| row.position_px[0]))?;
+    refused.set_item("v_px", f32_column(py, rows, |row| row.position_px[1]))?;
+    let reasons: Vec<&str> = rows
+        .iter()
+        .map(|row| rejection_reason_name(row.reason))
+        .collect();
     refused.set_item("reason", reasons)?;
     all.set_item("refused", refused)?;
     let ball = PyDict::new(py);
-    let rows = seen.ball.as_slice();
-    place(&ball, py, rows, |row| {
+    let rows = detections.ball.as_slice();
+    set_object_columns(&ball, py, rows, |row| {
         (
             [row.at.x, row.at.y],
             row.covariance,
@@ -207,11 +216,11 @@ fn columns<'py>(py: Python<'py>, seen: &Detections) -> PyResult<Bound<'py, PyDic
     })?;
     let on_ground: Vec<bool> = rows.iter().map(|row| row.on_ground).collect();
     ball.set_item("on_ground", on_ground.into_pyarray(py))?;
-    ball.set_item("pixels", column(py, rows, |row| row.pixels as f32))?;
+    ball.set_item("pixels", f32_column(py, rows, |row| row.pixels as f32))?;
     all.set_item("ball", ball)?;
     let robots = PyDict::new(py);
-    let rows = &seen.robots;
-    place(&robots, py, rows, |row| {
+    let rows = &detections.robots;
+    set_object_columns(&robots, py, rows, |row| {
         (
             [row.at.x, row.at.y],
             row.covariance,
@@ -219,9 +228,9 @@ fn columns<'py>(py: Python<'py>, seen: &Detections) -> PyResult<Bound<'py, PyDic
             row.score,
         )
     })?;
-    robots.set_item("edge_x_m", column(py, rows, |row| row.edge.x))?;
-    robots.set_item("edge_y_m", column(py, rows, |row| row.edge.y))?;
-    robots.set_item("width_m", column(py, rows, |row| row.width))?;
+    robots.set_item("edge_x_m", f32_column(py, rows, |row| row.edge.x))?;
+    robots.set_item("edge_y_m", f32_column(py, rows, |row| row.edge.y))?;
+    robots.set_item("width_m", f32_column(py, rows, |row| row.width))?;
     let markers: Vec<String> = rows
         .iter()
         .map(|row| {
@@ -232,8 +241,8 @@ fn columns<'py>(py: Python<'py>, seen: &Detections) -> PyResult<Bound<'py, PyDic
     robots.set_item("marker", markers)?;
     all.set_item("robots", robots)?;
     let goals = PyDict::new(py);
-    let rows = &seen.goals;
-    place(&goals, py, rows, |row| {
+    let rows = &detections.goals;
+    set_object_columns(&goals, py, rows, |row| {
         (
             [row.at.x, row.at.y],
             row.covariance,
@@ -241,44 +250,47 @@ fn columns<'py>(py: Python<'py>, seen: &Detections) -> PyResult<Bound<'py, PyDic
             row.score,
         )
     })?;
-    goals.set_item("width_m", column(py, rows, |row| row.width))?;
+    goals.set_item("width_m", f32_column(py, rows, |row| row.width))?;
     let kinds: Vec<String> = rows
         .iter()
         .map(|row| format!("{:?}", row.kind).to_lowercase())
         .collect();
     goals.set_item("kind", kinds)?;
     all.set_item("goals", goals)?;
-    all.set_item("carpet_end_m", seen.carpet_end.clone().into_pyarray(py))?;
-    all.set_item("carpet_share", seen.carpet_share)?;
-    let bumpers: Vec<bool> = seen
+    all.set_item(
+        "carpet_end_m",
+        detections.carpet_end.clone().into_pyarray(py),
+    )?;
+    all.set_item("carpet_share", detections.carpet_share)?;
+    let bumpers: Vec<bool> = detections
         .virtual_sensors
         .bumpers
         .iter()
         .map(|bumper| bumper.hit)
         .collect();
     all.set_item("bumpers", bumpers.into_pyarray(py))?;
-    all.set_item("kick", seen.virtual_sensors.kick)?;
-    all.set_item("lens_centred", seen.virtual_sensors.lens_centred)?;
+    all.set_item("kick", detections.virtual_sensors.kick)?;
+    all.set_item("lens_centred", detections.virtual_sensors.lens_centred)?;
     Ok(all)
 }
 
-type Place = ([f32; 2], [f32; 3], [f32; 2], f32);
+type ObjectColumns = ([f32; 2], [f32; 3], [f32; 2], f32);
 
-/// What all objects have: place, covariance, place in the image, score.
-fn place<'py, T>(
+/// Position (m), covariance (m²), image position (px) and score, which all objects have.
+fn set_object_columns<'py, T>(
     columns: &Bound<'py, PyDict>,
     py: Python<'py>,
     rows: &[T],
-    of: impl Fn(&T) -> Place,
+    of: impl Fn(&T) -> ObjectColumns,
 ) -> PyResult<()> {
-    columns.set_item("x_m", column(py, rows, |row| of(row).0[0]))?;
-    columns.set_item("y_m", column(py, rows, |row| of(row).0[1]))?;
-    columns.set_item("cov_xx_m2", column(py, rows, |row| of(row).1[0]))?;
-    columns.set_item("cov_xy_m2", column(py, rows, |row| of(row).1[1]))?;
-    columns.set_item("cov_yy_m2", column(py, rows, |row| of(row).1[2]))?;
-    columns.set_item("u_px", column(py, rows, |row| of(row).2[0]))?;
-    columns.set_item("v_px", column(py, rows, |row| of(row).2[1]))?;
-    columns.set_item("score", column(py, rows, |row| of(row).3))
+    columns.set_item("x_m", f32_column(py, rows, |row| of(row).0[0]))?;
+    columns.set_item("y_m", f32_column(py, rows, |row| of(row).0[1]))?;
+    columns.set_item("cov_xx_m2", f32_column(py, rows, |row| of(row).1[0]))?;
+    columns.set_item("cov_xy_m2", f32_column(py, rows, |row| of(row).1[1]))?;
+    columns.set_item("cov_yy_m2", f32_column(py, rows, |row| of(row).1[2]))?;
+    columns.set_item("u_px", f32_column(py, rows, |row| of(row).2[0]))?;
+    columns.set_item("v_px", f32_column(py, rows, |row| of(row).2[1]))?;
+    columns.set_item("score", f32_column(py, rows, |row| of(row).3))
 }
 
 /// A class for every colour.
@@ -318,7 +330,7 @@ impl ColourTable {
         py: Python<'py>,
         image: PyReadonlyArrayDyn<'py, u8>,
     ) -> PyResult<Bound<'py, PyArray2<u8>>> {
-        let image = Pixels::of(&image)?.image();
+        let image = ArrayImage::from_array(&image)?.to_rgb_image();
         let classes: Vec<u8> = py.detach(|| {
             let pixels = image.rgb.chunks_exact(3);
             pixels

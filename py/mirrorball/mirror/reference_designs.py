@@ -1,4 +1,4 @@
-"""Which mirrors have been built before? Designs to begin with, or to compare with."""
+"""Published mirrors, as starting points and for comparison."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import scipy
 
-from mirrorball.mirror.building import Mirror, design
-from mirrorball.mirror.law import Array
 from mirrorball.mirror.parts import (
     Cone,
     ConstantCurvature,
@@ -19,6 +17,8 @@ from mirrorball.mirror.parts import (
     Sphere,
     VerticallyIsometric,
 )
+from mirrorball.mirror.profile_design import Mirror, design
+from mirrorball.mirror.reflection import Array
 
 
 def lima2001() -> Mirror:
@@ -95,7 +95,7 @@ def minho_like(*, reach_m: float = 9.0, even_to_m: float = 1.5) -> Mirror:
     )
 
 
-READYMADE: dict[str, Callable[[], Mirror]] = {
+REFERENCE_DESIGNS: dict[str, Callable[[], Mirror]] = {
     "lima2001": lima2001,
     "sphere_cone_1999": sphere_cone_1999,
     "nubot2013": nubot2013,
