@@ -6,7 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::HwError;
 
-/// A hardware file; every table may be left out.
+/// Longest validity of a motion command, seconds: without a new one the wheels stop.
+pub const COMMAND_VALIDITY_MAX: f64 = 0.1;
+
+/// A hardware file; every table is optional.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HardwareConfig {

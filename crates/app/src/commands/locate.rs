@@ -1,4 +1,4 @@
-//! `mirrorball locate`: where was the robot in each frame of a recording folder?
+//! `mirrorball locate`: where was the robot in each image of a recording folder?
 
 use std::path::PathBuf;
 
@@ -17,19 +17,19 @@ use pipeline::score::detections::{DetectionStatistics, DetectionSummary, GroundT
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
 
-/// Find the robot in every frame of a recording folder.
+/// Locate the robot in every image of a recording folder.
 ///
-/// The folder holds robot.toml, frames.csv (or points.csv with line points of another vision) and, if there are any,
+/// The folder contains robot.toml, frames.csv (or points.csv with line points of other vision software) and optionally
 /// odometry.csv, compass.csv and truth.csv. Writes poses.csv into it.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball locate samples/sequence --out poses.csv --json")]
 pub struct Args {
     /// The recording folder.
     dir: PathBuf,
-    /// Measure with this calibrated map (npz) in place of the robot's own.
+    /// Use this calibrated ground map (npz) instead of the robot's own.
     #[arg(long, value_name = "MAP.npz")]
     map: Option<PathBuf>,
-    /// Where the poses go [default: DIR/poses.csv].
+    /// File for the poses [default: DIR/poses.csv].
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Also write every line point: stamp_s,x_m,y_m in the robot frame.
@@ -38,10 +38,10 @@ pub struct Args {
     /// Also write ball, robots and goals: stamp_s,kind,x_m,y_m,std_m,score in the robot frame.
     #[arg(long, value_name = "FILE")]
     seen: Option<PathBuf>,
-    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
-    /// Change settings of vision and localisation by a TOML overlay.
+    /// Override settings of vision and localization by a TOML file.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
 }
@@ -51,18 +51,18 @@ pub struct Args {
 struct Outcome {
     #[serde(flatten)]
     summary: Summary,
-    /// Different pixels that the scan lines read, and their share of the image.
+    /// Number of distinct pixels on the scan lines.
     #[serde(skip_serializing_if = "Option::is_none")]
     scan_pixels: Option<usize>,
-    /// See `scan_pixels`.
+    /// Their share of the image.
     #[serde(skip_serializing_if = "Option::is_none")]
     scan_share: Option<f32>,
-    /// What the eyes found of what is known to be there.
+    /// Detection rates, if the objects of the recording are known.
     #[serde(skip_serializing_if = "Option::is_none")]
     eyes: Option<DetectionSummary>,
 }
 
-/// Standard deviation taken for line points of another vision, which come without one, metres.
+/// Standard deviation of line points of other vision software, which come without one, metres.
 pub const EXTERNAL_POINT_STD: f32 = 0.04;
 
 /// Runs the command.
@@ -99,7 +99,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(fault) = &cycle.fault {
             bar.suspend(|| {
                 eprintln!(
-                    "frame at {} s skipped: {fault}",
+                    "image at {} s skipped: {fault}",
                     format_seconds(cycle.stamp)
                 )
             });
@@ -152,7 +152,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     }
     ensure!(
         summary.unreadable < summary.frames,
-        "{}: no frame could be used",
+        "{}: no usable image",
         args.dir.display()
     );
     Ok(())

@@ -1,4 +1,4 @@
-//! `mirrorball sim`: run a scenario as fast as it goes, and see how well the robot knew its place.
+//! `mirrorball sim`: run a scenario as fast as possible and score the localization.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -29,7 +29,7 @@ use pipeline::score;
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::simulation::{Simulation, load_scenario_with_overrides};
 
-/// Run a scenario headless, as fast as it goes.
+/// Run a scenario headless, as fast as possible.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball sim config/scenarios/game_18x12.toml --seed 7 --record game.mcap"
@@ -37,56 +37,56 @@ use pipeline::simulation::{Simulation, load_scenario_with_overrides};
 pub struct Args {
     /// The scenario (TOML).
     scenario: PathBuf,
-    /// In place of the scenario's seed; the same seed gives the same run, bit for bit.
+    /// Seed; overrides the scenario's. Equal seeds give bit-identical runs.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Seconds to simulate, in place of the scenario's.
+    /// Seconds to simulate; overrides the scenario's.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Record everything into a log (MCAP).
     #[arg(long, value_name = "LOG")]
     record: Option<PathBuf>,
-    /// How the log keeps images; only exact ones let `replay --verify` compute vision again.
+    /// Image format of the log; only lossless images let `replay --verify` compute vision again.
     #[arg(long, value_parser = arguments::image_mode(), default_value = ImageCompression::default().name(), requires = "record")]
     images: ImageCompression,
-    /// Write the estimated poses (as `locate` does).
+    /// Write the estimated poses in the format of `locate`.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     /// Write the true poses: stamp_s,x_m,y_m,theta_rad.
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
-    /// In place of a simulated robot its hardware: serial lines and a camera socket in this folder, in real time, with
-    /// the robot.toml and hardware.toml that `run --robot DIR` plays with. The wheels obey the base board.
+    /// Simulate the robot's devices in this folder, in real time: serial ports and a camera socket, with the robot.toml
+    /// and hardware.toml for `run --robot DIR`. The wheels follow the commands to the base board.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["record", "out", "config", "preset", "set", "set_config"])]
     hardware: Option<PathBuf>,
-    /// What of the hardware fails, and when (TOML).
+    /// Fault plan of the hardware (TOML).
     #[arg(long, value_name = "FILE.toml", requires = "hardware")]
     faults: Option<PathBuf>,
-    /// The scenario's path moves the robot, whatever the base board is told.
+    /// The scenario's path moves the robot instead of the commands to the base board.
     #[arg(long, requires = "hardware")]
     own_path: bool,
-    /// How the virtual base is spoken to: our board's protocol, or a VESC for each wheel by UART or by an slcan adapter.
+    /// Bus of the virtual base: our board's protocol, or a VESC for each wheel by UART or by an slcan adapter.
     #[arg(long, value_name = "BUS", value_parser = ["board", "vesc-uart", "vesc-slcan"], default_value = "board", requires = "hardware")]
     base: String,
-    /// Format of the virtual camera's images.
+    /// Pixel format of the virtual camera.
     #[arg(long, value_name = "FORMAT", value_parser = ["RGB3", "YUYV"], default_value = "RGB3", requires = "hardware")]
     format: String,
-    /// Images per second of the virtual camera, in place of the scenario's.
+    /// Images per second of the virtual camera; overrides the scenario's.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u16).range(1..=1000), requires = "hardware")]
     rate: Option<u16>,
-    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
-    /// Change settings of vision and localisation by a TOML overlay.
+    /// Override settings of vision and localization by a TOML file.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Change a value of the scenario, as path.speed=2.0; may be given several times.
+    /// Override a value of the scenario, as path.speed=2.0; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Change a setting, as localize.matching.steps_max=20; may be given several times.
+    /// Override a setting, as localize.matching.steps_max=20; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set_config: Vec<String>,
-    /// Show it in a window, at most in real time; closing the window changes nothing.
+    /// Show the run in a window, at most in real time; closing the window does not end the run.
     #[cfg(feature = "view")]
     #[arg(long)]
     view: bool,
@@ -102,7 +102,7 @@ struct Outcome {
     summary: Summary,
 }
 
-/// What `--json` prints of several robots.
+/// What `--json` prints for several robots.
 #[derive(Serialize)]
 struct MultiRobotOutcome {
     seed: u64,
@@ -111,11 +111,11 @@ struct MultiRobotOutcome {
     robots: Vec<multi_robot::RobotSummary>,
 }
 
-/// Several of our robots, each with its whole stack.
+/// Simulates several robots of ours, each with its own pipeline.
 fn run_multi_robot(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
     ensure!(
         args.out.is_none() && args.truth.is_none(),
-        "--out and --truth are of one robot, and {} has several: record them",
+        "--out and --truth need a scenario with one robot: {} has several. Use --record",
         args.scenario.display()
     );
     let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
@@ -126,10 +126,11 @@ fn run_multi_robot(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
         ..LogConfig::default()
     };
     let record = args.record.as_deref().map(|log| (log, &log_config));
-    let squad = MultiRobotSimulation::new((&args.scenario, scenario), &config, duration, record)?;
-    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
+    let simulation =
+        MultiRobotSimulation::new((&args.scenario, scenario), &config, duration, record)?;
+    let bar = crate::progress::bar((duration * 1e3) as u64, "ms simulated");
     let started = Instant::now();
-    let robots = squad.run(|seconds| bar.set_position((seconds * 1e3) as u64))?;
+    let robots = simulation.run(|seconds| bar.set_position((seconds * 1e3) as u64))?;
     bar.finish_and_clear();
     let times_real_time = duration / started.elapsed().as_secs_f64();
     let seed = scenario.seed;
@@ -143,12 +144,12 @@ fn run_multi_robot(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
         println!("{}", serde_json::to_string(&outcome)?);
     } else {
         multi_robot::print(&robots);
-        println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+        println!("{duration:.0} s simulated, seed {seed}, {times_real_time:.1} times real time");
     }
     Ok(())
 }
 
-/// Plays the hardware; without --duration until a signal.
+/// Runs the virtual hardware; without --duration until a signal.
 fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
     let (mut scenario, robot) = Scenario::load(&args.scenario)?;
     scenario.seed = args.seed.unwrap_or(scenario.seed);
@@ -192,11 +193,11 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
         let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
         let name = format!("sim {}", args.scenario.display());
-        // The last moment stays to be looked at.
+        // The window stays open at the last cycle.
         return view::run_with_window(&name, (setup, config), AfterRun::KeepOpen, |feed| {
             let started = Instant::now();
             play(args, json, |cycle| {
-                // A person watches at the pace of the world.
+                // The window shows the run in real time at most.
                 let ahead = cycle.stamp.seconds() - started.elapsed().as_secs_f64();
                 std::thread::sleep(Duration::from_secs_f64(ahead.clamp(0.0, 1.0)));
                 feed.publish(cycle);
@@ -206,7 +207,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     play(args, json, |_| {})
 }
 
-/// Runs the scenario; `watch` sees every cycle.
+/// Runs the scenario; `watch` gets every cycle.
 fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<()> {
     let changes = overrides::parse_overrides(&args.set)?;
     let (scenario, _) = load_scenario_with_overrides(&args.scenario, &changes, args.seed)?;
@@ -235,7 +236,7 @@ fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<(
     let start = |path| start_log(path, &source, Some(seed), (&setup, &config), &log_config);
     let mut recorder = args.record.as_deref().map(start).transpose()?;
     let mut tally = RunStatistics::default();
-    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
+    let bar = crate::progress::bar((duration * 1e3) as u64, "ms simulated");
     let started = Instant::now();
     simulation.run(&mut spine, |cycle| {
         let cycle = Arc::new(cycle);
@@ -256,7 +257,7 @@ fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<(
         Ok(interrupt::flow())
     })?;
     bar.finish_and_clear();
-    // A log of half a run is a whole log; half a table is none.
+    // An interrupted run leaves its log, but no incomplete table.
     recorder.map(Recorder::finish).transpose()?;
     interrupt::check()?;
     outputs.finish()?;
@@ -273,7 +274,7 @@ fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<(
         println!("{}", serde_json::to_string(&outcome)?);
     } else {
         summary.print();
-        println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+        println!("{duration:.0} s simulated, seed {seed}, {times_real_time:.1} times real time");
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Where do results go? One CSV per part, results.json for the page, a table for the terminal.
+//! Where are results written? One CSV per part, results.json for the page, a table for the terminal.
 
 use std::path::{Path, PathBuf};
 
@@ -8,14 +8,14 @@ use serde::Serialize;
 use super::metric::Metric;
 use pipeline::csv_table::CsvWriter;
 
-/// The rows of one part, written when the first comes.
+/// The CSV file of one part, created with its header.
 pub struct CsvRows {
     path: PathBuf,
     file: Option<CsvWriter>,
 }
 
 impl CsvRows {
-    /// Will be written to `path`.
+    /// A file at `path` that does not exist yet.
     pub fn new(path: PathBuf) -> Self {
         CsvRows { path, file: None }
     }
@@ -34,18 +34,18 @@ impl CsvRows {
             .write_row(row)
     }
 
-    /// Gives the file its name.
+    /// Completes the file.
     pub fn finish(self) -> Result<()> {
         self.file.map_or(Ok(()), CsvWriter::finish)
     }
 }
 
-/// A text as one field of a CSV, whatever is in it.
+/// A text as one quoted CSV field.
 pub fn csv_quote(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }
 
-/// What the page is made of.
+/// Content of results.json.
 #[derive(Debug, Serialize)]
 pub struct EvalResults {
     /// The experiment's name.
@@ -54,13 +54,13 @@ pub struct EvalResults {
     pub title: String,
     /// The paper.
     pub source: String,
-    /// In what it differs.
+    /// Differences from the paper's experiment.
     pub differs: Vec<String>,
     /// Version of this program.
     pub version: &'static str,
     /// Processor.
     pub machine: String,
-    /// First seed and one behind the last.
+    /// First seed, and the last plus one.
     pub seeds: [u64; 2],
     /// The parts.
     pub parts: Vec<PartResults>,
@@ -73,9 +73,9 @@ pub struct PartResults {
     pub name: String,
     /// Its heading.
     pub title: String,
-    /// What was run, which decides the drawing.
+    /// Kind of the part, by which the page draws it.
     pub kind: &'static str,
-    /// Its rows, beside results.json.
+    /// Name of its CSV file in the folder of results.json.
     pub rows: String,
     /// Its figures.
     pub figures: Vec<Metric>,
@@ -115,7 +115,7 @@ impl EvalResults {
         table.finish()
     }
 
-    /// Prints every figure beside the paper's.
+    /// Prints every figure next to the paper's.
     pub fn print(&self) {
         println!("{}", self.title);
         for part in &self.parts {
@@ -129,9 +129,9 @@ impl EvalResults {
             }
         }
         if !self.differs.is_empty() {
-            println!("\nNot as in the paper:");
-            for one in &self.differs {
-                println!("- {one}");
+            println!("\nDifferences from the paper:");
+            for difference in &self.differs {
+                println!("- {difference}");
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Where was the robot, and where did it think it was? The field from above with paths, as a picture.
+//! Where was the robot, and where was it estimated? The field from above with paths, as a picture.
 
 use localize::field::{Field, GoalColour, Marking};
 use localize::frames::{At, FieldFrame};
@@ -39,7 +39,7 @@ pub mod ink {
     pub fn estimate() -> Color {
         Color::from_rgba8(255, 176, 0, 255)
     }
-    /// Found anew by a global search.
+    /// Pose found by the global search.
     pub fn global() -> Color {
         Color::from_rgba8(80, 200, 255, 255)
     }
@@ -53,7 +53,7 @@ impl FieldDrawing {
     /// Draws the empty field to a width in pixels.
     pub fn new(field: &Field, width_px: u32) -> Option<Self> {
         let (half_x, half_y) = field.carpet_half_extent();
-        // A rim of floor around the carpet, so that goals and robots beyond it show.
+        // A margin of floor around the carpet, so that goals and robots outside it are visible.
         let half_extent = (half_x + 0.6, half_y + 0.6);
         let scale = width_px as f32 / (2.0 * half_extent.0);
         let height_px = (2.0 * half_extent.1 * scale).ceil() as u32;
@@ -223,12 +223,12 @@ fn paint(colour: Color) -> Paint<'static> {
     paint
 }
 
-/// Rows of a letter, bit 0 leftmost; none outside ASCII.
+/// Rows of a letter, bit 0 leftmost. None outside ASCII.
 fn glyph(letter: char) -> Option<[u8; 8]> {
     font8x8::legacy::BASIC_LEGACY.get(letter as usize).copied()
 }
 
-/// Two pictures side by side, the lower one centred on black.
+/// Two pictures side by side, the smaller one centred vertically on black.
 pub fn side_by_side(left: &Image, right: &Image) -> Image {
     let width_px = left.width_px + right.width_px;
     let height_px = left.height_px.max(right.height_px);

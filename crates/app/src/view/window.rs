@@ -29,8 +29,6 @@ const STORAGE_KEY: &str = "view";
 const SIZE: [f32; 2] = [1280.0, 800.0];
 /// How far the view's threads step back: half as much processor time as `nice` gives at most.
 const NICE: i32 = 10;
-/// Freed memory that is kept for the next frame, bytes: what textures, meshes and a software renderer need for a few.
-const KEPT_BYTES: i32 = 64 << 20;
 /// A picture is taken after so many frames with a cycle: layers are painted by then.
 const SCREENSHOT_DELAY_FRAMES: u32 = 12;
 
@@ -73,7 +71,7 @@ pub(crate) fn run_window(session: Session, wishes: WindowOptions) -> Result<Outc
     rayon::broadcast(|_| ());
     // Where it cannot step back (a stricter system), the view merely runs beside the others.
     let _ = rustix::process::setpriority_process(None, NICE);
-    hw::realtime::retain_freed_memory(KEPT_BYTES);
+    crate::memory::retain_freed_memory(crate::memory::WINDOW_RETAINED_BYTES);
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title(format!("Mirrorball: {}", session.title))
