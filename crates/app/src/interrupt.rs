@@ -10,7 +10,7 @@ static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
 const EXIT_CODE_SIGINT: i32 = 130;
 
 /// Installs the signal handler for `stop_requested`. The second signal ends the process at once.
-pub fn install_handler() -> Result<()> {
+pub(crate) fn install_handler() -> Result<()> {
     ctrlc::set_handler(|| {
         if STOP_REQUESTED.swap(true, Ordering::Relaxed) {
             std::process::exit(EXIT_CODE_SIGINT);
@@ -20,12 +20,12 @@ pub fn install_handler() -> Result<()> {
 }
 
 /// True once a signal has arrived.
-pub fn stop_requested() -> bool {
+pub(crate) fn stop_requested() -> bool {
     STOP_REQUESTED.load(Ordering::Relaxed)
 }
 
 /// Breaks a loop once a signal has arrived.
-pub fn flow() -> ControlFlow<()> {
+pub(crate) fn flow() -> ControlFlow<()> {
     if stop_requested() {
         ControlFlow::Break(())
     } else {
@@ -34,7 +34,7 @@ pub fn flow() -> ControlFlow<()> {
 }
 
 /// An error once a signal has arrived. Unfinished files are removed on drop.
-pub fn check() -> Result<()> {
+pub(crate) fn check() -> Result<()> {
     if stop_requested() {
         bail!("interrupted");
     }

@@ -8,7 +8,7 @@ use pipeline::log::ImageCompression;
 
 /// Invalid arguments.
 #[derive(Debug)]
-pub struct UsageError(pub String);
+pub(crate) struct UsageError(pub String);
 
 impl std::fmt::Display for UsageError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -22,7 +22,7 @@ impl std::error::Error for UsageError {}
 const DURATION_MAX: f64 = 2_678_400.0;
 
 /// Parses a duration in seconds.
-pub fn parse_duration(text: &str) -> Result<f64, String> {
+pub(crate) fn parse_duration(text: &str) -> Result<f64, String> {
     let seconds: f64 = text
         .parse()
         .map_err(|error: std::num::ParseFloatError| error.to_string())?;
@@ -36,13 +36,13 @@ pub fn parse_duration(text: &str) -> Result<f64, String> {
 }
 
 /// Parser for the image format of a log.
-pub fn image_mode() -> impl TypedValueParser<Value = ImageCompression> {
+pub(crate) fn image_mode() -> impl TypedValueParser<Value = ImageCompression> {
     PossibleValuesParser::new(ImageCompression::ALL.map(ImageCompression::name))
         .map(|name| ImageCompression::from_name(&name).unwrap_or_default())
 }
 
 /// Rejects equal output paths: the second output would overwrite the first.
-pub fn ensure_distinct_outputs<'a>(
+pub(crate) fn ensure_distinct_outputs<'a>(
     outputs: impl IntoIterator<Item = Option<&'a Path>>,
 ) -> Result<()> {
     let mut distinct: Vec<&Path> = Vec::new();

@@ -30,7 +30,7 @@ use pipeline::simulation::Simulation;
 /// the detections.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball demo --seed 3 --out out/demo")]
-pub struct Args {
+pub(crate) struct Args {
     /// Seed; overrides the scenario's.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -55,7 +55,7 @@ struct Outcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let scenario = paths::find_resource("config/scenarios/demo.toml")?;
     let sample = paths::find_resource("samples/sequence")?;
     std::fs::create_dir_all(&args.out)

@@ -23,7 +23,7 @@ use pipeline::setup::Setup;
 /// odometry.csv, compass.csv and truth.csv. Writes poses.csv into it.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball locate samples/sequence --out poses.csv --json")]
-pub struct Args {
+pub(crate) struct Args {
     /// The recording folder.
     dir: PathBuf,
     /// Use this calibrated ground map (npz) instead of the robot's own.
@@ -63,10 +63,10 @@ struct Outcome {
 }
 
 /// Standard deviation of line points of other vision software, which come without one, metres.
-pub const EXTERNAL_POINT_STD: f32 = 0.04;
+pub(crate) const EXTERNAL_POINT_STD: f32 = 0.04;
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     if !args.dir.is_dir() {
         return Err(UsageError(format!("{} is not a folder", args.dir.display())).into());
     }

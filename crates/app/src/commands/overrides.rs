@@ -6,7 +6,7 @@ use crate::commands::arguments::UsageError;
 use pipeline::cycle::merge_tables;
 
 /// The table of `KEY=VALUE` arguments: dotted keys, values in TOML (a bare word is a string).
-pub fn parse_overrides(assignments: &[String]) -> Result<toml::Table> {
+pub(crate) fn parse_overrides(assignments: &[String]) -> Result<toml::Table> {
     let mut table = toml::Table::new();
     for assignment in assignments {
         let single = parse_assignment(assignment).with_context(|| {

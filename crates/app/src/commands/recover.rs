@@ -10,7 +10,7 @@ use pipeline::log;
 /// Make a complete log, with index and summary, from a truncated or damaged one.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball recover game.mcap --out game-whole.mcap")]
-pub struct Args {
+pub(crate) struct Args {
     /// The log.
     log: PathBuf,
     /// The recovered log.
@@ -28,7 +28,7 @@ struct Outcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let recovered = log::recover(&args.log, &args.out)?;
     if recovered.messages == 0 {
         std::fs::remove_file(&args.out)

@@ -14,7 +14,7 @@ use pipeline::setup::Setup;
 #[command(
     after_help = "Example: mirrorball replay game.mcap --verify\n         mirrorball replay game.mcap --export game/"
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// The log.
     log: PathBuf,
     /// Compute every estimate again and compare it bit by bit (the default).
@@ -56,7 +56,7 @@ struct ExportOutcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     #[cfg(feature = "view")]
     if args.view {
         return crate::view::show_recomputed(&args.log);

@@ -34,7 +34,7 @@ use pipeline::simulation::{Simulation, load_scenario_with_overrides};
 #[command(
     after_help = "Example: mirrorball sim config/scenarios/game_18x12.toml --seed 7 --record game.mcap"
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// The scenario (TOML).
     scenario: PathBuf,
     /// Seed; overrides the scenario's. Equal seeds give bit-identical runs.
@@ -175,7 +175,7 @@ fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     arguments::ensure_distinct_outputs([
         args.record.as_deref(),
         args.out.as_deref(),

@@ -27,7 +27,7 @@ const SEGMENT_S: f64 = 5.0;
 
 /// One frame of a drive.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FrameResult {
+pub(crate) struct FrameResult {
     /// Seconds after the start.
     pub stamp_s: f64,
     /// True x, y (metres) and heading (radians).
@@ -69,7 +69,7 @@ fn run_drive(variant: &Variant, preset: &str, seed: u64) -> Result<DriveRun> {
 }
 
 /// The result of a cycle. None if its truth is unknown.
-pub fn frame_result(cycle: &Cycle) -> Option<FrameResult> {
+pub(crate) fn frame_result(cycle: &Cycle) -> Option<FrameResult> {
     let truth = cycle.inputs.truth.as_ref()?.pose;
     let estimate = &cycle.estimate;
     let covariance = &estimate.covariance;
@@ -86,7 +86,7 @@ pub fn frame_result(cycle: &Cycle) -> Option<FrameResult> {
 
 impl FrameResult {
     /// Error in x, y (metres) and heading (radians, wrapped). None while lost.
-    pub fn pose_error(&self) -> Option<[f32; 3]> {
+    pub(crate) fn pose_error(&self) -> Option<[f32; 3]> {
         let pose = self.pose?;
         Some([
             pose[0] - self.truth[0],
@@ -170,7 +170,7 @@ fn score_drive(run: &DriveRun, settle: f64) -> DriveScore {
 }
 
 /// Runs the drives; writes a CSV row for each frame and returns the metrics.
-pub fn run(
+pub(crate) fn run(
     drives: &Drives,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,

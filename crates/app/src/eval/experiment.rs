@@ -13,7 +13,7 @@ use super::metric::PaperReference;
 /// An experiment file. Paths are relative to it.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Experiment {
+pub(crate) struct Experiment {
     /// Heading of its page.
     pub title: String,
     /// The paper that it reproduces.
@@ -36,7 +36,7 @@ fn default_seeds() -> u64 {
 /// One table and drawing of the page.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Part {
+pub(crate) struct Part {
     /// Name of its files.
     pub name: String,
     /// Heading.
@@ -51,7 +51,7 @@ pub struct Part {
 /// What a part runs.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum PartRun {
+pub(crate) enum PartRun {
     /// Simulated drives, rendered images included.
     Drives(Drives),
     /// Single images at known poses, each located without history.
@@ -77,7 +77,7 @@ pub enum PartRun {
 /// Images for the detection rates.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct VisionRuns {
+pub(crate) struct VisionRuns {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Recording folders with truth.csv.
@@ -91,7 +91,7 @@ pub struct VisionRuns {
 /// A recording folder.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RecordingRun {
+pub(crate) struct RecordingRun {
     /// Its name in tables.
     pub name: String,
     /// Its path.
@@ -101,7 +101,7 @@ pub struct RecordingRun {
 /// Drives of `sim::fusion_experiment`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FusionRuns {
+pub(crate) struct FusionRuns {
     /// The robot's file, which names the field.
     pub robot: PathBuf,
     /// Disturbances of the drives; all courses if left out.
@@ -117,7 +117,7 @@ pub struct FusionRuns {
 /// Synthetic drives of five robots around a ball.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TeamRuns {
+pub(crate) struct TeamRuns {
     /// Circumstances to compare.
     pub variants: Vec<TeamVariant>,
 }
@@ -125,7 +125,7 @@ pub struct TeamRuns {
 /// Properties of network and team. Missing values are those of `localize::synthetic::team_ball::TeamExperiment`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TeamVariant {
+pub(crate) struct TeamVariant {
     /// Its name in tables.
     pub name: String,
     /// Images between two team messages of a robot, at 30 images per second.
@@ -145,7 +145,7 @@ pub struct TeamVariant {
 /// Scenarios with several robots of ours.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MultiRobotRuns {
+pub(crate) struct MultiRobotRuns {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Scenarios; each is run with every seed.
@@ -155,7 +155,7 @@ pub struct MultiRobotRuns {
 /// Each variant with each preset and seed.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Drives {
+pub(crate) struct Drives {
     /// Scenario of the variants that name none.
     pub scenario: Option<PathBuf>,
     /// Settings to compare.
@@ -170,7 +170,7 @@ pub struct Drives {
 /// A scenario with changed values.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Variant {
+pub(crate) struct Variant {
     /// Its name in tables.
     pub name: String,
     /// Its scenario.
@@ -186,7 +186,7 @@ pub struct Variant {
 /// Images at given positions.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stills {
+pub(crate) struct Stills {
     /// Field, robot, light.
     pub scenario: PathBuf,
     /// Settings to compare.
@@ -200,7 +200,7 @@ pub struct Stills {
 /// Line points at random poses of a field.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Searches {
+pub(crate) struct Searches {
     /// The field.
     pub field: PathBuf,
     /// Settings to compare; each preset's global search runs.
@@ -214,7 +214,7 @@ pub struct Searches {
 /// Cycles of each stage.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Times {
+pub(crate) struct Times {
     /// The field.
     pub field: PathBuf,
     /// Cycles of each stage.
@@ -226,7 +226,7 @@ pub struct Times {
 /// A stage to measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Stage {
+pub(crate) enum Stage {
     /// Segmentation and line points of a 480 × 480 image, with the scan pattern of minho2016.
     LinePoints,
     /// One cycle of Monte Carlo localization, 600 particles, pose unknown.
@@ -248,7 +248,7 @@ pub enum Stage {
 /// One set of line points.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Landscape {
+pub(crate) struct Landscape {
     /// The field.
     pub field: PathBuf,
     /// Pose of the robot: metres, metres, degrees.
@@ -261,7 +261,7 @@ pub struct Landscape {
 
 impl Experiment {
     /// Reads an experiment and makes its paths relative to the working folder.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub(crate) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let mut experiment: Experiment =

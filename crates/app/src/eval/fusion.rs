@@ -13,7 +13,7 @@ use super::metric::Metric;
 use super::output::CsvRows;
 
 /// Runs the drives. Writes a CSV row for each course, seed and estimator; returns the metrics over the seeds.
-pub fn run(
+pub(crate) fn run(
     fusion: &FusionRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,

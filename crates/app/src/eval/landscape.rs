@@ -17,7 +17,7 @@ use pipeline::cycle::PipelineConfig;
 
 /// Mean error of all points (minho2016 eq. 5 on the distance to the nearest marking) at each position, and the height of
 /// the histograms' peaks (minho2016 V.B) at each heading. Both go into one file; column `layer` names the function.
-pub fn run(
+pub(crate) fn run(
     landscape: &Landscape,
     seed: u64,
     rows: &mut CsvRows,

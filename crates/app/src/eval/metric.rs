@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// A measured number.
 #[derive(Debug, Clone, Serialize)]
-pub struct Metric {
+pub(crate) struct Metric {
     /// Variant of the experiment; empty if there is only one.
     pub variant: String,
     /// Preset or stage.
@@ -23,7 +23,7 @@ pub struct Metric {
 
 /// Interval of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Interval {
+pub(crate) struct Interval {
     /// Lower end.
     pub low: f64,
     /// Upper end.
@@ -35,7 +35,7 @@ pub struct Interval {
 /// A value of the paper, as an experiment file gives it.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PaperReference {
+pub(crate) struct PaperReference {
     /// Variant or method that it belongs to; all if left out.
     pub variant: Option<String>,
     /// The metric's name, as `results.json` has it.
@@ -50,7 +50,7 @@ pub struct PaperReference {
 
 /// A value of the paper next to a metric.
 #[derive(Debug, Clone, Serialize)]
-pub struct PaperValue {
+pub(crate) struct PaperValue {
     /// The value.
     pub value: f64,
     /// Upper end of a range.
@@ -98,7 +98,7 @@ fn sample_std(values: impl Iterator<Item = f64> + Clone) -> f64 {
 
 impl Metric {
     /// A number without an interval.
-    pub fn without_interval(
+    pub(crate) fn without_interval(
         variant: &str,
         method: &str,
         name: &'static str,
@@ -115,7 +115,7 @@ impl Metric {
     }
 
     /// The mean of independent values: one per run, because errors within a run are correlated.
-    pub fn mean(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
+    pub(crate) fn mean(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
         let count = values.len() as f64;
         let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / count);
         let interval = mean.filter(|_| values.len() > 1).map(|mean| {
@@ -138,7 +138,7 @@ impl Metric {
     }
 
     /// A proportion in percent, with the Wilson score interval.
-    pub fn proportion(
+    pub(crate) fn proportion(
         variant: &str,
         method: &str,
         name: &'static str,
@@ -165,7 +165,7 @@ impl Metric {
     ///
     /// The clusters are the sample, not their frames, which are correlated. If the clusters have no hits or only hits,
     /// the interval is Wilson's over the clusters.
-    pub fn clustered_proportion(
+    pub(crate) fn clustered_proportion(
         variant: &str,
         method: &str,
         name: &'static str,
@@ -204,7 +204,7 @@ impl Metric {
     }
 
     /// The maximum over the runs, with the range of the runs' maxima.
-    pub fn maximum(variant: &str, method: &str, name: &'static str, runs: &[f64]) -> Self {
+    pub(crate) fn maximum(variant: &str, method: &str, name: &'static str, runs: &[f64]) -> Self {
         let high = runs.iter().copied().reduce(f64::max);
         let low = runs.iter().copied().reduce(f64::min);
         let interval = low.zip(high).filter(|_| runs.len() > 1);
@@ -220,7 +220,7 @@ impl Metric {
 
     /// Standard deviation of independent values, with a bootstrap interval: errors have heavy tails, for which the χ²
     /// interval of Gaussian values is too narrow.
-    pub fn std_dev(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
+    pub(crate) fn std_dev(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
         let mut figure = Metric::without_interval(variant, method, name, None);
         if values.len() < 2 {
             return figure;
@@ -246,7 +246,12 @@ impl Metric {
     }
 
     /// The median, with the range of the middle 90 % of the values.
-    pub fn median(variant: &str, method: &str, name: &'static str, mut values: Vec<f64>) -> Self {
+    pub(crate) fn median(
+        variant: &str,
+        method: &str,
+        name: &'static str,
+        mut values: Vec<f64>,
+    ) -> Self {
         values.sort_by(f64::total_cmp);
         let mut figure = Metric::without_interval(variant, method, name, None);
         if let Some(last) = values.len().checked_sub(1) {
@@ -262,7 +267,7 @@ impl Metric {
     }
 
     /// Attaches the paper's value, if the paper has one.
-    pub fn attach_paper_value(&mut self, references: &[PaperReference]) {
+    pub(crate) fn attach_paper_value(&mut self, references: &[PaperReference]) {
         let matches = |reference: &&PaperReference| {
             reference.figure == self.name
                 && reference
@@ -278,7 +283,7 @@ impl Metric {
     }
 
     /// One line of the table on the terminal.
-    pub fn table_line(&self) -> String {
+    pub(crate) fn table_line(&self) -> String {
         let value = self.value.map_or_else(|| "–".to_owned(), format_value);
         let interval = self.interval.map_or_else(String::new, |interval| {
             format!(

@@ -1,17 +1,17 @@
 //! `mirrorball eval`: are the papers' results reproduced? Experiments from TOML files, their metrics next to the papers' values.
 
-pub mod drives;
-pub mod experiment;
-pub mod fusion;
-pub mod landscape;
-pub mod metric;
-pub mod output;
+pub(crate) mod drives;
+pub(crate) mod experiment;
+pub(crate) mod fusion;
+pub(crate) mod landscape;
+pub(crate) mod metric;
+pub(crate) mod output;
 mod page;
-pub mod searches;
-pub mod stills;
-pub mod team;
-pub mod times;
-pub mod vision;
+pub(crate) mod searches;
+pub(crate) mod stills;
+pub(crate) mod team;
+pub(crate) mod times;
+pub(crate) mod vision;
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ use pipeline::paths;
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball eval lima2001 --out out/lima2001\n\
                   NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, all) or the path of a TOML file.")]
-pub struct Args {
+pub(crate) struct Args {
     /// The experiment.
     name: String,
     /// Folder for tables and page.
@@ -58,7 +58,7 @@ struct Outcome<'a> {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let path = find_experiment(&args.name)?;
     let experiment = Experiment::load(&path)?;
     let selected = |part: &&Part| part.name.contains(&args.only);

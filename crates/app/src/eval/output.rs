@@ -9,25 +9,25 @@ use super::metric::Metric;
 use pipeline::csv_table::CsvWriter;
 
 /// The CSV file of one part, created with its header.
-pub struct CsvRows {
+pub(crate) struct CsvRows {
     path: PathBuf,
     file: Option<CsvWriter>,
 }
 
 impl CsvRows {
     /// A file at `path` that does not exist yet.
-    pub fn new(path: PathBuf) -> Self {
+    pub(crate) fn new(path: PathBuf) -> Self {
         CsvRows { path, file: None }
     }
 
     /// Starts the file.
-    pub fn header(&mut self, header: &str) -> Result<()> {
+    pub(crate) fn header(&mut self, header: &str) -> Result<()> {
         self.file = Some(CsvWriter::create(&self.path, header)?);
         Ok(())
     }
 
     /// Adds a row.
-    pub fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
+    pub(crate) fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
         self.file
             .as_mut()
             .context("rows before their header")?
@@ -35,19 +35,19 @@ impl CsvRows {
     }
 
     /// Completes the file.
-    pub fn finish(self) -> Result<()> {
+    pub(crate) fn finish(self) -> Result<()> {
         self.file.map_or(Ok(()), CsvWriter::finish)
     }
 }
 
 /// A text as one quoted CSV field.
-pub fn csv_quote(text: &str) -> String {
+pub(crate) fn csv_quote(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }
 
 /// Content of results.json.
 #[derive(Debug, Serialize)]
-pub struct EvalResults {
+pub(crate) struct EvalResults {
     /// The experiment's name.
     pub name: String,
     /// Its heading.
@@ -68,7 +68,7 @@ pub struct EvalResults {
 
 /// One part's figures.
 #[derive(Debug, Serialize)]
-pub struct PartResults {
+pub(crate) struct PartResults {
     /// Its name.
     pub name: String,
     /// Its heading.
@@ -83,7 +83,7 @@ pub struct PartResults {
 
 impl EvalResults {
     /// Writes results.json and figures.csv.
-    pub fn write(&self, folder: &Path) -> Result<()> {
+    pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let path = folder.join("results.json");
         let text = serde_json::to_string_pretty(self)?;
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
@@ -116,7 +116,7 @@ impl EvalResults {
     }
 
     /// Prints every figure next to the paper's.
-    pub fn print(&self) {
+    pub(crate) fn print(&self) {
         println!("{}", self.title);
         for part in &self.parts {
             println!("\n{}", part.title);

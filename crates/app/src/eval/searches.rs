@@ -27,7 +27,7 @@ const CORRECT_WITHIN: PoseTolerance = PoseTolerance {
 };
 
 /// Runs each preset's search on the same line points, one after the other, so that times are comparable.
-pub fn run(
+pub(crate) fn run(
     searches: &Searches,
     seed: u64,
     rows: &mut CsvRows,

@@ -16,7 +16,7 @@ use pipeline::simulation::Simulation;
 const OUTLIER_DISTANCE: f32 = 0.5;
 
 /// Renders and locates each still; a still's seed counts up from `seed`.
-pub fn run(
+pub(crate) fn run(
     stills: &Stills,
     seed: u64,
     rows: &mut CsvRows,

@@ -25,7 +25,7 @@ struct BallErrors {
 const HEADER: &str = "variant,method,seed,robot,error_m";
 
 /// Runs synthetic drives without images.
-pub fn run_synthetic(
+pub(crate) fn run_synthetic(
     team: &TeamRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,
@@ -81,7 +81,7 @@ fn ball_errors(score: &BallScore) -> BallErrors {
 }
 
 /// Runs rendered scenarios one after the other: each uses all cores.
-pub fn run_rendered(
+pub(crate) fn run_rendered(
     scenarios: &MultiRobotRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,

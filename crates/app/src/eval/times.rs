@@ -39,7 +39,12 @@ fn stage_name(stage: Stage) -> &'static str {
 }
 
 /// Measures each stage. Other load on the machine shows in the upper end of the interval.
-pub fn run(times: &Times, seed: u64, rows: &mut CsvRows, bar: &ProgressBar) -> Result<Vec<Metric>> {
+pub(crate) fn run(
+    times: &Times,
+    seed: u64,
+    rows: &mut CsvRows,
+    bar: &ProgressBar,
+) -> Result<Vec<Metric>> {
     let field = Field::load(&times.field)?;
     let frames: Vec<SyntheticSample> = SyntheticDrive::new(
         &field,

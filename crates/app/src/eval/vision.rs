@@ -74,7 +74,7 @@ impl ImageSource<'_> {
 }
 
 /// Processes every source with every preset; writes counts by distance to CSV and returns the metrics.
-pub fn run(
+pub(crate) fn run(
     runs: &VisionRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,
@@ -121,7 +121,7 @@ pub fn run(
 
 /// Detection rates in percent of the default preset in a recording: correct line points (5 m), markings (4 m), ball (6 m)
 /// and robots (4 m).
-pub fn detection_rates(folder: &Path) -> Result<[Option<f64>; 4]> {
+pub(crate) fn detection_rates(folder: &Path) -> Result<[Option<f64>; 4]> {
     let run = run_recording(folder, "default")?;
     let figures = metrics_of("", "", &[&run]);
     Ok(RATE_NAMES.map(|name| figures.iter().find(|figure| figure.name == name)?.value))

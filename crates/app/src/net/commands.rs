@@ -126,8 +126,9 @@ impl CommandFilter {
 }
 
 /// A thread that listens for commands. Dropping it ends the thread.
-pub struct CommandListener {
+pub(crate) struct CommandListener {
     shared: Arc<ListenerState>,
+    #[cfg(test)]
     address: SocketAddr,
     thread: Option<JoinHandle<()>>,
 }
@@ -140,7 +141,7 @@ struct ListenerState {
 
 /// Numbers of received datagrams by result.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
-pub struct CommandCounts {
+pub(crate) struct CommandCounts {
     /// Executed commands.
     pub obeyed: u64,
     /// Valid commands that were not executed: a higher priority, no pose or no base.
@@ -168,7 +169,7 @@ impl CommandConfig {
 
 impl CommandListener {
     /// Listens for commands and passes each to `execute`, which returns whether it was executed.
-    pub fn listen(
+    pub(crate) fn listen(
         config: &CommandConfig,
         mut execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Self> {
@@ -177,6 +178,7 @@ impl CommandListener {
         let socket = UdpSocket::bind(address)
             .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;
         socket.set_read_timeout(Some(POLL_PERIOD))?;
+        #[cfg(test)]
         let address = socket.local_addr()?;
         let shared = Arc::new(ListenerState::default());
         let state = shared.clone();
@@ -197,29 +199,45 @@ impl CommandListener {
             })?;
         Ok(CommandListener {
             shared,
+            #[cfg(test)]
             address,
             thread: Some(thread),
         })
     }
 
     /// Local address of the socket.
-    pub fn address(&self) -> SocketAddr {
+    #[cfg(test)]
+    pub(crate) fn address(&self) -> SocketAddr {
         self.address
     }
 
     /// Numbers of datagrams so far.
-    pub fn counts(&self) -> CommandCounts {
+    pub(crate) fn counts(&self) -> CommandCounts {
         self.shared.lock().clone()
     }
 }
 
-impl Drop for CommandListener {
-    fn drop(&mut self) {
+impl CommandListener {
+    /// Ends the thread after the datagram that it processes.
+    fn stop(&mut self) {
         self.shared.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // A panic was reported when it happened.
             let _ = thread.join();
         }
+    }
+
+    /// Ends the thread; returns the final counts.
+    #[cfg(test)]
+    pub(crate) fn finish(mut self) -> CommandCounts {
+        self.stop();
+        self.counts()
+    }
+}
+
+impl Drop for CommandListener {
+    fn drop(&mut self) {
+        self.stop();
     }
 }
 

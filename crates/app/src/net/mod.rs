@@ -2,10 +2,10 @@
 //!
 //! `docs/network.md` describes the messages, `docs/network.proto` their encoding.
 
-pub mod commands;
+pub(crate) mod commands;
 mod polling;
-pub mod state_sender;
-pub mod team;
+pub(crate) mod state_sender;
+pub(crate) mod team;
 #[cfg(test)]
 mod tests;
 
@@ -15,10 +15,10 @@ use anyhow::{Context, Result};
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
-pub use commands::{CommandConfig, CommandListener, RemoteCommand};
-pub use pipeline::datagram::TeamLinkConfig;
-pub use state_sender::{OutputConfig, StateSender};
-pub use team::TeamTransport;
+pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand};
+pub(crate) use pipeline::datagram::TeamLinkConfig;
+pub(crate) use state_sender::{OutputConfig, StateSender};
+pub(crate) use team::TeamTransport;
 
 use crate::stream::{self, StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
@@ -26,7 +26,7 @@ use pipeline::feed::Feed;
 /// Content of network.toml. What is not configured is off.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct NetworkConfig {
+pub(crate) struct NetworkConfig {
     /// Receivers of the state by UDP, one `[[outputs]]` each.
     pub outputs: Vec<OutputConfig>,
     /// Drive and kick commands by UDP.
@@ -38,20 +38,20 @@ pub struct NetworkConfig {
 }
 
 /// The running network threads. Dropping it ends them.
-pub struct Network {
+pub(crate) struct Network {
     /// Commands of other programs.
     pub commands: Option<CommandListener>,
     /// Team messages: the received reports are samples for the pipeline.
     pub team: Option<TeamTransport>,
-    /// The live stream.
-    pub stream: Option<stream::StreamServer>,
-    /// Sends the state to other programs.
-    pub state_sender: Option<StateSender>,
+    /// The live stream, kept until the end.
+    _stream: Option<stream::StreamServer>,
+    /// The state output, kept until the end.
+    _state_sender: Option<StateSender>,
 }
 
 impl NetworkConfig {
     /// Reads and checks network.toml.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub(crate) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let config: NetworkConfig =
@@ -75,7 +75,7 @@ impl NetworkConfig {
     ///
     /// `session`: must increase with each start (nanoseconds since 1970). `clock`: current time in the clock of the samples.
     /// `execute`: executes a remote command; false if it is overruled.
-    pub fn start(
+    pub(crate) fn start(
         &self,
         feed: &Feed,
         preamble: StreamPreamble<'_>,
@@ -89,8 +89,8 @@ impl NetworkConfig {
         Ok(Network {
             commands: self.commands.as_ref().map(listen).transpose()?,
             team: self.team.as_ref().map(team).transpose()?,
-            stream: self.stream.as_ref().map(stream).transpose()?,
-            state_sender: (!self.outputs.is_empty())
+            _stream: self.stream.as_ref().map(stream).transpose()?,
+            _state_sender: (!self.outputs.is_empty())
                 .then(|| StateSender::start(feed, &self.outputs))
                 .transpose()?,
         })

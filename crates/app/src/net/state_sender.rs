@@ -2,7 +2,7 @@
 
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 use anyhow::{Context, Result};
@@ -16,7 +16,7 @@ use pipeline::feed::{Feed, RecvError, Subscription};
 /// A receiver of the state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct OutputConfig {
+pub(crate) struct OutputConfig {
     /// Host and port.
     pub to: String,
     /// Encoding.
@@ -38,7 +38,7 @@ impl Default for OutputConfig {
 /// Encoding of the state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum StateFormat {
+pub(crate) enum StateFormat {
     /// The messages of docs/network.proto.
     #[default]
     Protobuf,
@@ -47,9 +47,8 @@ pub enum StateFormat {
 }
 
 /// A thread that sends the state. Dropping it ends the thread.
-pub struct StateSender {
+pub(crate) struct StateSender {
     stop_requested: Arc<AtomicBool>,
-    sent: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -62,7 +61,7 @@ struct Receiver {
 
 impl StateSender {
     /// Sends each cycle of a feed to every address.
-    pub fn start(feed: &Feed, outputs: &[OutputConfig]) -> Result<Self> {
+    pub(crate) fn start(feed: &Feed, outputs: &[OutputConfig]) -> Result<Self> {
         let mut receivers = Vec::with_capacity(outputs.len());
         for output in outputs {
             let address =
@@ -73,23 +72,17 @@ impl StateSender {
                 output: output.clone(),
             });
         }
-        let (stop_requested, sent) = (Arc::new(AtomicBool::new(false)), Arc::default());
-        let (stop, count) = (stop_requested.clone(), Arc::clone(&sent));
+        let stop_requested = Arc::new(AtomicBool::new(false));
+        let stop = stop_requested.clone();
         // Only the newest cycle is of use.
         let cycles = feed.subscribe(1);
         let thread = std::thread::Builder::new()
             .name("outputs".to_owned())
-            .spawn(move || send_states(&cycles, &receivers, &stop, &count))?;
+            .spawn(move || send_states(&cycles, &receivers, &stop))?;
         Ok(StateSender {
             stop_requested,
-            sent,
             thread: Some(thread),
         })
-    }
-
-    /// Datagrams handed to the system.
-    pub fn sent(&self) -> u64 {
-        self.sent.load(Ordering::Relaxed)
     }
 }
 
@@ -103,7 +96,7 @@ impl Drop for StateSender {
     }
 }
 
-fn send_states(cycles: &Subscription, receivers: &[Receiver], stop: &AtomicBool, sent: &AtomicU64) {
+fn send_states(cycles: &Subscription, receivers: &[Receiver], stop: &AtomicBool) {
     while !stop.load(Ordering::Relaxed) {
         let ((index, cycle), _) = match cycles.recv_indexed(POLL_PERIOD) {
             Ok(entry) => entry,
@@ -123,10 +116,7 @@ fn send_states(cycles: &Subscription, receivers: &[Receiver], stop: &AtomicBool,
                 StateFormat::Json => serde_json::to_vec(&state).unwrap_or_default(),
             };
             // Without a receiver or a network the datagram is lost; the next cycle follows.
-            sent.fetch_add(
-                u64::from(socket.send_to(&datagram, address).is_ok()),
-                Ordering::Relaxed,
-            );
+            let _sent = socket.send_to(&datagram, address);
         }
     }
 }

@@ -23,8 +23,9 @@ const MAX_PENDING_REPORTS: usize = 64;
 const MAX_DATAGRAM_BYTES: usize = 4096;
 
 /// Sends and receives team messages. Dropping it ends the threads.
-pub struct TeamTransport {
+pub(crate) struct TeamTransport {
     reports: Receiver<TeamReport>,
+    #[cfg(test)]
     link: Arc<Mutex<TeamLink>>,
     stop_requested: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -34,7 +35,7 @@ impl TeamTransport {
     /// Joins the multicast group; sends the cycles of `feed` and receives the reports of team-mates.
     ///
     /// `clock`: current time in the clock of samples and cycles. `session`: must increase with each start.
-    pub fn join(
+    pub(crate) fn join(
         feed: &Feed,
         config: &TeamLinkConfig,
         session: u64,
@@ -54,6 +55,7 @@ impl TeamTransport {
         let (queue, reports) = sync_channel(MAX_PENDING_REPORTS);
         let mut transport = TeamTransport {
             reports,
+            #[cfg(test)]
             link: link.clone(),
             stop_requested: stop_requested.clone(),
             threads: Vec::new(),
@@ -78,8 +80,14 @@ impl TeamTransport {
     }
 
     /// Reports of team-mates received since the last call; samples for the pipeline.
-    pub fn received_reports(&self) -> impl Iterator<Item = TeamReport> {
+    pub(crate) fn received_reports(&self) -> impl Iterator<Item = TeamReport> {
         self.reports.try_iter()
+    }
+
+    /// The next report; None after the timeout.
+    #[cfg(test)]
+    pub(crate) fn wait_for_report(&self, timeout: Duration) -> Option<TeamReport> {
+        self.reports.recv_timeout(timeout).ok()
     }
 
     /// Numbers of accepted messages and rejected datagrams.

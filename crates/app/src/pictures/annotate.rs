@@ -12,7 +12,7 @@ const SCALE: usize = 2;
 
 /// The cycle's image with line points, ball, robots, goals, and the field lines at the estimated pose. None without an
 /// image.
-pub fn draw_detections(cycle: &Cycle, field: &Field, map: &GroundMap) -> Option<Image> {
+pub(crate) fn draw_detections(cycle: &Cycle, field: &Field, map: &GroundMap) -> Option<Image> {
     let mut image = overlay::upscale(&*cycle.inputs.image.as_ref()?.to_rgb()?, SCALE);
     if let Some(pose) = cycle.estimate.pose {
         overlay::draw_field(&mut image, SCALE, map, pose, &field.markings);

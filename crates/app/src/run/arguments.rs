@@ -13,7 +13,7 @@ use crate::commands::arguments;
     after_help = "Example: mirrorball run --robot config/robots/virtual --record game.mcap\n\
     Devices may be plugged in and out while it runs. `mirrorball doctor` reports what is missing."
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// The robot: a folder with robot.toml and hardware.toml.
     #[arg(long, value_name = "DIR", required_unless_present = "list")]
     pub(super) robot: Option<PathBuf>,

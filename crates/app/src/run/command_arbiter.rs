@@ -13,7 +13,7 @@ const SOURCE_HOLD_TIME: f64 = 0.5;
 
 /// Source of a command, in order of increasing priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum CommandSource {
+pub(crate) enum CommandSource {
     /// A patrol of this program.
     Path,
     /// Another program (UDP).
@@ -24,7 +24,7 @@ pub enum CommandSource {
 
 /// Why a command was rejected.
 #[derive(Debug, thiserror::Error)]
-pub enum CommandError {
+pub(crate) enum CommandError {
     /// The robot has no base.
     #[error("no base. Add [base] to hardware.toml")]
     NoBase,
@@ -41,7 +41,7 @@ pub enum CommandError {
 
 /// Passes commands of all sources to the base. Clones share the same state.
 #[derive(Clone, Default)]
-pub struct CommandArbiter {
+pub(crate) struct CommandArbiter {
     state: Arc<Mutex<ArbiterState>>,
 }
 
@@ -62,7 +62,7 @@ struct ActiveSource {
 
 /// A pose and its time.
 #[derive(Debug, Clone, Copy)]
-pub struct StampedPose {
+pub(crate) struct StampedPose {
     /// CLOCK_MONOTONIC.
     pub stamp: Stamp,
     /// On the field.
@@ -71,19 +71,19 @@ pub struct StampedPose {
 
 impl CommandArbiter {
     /// An arbiter without a base.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         CommandArbiter::default()
     }
 
     /// Sets the base that receives the commands.
-    pub fn attach_base(&self, base: Option<hw::BaseHandle>) {
+    pub(crate) fn attach_base(&self, base: Option<hw::BaseHandle>) {
         self.lock().base = base;
     }
 
     /// Drives until the deadline (CLOCK_MONOTONIC) or the maximum command age of hardware.toml, whichever is earlier.
     ///
     /// With `needs_pose` the command ends 0.15 s after the last pose, and the wheels stop as soon as the pose is lost.
-    pub fn drive(
+    pub(crate) fn drive(
         &self,
         source: CommandSource,
         motion: MotionCommand,
@@ -108,7 +108,7 @@ impl CommandArbiter {
     }
 
     /// Kicks once, if that is possible before the deadline.
-    pub fn kick(
+    pub(crate) fn kick(
         &self,
         source: CommandSource,
         kick: Kick,
@@ -126,7 +126,7 @@ impl CommandArbiter {
     }
 
     /// Stops the wheels now, whatever the active source.
-    pub fn halt(&self) {
+    pub(crate) fn halt(&self) {
         let base = self.lock().base.clone();
         if let Some(base) = base {
             base.halt(Duration::ZERO);
@@ -134,18 +134,18 @@ impl CommandArbiter {
     }
 
     /// Stops the wheels for good and waits up to `timeout` until the bus has the command. False if it failed.
-    pub fn close(&self, timeout: Duration) -> bool {
+    pub(crate) fn close(&self, timeout: Duration) -> bool {
         let base = self.lock().base.clone();
         base.is_none_or(|base| base.close(timeout))
     }
 
     /// The latest pose.
-    pub fn pose(&self) -> Option<StampedPose> {
+    pub(crate) fn pose(&self) -> Option<StampedPose> {
         self.lock().pose
     }
 
     /// Sets the estimated pose, once per cycle. Stops the wheels if the pose is lost and the command needs it.
-    pub fn set_pose(&self, stamp: Stamp, pose: Option<Pose>) {
+    pub(crate) fn set_pose(&self, stamp: Stamp, pose: Option<Pose>) {
         let mut state = self.lock();
         state.pose = pose.map(|pose| StampedPose { stamp, pose });
         let pose_lost = pose.is_none() && std::mem::take(&mut state.needs_pose);

@@ -9,7 +9,7 @@ const BINS: usize = 10_000;
 
 /// A distribution of times.
 #[derive(Debug, Clone)]
-pub struct LatencyHistogram {
+pub(crate) struct LatencyHistogram {
     bins: Vec<u32>,
     count: u64,
     max_ms: f64,
@@ -17,7 +17,7 @@ pub struct LatencyHistogram {
 
 /// Quantiles of a distribution, milliseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct LatencySummary {
+pub(crate) struct LatencySummary {
     /// Half are below.
     pub median: f64,
     /// 99 % are below.
@@ -38,7 +38,7 @@ impl Default for LatencyHistogram {
 
 impl LatencyHistogram {
     /// Adds a time, milliseconds.
-    pub fn add(&mut self, time_ms: f64) {
+    pub(crate) fn add(&mut self, time_ms: f64) {
         let bin = (time_ms.max(0.0) / BIN_MS) as usize;
         self.bins[bin.min(BINS - 1)] += 1;
         self.count += 1;
@@ -46,7 +46,7 @@ impl LatencyHistogram {
     }
 
     /// The quantiles so far; zeros if empty.
-    pub fn summary(&self) -> LatencySummary {
+    pub(crate) fn summary(&self) -> LatencySummary {
         LatencySummary {
             median: self.quantile(0.5),
             p99: self.quantile(0.99),

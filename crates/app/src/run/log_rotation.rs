@@ -16,7 +16,7 @@ const RETRY_PERIOD: f64 = 0.5;
 
 /// Statistics of the logs of a run.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct LogSummary {
+pub(crate) struct LogSummary {
     /// The files, in order; more than one if the disk was full.
     pub files: Vec<PathBuf>,
     /// Cycles written.
@@ -30,7 +30,7 @@ pub struct LogSummary {
 }
 
 /// The logs of a run after its end.
-pub struct FinishedLog {
+pub(crate) struct FinishedLog {
     /// Files and counts.
     pub summary: LogSummary,
     /// Why the last file could not be closed.
@@ -38,7 +38,7 @@ pub struct FinishedLog {
 }
 
 /// Writes the log of a run, in a new file after a failure.
-pub struct LogRotation {
+pub(crate) struct LogRotation {
     path: PathBuf,
     header: Header,
     field: Field,
@@ -50,7 +50,7 @@ pub struct LogRotation {
 
 impl LogRotation {
     /// Starts the log. Only here a failure is an error; later it is a message.
-    pub fn start(
+    pub(crate) fn start(
         path: &Path,
         header: Header,
         field: &Field,
@@ -73,7 +73,7 @@ impl LogRotation {
     }
 
     /// Writes a cycle. Returns a message if the log failed or a new one started.
-    pub fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
+    pub(crate) fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
         let now = hw::now();
         let mut message = None;
         if self.recorder.is_none() && now > self.next_attempt {
@@ -96,14 +96,14 @@ impl LogRotation {
     }
 
     /// Writes a text message into the log.
-    pub fn write_note(&self, stamp: Stamp, text: &str) {
+    pub(crate) fn write_note(&self, stamp: Stamp, text: &str) {
         if let Some(recorder) = &self.recorder {
             recorder.note(stamp, text);
         }
     }
 
     /// Writes the pending cycles and closes the log.
-    pub fn finish(mut self) -> FinishedLog {
+    pub(crate) fn finish(mut self) -> FinishedLog {
         let error = self.close_file();
         FinishedLog {
             summary: self.summary,

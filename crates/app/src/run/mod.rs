@@ -1,18 +1,18 @@
 //! `mirrorball run`: the program on the robot. Devices in, poses out, in real time; device failures do not end it.
 
 mod arguments;
-pub mod command_arbiter;
-pub mod latency;
-pub mod log_rotation;
-pub mod network;
-pub mod patrol;
-pub mod raw_image;
-pub mod robot_folder;
+pub(crate) mod command_arbiter;
+pub(crate) mod latency;
+pub(crate) mod log_rotation;
+pub(crate) mod network;
+pub(crate) mod patrol;
+pub(crate) mod raw_image;
+pub(crate) mod robot_folder;
 mod run_loop;
-pub mod status;
-pub mod stderr_writer;
-pub mod stop_flag;
-pub mod teleop;
+pub(crate) mod status;
+pub(crate) mod stderr_writer;
+pub(crate) mod stop_flag;
+pub(crate) mod teleop;
 
 use anyhow::Result;
 use serde::Serialize;
@@ -29,10 +29,10 @@ use robot_folder::RobotFolder;
 use run_loop::RunLoop;
 use stop_flag::StopFlag;
 
-pub use arguments::Args;
+pub(crate) use arguments::Args;
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     if args.list {
         return list(json);
     }

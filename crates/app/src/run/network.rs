@@ -16,7 +16,7 @@ use crate::stream::{StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
 
 /// The network configuration in the robot's folder.
-pub const NETWORK_FILE: &str = "network.toml";
+pub(crate) const NETWORK_FILE: &str = "network.toml";
 
 /// The network threads of a run. Dropping it ends them.
 pub(super) struct RunNetwork {

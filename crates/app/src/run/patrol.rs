@@ -25,7 +25,7 @@ const HEADING_GAIN: f32 = 2.0;
 /// A patrol file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Patrol {
+pub(crate) struct Patrol {
     /// Waypoints to pass in a loop.
     waypoints: Vec<Waypoint>,
     /// Maximum speed, m/s.
@@ -64,7 +64,7 @@ struct Waypoint {
 
 impl Patrol {
     /// Reads a patrol file.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub(crate) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let patrol: Patrol = toml::from_str(&text).with_context(|| path.display().to_string())?;
@@ -88,7 +88,7 @@ impl Patrol {
     }
 
     /// Drives until `stop` is raised.
-    pub fn drive(&self, arbiter: &CommandArbiter, stop: &StopFlag) {
+    pub(crate) fn drive(&self, arbiter: &CommandArbiter, stop: &StopFlag) {
         let mut next = 0;
         while !stop.is_raised() {
             if let Some(StampedPose { pose, .. }) = arbiter.pose() {

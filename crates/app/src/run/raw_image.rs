@@ -5,7 +5,7 @@ use pipeline::sample::RawImage;
 use vision::image::PixelFormat;
 
 /// Converts the driver's image with its buffer; JPEG must have been decoded.
-pub fn raw_image(image: CapturedImage) -> RawImage {
+pub(crate) fn raw_image(image: CapturedImage) -> RawImage {
     RawImage {
         width_px: image.width_px,
         height_px: image.height_px,

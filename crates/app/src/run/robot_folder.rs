@@ -8,7 +8,7 @@ use hw::HardwareConfig;
 use pipeline::setup::Setup;
 
 /// A robot's configuration and its devices, checked.
-pub struct RobotFolder {
+pub(crate) struct RobotFolder {
     /// Its folder.
     pub folder: PathBuf,
     /// Field, ground map and camera.
@@ -19,7 +19,7 @@ pub struct RobotFolder {
 
 impl RobotFolder {
     /// Reads robot.toml and hardware.toml of a folder, or of the folder of a robot.toml.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub(crate) fn load(path: &Path) -> Result<Self> {
         let RobotPaths { folder, robot_file } = RobotPaths::resolve(path)?;
         let setup = Setup::load(&robot_file, None)?;
         let hardware = HardwareConfig::load(&folder.join("hardware.toml"))?;
@@ -38,7 +38,7 @@ impl RobotFolder {
 }
 
 /// A robot's folder and its robot file.
-pub struct RobotPaths {
+pub(crate) struct RobotPaths {
     /// Holds hardware.toml and network.toml.
     pub folder: PathBuf,
     /// robot.toml.
@@ -47,7 +47,7 @@ pub struct RobotPaths {
 
 impl RobotPaths {
     /// Paths for a robot's folder or its robot file.
-    pub fn resolve(path: &Path) -> Result<Self> {
+    pub(crate) fn resolve(path: &Path) -> Result<Self> {
         if path.is_dir() {
             return Ok(RobotPaths {
                 folder: path.to_owned(),

@@ -24,7 +24,7 @@ const MEMORY_BASELINE_TIME: f64 = 60.0;
 
 /// What `--json` prints at the end.
 #[derive(Debug, Clone, Serialize)]
-pub struct RunReport {
+pub(crate) struct RunReport {
     /// Duration, seconds.
     pub seconds: f64,
     /// Images that vision processed.
@@ -71,7 +71,7 @@ pub struct RunReport {
 
 /// A change of a device or the log.
 #[derive(Debug, Clone, Serialize)]
-pub struct StateChange {
+pub(crate) struct StateChange {
     /// CLOCK_MONOTONIC, seconds.
     pub stamp_s: f64,
     /// Name of the device, or "log".
@@ -83,7 +83,7 @@ pub struct StateChange {
 }
 
 /// What the parts of a run report at its end.
-pub struct RunOutcome {
+pub(crate) struct RunOutcome {
     /// Images and samples dropped by the event queue.
     pub dropped: hw::DroppedInputs,
     /// Samples with values that are not finite.
@@ -99,7 +99,7 @@ pub struct RunOutcome {
 }
 
 /// Collects statistics of a run and prints its messages.
-pub struct RunStatus {
+pub(crate) struct RunStatus {
     started: Stamp,
     stderr: StderrWriter,
     terminal: bool,
@@ -120,7 +120,7 @@ pub struct RunStatus {
 
 impl RunStatus {
     /// Starts now.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let started = hw::now();
         RunStatus {
             started,
@@ -143,12 +143,12 @@ impl RunStatus {
     }
 
     /// Seconds since the start.
-    pub fn elapsed(&self) -> f64 {
+    pub(crate) fn elapsed(&self) -> f64 {
         hw::now() - self.started
     }
 
     /// Counts a cycle; `received` and `published`: when the pipeline received its image, and when its pose was published.
-    pub fn count_cycle(&mut self, cycle: &Cycle, received: Stamp, published: Stamp) {
+    pub(crate) fn count_cycle(&mut self, cycle: &Cycle, received: Stamp, published: Stamp) {
         self.modes[cycle.estimate.mode as usize] += 1;
         if cycle.detections.is_none() {
             self.cycles_without_image += 1;
@@ -162,7 +162,7 @@ impl RunStatus {
     }
 
     /// Reports a change of a device; returns the message for the log.
-    pub fn report_device(&mut self, health: &HealthReport) -> String {
+    pub(crate) fn report_device(&mut self, health: &HealthReport) -> String {
         let state = state_name(health.state);
         let text = match &health.reason {
             Some(reason) => format!("{}: {state}: {reason}", health.device),
@@ -174,7 +174,7 @@ impl RunStatus {
     }
 
     /// Reports a change of the log.
-    pub fn report_log_change(&mut self, text: &str) {
+    pub(crate) fn report_log_change(&mut self, text: &str) {
         self.record_change("log", "changed", Some(text.to_owned()));
         self.print_line(text);
     }
@@ -191,14 +191,14 @@ impl RunStatus {
     }
 
     /// Prints a line on standard error.
-    pub fn print_line(&mut self, text: &str) {
+    pub(crate) fn print_line(&mut self, text: &str) {
         self.clear_status_line();
         let elapsed = self.elapsed();
         self.stderr.write(format!("[{elapsed:9.3}] {text}\n"));
     }
 
     /// Prints the status line when it is due.
-    pub fn update_status_line(
+    pub(crate) fn update_status_line(
         &mut self,
         last: Option<&Cycle>,
         devices: impl FnOnce() -> Vec<HealthReport>,
@@ -271,7 +271,7 @@ impl RunStatus {
     }
 
     /// The report of the run.
-    pub fn into_report(mut self, outcome: RunOutcome) -> RunReport {
+    pub(crate) fn into_report(mut self, outcome: RunOutcome) -> RunReport {
         self.clear_status_line();
         let [tracking, global, lost] = self.modes;
         RunReport {
@@ -308,7 +308,7 @@ impl Default for RunStatus {
 
 impl RunReport {
     /// Prints the report.
-    pub fn print(&self) {
+    pub(crate) fn print(&self) {
         println!(
             "{:.1} s: {} images; {} cycles tracking, {} from global search, {} lost, {} without an image",
             self.seconds, self.frames, self.tracking, self.global, self.lost, self.blind
@@ -352,7 +352,7 @@ impl RunReport {
 }
 
 /// The state's name in JSON.
-pub fn state_name(state: HealthState) -> &'static str {
+pub(crate) fn state_name(state: HealthState) -> &'static str {
     match state {
         HealthState::Absent => "absent",
         HealthState::Running => "running",
@@ -375,7 +375,7 @@ fn memory_mb() -> f64 {
 
 /// Messages about battery, kicker and switches, one when a condition begins and one when it ends.
 #[derive(Debug, Default)]
-pub struct OperatorNotices {
+pub(crate) struct OperatorNotices {
     emergency_stop: bool,
     kicker_broken: bool,
     motor_fault: [u8; 4],
@@ -383,7 +383,7 @@ pub struct OperatorNotices {
 
 impl OperatorNotices {
     /// The message of an event, if it changes a condition.
-    pub fn update(&mut self, event: &DeviceEvent) -> Option<String> {
+    pub(crate) fn update(&mut self, event: &DeviceEvent) -> Option<String> {
         match event {
             DeviceEvent::Switches(report) if report.emergency_stop != self.emergency_stop => {
                 self.emergency_stop = report.emergency_stop;

@@ -11,14 +11,14 @@ const QUEUE_CAPACITY: usize = 256;
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(300);
 
 /// Writes to standard error without blocking the caller.
-pub struct StderrWriter {
+pub(crate) struct StderrWriter {
     lines: Option<SyncSender<String>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl StderrWriter {
     /// Starts the thread. If that fails, nothing is printed.
-    pub fn start() -> Self {
+    pub(crate) fn start() -> Self {
         let (lines, queue) = sync_channel::<String>(QUEUE_CAPACITY);
         let write = move || {
             let mut out = std::io::stderr();
@@ -38,7 +38,7 @@ impl StderrWriter {
     }
 
     /// Queues the text as it is.
-    pub fn write(&self, text: String) {
+    pub(crate) fn write(&self, text: String) {
         if let Some(lines) = &self.lines {
             let _full = lines.try_send(text);
         }

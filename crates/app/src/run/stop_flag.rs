@@ -7,13 +7,13 @@ use anyhow::{Context, Result};
 
 /// A flag that ends the run. Clones share the same state.
 #[derive(Debug, Clone, Default)]
-pub struct StopFlag {
+pub(crate) struct StopFlag {
     raised: Arc<AtomicBool>,
 }
 
 impl StopFlag {
     /// A flag raised by signals. May be made once per process.
-    pub fn on_signals() -> Result<Self> {
+    pub(crate) fn on_signals() -> Result<Self> {
         let stop = StopFlag::default();
         let flag = stop.clone();
         ctrlc::set_handler(move || flag.raise()).context("cannot install the signal handler")?;
@@ -21,12 +21,12 @@ impl StopFlag {
     }
 
     /// Requests the end.
-    pub fn raise(&self) {
+    pub(crate) fn raise(&self) {
         self.raised.store(true, Ordering::Relaxed);
     }
 
     /// True once the end was requested.
-    pub fn is_raised(&self) -> bool {
+    pub(crate) fn is_raised(&self) -> bool {
         self.raised.load(Ordering::Relaxed)
     }
 }

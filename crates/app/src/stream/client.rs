@@ -24,7 +24,7 @@ const SUBPROTOCOL: &str = "foxglove.sdk.v1";
 const MESSAGE_DATA: u8 = 1;
 
 /// A connection to a live stream.
-pub struct StreamClient {
+pub(crate) struct StreamClient {
     socket: WebSocket<TcpStream>,
     address: String,
     /// By subscription id.
@@ -34,7 +34,7 @@ pub struct StreamClient {
 
 /// A received event.
 #[derive(Debug)]
-pub enum StreamEvent {
+pub(crate) enum StreamEvent {
     /// The header of a log of this run. Comes first, and again whenever another viewer subscribes.
     Header(Box<Header>),
     /// A cycle, with its encoded image if the stream carries images.
@@ -76,7 +76,7 @@ struct ChannelSubscription {
 
 impl StreamClient {
     /// Connects to `address` (`host:port`, with or without `ws://`) within `timeout`.
-    pub fn connect(address: &str, timeout: Duration) -> Result<Self> {
+    pub(crate) fn connect(address: &str, timeout: Duration) -> Result<Self> {
         let host_port = address.trim_start_matches("ws://").trim_end_matches('/');
         let socket = connect_websocket(host_port, timeout)
             .with_context(|| format!("cannot connect to {host_port}"))?;
@@ -91,7 +91,7 @@ impl StreamClient {
     /// The next event, received since the last call or within `timeout`. None after the timeout.
     ///
     /// An error ends the connection: the robot is gone, or has another version.
-    pub fn next_event(&mut self, timeout: Duration) -> Result<Option<StreamEvent>> {
+    pub(crate) fn next_event(&mut self, timeout: Duration) -> Result<Option<StreamEvent>> {
         let deadline = Instant::now() + timeout;
         loop {
             let left = deadline.saturating_duration_since(Instant::now());

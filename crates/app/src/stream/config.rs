@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Address of the stream and format of its images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct StreamConfig {
+pub(crate) struct StreamConfig {
     /// Address to listen on. Everyone who reaches it can watch; the default is the loopback address.
     pub bind: String,
     /// TCP port; 0 selects a free one.

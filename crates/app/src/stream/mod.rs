@@ -8,6 +8,6 @@ mod server;
 #[cfg(test)]
 mod tests;
 
-pub use client::{StreamClient, StreamEvent};
-pub use config::StreamConfig;
-pub use server::{StreamPreamble, StreamServer};
+pub(crate) use client::{StreamClient, StreamEvent};
+pub(crate) use config::StreamConfig;
+pub(crate) use server::{StreamPreamble, StreamServer};

@@ -23,7 +23,7 @@ const HEADER_DEADLINE: Duration = Duration::from_millis(100);
 
 /// What viewers get when they subscribe: the start of a log of the run.
 #[derive(Clone, Copy)]
-pub struct StreamPreamble<'a> {
+pub(crate) struct StreamPreamble<'a> {
     /// Configuration of the run.
     pub header: &'a Header,
     /// The field, for its drawing.
@@ -31,7 +31,7 @@ pub struct StreamPreamble<'a> {
 }
 
 /// A live stream. Dropping it ends it.
-pub struct StreamServer {
+pub(crate) struct StreamServer {
     handle: Option<WebSocketServerHandle>,
     stop_requested: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -39,7 +39,11 @@ pub struct StreamServer {
 
 impl StreamServer {
     /// Offers the cycles of a feed to viewers.
-    pub fn start(feed: &Feed, preamble: StreamPreamble<'_>, config: &StreamConfig) -> Result<Self> {
+    pub(crate) fn start(
+        feed: &Feed,
+        preamble: StreamPreamble<'_>,
+        config: &StreamConfig,
+    ) -> Result<Self> {
         let StreamPreamble { header, field } = preamble;
         let quality = config.jpeg_quality;
         ensure!(
@@ -86,15 +90,9 @@ impl StreamServer {
     }
 
     /// The port on which it listens.
-    pub fn port(&self) -> u16 {
+    #[cfg(test)]
+    pub(crate) fn port(&self) -> u16 {
         self.handle.as_ref().map_or(0, WebSocketServerHandle::port)
-    }
-
-    /// Number of connected viewers.
-    pub fn client_count(&self) -> usize {
-        self.handle
-            .as_ref()
-            .map_or(0, WebSocketServerHandle::client_count)
     }
 }
 

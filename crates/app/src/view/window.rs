@@ -207,7 +207,7 @@ const FEED_CAPACITY: usize = 16;
 
 /// What the window does when the run that it shows has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AfterRun {
+pub(crate) enum AfterRun {
     /// Stays until it is closed, or until Ctrl-C.
     KeepOpen,
     /// Goes with it.
@@ -217,7 +217,7 @@ pub enum AfterRun {
 /// Runs `drive`, which publishes to the feed it is given, in a thread of its own, and shows its cycles in a window until
 /// that is closed; `drive` then goes on to its end, as it would with no window at all. A run that fails takes the window
 /// with it.
-pub fn run_with_window(
+pub(crate) fn run_with_window(
     name: &str,
     (setup, config): (Setup, PipelineConfig),
     after: AfterRun,

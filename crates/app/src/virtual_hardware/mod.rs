@@ -25,7 +25,7 @@ use crate::run::stop_flag::StopFlag;
 use devices::VirtualDevices;
 use drive_command::CommandStats;
 use faults::{FaultInterval, FaultPlan};
-pub use options::Options;
+pub(crate) use options::Options;
 use pipeline::csv_table::CsvWriter;
 use real_time_sim::RealTimeSim;
 use timing::{raise_thread_priority, sleep_until};
@@ -42,7 +42,7 @@ struct VirtualHardwareResult {
 }
 
 /// Runs the scenario's hardware until its end, or until a signal.
-pub fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
+pub(crate) fn run(sim: Sim, duration: f64, options: &Options<'_>, json: bool) -> Result<()> {
     let plan = options.faults.map(FaultPlan::load).transpose()?;
     let header = "stamp_s,x_m,y_m,theta_rad";
     let truth = options.truth.map(|path| CsvWriter::create(path, header));

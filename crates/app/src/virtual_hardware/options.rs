@@ -5,7 +5,7 @@ use std::path::Path;
 use hw::config::Bus;
 
 /// Options of the virtual hardware.
-pub struct Options<'a> {
+pub(crate) struct Options<'a> {
     /// Folder of the devices.
     pub folder: &'a Path,
     /// Fault plan (TOML).

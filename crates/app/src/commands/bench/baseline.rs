@@ -14,7 +14,7 @@ const VALUE_TOLERANCE: f64 = 0.01;
 
 /// Figures of a run, as `bench --json` prints them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Baseline {
+pub(super) struct Baseline {
     /// Processor and number of cores.
     pub machine: String,
     /// Name, value, unit and bound.
@@ -58,7 +58,7 @@ impl BenchFigure {
 
 /// A figure and its earlier value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FigureComparison {
+pub(super) struct FigureComparison {
     /// Its name.
     pub name: String,
     /// Earlier value.
@@ -73,20 +73,20 @@ pub struct FigureComparison {
 
 impl Baseline {
     /// Reads what `bench --save` or `bench --json` wrote.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub(super) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         serde_json::from_str(&text).with_context(|| path.display().to_string())
     }
 
     /// Writes the file.
-    pub fn save(&self, path: &Path) -> Result<()> {
+    pub(super) fn save(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self)?;
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     }
 
     /// Compares the figures that both have, in this one's order.
-    pub fn compare_with(&self, earlier: &Baseline) -> Vec<FigureComparison> {
+    pub(super) fn compare_with(&self, earlier: &Baseline) -> Vec<FigureComparison> {
         let pairs = self.figures.iter().filter_map(|now| {
             let before = earlier
                 .figures
@@ -115,7 +115,7 @@ impl Baseline {
     }
 
     /// Names of figures that only the earlier one has.
-    pub fn missing(&self, earlier: &Baseline) -> Vec<String> {
+    pub(super) fn missing(&self, earlier: &Baseline) -> Vec<String> {
         let has = |name: &str| self.figures.iter().any(|figure| figure.name == name);
         let gone = earlier.figures.iter().filter(|figure| !has(&figure.name));
         gone.map(|figure| figure.name.clone()).collect()
@@ -123,7 +123,7 @@ impl Baseline {
 }
 
 /// Prints a table: each figure with its bound and, if there is a baseline, its earlier value.
-pub fn print(
+pub(super) fn print(
     now: &Baseline,
     earlier: Option<&Baseline>,
     compared: &[FigureComparison],

@@ -25,7 +25,7 @@ use crate::machine::machine;
 #[command(
     after_help = "Example: mirrorball bench --save baseline.json, later: mirrorball bench --baseline baseline.json"
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// Measure only the figures whose name contains this.
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
@@ -52,7 +52,7 @@ struct Outcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let mut figures = Vec::new();
     // A bad file must show before minutes of measuring.
     let earlier = args.baseline.as_deref().map(Baseline::load).transpose()?;

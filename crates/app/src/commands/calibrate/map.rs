@@ -21,7 +21,7 @@ use pipeline::setup::Setup;
 #[command(
     after_help = "Example: mirrorball calibrate map samples/calibration --out map.npz --picture map.png"
 )]
-pub struct MapArgs {
+pub(crate) struct MapArgs {
     /// The folder.
     pub(crate) dir: PathBuf,
     /// File for the map.
@@ -41,7 +41,7 @@ pub struct MapArgs {
 /// which may be wrong by a fifth.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball calibrate lines samples/sequence --out map.npz")]
-pub struct LinesArgs {
+pub(crate) struct LinesArgs {
     /// The recording folder.
     pub(crate) dir: PathBuf,
     /// Start from this map.

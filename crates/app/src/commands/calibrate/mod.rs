@@ -14,7 +14,7 @@ pub(crate) use map::{LinesArgs, MapArgs, Outcome, calibrate_map, calibrate_map_f
 /// Calibrate ground map, colours, mask and sizes of the camera, and the compass.
 #[derive(clap::Args)]
 #[command(subcommand_required = true, arg_required_else_help = true)]
-pub struct Args {
+pub(crate) struct Args {
     #[command(subcommand)]
     command: CalibrateCommand,
 }
@@ -30,7 +30,7 @@ enum CalibrateCommand {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let (outcome, residuals) = match &args.command {
         CalibrateCommand::Map(args) => calibrate_map(args)?,
         CalibrateCommand::Lines(args) => calibrate_map_from_lines(args)?,

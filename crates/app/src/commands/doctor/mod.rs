@@ -12,7 +12,7 @@ use finding::Severity;
 /// Check a robot and its machine: configuration, devices, permissions, disk, clock, Python. Exits 1 if something must be done.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball doctor --robot config/robots/virtual")]
-pub struct Args {
+pub(crate) struct Args {
     /// The robot: a folder with robot.toml and hardware.toml; without it only the machine is checked.
     #[arg(long, value_name = "DIR")]
     robot: Option<PathBuf>,
@@ -25,7 +25,7 @@ pub struct Args {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let mut findings = machine::check_machine(&args.logs);
     if let Some(robot) = &args.robot {
         findings.extend(robot::check_robot(robot, args.listen));

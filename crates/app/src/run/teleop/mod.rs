@@ -23,11 +23,11 @@ const PERIOD_NS: i64 = 20_000_000;
 const KICK_SPEED: f32 = 6.0;
 
 /// Help text printed at the start.
-pub const HELP: &str = "drive: w a s d, turn: q e, slower and faster: - +, kick: k, stop: space, end: x or Ctrl-C\n\
+pub(crate) const HELP: &str = "drive: w a s d, turn: q e, slower and faster: - +, kick: k, stop: space, end: x or Ctrl-C\n\
      game pad: hold a shoulder button; left stick drives, right stick turns, first button kicks";
 
 /// Drives by hand until `stop` is raised.
-pub fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
+pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
     let terminal = RawTerminal::open()?;
     let terminal = terminal.as_ref();
     let mut pads = Gamepads::default();
