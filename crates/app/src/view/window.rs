@@ -29,8 +29,6 @@ const STORAGE_KEY: &str = "view";
 const SIZE: [f32; 2] = [1280.0, 800.0];
 /// How far the view's threads step back: half as much processor time as `nice` gives at most.
 const NICE: i32 = 10;
-/// Freed memory that is kept for the next frame, bytes: what textures, meshes and a software renderer need for a few.
-const KEPT_BYTES: i32 = 64 << 20;
 /// A picture is taken after so many frames with a cycle: layers are painted by then.
 const SCREENSHOT_DELAY_FRAMES: u32 = 12;
 
@@ -73,7 +71,7 @@ pub(crate) fn run_window(session: Session, wishes: WindowOptions) -> Result<Outc
     rayon::broadcast(|_| ());
     // Where it cannot step back (a stricter system), the view merely runs beside the others.
     let _ = rustix::process::setpriority_process(None, NICE);
-    hw::realtime::retain_freed_memory(KEPT_BYTES);
+    crate::memory::retain_freed_memory(crate::memory::WINDOW_RETAINED_BYTES);
     let options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title(format!("Mirrorball: {}", session.title))
@@ -209,7 +207,7 @@ const FEED_CAPACITY: usize = 16;
 
 /// What the window does when the run that it shows has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AfterRun {
+pub(crate) enum AfterRun {
     /// Stays until it is closed, or until Ctrl-C.
     KeepOpen,
     /// Goes with it.
@@ -219,7 +217,7 @@ pub enum AfterRun {
 /// Runs `drive`, which publishes to the feed it is given, in a thread of its own, and shows its cycles in a window until
 /// that is closed; `drive` then goes on to its end, as it would with no window at all. A run that fails takes the window
 /// with it.
-pub fn run_with_window(
+pub(crate) fn run_with_window(
     name: &str,
     (setup, config): (Setup, PipelineConfig),
     after: AfterRun,
