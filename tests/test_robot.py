@@ -76,7 +76,7 @@ def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
     return result
 
 
-def test_the_simulated_robot_is_played_unchanged_and_ends_with_its_wheels_stopped(tmp_path: Path, states: StateOutput) -> None:
+def test_run_locates_the_virtual_robot_and_stops_its_wheels_at_the_end(tmp_path: Path, states: StateOutput) -> None:
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0, theta_deg = 40.0 }, { x = 0.0, y = 2.0 }]\n")
     sim = hardware(robot, "--truth", tmp_path / "truth.csv", "--format", "YUYV")
@@ -107,7 +107,7 @@ def test_the_simulated_robot_is_played_unchanged_and_ends_with_its_wheels_stoppe
     ended(verified)
 
 
-def test_a_killed_run_leaves_all_but_its_last_second_in_the_log_and_the_wheels_stand(tmp_path: Path, states: StateOutput) -> None:
+def test_killed_run_loses_at_most_one_second_of_log_and_the_wheels_stop(tmp_path: Path, states: StateOutput) -> None:
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("waypoints = [{ x = 3.0, y = 0.0 }, { x = -3.0, y = 0.0 }]\n")
     sim = hardware(robot)
@@ -129,7 +129,7 @@ def test_a_killed_run_leaves_all_but_its_last_second_in_the_log_and_the_wheels_s
     assert commands["ran_out"] >= 1 and commands["last_driving_s"] < killed + 0.1
 
 
-def test_missing_devices_are_no_reason_not_to_start_and_doctor_says_what_to_do(tmp_path: Path) -> None:
+def test_run_starts_without_devices_and_doctor_names_the_remedy(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot")
     sim.kill()
     sim.communicate()
@@ -144,7 +144,7 @@ def test_missing_devices_are_no_reason_not_to_start_and_doctor_says_what_to_do(t
     assert len(bad) == 3 and all("plug it in" in finding["remedy"] for finding in bad)
 
 
-def test_doctor_finds_nothing_wrong_with_a_robot_that_plays(tmp_path: Path) -> None:
+def test_doctor_finds_no_problem_of_a_running_robot(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot")
     doctor = start("doctor", "--robot", tmp_path / "robot", "--logs", tmp_path, "--json")
     out, err = doctor.communicate(timeout=60)
@@ -154,7 +154,7 @@ def test_doctor_finds_nothing_wrong_with_a_robot_that_plays(tmp_path: Path) -> N
     assert {"sight", "robot.toml", "hardware.toml"} <= {finding["what"] for finding in json.loads(out)["findings"]}
 
 
-def test_a_robot_that_is_none_is_told_in_one_line(tmp_path: Path) -> None:
+def test_invalid_robot_folder_is_reported_in_one_line(tmp_path: Path) -> None:
     run = start("run", "--robot", tmp_path / "nothing")
     _, err = run.communicate(timeout=30)
     assert run.returncode == 1 and len(err.splitlines()) == 1 and "hardware.toml" in err
@@ -164,7 +164,7 @@ def test_a_robot_that_is_none_is_told_in_one_line(tmp_path: Path) -> None:
         assert process.returncode == code
 
 
-def test_a_key_drives_and_letting_go_stops(tmp_path: Path, states: StateOutput) -> None:
+def test_key_drives_until_its_hold_time_ends(tmp_path: Path, states: StateOutput) -> None:
     sim = hardware(tmp_path / "robot")
     terminal, end = pty.openpty()
 
@@ -199,15 +199,16 @@ def free_port() -> int:
         return port
 
 
-def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tmp_path: Path) -> None:
+def test_remote_commands_drive_and_kick_and_silence_stops_the_wheels(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot", "--truth", tmp_path / "truth.csv")
-    listen, tell, phrase = free_port(), free_port(), "known to both sides"
+    command_port, state_port, key = free_port(), free_port(), "known to both sides"
     network = tmp_path / "network.toml"
     network.write_text(
-        f'[[outputs]]\nto = "127.0.0.1:{tell}"\nformat = "json"\n\n[commands]\nbind = "127.0.0.1:{listen}"\nkey = "{phrase}"\n'
+        f'[[outputs]]\nto = "127.0.0.1:{state_port}"\nformat = "json"\n\n'
+        f'[commands]\nbind = "127.0.0.1:{command_port}"\nkey = "{key}"\n'
     )
     states = socket.socket(type=socket.SOCK_DGRAM)
-    states.bind(("127.0.0.1", tell))
+    states.bind(("127.0.0.1", state_port))
     states.settimeout(30)
     run = start("run", "--robot", tmp_path / "robot", "--network", network, "--json")
     while "pose" not in (state := json.loads(states.recv(65535))) or state["pose"] is None:
@@ -218,18 +219,18 @@ def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tm
         command = {"version": 1, "session": 1, "sequence": sequence, "valid_ms": 100, **wish}
         content = json.dumps(command).encode()
         code = hmac.new(key.encode(), content, "sha256").digest()[:16]
-        out.sendto(content + code, ("127.0.0.1", listen))
+        out.sendto(content + code, ("127.0.0.1", command_port))
 
     forward = {"x": 0.8, "y": 0.0, "theta": 0.0}
     for sequence in range(50):
-        send(sequence, phrase, drive=forward, needs_pose=True)
+        send(sequence, key, drive=forward, needs_pose=True)
         time.sleep(0.03)
-    send(50, phrase, kick={"speed": 5.0})
+    send(50, key, kick={"speed": 5.0})
     silent = time.monotonic()
     time.sleep(0.5)
-    # Neither a copy nor a command under another key drives.
+    # A replayed command or a command under another key must not drive.
     for sequence in range(51, 61):
-        send(10, phrase, drive=forward)
+        send(10, key, drive=forward)
         send(sequence, "known to nobody", drive=forward)
         time.sleep(0.03)
     time.sleep(0.5)
@@ -238,14 +239,14 @@ def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tm
     run.send_signal(signal.SIGTERM)
     report = ended(run)
     sim.send_signal(signal.SIGTERM)
-    audit = ended(sim)["commands"]
+    stats = ended(sim)["commands"]
     commands = report["commands"]
     assert commands["refused"] == {"old": 10, "unsealed": 10}
     # Without a fresh pose, as on a machine too busy for the simulation, a command that needs one is overruled.
     assert commands["obeyed"] + commands["overruled"] == 51 and commands["obeyed"] > 40
-    assert audit["driving"] > 40 and audit["kicks"] == 1 and audit["too_long"] == 0
-    # The last command holds for 100 ms; the rest is this machine's.
-    assert audit["last_driving_s"] < silent + 0.25 and audit["stands_last"]
+    assert stats["driving"] > 40 and stats["kicks"] == 1 and stats["too_long"] == 0
+    # The last command is valid for 100 ms; the rest is latency of the machine.
+    assert stats["last_driving_s"] < silent + 0.25 and stats["stands_last"]
     with (tmp_path / "truth.csv").open() as file:
         truth = [(float(row["stamp_s"]), float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
     drove = [row[1:] for row in truth if silent - 1.4 < row[0] < silent - 0.1]
@@ -255,9 +256,7 @@ def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tm
 
 
 @pytest.mark.parametrize("base", ["vesc-uart", "vesc-slcan"])
-def test_a_robot_with_a_vesc_at_each_wheel_is_driven_and_stopped(
-    tmp_path: Path, base: str, states: StateOutput
-) -> None:
+def test_robot_with_vescs_is_driven_and_stopped(tmp_path: Path, base: str, states: StateOutput) -> None:
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0 }, { x = 0.0, y = 2.0 }]\n")
     sim = hardware(robot, "--base", base, "--truth", tmp_path / "truth.csv")
@@ -268,12 +267,12 @@ def test_a_robot_with_a_vesc_at_each_wheel_is_driven_and_stopped(
     report = ended(run)
     time.sleep(OBSERVATION_S)
     sim.send_signal(signal.SIGTERM)
-    audit = ended(sim)["commands"]
+    stats = ended(sim)["commands"]
     state = {device["device"]: device for device in report["devices"]}
     assert state["base"]["state"] == "running" and state["base"]["damaged"] == 0, state["base"]
     assert report["wheels_stopped"] and report["tracking"] > 60
-    assert audit["driving"] > 100 and audit["driven_at_once"] == 0
-    assert audit["last_driving_s"] < stop_requested + 0.5 and audit["stands_last"]
+    assert stats["driving"] > 100 and stats["driven_at_once"] == 0
+    assert stats["last_driving_s"] < stop_requested + 0.5 and stats["stands_last"]
     with (tmp_path / "truth.csv").open() as file:
         truth = [(float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
     assert math.dist(truth[0], truth[-1]) > 0.5
