@@ -41,7 +41,7 @@ pub(crate) struct Args {
 }
 
 /// Standard deviation assumed for line points of external vision, which come without one, metres.
-pub const EXTERNAL_POINT_STD: f32 = 0.04;
+pub(crate) const EXTERNAL_POINT_STD: f32 = 0.04;
 
 /// Runs the command.
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {

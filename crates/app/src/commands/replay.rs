@@ -134,7 +134,7 @@ fn verify_log(log: LogReader) -> Result<VerificationReport> {
         let unpacked = format!("{}/", folder.path().display());
         anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
     })?;
-    if let Some(notice) = spine.notice() {
+    if let Some(notice) = pipeline.notice() {
         eprintln!("{notice}");
     }
     let bar = crate::progress::bar(0, "cycles");

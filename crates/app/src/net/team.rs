@@ -92,7 +92,7 @@ impl TeamTransport {
 
     /// Numbers of accepted messages and rejected datagrams.
     #[cfg(test)]
-    pub fn counts(&self) -> pipeline::datagram::TeamLinkCounts {
+    pub(crate) fn counts(&self) -> pipeline::datagram::TeamLinkCounts {
         lock(&self.link).counts().clone()
     }
 }

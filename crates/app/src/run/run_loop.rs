@@ -23,7 +23,7 @@ use super::stop_flag::StopFlag;
 use super::teleop;
 use crate::memory::{self, RUN_RETAINED_BYTES};
 use crate::stream::StreamPreamble;
-use pipeline::cycle::{Cycle, PIPELINE_FILE, Pipeline, PipelineConfig};
+use pipeline::config::PIPELINE_FILE;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;

@@ -10,7 +10,6 @@ use pipeline::cycle::{Cycle, Inputs};
 use pipeline::feed::Feed;
 use pipeline::log::{Header, ImageCompression};
 use pipeline::testing::{field, random_cycle, random_image};
-use pipeline::{Cycle, Inputs};
 
 const TIMEOUT: Duration = Duration::from_secs(20);
 

@@ -10,7 +10,7 @@ use vision::image::Image;
 use vision::{GroundMap, Mount, Profile, overlay};
 
 use super::images::{SkippedImage, load_drive_images, load_strip_images};
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::setup::Setup;
 
 /// Ground map from images of the robot turning next to a radial strip of black and white bars.

@@ -9,6 +9,7 @@ use vision::image::Image;
 use vision::overlay::{self, Rgb};
 
 use super::images::{SkippedImage, load_drive_images};
+use pipeline::PipelineConfig;
 use pipeline::csv_table::CsvWriter;
 use pipeline::setup::Setup;
 
