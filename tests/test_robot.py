@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""`mirrorball run` on virtual hardware, by the wire formats of the real one."""
-=======
 """Does `mirrorball run` run the simulated robot through its real wire formats? The virtual hardware."""
->>>>>>> app
 
 import csv
 import hmac
@@ -80,11 +76,7 @@ def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
     return result
 
 
-<<<<<<< HEAD
-def test_run_on_virtual_hardware_localizes_and_stops_the_wheels(tmp_path: Path) -> None:
-=======
 def test_run_locates_the_virtual_robot_and_stops_its_wheels_at_the_end(tmp_path: Path, states: StateOutput) -> None:
->>>>>>> app
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0, theta_deg = 40.0 }, { x = 0.0, y = 2.0 }]\n")
     sim = hardware(robot, "--truth", tmp_path / "truth.csv", "--format", "YUYV")
@@ -115,11 +107,7 @@ def test_run_locates_the_virtual_robot_and_stops_its_wheels_at_the_end(tmp_path:
     ended(verified)
 
 
-<<<<<<< HEAD
-def test_killed_run_loses_at_most_one_second_of_log_and_wheels_stop(tmp_path: Path) -> None:
-=======
 def test_killed_run_loses_at_most_one_second_of_log_and_the_wheels_stop(tmp_path: Path, states: StateOutput) -> None:
->>>>>>> app
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("waypoints = [{ x = 3.0, y = 0.0 }, { x = -3.0, y = 0.0 }]\n")
     sim = hardware(robot)
@@ -141,11 +129,7 @@ def test_killed_run_loses_at_most_one_second_of_log_and_the_wheels_stop(tmp_path
     assert commands["ran_out"] >= 1 and commands["last_driving_s"] < killed + 0.1
 
 
-<<<<<<< HEAD
-def test_run_starts_without_devices_and_doctor_reports_remedies(tmp_path: Path) -> None:
-=======
 def test_run_starts_without_devices_and_doctor_names_the_remedy(tmp_path: Path) -> None:
->>>>>>> app
     sim = hardware(tmp_path / "robot")
     sim.kill()
     sim.communicate()
@@ -160,11 +144,7 @@ def test_run_starts_without_devices_and_doctor_names_the_remedy(tmp_path: Path) 
     assert len(bad) == 3 and all("plug it in" in finding["remedy"] for finding in bad)
 
 
-<<<<<<< HEAD
-def test_doctor_passes_on_running_virtual_hardware(tmp_path: Path) -> None:
-=======
 def test_doctor_finds_no_problem_of_a_running_robot(tmp_path: Path) -> None:
->>>>>>> app
     sim = hardware(tmp_path / "robot")
     doctor = start("doctor", "--robot", tmp_path / "robot", "--logs", tmp_path, "--json")
     out, err = doctor.communicate(timeout=60)
@@ -174,11 +154,7 @@ def test_doctor_finds_no_problem_of_a_running_robot(tmp_path: Path) -> None:
     assert {"sight", "robot.toml", "hardware.toml"} <= {finding["what"] for finding in json.loads(out)["findings"]}
 
 
-<<<<<<< HEAD
-def test_missing_robot_folder_gives_one_line_error(tmp_path: Path) -> None:
-=======
 def test_invalid_robot_folder_is_reported_in_one_line(tmp_path: Path) -> None:
->>>>>>> app
     run = start("run", "--robot", tmp_path / "nothing")
     _, err = run.communicate(timeout=30)
     assert run.returncode == 1 and len(err.splitlines()) == 1 and "hardware.toml" in err
@@ -188,11 +164,7 @@ def test_invalid_robot_folder_is_reported_in_one_line(tmp_path: Path) -> None:
         assert process.returncode == code
 
 
-<<<<<<< HEAD
-def test_teleop_key_drives_and_release_stops(tmp_path: Path) -> None:
-=======
 def test_key_drives_until_its_hold_time_ends(tmp_path: Path, states: StateOutput) -> None:
->>>>>>> app
     sim = hardware(tmp_path / "robot")
     terminal, end = pty.openpty()
 
@@ -227,11 +199,7 @@ def free_port() -> int:
         return port
 
 
-<<<<<<< HEAD
-def test_udp_commands_drive_kick_and_time_out(tmp_path: Path) -> None:
-=======
 def test_remote_commands_drive_and_kick_and_silence_stops_the_wheels(tmp_path: Path) -> None:
->>>>>>> app
     sim = hardware(tmp_path / "robot", "--truth", tmp_path / "truth.csv")
     command_port, state_port, key = free_port(), free_port(), "known to both sides"
     network = tmp_path / "network.toml"
@@ -288,11 +256,7 @@ def test_remote_commands_drive_and_kick_and_silence_stops_the_wheels(tmp_path: P
 
 
 @pytest.mark.parametrize("base", ["vesc-uart", "vesc-slcan"])
-<<<<<<< HEAD
-def test_vesc_base_is_driven_and_stopped(tmp_path: Path, base: str) -> None:
-=======
 def test_robot_with_vescs_is_driven_and_stopped(tmp_path: Path, base: str, states: StateOutput) -> None:
->>>>>>> app
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0 }, { x = 0.0, y = 2.0 }]\n")
     sim = hardware(robot, "--base", base, "--truth", tmp_path / "truth.csv")
