@@ -58,7 +58,7 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
     if let Some(path) = &args.headings {
         let mut file = CsvWriter::create(path, "stamp_s,heading_rad")?;
         for (stamp, reading) in stamps.iter().zip(&readings) {
-            let (heading, _) = fit.calibration.heading(*reading);
+            let heading = fit.calibration.heading(*reading).heading;
             file.write_row(format_args!("{},{heading}", format_seconds(*stamp)))?;
         }
         file.finish()?;
