@@ -1,4 +1,4 @@
-"""Does `mirrorball run` play the simulated robot through its true wire formats? The virtual hardware."""
+"""`mirrorball run` on virtual hardware, by the wire formats of the real one."""
 
 import csv
 import hmac
@@ -46,7 +46,7 @@ def ended(process: subprocess.Popen[str]) -> dict[str, Any]:
     return result
 
 
-def test_the_simulated_robot_is_played_unchanged_and_ends_with_its_wheels_stopped(tmp_path: Path) -> None:
+def test_run_on_virtual_hardware_localizes_and_stops_the_wheels(tmp_path: Path) -> None:
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0, theta_deg = 40.0 }, { x = 0.0, y = 2.0 }]\n")
     sim = hardware(robot, "--truth", tmp_path / "truth.csv", "--format", "YUYV")
@@ -78,7 +78,7 @@ def test_the_simulated_robot_is_played_unchanged_and_ends_with_its_wheels_stoppe
     ended(verified)
 
 
-def test_a_killed_run_leaves_all_but_its_last_second_in_the_log_and_the_wheels_stand(tmp_path: Path) -> None:
+def test_killed_run_loses_at_most_one_second_of_log_and_wheels_stop(tmp_path: Path) -> None:
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("waypoints = [{ x = 3.0, y = 0.0 }, { x = -3.0, y = 0.0 }]\n")
     sim = hardware(robot)
@@ -100,7 +100,7 @@ def test_a_killed_run_leaves_all_but_its_last_second_in_the_log_and_the_wheels_s
     assert commands["ran_out"] >= 1 and commands["last_driving_s"] < killed + 0.1
 
 
-def test_missing_devices_are_no_reason_not_to_start_and_doctor_says_what_to_do(tmp_path: Path) -> None:
+def test_run_starts_without_devices_and_doctor_reports_remedies(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot")
     sim.kill()
     sim.communicate()
@@ -115,7 +115,7 @@ def test_missing_devices_are_no_reason_not_to_start_and_doctor_says_what_to_do(t
     assert len(bad) == 3 and all("plug it in" in finding["remedy"] for finding in bad)
 
 
-def test_doctor_finds_nothing_wrong_with_a_robot_that_plays(tmp_path: Path) -> None:
+def test_doctor_passes_on_running_virtual_hardware(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot")
     doctor = start("doctor", "--robot", tmp_path / "robot", "--logs", tmp_path, "--json")
     out, err = doctor.communicate(timeout=60)
@@ -125,7 +125,7 @@ def test_doctor_finds_nothing_wrong_with_a_robot_that_plays(tmp_path: Path) -> N
     assert {"sight", "robot.toml", "hardware.toml"} <= {finding["what"] for finding in json.loads(out)["findings"]}
 
 
-def test_a_robot_that_is_none_is_told_in_one_line(tmp_path: Path) -> None:
+def test_missing_robot_folder_gives_one_line_error(tmp_path: Path) -> None:
     run = start("run", "--robot", tmp_path / "nothing")
     _, err = run.communicate(timeout=30)
     assert run.returncode == 1 and len(err.splitlines()) == 1 and "hardware.toml" in err
@@ -135,7 +135,7 @@ def test_a_robot_that_is_none_is_told_in_one_line(tmp_path: Path) -> None:
         assert process.returncode == code
 
 
-def test_a_key_drives_and_letting_go_stops(tmp_path: Path) -> None:
+def test_teleop_key_drives_and_release_stops(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot")
     terminal, end = pty.openpty()
 
@@ -168,7 +168,7 @@ def free_port() -> int:
         return port
 
 
-def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tmp_path: Path) -> None:
+def test_udp_commands_drive_kick_and_time_out(tmp_path: Path) -> None:
     sim = hardware(tmp_path / "robot", "--truth", tmp_path / "truth.csv")
     listen, tell, phrase = free_port(), free_port(), "known to both sides"
     network = tmp_path / "network.toml"
@@ -224,7 +224,7 @@ def test_another_program_drives_and_kicks_by_udp_and_silence_stops_the_wheels(tm
 
 
 @pytest.mark.parametrize("base", ["vesc-uart", "vesc-slcan"])
-def test_a_robot_with_a_vesc_at_each_wheel_is_driven_and_stopped(tmp_path: Path, base: str) -> None:
+def test_vesc_base_is_driven_and_stopped(tmp_path: Path, base: str) -> None:
     robot, patrol = tmp_path / "robot", tmp_path / "patrol.toml"
     patrol.write_text("speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0 }, { x = 0.0, y = 2.0 }]\n")
     sim = hardware(robot, "--base", base, "--truth", tmp_path / "truth.csv")

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use localize::estimate::Mode;
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::sample::{Sample, SourceImage};
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 use vision::Image;
 
 /// The carpet's brightness in the image is back when it is within this factor of what it was before the change.

@@ -9,10 +9,10 @@ use localize::global_search::hough::{Hough, HoughConfig};
 use localize::global_search::monte_carlo::{MonteCarlo, MonteCarloConfig};
 use localize::global_search::scan_map::{ScanMap, ScanMapConfig};
 use localize::matching::{MatchConfig, Matcher, Minimiser};
+use localize::random::standard_normal;
 use localize::sample::LinePoint;
 use localize::synthetic::drive::{
     SyntheticDrive, SyntheticDriveConfig, SyntheticSample, random_pose, simulate_line_points,
-    standard_normal,
 };
 use localize::{DistanceField, Field, LocalizeConfig, Localizer, Pose};
 use nalgebra::{Matrix3, Vector3};

@@ -5,9 +5,11 @@
 
 pub mod fixed_array;
 pub mod frames;
+pub mod random;
 pub mod robot;
 pub mod sample;
 pub mod stamp;
+pub mod tilt;
 pub mod toml_location;
 
 pub mod field;
@@ -30,6 +32,7 @@ pub mod world;
 pub mod config;
 pub mod presets;
 
+#[cfg(any(test, feature = "synthetic"))]
 pub mod synthetic;
 
 pub use config::LocalizeConfig;

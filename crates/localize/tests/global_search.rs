@@ -3,13 +3,14 @@
 use localize::frames::wrap_angle;
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, half_turn};
 use localize::global_search::hough::confirm_by_goal_colours;
-use localize::global_search::scan_map::{CacheStatus, ScanMap, ScanMapConfig};
+use localize::global_search::scan_map::{ScanMap, ScanMapConfig};
 use localize::global_search::{GlobalSearch, GlobalSearchConfig, GlobalSearchMethod, SearchInput};
 use localize::matching::Matcher;
 use localize::presets::PRESETS;
+use localize::random::standard_normal;
 use localize::sample::GoalObservation;
 use localize::synthetic::drive::{
-    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
+    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
 };
 use localize::{At, DistanceField, Field, FieldFrame, LocalizeConfig, Localizer, Pose, Stamp};
 use rand_chacha::ChaCha8Rng;
@@ -147,40 +148,6 @@ fn stored_scan_map_is_rejected_for_another_field_or_config() {
     assert_eq!(ScanMap::from_bytes(&bytes[..last], &small, &config), None);
     bytes[last] ^= 1;
     assert_eq!(ScanMap::from_bytes(&bytes, &small, &config), None);
-}
-
-#[test]
-fn scan_map_cache_rebuilds_damaged_and_tolerates_unwritable_files() {
-    let field = field("msl_2001.toml");
-    let distances = DistanceField::new(&field, &LocalizeConfig::default().distance_field);
-    let config = ScanMapConfig {
-        cell: 0.5,
-        ..ScanMapConfig::default()
-    };
-    let fresh = ScanMap::new(&field, &distances, config.clone());
-    let folder = tempfile::tempdir().expect("a folder");
-    let cached = |folder: &std::path::Path| {
-        let (map, origin) = ScanMap::load_or_build(folder, &field, &distances, config.clone());
-        assert_eq!(map, fresh);
-        origin
-    };
-    // The folder is made when there is none.
-    let inside = folder.path().join("maps");
-    assert_eq!(cached(&inside), CacheStatus::Built);
-    assert_eq!(cached(&inside), CacheStatus::Loaded);
-    let files: Vec<_> = std::fs::read_dir(&inside).expect("files").collect();
-    let [file] = &files[..] else {
-        panic!("{files:?}")
-    };
-    let file = file.as_ref().expect("a file").path();
-    std::fs::write(&file, b"MBSCAN, but cut off").expect("written");
-    assert_eq!(cached(&inside), CacheStatus::Rebuilt);
-    assert_eq!(cached(&inside), CacheStatus::Loaded);
-    // A file stands where the folder should be.
-    let CacheStatus::NotStored(reason) = cached(&file) else {
-        panic!("kept in a file")
-    };
-    assert!(reason.contains("scan_map_"), "{reason}");
 }
 
 /// What vision reports of the 2001 field's goals from `truth`: the middle of each goal's foot at the back of its box.

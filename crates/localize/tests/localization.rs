@@ -7,6 +7,7 @@ use localize::sample::{Compass, LinePoint, Odometry};
 use localize::synthetic::drive::{
     SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
 };
+use localize::tilt::map_from_ground;
 use localize::{At, DistanceField, Field, LocalizeConfig, Localizer, Mode, Pose, Reason, Stamp};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -489,13 +490,9 @@ fn tilt_estimation_reduces_position_error() {
         let mut points =
             simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
         for point in &mut points {
-            // What an upright map says of a point that a leaning robot sees: the inverse of MATH.md's formula.
-            let (x, y) = (point.at.x, point.at.y);
-            let scale = height / (height + a * x + b * y);
-            point.at = At::new(
-                (x - a * height) * scale + a * a * x,
-                (y - b * height) * scale + b * b * y,
-            );
+            let [x, y] = map_from_ground([point.at.x, point.at.y], [a, b], height)
+                .expect("a point below the horizon");
+            point.at = At::new(x, y);
         }
         let start = Pose::new(truth.x + 0.03, truth.y - 0.03, truth.theta + 0.01);
         with_lean += position_error(matcher.refine(&distances, &points, start, 0.2).pose, truth);

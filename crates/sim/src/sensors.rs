@@ -1,20 +1,14 @@
 //! What do IMU and compass read? Truth with bias, noise and shocks.
 
 use localize::frames::wrap_angle;
+pub(crate) use localize::random::standard_normal;
 use localize::robot::{CompassModelConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
-use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 /// What a robot at rest feels, m/s².
 const GRAVITY: f32 = 9.81;
-
-/// One draw of the standard normal distribution (Box and Muller).
-pub(crate) fn standard_normal(rng: &mut ChaCha8Rng) -> f32 {
-    let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
-    radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
-}
 
 /// The inertial unit of one robot: its biases were drawn when it was made.
 #[derive(Debug, Clone)]

@@ -14,7 +14,6 @@ use crate::commands::locate::EXTERNAL_POINT_STD;
 use crate::interrupt;
 use crate::pictures::annotate::draw_detections;
 use crate::pictures::field::{FieldDrawing, ink, side_by_side};
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::paths;
@@ -23,6 +22,7 @@ use pipeline::score;
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Show a minute of play against moving opponents, then the same on recorded images.
 ///

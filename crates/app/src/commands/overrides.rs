@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 
 use crate::commands::arguments::UsageError;
-use pipeline::cycle::merge_tables;
+use pipeline::config::merge_tables;
 
 /// Tables of `KEY=VALUE` arguments: dotted keys, values as TOML writes them (a bare word is a text).
 pub fn parse_overrides(assignments: &[String]) -> Result<toml::Table> {

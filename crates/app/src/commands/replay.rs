@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, anyhow, bail};
 use serde::Serialize;
 
-use pipeline::cycle::{PIPELINE_FILE, Pipeline, PipelineConfig};
+use pipeline::config::PIPELINE_FILE;
 use pipeline::log::{self, Difference, LogEnd, LogReader, VerificationReport};
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Run a log once more: verify that it gives the same bits, or export it as a recording folder.
 #[derive(clap::Args)]
@@ -132,6 +133,9 @@ fn verify_log(log: LogReader) -> Result<VerificationReport> {
         let unpacked = format!("{}/", folder.path().display());
         anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
     })?;
+    if let Some(notice) = spine.notice() {
+        eprintln!("{notice}");
+    }
     let bar = crate::progress::bar(0, "cycles");
     let verdict = log::verify(log, |sample| {
         let cycle = spine.process_sample(sample);

@@ -12,9 +12,10 @@ use rayon::prelude::*;
 use super::experiment::{Drives, Variant};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
+use pipeline::config::apply_overlay;
 use pipeline::result_files::mode_name;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// A pose this far off while called tracked, with no reason for doubt, is silently wrong, metres.
 const UNDETECTED_FAILURE_ERROR: f32 = 0.5;

@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Landscape;
 use super::metric::Metric;
 use super::output::CsvRows;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
 /// Mean error of all points (minho2016 eq. 5 on the distance to the nearest marking) at each place, and the height of
 /// the histograms' peaks (V.B) at each heading; both in one file, told apart by `layer`.

@@ -13,9 +13,9 @@ pub(super) fn write(folder: &Path, interpreter: Option<&Path>) -> Result<PathBuf
 
     python::start(interpreter)?;
     let page = Python::attach(|py| -> PyResult<String> {
-        let proof = py.import("mirrorball.proof")?;
+        let evaluation = py.import("mirrorball.evaluation")?;
         let folder = folder.display().to_string();
-        proof
+        evaluation
             .call_method1("write_page", (folder,))?
             .str()?
             .extract()

@@ -8,9 +8,8 @@ use localize::frames::wrap_angle;
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, half_turn};
 use localize::global_search::{GlobalSearch, SearchInput};
 use localize::matching::Matcher;
-use localize::synthetic::drive::{
-    SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
-};
+use localize::random::standard_normal;
+use localize::synthetic::drive::{SyntheticDriveConfig, random_pose, simulate_line_points};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,7 +17,7 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Searches;
 use super::metric::Metric;
 use super::output::CsvRows;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
 /// A pose this near is the right one, metres and radians (5°).
 const CORRECT_WITHIN: (f32, f32) = (0.25, 0.087);

@@ -8,9 +8,9 @@ use super::drives::{FrameResult, frame_result};
 use super::experiment::Stills;
 use super::metric::Metric;
 use super::output::CsvRows;
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::sample::Sample;
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// An error beyond this is another place, not an inaccurate one, metres.
 const OUTLIER_DISTANCE: f32 = 0.5;

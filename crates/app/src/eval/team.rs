@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use super::experiment::{MultiRobotRuns, TeamRuns, TeamVariant, Variant};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
-use pipeline::cycle::{PipelineConfig, apply_overlay};
+use pipeline::PipelineConfig;
+use pipeline::config::apply_overlay;
 use pipeline::multi_robot::{MultiRobotSimulation, RobotSummary};
 use pipeline::simulation::load_scenario_with_overrides;
 
@@ -117,7 +118,8 @@ fn play_scenario(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<Robot
     let path = variant.scenario.as_deref().context("no scenario")?;
     let (scenario, _) = load_scenario_with_overrides(path, &variant.set, Some(seed))?;
     let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
-    MultiRobotSimulation::new((path, &scenario), &config, scenario.duration, None)?.run(|_| ())
+    MultiRobotSimulation::new((path, &scenario), &config, scenario.duration, None)?
+        .run(|_| Ok(std::ops::ControlFlow::Continue(())))
 }
 
 impl BallErrors {

@@ -21,7 +21,7 @@ use vision::image::Image;
 use super::experiment::Times;
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::paths;
 use pipeline::setup::Setup;
 

@@ -14,7 +14,7 @@ use super::experiment::{RecordingRun, Variant, VisionRuns};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use crate::commands::locate::EXTERNAL_POINT_STD;
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
+use pipeline::config::apply_overlay;
 use pipeline::recording::Recording;
 use pipeline::score;
 use pipeline::score::detections::{
@@ -22,6 +22,7 @@ use pipeline::score::detections::{
 };
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Runs are cut into pieces this long for the intervals of shares, seconds: by then everything stands elsewhere. A short
 /// recording is cut into as many as ten all the same.

@@ -19,7 +19,7 @@ use super::{
     CommandConfig, CommandListener, NetworkConfig, OutputConfig, RemoteCommand, StateSender,
     TeamLinkConfig, TeamTransport,
 };
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::datagram::TeamLink;
 use pipeline::datagram::authentication::{MAC_BYTES, MacKey, RejectReason, append_mac};
 use pipeline::datagram::message::{

@@ -5,7 +5,7 @@ use vision::GroundMap;
 use vision::image::Image;
 use vision::overlay;
 
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
 /// Marks are drawn into the image enlarged this many times, so that they do not hide what they mark.
 const ENLARGED: usize = 2;

@@ -7,7 +7,7 @@ use hw::realtime::lower_priority;
 use localize::{Field, Stamp};
 use serde::Serialize;
 
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::feed::Pace;
 use pipeline::log::{Header, LogConfig, Recorder};
 

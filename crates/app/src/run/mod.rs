@@ -24,7 +24,7 @@ use crate::commands::arguments::{self, UsageError};
 use crate::view::{self, AfterRun};
 use patrol::Patrol;
 #[cfg(feature = "view")]
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::feed::Feed;
 use pipeline::log::ImageCompression;
 use robot_folder::RobotFolder;

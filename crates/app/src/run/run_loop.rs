@@ -20,11 +20,12 @@ use super::status::{OperatorNotices, RunReport, RunStatus};
 use super::stop_flag::StopFlag;
 use super::{Args, teleop};
 use crate::run::raw_image::raw_image;
-use pipeline::cycle::{Cycle, PIPELINE_FILE, Pipeline, PipelineConfig};
+use pipeline::config::PIPELINE_FILE;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Samples that may wait for the spine: more than a second of every device.
 const EVENT_QUEUE_CAPACITY: usize = 1024;
@@ -64,6 +65,9 @@ impl RunLoop {
     ) -> Result<Self> {
         let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
         let spine = Pipeline::new(&robot.setup, &config)?;
+        if let Some(notice) = spine.notice() {
+            eprintln!("{notice}");
+        }
         let log_config = LogConfig {
             images: args.images,
             ..LogConfig::default()

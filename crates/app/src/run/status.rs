@@ -10,7 +10,7 @@ use super::latency::{LatencyHistogram, LatencySummary};
 use super::log_rotation::LogSummary;
 use super::stderr_writer::StderrWriter;
 use crate::net::commands::CommandCounts;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::result_files::mode_name;
 
 /// Time between two looks of a terminal's status line, seconds.

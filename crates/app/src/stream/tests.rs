@@ -6,10 +6,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::{StreamClient, StreamConfig, StreamEvent, StreamServer};
-use pipeline::cycle::{Cycle, Inputs};
 use pipeline::feed::Feed;
 use pipeline::log::{Header, ImageCompression};
 use pipeline::testing::{field, random_cycle, random_image};
+use pipeline::{Cycle, Inputs};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 

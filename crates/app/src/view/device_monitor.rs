@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use localize::Stamp;
 
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
 /// Rates are counted over so many seconds.
 const RATE_WINDOW: f64 = 2.0;

@@ -16,7 +16,7 @@ use vision::process::Vision;
 use super::palette;
 use super::source::rgb_image;
 use super::static_scene::StaticScene;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
 /// Half the side of the bird's-eye view, metres: a midfield robot sees the lines of half the field there.
 pub(crate) const BIRDS_EYE_HALF_EXTENT: f32 = 6.0;

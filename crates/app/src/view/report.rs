@@ -11,7 +11,7 @@ use super::session::Session;
 use super::settings;
 use super::source::rgb_image;
 use super::time_series::Quantity;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
 /// Columns of the table of the run, with what they are scaled by.
 const COLUMNS: [(&str, Quantity); 8] = [

@@ -17,7 +17,8 @@ use super::source::sim_worker::{SimWorker, SourceRequest};
 use super::source::{DecodedCycle, Source, remote};
 use super::static_scene::StaticScene;
 use super::time_series::{CycleMetrics, TimeSeries};
-use pipeline::cycle::{PIPELINE_FILE, PipelineConfig};
+use pipeline::PipelineConfig;
+use pipeline::config::PIPELINE_FILE;
 use pipeline::log::LogIndex;
 use pipeline::setup::Setup;
 

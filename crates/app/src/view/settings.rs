@@ -3,7 +3,7 @@
 use schemars::schema_for;
 use serde_json::Value as Json;
 
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
 /// In place of a value that is not given.
 pub(crate) const NOT_SET: &str = "not given";

@@ -7,6 +7,7 @@ use localize::frames::{At, Pose, RobotFrame};
 use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
 use localize::robot::CameraConfig;
 use localize::robot::RobotConfig;
+use localize::tilt::map_from_ground;
 use vision::GroundMap;
 use vision::colour::colour_table::ColourTable;
 use vision::overlay::marking_points;
@@ -18,8 +19,6 @@ use pipeline::setup::Setup;
 const MARKING_POINT_SPACING: f32 = 0.1;
 /// Neighbouring points farther apart than this many spacings belong to different markings.
 const GAP_STEPS: f32 = 1.5;
-/// Viewpoint height without a mirror profile, metres: the league's robots are at most 0.8 m high.
-const DEFAULT_VIEWPOINT_HEIGHT: f32 = 0.78;
 
 /// Field, camera and ground map.
 pub(crate) struct StaticScene {
@@ -54,7 +53,9 @@ pub(crate) struct CameraModel {
 impl StaticScene {
     /// Computes the tables that drawing needs: a fraction of a second for a large image.
     pub(crate) fn new(setup: Setup) -> Self {
-        let height = setup.viewpoint_height.unwrap_or(DEFAULT_VIEWPOINT_HEIGHT);
+        let height = setup
+            .viewpoint_height
+            .unwrap_or(localize::robot::DEFAULT_MIRROR_RIM_HEIGHT);
         let camera = setup.camera.map(|(config, map)| CameraModel {
             inverse: InverseGroundMap::new(&map),
             config,
@@ -95,15 +96,8 @@ impl StaticScene {
 
 impl CameraModel {
     /// Pixel of a ground point in the image of a robot with this tilt; None if it is not visible.
-    pub(crate) fn project(&self, ground: At<RobotFrame>, [a, b]: [f32; 2]) -> Option<[f32; 2]> {
-        // Inverse of the tilt in docs/methods.md 3.3: q = (p + a h) · h / (h − a·p), solved for p.
-        let height = self.viewpoint_height;
-        let (along, square) = (a * ground.x + b * ground.y, a * a + b * b);
-        let shift = (along - square * height) / (1.0 + along / height);
-        let upright = At::new(
-            ground.x - a * height - ground.x * shift / height,
-            ground.y - b * height - ground.y * shift / height,
-        );
-        self.inverse.project(&self.map, upright)
+    pub(crate) fn project(&self, ground: At<RobotFrame>, tilt: [f32; 2]) -> Option<[f32; 2]> {
+        let [x, y] = map_from_ground([ground.x, ground.y], tilt, self.viewpoint_height)?;
+        self.inverse.project(&self.map, At::new(x, y))
     }
 }

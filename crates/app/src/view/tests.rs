@@ -14,10 +14,10 @@ use super::session::Session;
 use super::shell::View;
 use super::source::live::CycleInbox;
 use super::source::sim_worker::{SimWorker, SourceRequest};
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Generous for a loaded machine; no test waits for it unless it fails.
 const TIMEOUT: Duration = Duration::from_secs(120);

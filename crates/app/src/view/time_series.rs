@@ -6,7 +6,7 @@ use localize::robot::BaseConfig;
 use vision::image::Image;
 
 use super::source::rgb_image;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
 /// Beyond so many samples every other one is left out, and from there on of what comes: a day at 30 Hz still fits.
 const MAX_SAMPLES: usize = 120_000;

@@ -17,7 +17,7 @@ use super::session::Session;
 use super::shell::{ScreenshotTarget, View};
 use super::source::live::{CycleInbox, LiveSource};
 use super::source::remote;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::feed::Feed;
 use pipeline::setup::Setup;
 

@@ -44,9 +44,12 @@ impl ImuEncoder {
         [
             (
                 DataType::Acceleration,
-                raw(imu.acceleration, 16.0 * STANDARD_GRAVITY),
+                raw(imu.acceleration, DataType::Acceleration.full_scale()),
             ),
-            (DataType::AngularRate, raw(imu.rate, 2000_f32.to_radians())),
+            (
+                DataType::AngularRate,
+                raw(imu.rate, DataType::AngularRate.full_scale()),
+            ),
         ]
         .into_iter()
         .flat_map(|(kind, raw)| Wit { kind, raw }.encode())

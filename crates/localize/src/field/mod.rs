@@ -2,6 +2,7 @@
 
 mod config;
 pub(crate) mod goal_colours;
+pub(crate) mod ray;
 
 use std::path::Path;
 

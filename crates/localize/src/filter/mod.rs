@@ -69,6 +69,15 @@ pub enum TiltPrior {
     Independent(f32),
 }
 
+/// Tilt of the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TiltEstimate {
+    /// (a, b), radians (docs/methods.md 3.1).
+    pub mean: [f32; 2],
+    /// Standard deviation of each component, radians.
+    pub std: f32,
+}
+
 /// A pose with its uncertainty, and what else is believed of the robot's motion.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(
@@ -200,7 +209,7 @@ impl PoseFilter {
     }
 
     /// Lean of the camera and its standard deviation, radians; none where no inertial unit tells.
-    pub fn tilt(&self) -> Option<([f32; 2], f32)> {
+    pub fn tilt(&self) -> Option<TiltEstimate> {
         match self {
             PoseFilter::Joint(joint) => joint.tilt(),
             PoseFilter::Decentralised(_) => None,

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
+use crate::tilt;
 
 /// How the error is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
@@ -57,7 +58,7 @@ impl Default for MatchConfig {
             steps_max: 20,
             convergence_step: 2e-4,
             tilt_std_deg: 0.45,
-            viewpoint_height: 0.75,
+            viewpoint_height: crate::robot::DEFAULT_VIEWPOINT_HEIGHT,
         }
     }
 }
@@ -323,12 +324,7 @@ impl Matcher {
         let (mut weight, mut psi_squared, mut psi_slope) = (0.0, 0.0, 0.0);
         let (mut squares, mut deviations, mut score, mut inliers) = (0.0, 0.0, 0.0, 0.0);
         for point in &self.points {
-            // MATH.md 2, "Tilt": where the point lies if the robot leant by (a, b).
-            let stretch = height / (height - a * point.x - b * point.y).max(0.5 * height);
-            let (x, y) = (
-                (point.x + a * height) * stretch,
-                (point.y + b * height) * stretch,
-            );
+            let [x, y] = tilt::ground_from_map([point.x, point.y], [a, b], height);
             let (rx, ry) = (cos * x - sin * y, sin * x + cos * y);
             let near = distances.nearest(state[0] + rx, state[1] + ry);
             let [nx, ny] = near.normal;

@@ -9,10 +9,11 @@ use serde::Serialize;
 
 use crate::estimate::{Estimate, Mode};
 use crate::frames::{At, FieldFrame, Pose};
+use crate::random::standard_normal;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
-use crate::synthetic::drive::standard_normal;
 use crate::team::{ReportedBall, TeamConfig, TeamModel, TeamReport};
+use crate::tilt;
 use crate::world::{ObjectObservation, WorldConfig, WorldModel, WorldObservation, WorldView};
 
 /// Robots of a team.
@@ -287,7 +288,8 @@ impl ExperimentRobot {
         let truth = self.truth.inverse() * ball;
         let range = truth.distance();
         let std = TILT_STD_DEG.to_radians();
-        let stretch = std * (a * truth.x + b * truth.y) / HEIGHT;
+        let [map_x, map_y] = tilt::map_from_ground([truth.x, truth.y], [std * a, std * b], HEIGHT)
+            .unwrap_or([truth.x, truth.y]);
         let [radial, tangential] = OBSERVATION_STD.map(|share| share * range);
         let (along, across) = (
             radial * standard_normal(rng),
@@ -295,8 +297,8 @@ impl ExperimentRobot {
         );
         let (cos, sin) = (truth.x / range, truth.y / range);
         let at = At::new(
-            truth.x - std * a * HEIGHT - stretch * truth.x + cos * along - sin * across,
-            truth.y - std * b * HEIGHT - stretch * truth.y + sin * along + cos * across,
+            map_x + cos * along - sin * across,
+            map_y + sin * along + cos * across,
         );
         let (r, t) = (radial * radial, tangential * tangential);
         let sighting = ObjectObservation {

@@ -4,6 +4,7 @@ use localize::frames::{At, Pose, wrap_angle};
 use localize::robot::RobotConfig;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::synthetic::drive::{SyntheticDriveConfig, simulate_line_points};
+use localize::tilt::map_from_ground;
 use localize::{Field, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -290,12 +291,11 @@ fn frames(
             simulate_line_points(field, &sensing, exposed.pose, rng)
         };
         let at = lean.partition_point(|(stamp, _)| *stamp <= exposed.stamp);
-        if let Some((_, [a, b])) = at.checked_sub(1).and_then(|at| lean.get(at)) {
+        if let Some((_, tilt)) = at.checked_sub(1).and_then(|at| lean.get(at)) {
             for point in &mut points {
-                // The inverse of MATH.md 2, "Tilt": what an upright map makes of a leaning robot's sight.
                 let At { x, y, .. } = point.at;
-                let stretch = height / (height + a * x + b * y);
-                point.at = At::new((x - a * height) * stretch, (y - b * height) * stretch);
+                let [x, y] = map_from_ground([x, y], *tilt, height).unwrap_or([x, y]);
+                point.at = At::new(x, y);
             }
         }
         frames.push(PointObservation {

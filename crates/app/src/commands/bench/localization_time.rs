@@ -15,7 +15,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::paths;
 use pipeline::score::sample_statistics;
 

@@ -7,19 +7,19 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use localize::robot::BodyConfig;
 use localize::robot::CameraConfig;
+use localize::world::TeamColour;
 use localize::{At, Field, Pose};
 use sim::Scenario;
 use sim::render::{Renderer, RendererConfig, Scene};
-use sim::scenario::TeamColour;
 use sim::world::RobotState;
 use vision::Profile;
 
 use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Figures of `rendering`.
 pub(super) const RENDERING_NAMES: &[&str] = &["render_480_nine_robots"];

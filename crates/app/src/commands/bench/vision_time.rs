@@ -9,11 +9,11 @@ use vision::{Mount, Profile, Vision, optics};
 
 use super::simulation_time::DemoScene;
 use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::score::sample_statistics;
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Figures of `seeing`.
 pub(super) const NAMES: &[&str] = &[

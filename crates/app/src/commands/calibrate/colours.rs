@@ -13,7 +13,7 @@ use vision::image::{Image, rgb_to_yuv};
 use vision::{Vision, overlay};
 
 use super::{SkippedImage, load_drive_images};
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::setup::Setup;
 
 /// From images: what each colour means, as a table that robot.toml can name (`colours = "FILE"`).

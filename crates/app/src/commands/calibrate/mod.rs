@@ -17,8 +17,8 @@ use vision::calibrate::{
 use vision::image::Image;
 use vision::{GroundMap, Mount, Profile, overlay};
 
+use pipeline::PipelineConfig;
 use pipeline::csv_table::CsvTable;
-use pipeline::cycle::PipelineConfig;
 use pipeline::setup::Setup;
 
 /// Calibrate what the camera shows of the ground.

@@ -9,8 +9,8 @@ use vision::image::Image;
 use vision::overlay::{self, Rgb};
 
 use super::{SkippedImage, load_drive_images};
+use pipeline::PipelineConfig;
 use pipeline::csv_table::CsvWriter;
-use pipeline::cycle::PipelineConfig;
 use pipeline::setup::Setup;
 
 /// From a drive: width of lines and ball in pixels over distance, measured beside what the map makes of them.

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use localize::Pose;
 use vision::image::Image;
 
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::sample::SourceImage;
 
 /// A cycle with its image decoded.

@@ -9,9 +9,9 @@ use anyhow::{Context, Result};
 use localize::robot::BaseConfig;
 
 use crate::view::time_series::{CycleMetrics, TimeSeries};
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::{ImageCompression, LogReader};
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Events queued for the view.
 const EVENT_CAPACITY: usize = 256;

@@ -14,9 +14,9 @@ use sim::scenario::FaultKind;
 
 use super::DecodedCycle;
 use super::live::CycleInbox;
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Longest wait for a request while paused.
 const PAUSED_POLL_INTERVAL: Duration = Duration::from_millis(20);

@@ -14,8 +14,8 @@ mod wheel_update;
 
 use nalgebra::Matrix3;
 
-use super::FilterConfig;
 use super::pose_gaussian;
+use super::{FilterConfig, TiltEstimate};
 use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
@@ -179,7 +179,7 @@ impl JointFilter {
     }
 
     /// Lean of the camera (MATH.md 2, "Tilt") with its standard deviation, radians; none where no inertial unit tells.
-    pub(super) fn tilt(&self) -> Option<([f32; 2], f32)> {
+    pub(super) fn tilt(&self) -> Option<TiltEstimate> {
         let mean = [0, 1].map(|k| self.state[TILT + k] - self.state[IMU_MOUNT + k]);
         let p = &self.covariance;
         let variances = [0, 1].map(|k| {
@@ -187,7 +187,10 @@ impl JointFilter {
             p[lean][lean] - 2.0 * p[lean][mount] + p[mount][mount]
         });
         let variance = variances[0].max(variances[1]).max(0.0);
-        self.imu_active.then(|| (mean, variance.sqrt()))
+        self.imu_active.then(|| TiltEstimate {
+            mean,
+            std: variance.sqrt(),
+        })
     }
 
     pub(super) fn latency(&self) -> f32 {
