@@ -115,3 +115,25 @@ impl Default for FilterConfig {
         }
     }
 }
+
+/// Variances of a motion measured by the wheels.
+pub(super) struct WheelNoise {
+    /// Of x and y each, m².
+    pub(super) position: f32,
+    /// rad².
+    pub(super) heading: f32,
+}
+
+impl FilterConfig {
+    /// Noise of the wheels over a motion (metres, metres, radians) of `seconds`, without slip (docs/methods.md 8.5).
+    pub(super) fn wheel_noise(&self, [dx, dy, dtheta]: [f32; 3], seconds: f32) -> WheelNoise {
+        let length = dx.hypot(dy);
+        WheelNoise {
+            position: self.odometry_noise_per_metre * self.odometry_noise_per_metre * length
+                + self.odometry_drift * self.odometry_drift * seconds,
+            heading: self.heading_noise_per_metre_deg.to_radians().powi(2) * length
+                + self.heading_noise_per_radian * self.heading_noise_per_radian * dtheta.abs()
+                + self.odometry_drift_deg.to_radians().powi(2) * seconds,
+        }
+    }
+}

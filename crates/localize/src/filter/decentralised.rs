@@ -8,9 +8,10 @@ use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::config::WheelNoise;
 use super::pose_gaussian::{PoseMeasurement, retract};
 use super::{FilterConfig, PredictionInput, WheelIncrement};
-use crate::frames::{Pose, wrap_angle};
+use crate::frames::{Pose, RobotFrame, Tf, wrap_angle};
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
@@ -38,6 +39,9 @@ impl Default for DecentralisedConfig {
         }
     }
 }
+
+/// Transform from the robot frame now to the robot frame at the last cycle.
+type Motion = Tf<RobotFrame, RobotFrame>;
 
 /// Information form of a Gaussian: P⁻¹ and P⁻¹X.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,9 +124,9 @@ pub struct DecentralisedFilter {
     vision: LocalFilter,
     odometry: LocalFilter,
     /// Commanded motion since the last cycle, robot frame at that time.
-    commanded_motion: Pose,
+    commanded_motion: Motion,
     /// Motion measured by the wheels since the last cycle, same frame.
-    wheel_motion: Pose,
+    wheel_motion: Motion,
     /// Time since the last cycle, seconds.
     elapsed: f32,
     /// Time since the last wheel sample, seconds. Infinite after a timeout.
@@ -141,8 +145,8 @@ impl DecentralisedFilter {
             information: Information::zero(),
             vision: LocalFilter::new(*covariance),
             odometry: LocalFilter::new(*covariance),
-            commanded_motion: Pose::new(0.0, 0.0, 0.0),
-            wheel_motion: Pose::new(0.0, 0.0, 0.0),
+            commanded_motion: Motion::new(0.0, 0.0, 0.0),
+            wheel_motion: Motion::new(0.0, 0.0, 0.0),
             elapsed: 0.0,
             wheel_silence: 0.0,
             command: Twist::default(),
@@ -159,7 +163,7 @@ impl DecentralisedFilter {
         } else {
             self.commanded_motion
         };
-        compose(self.fused_pose, motion)
+        self.fused_pose * motion
     }
 
     pub(super) fn covariance(&self) -> Matrix3<f32> {
@@ -198,13 +202,12 @@ impl DecentralisedFilter {
         }
         self.command = input.command.unwrap_or(self.wheel_twist);
         let step = self.command.scaled(input.dt);
-        self.commanded_motion = compose_arc(self.commanded_motion, step);
+        self.commanded_motion = self.commanded_motion * chord(step);
     }
 
     pub(super) fn update_wheels(&mut self, increment: &WheelIncrement, _config: &FilterConfig) {
         let [dx, dy, dtheta] = increment.motion;
-        let step = Pose::new(dx, dy, dtheta);
-        self.wheel_motion = compose(self.wheel_motion, step);
+        self.wheel_motion = self.wheel_motion * Motion::new(dx, dy, dtheta);
         self.wheel_silence = 0.0;
         let per_second = if increment.dt > 0.0 {
             1.0 / increment.dt
@@ -228,7 +231,7 @@ impl DecentralisedFilter {
     pub(super) fn fuse(&mut self, measurement: Option<PoseMeasurement>, config: &FilterConfig) {
         // All deviations are relative to the node's last estimate, so headings are small angles.
         let origin = self.fused_pose;
-        let commanded = compose(origin, self.commanded_motion).difference(origin);
+        let commanded = (origin * self.commanded_motion).difference(origin);
         let process_noise = self.command_covariance(config);
         let vision = measurement.and_then(|PoseMeasurement { pose, covariance }| {
             let measured = pose.difference(origin);
@@ -239,7 +242,7 @@ impl DecentralisedFilter {
             self.vision.covariance += process_noise;
         }
         let odometry = self.wheels_active().then(|| {
-            let measured = compose(origin, self.wheel_motion).difference(origin);
+            let measured = (origin * self.wheel_motion).difference(origin);
             let noise = self.wheel_covariance(config);
             self.odometry
                 .update(&commanded, &process_noise, &measured, &noise)
@@ -269,14 +272,14 @@ impl DecentralisedFilter {
             }
             // Without members the commanded motion alone.
             _ => {
-                self.fused_pose = compose(origin, self.commanded_motion);
+                self.fused_pose = origin * self.commanded_motion;
                 self.covariance += process_noise;
                 self.information = Information::zero();
             }
         }
         self.rebase_information(&self.fused_pose.difference(origin));
-        self.commanded_motion = Pose::new(0.0, 0.0, 0.0);
-        self.wheel_motion = Pose::new(0.0, 0.0, 0.0);
+        self.commanded_motion = Motion::new(0.0, 0.0, 0.0);
+        self.wheel_motion = Motion::new(0.0, 0.0, 0.0);
         self.elapsed = 0.0;
     }
 
@@ -304,14 +307,8 @@ impl DecentralisedFilter {
 
     /// Measurement noise of the wheels (docs/methods.md 8.5).
     fn wheel_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
-        let length = self.wheel_motion.x.hypot(self.wheel_motion.y);
-        let position = config.odometry_noise_per_metre * config.odometry_noise_per_metre * length
-            + config.odometry_drift * config.odometry_drift * self.elapsed;
-        let heading = config.heading_noise_per_metre_deg.to_radians().powi(2) * length
-            + config.heading_noise_per_radian
-                * config.heading_noise_per_radian
-                * self.wheel_motion.theta.abs()
-            + config.odometry_drift_deg.to_radians().powi(2) * self.elapsed;
+        let Motion { x, y, theta, .. } = self.wheel_motion;
+        let WheelNoise { position, heading } = config.wheel_noise([x, y, theta], self.elapsed);
         // The floor keeps the matrix invertible for a robot at rest.
         Matrix3::from_diagonal(&Vector3::new(position, position, heading).add_scalar(1e-9))
     }
@@ -345,20 +342,9 @@ impl DecentralisedFilter {
     }
 }
 
-/// `pose` moved by a motion in its own frame.
-fn compose(pose: Pose, motion: Pose) -> Pose {
-    let (sin, cos) = pose.theta.sin_cos();
-    Pose::new(
-        pose.x + cos * motion.x - sin * motion.y,
-        pose.y + sin * motion.x + cos * motion.y,
-        pose.theta + motion.theta,
-    )
-}
-
-/// `pose` moved by a motion on an arc, approximated by its chord at half the rotation.
-fn compose_arc(pose: Pose, motion: Twist) -> Pose {
+/// Motion on an arc, approximated by its chord at half the rotation.
+fn chord(motion: Twist) -> Motion {
     let Twist { x, y, theta } = motion;
     let (sin, cos) = (0.5 * theta).sin_cos();
-    let chord = Pose::new(cos * x - sin * y, sin * x + cos * y, theta);
-    compose(pose, chord)
+    Motion::new(cos * x - sin * y, sin * x + cos * y, theta)
 }

@@ -34,7 +34,7 @@ pub(super) struct Candidates {
 }
 
 /// Measurements of one image.
-pub(super) struct FrameMeasurements<'a> {
+pub(super) struct ImageMeasurements<'a> {
     pub(super) distances: &'a DistanceField,
     pub(super) points: &'a [LinePoint],
     pub(super) heading_prior: Option<HeadingPrior>,
@@ -102,7 +102,7 @@ impl Candidates {
         &mut self,
         matcher: &mut Matcher,
         search: &BranchAndBound,
-        measurements: &FrameMeasurements,
+        measurements: &ImageMeasurements,
         found: &[Hypothesis],
         config: &FilterConfig,
     ) {
@@ -164,7 +164,7 @@ impl Candidate {
         &mut self,
         matcher: &mut Matcher,
         search: &BranchAndBound,
-        measurements: &FrameMeasurements,
+        measurements: &ImageMeasurements,
         config: &FilterConfig,
     ) {
         let pose = self.filter.pose();
@@ -190,7 +190,7 @@ impl Candidate {
     }
 }
 
-impl FrameMeasurements<'_> {
+impl ImageMeasurements<'_> {
     /// Negative log likelihood of a pose by compass and goals.
     fn negative_log_likelihood(&self, pose: Pose) -> f32 {
         let compass = self.heading_prior.map_or(0.0, |prior| {

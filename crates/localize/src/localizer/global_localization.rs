@@ -1,7 +1,7 @@
 //! Localization without a tracked pose: a search of the whole field, together with the hypotheses of earlier images.
 
 use super::Localizer;
-use super::candidates::{Candidates, FrameMeasurements};
+use super::candidates::{Candidates, ImageMeasurements};
 use super::field_half::HalfEvidence;
 use crate::estimate::{Estimate, Reason};
 use crate::global_search::SearchInput;
@@ -55,7 +55,7 @@ impl Localizer {
         let half_observed = heading_prior.is_some() || self.goals_decide_half(&found, &goals);
         let fold_half_turn = self.search.is_half_turn_symmetric() && !half_observed;
         let points_used = self.config.branch_and_bound.points_max as f32;
-        let measurements = FrameMeasurements {
+        let measurements = ImageMeasurements {
             distances: &self.distance_field,
             points,
             heading_prior,

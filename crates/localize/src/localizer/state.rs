@@ -188,3 +188,34 @@ impl Localizer {
         self.state = State::Suspect(track, Suspicion::PoorMatch { images });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Matrix3;
+
+    use super::*;
+    use crate::filter::FilterConfig;
+
+    fn filter(x: f32) -> PoseFilter {
+        let config = FilterConfig::default();
+        PoseFilter::new(Pose::new(x, 0.0, 0.0), &Matrix3::identity(), None, &config)
+    }
+
+    #[test]
+    fn measurements_reach_the_suspected_pose_and_its_alternative() {
+        let track = Track {
+            filter: filter(1.0),
+            half_evidence: HalfEvidence::default(),
+            last_global_check: Stamp(0),
+        };
+        let alternative = Alternative {
+            filter: filter(2.0),
+            images: 1,
+        };
+        let mut state = State::Suspect(track, Suspicion::BetterAlternative(alternative));
+        let mut visited = Vec::new();
+        state.for_each_filter(|filter| visited.push(filter.pose().x));
+        assert_eq!(visited, [1.0, 2.0]);
+        assert_eq!(state.filter().map(|filter| filter.pose().x), Some(1.0));
+    }
+}

@@ -2,6 +2,7 @@
 
 use super::JointFilter;
 use super::state::{ODOMETRY_SCALES, ROW_STRIDE, SLIP, WHEEL_INCREMENT};
+use crate::filter::config::WheelNoise;
 use crate::filter::{FilterConfig, WheelIncrement};
 use crate::sensors::collision::{Measured, WheelMismatch};
 
@@ -64,19 +65,9 @@ impl JointFilter {
     }
 
     /// Diagonal of R. `slip`: residual of the wheels' least squares, metres.
-    fn wheel_noise(
-        &self,
-        [dx, dy, dtheta]: [f32; 3],
-        slip: f32,
-        config: &FilterConfig,
-    ) -> [f32; 3] {
-        let length = dx.hypot(dy);
-        let position = config.odometry_noise_per_metre * config.odometry_noise_per_metre * length
-            + config.odometry_drift * config.odometry_drift * self.wheel_interval
-            + slip * slip;
-        let heading = config.heading_noise_per_metre_deg.to_radians().powi(2) * length
-            + config.heading_noise_per_radian * config.heading_noise_per_radian * dtheta.abs()
-            + config.odometry_drift_deg.to_radians().powi(2) * self.wheel_interval;
+    fn wheel_noise(&self, measured: [f32; 3], slip: f32, config: &FilterConfig) -> [f32; 3] {
+        let WheelNoise { position, heading } = config.wheel_noise(measured, self.wheel_interval);
+        let position = position + slip * slip;
         let share = if self.imu_active {
             ROLLING_NOISE_SHARE
         } else {
