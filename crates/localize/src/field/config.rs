@@ -1,10 +1,10 @@
-//! What may a field's file say, and which sizes can no field have?
+//! Field files: their keys, and the bounds of the sizes.
 
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-/// A field as its TOML file states it; lengths in metres, 0 leaves a marking out.
+/// A field as in its TOML file; lengths in metres, 0 omits a marking.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
@@ -12,7 +12,7 @@ pub struct FieldConfig {
     pub length: f32,
     /// Along y, between the touch lines.
     pub width: f32,
-    /// What all sizes are measured to.
+    /// Reference of all sizes.
     #[serde(default)]
     pub measured_to: MeasuredTo,
     /// Width of the painted lines.
@@ -54,13 +54,13 @@ fn default_true() -> bool {
     true
 }
 
-/// Are a field's sizes given between line centres, or to the outer edges as in the rule book?
+/// Reference of a field's sizes: line centres, or outer edges as in the rule book.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MeasuredTo {
     /// Between the centres of the lines.
     Centres,
-    /// To the outer edges of the lines (the rule book's way).
+    /// To the outer edges of the lines (rule book).
     #[default]
     OuterEdges,
 }
@@ -91,7 +91,7 @@ pub struct GoalConfig {
     pub colours: [GoalColour; 2],
 }
 
-/// What a goal looks like: a white frame with a net, or a coloured box.
+/// Appearance of a goal: a white frame with a net, or a coloured box.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GoalColour {
@@ -103,7 +103,7 @@ pub enum GoalColour {
     Yellow,
 }
 
-/// Why there is no field.
+/// Why a field cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum FieldError {
     /// The file cannot be read.
@@ -111,10 +111,10 @@ pub enum FieldError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The file is not a field.
+    /// The file cannot be parsed.
     #[error("{}: {source}", path.display())]
     Parse {
         /// The file.
@@ -122,17 +122,17 @@ pub enum FieldError {
         /// Line and reason.
         source: Box<toml::de::Error>,
     },
-    /// A size that no field can have.
+    /// A size out of bounds.
     #[error("{key} = {value}: {reason}")]
     InvalidSize {
         /// The key in the file.
         key: &'static str,
         /// Its value, metres.
         value: f32,
-        /// What it must be.
+        /// What is expected.
         reason: &'static str,
     },
-    /// As `Size`, with the file named.
+    /// As `InvalidSize`, with the file's name.
     #[error("{}: {source}", path.display())]
     InFile {
         /// The file.
@@ -143,20 +143,20 @@ pub enum FieldError {
 }
 
 impl FieldConfig {
-    /// Refuses sizes that no field can have.
+    /// Refuses sizes out of bounds.
     pub(super) fn check(&self) -> Result<(), FieldError> {
         check(self)
     }
 }
 
-/// Refuses sizes that no field can have.
+/// Refuses sizes out of bounds.
 fn check(config: &FieldConfig) -> Result<(), FieldError> {
     for (key, value) in [
         ("length", config.length),
         ("width", config.width),
         ("line_width", config.line_width),
     ] {
-        // The largest football pitch is 120 m long; tables grow with the area.
+        // The largest football pitch is 120 m long; the tables grow with the area.
         if !(value > 0.0 && value <= 200.0) {
             return invalid_size(
                 key,
@@ -182,7 +182,7 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
         return invalid_size("line_width", config.line_width, reason);
     }
     let extra = config.extra_lines.iter().flatten();
-    // A marking may lie beyond the lines, not beyond a second field beside this one.
+    // A marking may lie outside the lines, up to a field's size away.
     let far = config.length.max(config.width);
     if let Some(&value) = extra.into_iter().find(|value| !(value.abs() <= far)) {
         return invalid_size(
@@ -209,15 +209,15 @@ fn size_limits(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str);
     let (half_length, half_width) = (config.length / 2.0, config.width / 2.0);
     let wide = "does not fit on the goal line";
     let deep = "reaches beyond the halfway line";
-    // A field may have one area only.
+    // A field may have only one of the two areas.
     let whole = Area {
         depth: half_length,
         width: config.width,
     };
     let both = penalty_area.depth > 0.0 && penalty_area.width > 0.0;
     let (inside, deeper, wider) = if both {
-        let around = "reaches beyond the penalty area";
-        (*penalty_area, around, around)
+        let outside = "reaches beyond the penalty area";
+        (*penalty_area, outside, outside)
     } else {
         (whole, deep, wide)
     };

@@ -1,4 +1,4 @@
-//! What is painted on the floor, and what stands on it? A field read from TOML becomes marking centre lines.
+//! The field: its TOML file, and the centre lines of its markings.
 
 mod config;
 pub(crate) mod goal_colours;
@@ -26,9 +26,9 @@ pub enum Marking {
         centre: At<FieldFrame>,
         /// Radius of the line's centre, metres.
         radius: f32,
-        /// Where it starts, radians.
+        /// Start angle, radians.
         start: f32,
-        /// How far it goes counter-clockwise, radians.
+        /// Angle covered counter-clockwise, radians.
         sweep: f32,
     },
     /// A filled disc.
@@ -40,7 +40,7 @@ pub enum Marking {
     },
 }
 
-/// A field ready for use: line centres, whatever its file measured to.
+/// A field with line centres computed, whatever reference its file uses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     /// The file's content.
@@ -49,7 +49,7 @@ pub struct Field {
     pub length: f32,
     /// Between the centres of the touch lines, metres.
     pub width: f32,
-    /// All markings by their centre lines.
+    /// Centre lines of all markings.
     pub markings: Vec<Marking>,
 }
 
@@ -70,10 +70,10 @@ impl Field {
         })
     }
 
-    /// Lays out the markings; sizes that contradict each other are refused.
+    /// Computes the markings; contradictory sizes are refused.
     pub fn new(config: FieldConfig) -> Result<Self, FieldError> {
         config.check()?;
-        // By how much a line's centre lies inside what the file's sizes are measured to.
+        // Distance of a line's centre inside the reference of the file's sizes.
         let inset = match config.measured_to {
             MeasuredTo::Centres => 0.0,
             MeasuredTo::OuterEdges => config.line_width / 2.0,
@@ -166,7 +166,7 @@ fn rectangle(x0: f32, y0: f32, x1: f32, y1: f32) -> [Marking; 4] {
     ]
 }
 
-/// Quarter circles about the corners that the file's sizes meet in.
+/// Quarter circles around the corners of the file's sizes.
 fn corner_arcs(config: &FieldConfig, radius: f32) -> [Marking; 4] {
     use std::f32::consts::{FRAC_PI_2, PI};
     let (x, y) = (config.length / 2.0, config.width / 2.0);
@@ -294,7 +294,7 @@ pub(crate) mod tests {
 
     #[test]
     fn msl_2001_field_has_its_model_lines_and_coloured_goals() {
-        // lima2001 4.3: six lines along the field, five across (both goal areas' fronts, goal lines, halfway line).
+        // lima2001 4.3: six lines along the field, five across (fronts of both goal areas, goal lines, halfway line).
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
         let field = Field::load(&folder.join("msl_2001.toml")).expect("a field");
         assert_eq!(
