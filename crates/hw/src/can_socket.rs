@@ -1,4 +1,4 @@
-//! How do frames come and go on a CAN interface of Linux? A raw SocketCAN socket, never waiting longer than told.
+//! How are frames sent and received on a CAN interface of Linux? A raw SocketCAN socket with deadlines.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
@@ -30,11 +30,8 @@ struct CanAddress {
 /// CAN_RAW of linux/can.h.
 const CAN_RAW: std::num::NonZeroU32 = std::num::NonZeroU32::MIN;
 
-#[expect(
-    unsafe_code,
-    reason = "the system-call layer knows no address of the CAN family"
-)]
-// SAFETY: the pointer is to a whole, initialised sockaddr_can that outlives the call, and its length is given.
+#[expect(unsafe_code, reason = "rustix has no address type of the CAN family")]
+// SAFETY: the pointer refers to a complete, initialised sockaddr_can of this length, which outlives the call.
 unsafe impl SocketAddrArg for CanAddress {
     unsafe fn with_sockaddr<R>(
         &self,
@@ -55,7 +52,8 @@ impl CanSocket {
             |source| match source {
                 Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT => HwError::Unsupported {
                     device: interface.to_owned(),
-                    reason: "this kernel has no CAN (modules can, can_raw)".to_owned(),
+                    reason: "the kernel does not support CAN. Load the modules can and can_raw"
+                        .to_owned(),
                 },
                 source => HwError::from_errno(interface, "open", source),
             },
@@ -73,7 +71,7 @@ impl CanSocket {
         })
     }
 
-    /// Reads one frame, waiting until the deadline at most; `None` if none came or it was an error frame.
+    /// Reads one frame, waiting until the deadline; `None` if none came or it was an error frame.
     pub fn read(&self, deadline: Stamp) -> Result<Option<CanFrame>, HwError> {
         if !wait_ready(self.fd.as_fd(), PollFlags::IN, deadline) {
             return Ok(None);
@@ -86,13 +84,14 @@ impl CanSocket {
         }
     }
 
-    /// Sends one frame; a full queue (no other node on the bus acknowledges) is a stall.
+    /// Sends one frame; a full queue (no other node acknowledges) is a stall.
     pub fn write(&self, frame: &CanFrame) -> Result<(), HwError> {
         match rustix::io::write(&self.fd, &frame.to_socketcan()) {
             Ok(_) => Ok(()),
             Err(Errno::WOULDBLOCK | Errno::NOBUFS) => Err(HwError::Stalled {
                 device: self.interface.clone(),
-                reason: "its queue is full: nobody on the bus acknowledges".to_owned(),
+                reason: "its send queue is full. Check that another node on the bus acknowledges"
+                    .to_owned(),
             }),
             Err(source) => Err(HwError::from_errno(&self.interface, "write to", source)),
         }

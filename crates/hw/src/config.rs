@@ -1,4 +1,4 @@
-//! Which devices does this robot have, and where? hardware.toml beside robot.toml.
+//! Which devices does this robot have, and on which ports? hardware.toml, next to robot.toml.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::HwError;
 
-/// A hardware file; every table may be left out.
+/// Longest validity of a motion command, seconds: without a new one the wheels stop.
+pub const COMMAND_VALIDITY_MAX: f64 = 0.1;
+
+/// A hardware file; every table is optional.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HardwareConfig {
@@ -14,43 +17,43 @@ pub struct HardwareConfig {
     pub camera: Option<CameraDeviceConfig>,
     /// The base: one board, or a VESC for each wheel.
     pub base: Option<BaseDeviceConfig>,
-    /// Inertial units and compasses on lines of their own.
+    /// Inertial units and compasses on serial ports of their own.
     #[serde(default)]
     pub inertial: Vec<InertialDeviceConfig>,
 }
 
-/// `[camera]`; the size of its images is robot.toml's.
+/// `[camera]`; the image size is in robot.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraDeviceConfig {
-    /// `/dev/video0`, better `/dev/v4l/by-id/...`; `unix:PATH` takes frames from another program (docs/wire.md);
-    /// `genicam:NAME` is a GigE or USB3 Vision camera by Aravis' name of it (`genicam:` alone: the first found).
+    /// `/dev/video0`, better `/dev/v4l/by-id/...`; `unix:PATH` receives images from another program (docs/wire.md);
+    /// `genicam:NAME` is the GigE or USB3 Vision camera that Aravis calls NAME (`genicam:` alone: the first found).
     pub device: String,
-    /// Wanted frames per second.
+    /// Images per second.
     #[serde(default = "default_camera_rate_hz")]
     pub rate_hz: f32,
-    /// Wanted format as V4L2 names it (YUYV, UYVY, NV12, RGB3, BGR3, GREY, RGGB, GRBG, GBRG, BA81, MJPG); empty: the first
+    /// Pixel format by its V4L2 name (RGB3, BGR3, YUYV, UYVY, RGGB, GRBG, GBRG, BA81, NV12, MJPG, GREY); empty: the first
     /// of these that the camera has.
     #[serde(default)]
     pub format: String,
-    /// Exposure, seconds; left out: the camera's own automatic.
+    /// Exposure, seconds; automatic if absent.
     pub exposure: Option<f32>,
-    /// Gain, the driver's own unit; left out: the camera's own automatic.
+    /// Gain, unit of the driver; automatic if absent.
     pub gain: Option<i32>,
-    /// White balance, kelvin; left out: the camera's own automatic.
+    /// White balance, kelvin; automatic if absent.
     pub white_balance_k: Option<i32>,
-    /// Silence that counts as a stall, seconds.
+    /// Time without a message that counts as a stall, seconds.
     #[serde(default = "default_timeout")]
     pub stall: f32,
 }
 
-/// How the base is spoken to.
+/// How the base is connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Bus {
-    /// Our own protocol over a serial line.
+    /// The board protocol (docs/wire.md) over a serial port.
     Board,
-    /// One VESC on a serial line, the others behind it on its CAN bus.
+    /// One VESC on a serial port, which forwards to the others on its CAN bus.
     VescUart,
     /// VESCs on a CAN interface of Linux.
     VescCan,
@@ -64,54 +67,54 @@ pub enum Bus {
 pub struct BaseDeviceConfig {
     /// board, vesc-uart, vesc-can or vesc-slcan.
     pub bus: Bus,
-    /// Serial line (`/dev/serial/by-id/...`) or CAN interface (`can0`).
+    /// Serial port (`/dev/serial/by-id/...`) or CAN interface (`can0`).
     pub port: String,
-    /// Baud rate of a serial line.
+    /// Baud rate of a serial port.
     #[serde(default = "default_baud")]
     pub baud: u32,
     /// Bit rate of the CAN bus behind a serial adapter, bit/s.
     #[serde(default = "default_can_bit_rate")]
     pub can_bit_rate: u32,
-    /// VESC: number of each wheel's controller, in the order of robot.toml's wheels.
+    /// VESC: CAN node number of each wheel's controller, in the order of robot.toml's wheels.
     #[serde(default)]
     pub nodes: Vec<u8>,
-    /// VESC over UART: number of the controller at the serial line itself.
+    /// VESC over UART: node number of the controller on the serial port.
     #[serde(default)]
     pub uart_node: u8,
-    /// True for each wheel whose motor turns the other way; left out: none.
+    /// True for each wheel whose motor is reversed; none if absent.
     #[serde(default)]
     pub reversed: Vec<bool>,
-    /// Board: send the robot's velocity in place of the wheels' speeds.
+    /// Board: send the robot's velocity instead of the wheels' speeds.
     #[serde(default)]
     pub send_twist: bool,
     /// Commands sent per second.
     #[serde(default = "default_base_rate_hz")]
     pub rate_hz: f32,
-    /// Age at which a command is stale and the wheels stop, seconds; never more than 0.1.
+    /// Age at which a command expires and the wheels stop, seconds; at most 0.1.
     #[serde(default = "default_command_age_max")]
     pub command_age_max: f32,
-    /// VESC: how long stopped wheels are braked before the motors are let go, seconds.
+    /// VESC: time for which stopped wheels are braked before the motors are released, seconds.
     #[serde(default = "default_timeout")]
     pub brake_time: f32,
-    /// Silence that counts as a stall, seconds.
+    /// Time without a message that counts as a stall, seconds.
     #[serde(default = "default_timeout")]
     pub stall: f32,
-    /// Board: take its inertial unit.
+    /// Board: use its inertial unit.
     #[serde(default)]
     pub imu: bool,
-    /// Board: take its compass.
+    /// Board: use its compass.
     #[serde(default)]
     pub compass: bool,
-    /// Board: heading of the robot on the field when the board says 0, degrees.
+    /// Board: heading of the robot on the field when the board reports 0, degrees.
     #[serde(default)]
     pub north_deg: f32,
 }
 
-/// Which sensor it is.
+/// Model of an inertial sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum InertialSensor {
-    /// BNO085 in its UART-RVC mode.
+    /// BNO085 in UART-RVC mode.
     Bno085,
     /// WitMotion, normal protocol.
     Wit,
@@ -123,34 +126,33 @@ pub enum InertialSensor {
 pub struct InertialDeviceConfig {
     /// bno085 or wit.
     pub sensor: InertialSensor,
-    /// Serial line.
+    /// Serial port.
     pub port: String,
     /// Baud rate.
     #[serde(default = "default_baud")]
     pub baud: u32,
-    /// Take acceleration and rate of turn.
+    /// Use acceleration and angular rate.
     #[serde(default = "default_true")]
     pub imu: bool,
-    /// Take the yaw as a compass. A BNO085's yaw in this mode begins at 0 when it is switched on and drifts.
+    /// Use the yaw as a compass. A BNO085's yaw in this mode starts at 0 at power-on and drifts.
     #[serde(default)]
     pub compass: bool,
-    /// WitMotion: take the magnetic field for the compass in place of the yaw; robot.toml's `compass.calibration` makes
-    /// headings of it.
+    /// WitMotion: use the magnetic field instead of the yaw; robot.toml's `compass.calibration` converts it to headings.
     #[serde(default)]
     pub magnetometer: bool,
-    /// How the sensor lies in the robot: roll, pitch, yaw of its axes, degrees (turned about x, then y, then z).
+    /// Mounting of the sensor in the robot: roll, pitch, yaw of its axes, degrees (about x, then y, then z).
     #[serde(default)]
     pub mount_deg: [f32; 3],
-    /// True if the sensor's yaw grows clockwise.
+    /// True if the sensor's yaw increases clockwise.
     #[serde(default)]
     pub clockwise: bool,
     /// Heading of the robot on the field when the sensor's yaw is 0, degrees.
     #[serde(default)]
     pub north_deg: f32,
-    /// Silence that counts as a stall, seconds.
+    /// Time without a message that counts as a stall, seconds.
     #[serde(default = "default_timeout")]
     pub stall: f32,
-    /// Time for which readings may be equal to the last bit before the sensor counts as stuck, seconds.
+    /// Time of bitwise equal readings after which the sensor counts as stuck, seconds.
     #[serde(default = "default_timeout")]
     pub stuck: f32,
 }
@@ -168,7 +170,7 @@ fn default_timeout() -> f32 {
     0.5
 }
 fn default_command_age_max() -> f32 {
-    0.1
+    COMMAND_VALIDITY_MAX as f32
 }
 fn default_baud() -> u32 {
     115_200
@@ -177,7 +179,7 @@ fn default_can_bit_rate() -> u32 {
     500_000
 }
 
-/// Why there is no hardware configuration.
+/// Why a hardware file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum HardwareConfigError {
     /// The file cannot be read.
@@ -185,10 +187,10 @@ pub enum HardwareConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The file is no hardware configuration.
+    /// The file is not a hardware configuration.
     #[error("{}: {source}", path.display())]
     Parse {
         /// The file.
@@ -196,7 +198,7 @@ pub enum HardwareConfigError {
         /// Line and reason.
         source: Box<toml::de::Error>,
     },
-    /// A value that cannot work.
+    /// An invalid value.
     #[error("{}: {source}", path.display())]
     Value {
         /// The file.
@@ -228,10 +230,10 @@ impl HardwareConfig {
         }
     }
 
-    /// Ports that begin with a dot lie relative to the file, as the virtual robot's do.
+    /// Ports that start with a dot are relative to the file's folder, as those of the virtual robot.
     fn resolve_relative_paths(mut self, folder: &Path) -> Self {
         let base = self.base.iter_mut().map(|base| &mut base.port);
-        let inertial = self.inertial.iter_mut().map(|one| &mut one.port);
+        let inertial = self.inertial.iter_mut().map(|inertial| &mut inertial.port);
         let camera = self.camera.iter_mut().map(|camera| &mut camera.device);
         for port in base.chain(inertial).chain(camera) {
             let (kind, path) = match port.strip_prefix("unix:") {
@@ -245,7 +247,7 @@ impl HardwareConfig {
         self
     }
 
-    /// Refuses the first value that cannot work.
+    /// Fails for the first invalid value.
     pub fn check(&self) -> Result<(), HwError> {
         if let Some(camera) = &self.camera {
             camera.check()?;
@@ -274,10 +276,14 @@ impl CameraDeviceConfig {
 }
 
 impl BaseDeviceConfig {
-    /// Refuses the first value that cannot work.
+    /// Fails for the first invalid value.
     pub(crate) fn check(&self) -> Result<(), HwError> {
         check_range("base.rate_hz", self.rate_hz, 20.0..=1000.0)?;
-        check_range("base.command_age_max", self.command_age_max, 0.01..=0.1)?;
+        check_range(
+            "base.command_age_max",
+            self.command_age_max,
+            0.01..=COMMAND_VALIDITY_MAX as f32,
+        )?;
         check_range("base.brake_time", self.brake_time, 0.0..=10.0)?;
         check_range("base.stall", self.stall, 0.05..=10.0)?;
         check_range("base.north_deg", self.north_deg, -360.0..=360.0)
@@ -293,7 +299,7 @@ fn check_range(
         return Ok(());
     }
     let reason = format!(
-        "{value} is not between {} and {}",
+        "invalid value: {value} (expected {} to {})",
         range.start(),
         range.end()
     );
@@ -331,7 +337,7 @@ mod tests {
     #[test]
     fn command_age_max_above_100_ms_is_rejected() {
         let text = "[base]\nbus = \"board\"\nport = \"p\"\ncommand_age_max = 0.2\n";
-        let message = load(text).expect_err("too long").to_string();
+        let message = load(text).expect_err("an error").to_string();
         assert!(message.contains("hardware.toml") && message.contains("base.command_age_max"));
     }
 

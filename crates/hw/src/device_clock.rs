@@ -1,16 +1,16 @@
-//! When was a message made? A device's own clock, set against ours, so that jitter on the way is none of the stamps.
+//! When was a message sent? The offset of a device's clock to ours removes transmission jitter from the stamps.
 
 use localize::Stamp;
 
-/// How long the least delayed message sets the clock, seconds, and as long again: within a second a clock that was set back
-/// is believed anew, and in half of one some message of any device comes without delay.
+/// Length of the window over which the least delayed message sets the offset, seconds; the window before counts too.
+/// A stepped clock is tracked again within a second, and half a second contains an undelayed message of every device.
 const OFFSET_WINDOW: f64 = 0.4;
-/// A step of a device's clock against ours that means it was restarted, seconds.
+/// Step of a device's clock that is taken as its restart, seconds.
 const RESTART_STEP_MIN: f64 = 1.0;
-/// Smallest step that is told, seconds: less may be a line that was busy.
+/// Smallest step that is reported, seconds: a busy bus can cause less.
 const REPORTED_STEP_MIN: f64 = 0.05;
 
-/// A device's clock, set by the message that was least delayed on its way.
+/// Converts a device's time to ours by the offset of the least delayed message.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct DeviceClock {
     offset: Option<ClockOffset>,
@@ -21,10 +21,10 @@ pub(crate) struct DeviceClock {
 struct ClockOffset {
     device_us: u32,
     arrival: Stamp,
-    /// The device's time since the first message, nanoseconds.
+    /// Device time since the first message, nanoseconds.
     device_ns: i64,
     window_start: Stamp,
-    /// Least of our time at the device's zero, nanoseconds: in this window, and in the one before.
+    /// Smallest host time at the device's zero, nanoseconds: in this window, and in the one before.
     min_offset_ns: i64,
     previous_min_offset_ns: i64,
 }
@@ -47,17 +47,17 @@ impl ClockOffset {
 }
 
 impl DeviceClock {
-    /// Our time at the device's `time_us` (wrapping); never later than the arrival.
+    /// Host time at the device's `time_us` (wrapping); never later than the arrival.
     pub(crate) fn to_host_stamp(&mut self, time_us: u32, arrival: Stamp) -> Stamp {
         let Some(last) = self.offset else {
             self.offset = Some(ClockOffset::new(time_us, arrival));
             return arrival;
         };
         let step_ns = i64::from(time_us.wrapping_sub(last.device_us) as i32) * 1000;
-        let astray = step_ns as f64 * 1e-9 - (arrival - last.arrival);
-        if astray.abs() > RESTART_STEP_MIN {
+        let step = step_ns as f64 * 1e-9 - (arrival - last.arrival);
+        if step.abs() > RESTART_STEP_MIN {
             self.offset = Some(ClockOffset::new(time_us, arrival));
-            self.step = Some(astray);
+            self.step = Some(step);
             return arrival;
         }
         let mut next = ClockOffset {
@@ -72,15 +72,15 @@ impl DeviceClock {
             next.min_offset_ns = i64::MAX;
         }
         next.min_offset_ns = next.min_offset_ns.min(arrival.0 - next.device_ns);
-        let moved = (last.offset_ns() - next.offset_ns()) as f64 * 1e-9;
-        if moved.abs() > REPORTED_STEP_MIN {
-            self.step = Some(moved);
+        let offset_change = (last.offset_ns() - next.offset_ns()) as f64 * 1e-9;
+        if offset_change.abs() > REPORTED_STEP_MIN {
+            self.step = Some(offset_change);
         }
         self.offset = Some(next);
         Stamp(next.device_ns + next.offset_ns())
     }
 
-    /// By how much the device's clock stepped against ours, seconds, if it did since this was last asked.
+    /// Step of the device's clock since the last call, seconds, if there was one.
     pub(crate) fn take_step(&mut self) -> Option<f64> {
         self.step.take()
     }
@@ -93,20 +93,20 @@ mod tests {
     #[test]
     fn transmission_jitter_does_not_affect_stamps() {
         let mut clock = DeviceClock::default();
-        // Made each 10 ms, 1 ms on the way, every third held up by 6 ms; the board's clock wraps meanwhile.
+        // Sent every 10 ms, 1 ms transmission, every third delayed by 6 ms; the board's clock wraps meanwhile.
         for index in 0..300u32 {
-            let made = i64::from(index) * 10_000_000;
+            let sent = i64::from(index) * 10_000_000;
             let delay = if index % 3 == 2 { 6_000_000 } else { 1_000_000 };
             let time_us = (u32::MAX - 1_000_000).wrapping_add(index * 10_000);
-            let stamp = clock.to_host_stamp(time_us, Stamp(made + delay));
-            assert!((stamp.0 - made - 1_000_000).abs() < 20_000, "{index}");
+            let stamp = clock.to_host_stamp(time_us, Stamp(sent + delay));
+            assert!((stamp.0 - sent - 1_000_000).abs() < 20_000, "{index}");
         }
         assert_eq!(clock.take_step(), None);
         let later = Stamp(4_000_000_000);
         assert_eq!(
             clock.to_host_stamp(12, later),
             later,
-            "a restarted board begins anew"
+            "a restarted board has a new offset"
         );
         assert!(clock.take_step().is_some());
     }
@@ -116,18 +116,21 @@ mod tests {
         for step_us in [500_000i64, -500_000] {
             let mut clock = DeviceClock::default();
             let mut wrong_until = 0;
-            let mut told = 0.0;
+            let mut total_step = 0.0;
             for index in 0..400i64 {
-                let made = Stamp(index * 10_000_000);
+                let sent = Stamp(index * 10_000_000);
                 let shift = if index < 100 { 0 } else { step_us };
-                let stamp = clock.to_host_stamp((2_000_000 + index * 10_000 + shift) as u32, made);
-                if (stamp - made).abs() > 1e-3 {
+                let stamp = clock.to_host_stamp((2_000_000 + index * 10_000 + shift) as u32, sent);
+                if (stamp - sent).abs() > 1e-3 {
                     wrong_until = index;
                 }
-                told += clock.take_step().unwrap_or(0.0);
+                total_step += clock.take_step().unwrap_or(0.0);
             }
             assert!(wrong_until < 190, "{step_us}: {wrong_until}");
-            assert!((told - step_us as f64 * 1e-6).abs() < 0.02, "{told}");
+            assert!(
+                (total_step - step_us as f64 * 1e-6).abs() < 0.02,
+                "{total_step}"
+            );
         }
     }
 }

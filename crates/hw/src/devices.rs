@@ -1,58 +1,58 @@
-//! What is plugged into this robot? All its devices together, and a list of those of this machine.
+//! Which devices does the robot have? All configured devices together, and a list of those of this machine.
 
 use localize::robot::RobotConfig;
 
 use crate::base::BaseDriver;
-use crate::camera::{self, CameraDriver};
+use crate::camera::{CameraDriver, describe_video_device};
 use crate::config::HardwareConfig;
 use crate::error::HwError;
 use crate::event_queue::EventQueue;
 use crate::health::HealthReport;
 use crate::inertial::InertialDriver;
 
-/// All devices of a robot, each with its thread. Dropping them stops the wheels first.
+/// All devices of a robot, one thread each. Dropping them stops the wheels first.
 #[derive(Debug)]
 pub struct Devices {
-    /// The base, if there is one.
+    /// The base, if configured.
     pub base: Option<BaseDriver>,
-    /// The camera, if there is one.
+    /// The camera, if configured.
     pub camera: Option<CameraDriver>,
-    /// Inertial units and compasses on lines of their own.
+    /// Inertial units and compasses on serial ports of their own.
     pub inertial: Vec<InertialDriver>,
 }
 
 impl Devices {
-    /// Starts every configured device; one that is missing is no error but a state in its health.
+    /// Starts the thread of every configured device. Devices are opened later: a missing one is a state in its health.
     pub fn start(
         hardware: &HardwareConfig,
         robot: &RobotConfig,
-        inbox: &EventQueue,
+        queue: &EventQueue,
     ) -> Result<Self, HwError> {
         hardware.check()?;
         let wheels = robot.base.clone().unwrap_or_default();
         let base = hardware
             .base
             .as_ref()
-            .map(|base| BaseDriver::start(base, &wheels, inbox));
+            .map(|base| BaseDriver::start(base, &wheels, queue));
         let camera = match (&hardware.camera, &robot.camera) {
             (Some(device), Some(image)) => {
                 let size_px = [image.width_px as u32, image.height_px as u32];
-                Some(CameraDriver::start(device, size_px, inbox)?)
+                Some(CameraDriver::start(device, size_px, queue)?)
             }
             (Some(_), None) => {
-                let reason = "robot.toml has no [camera], so its image has no size".to_owned();
+                let reason = "the image size is unknown. Add [camera] to robot.toml".to_owned();
                 let key = "camera";
                 return Err(HwError::Config { key, reason });
             }
             (None, _) => None,
         };
         let inertial = hardware.inertial.iter().enumerate().map(|(index, device)| {
-            // The first carries the plain name, which is all there is on most robots.
+            // Most robots have one: it has no number.
             let name = match index {
                 0 => "imu".to_owned(),
                 _ => format!("imu {}", index + 1),
             };
-            InertialDriver::start(&name, device, inbox)
+            InertialDriver::start(&name, device, queue)
         });
         Ok(Devices {
             base: base.transpose()?,
@@ -61,7 +61,7 @@ impl Devices {
         })
     }
 
-    /// How each device is.
+    /// Health of each device.
     pub fn health(&self) -> Vec<HealthReport> {
         let base = self.base.iter().map(BaseDriver::health);
         let camera = self.camera.iter().map(CameraDriver::health);
@@ -74,27 +74,21 @@ impl Devices {
 /// A device of this machine that could be configured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectedDevice {
-    /// What to write into hardware.toml.
+    /// The value for hardware.toml.
     pub name: String,
     /// What it is, or why it cannot be used.
     pub description: Result<String, HwError>,
 }
 
-/// Cameras, serial lines and CAN interfaces of this machine, in the order of their names.
+/// Cameras, serial ports and CAN interfaces of this machine, in the order of their names.
 pub fn list_devices() -> Vec<DetectedDevice> {
-    let mut found: Vec<_> = camera::list()
-        .into_iter()
-        .map(|(name, what)| DetectedDevice {
-            name,
-            description: what,
-        })
-        .collect();
+    let mut found = list_video_devices();
     for path in list_directory("/dev/serial/by-id") {
         let target = std::fs::canonicalize(&path)
             .map_or_else(|error| error.to_string(), |path| path.display().to_string());
         found.push(DetectedDevice {
             name: path,
-            description: Ok(format!("serial line {target}")),
+            description: Ok(format!("serial port {target}")),
         });
     }
     for path in list_directory("/sys/class/net") {
@@ -110,6 +104,20 @@ pub fn list_devices() -> Vec<DetectedDevice> {
         }
     }
     found
+}
+
+fn list_video_devices() -> Vec<DetectedDevice> {
+    let mut numbers: Vec<u32> = list_directory("/dev")
+        .iter()
+        .filter_map(|path| path.strip_prefix("/dev/video")?.parse().ok())
+        .collect();
+    numbers.sort_unstable();
+    let devices = numbers.into_iter().map(|number| {
+        let name = format!("/dev/video{number}");
+        let description = describe_video_device(&name);
+        DetectedDevice { name, description }
+    });
+    devices.collect()
 }
 
 fn list_directory(folder: &str) -> Vec<String> {

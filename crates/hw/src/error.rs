@@ -1,71 +1,71 @@
-//! What can be wrong with a device? Each case in words that say what to do about it.
+//! What can be wrong with a device? Each message says what to do about it.
 
 use rustix::io::Errno;
 
 /// Why a device cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum HwError {
-    /// Nothing is there under that name.
-    #[error("{device} is missing: is it plugged in and switched on?")]
+    /// No device has that name.
+    #[error("{device} is missing. Check that it is plugged in and switched on")]
     Missing {
         /// The device's path or interface.
         device: String,
     },
-    /// Another program has it.
+    /// Another program uses it.
     #[error("{device} is busy: another program uses it")]
     Busy {
         /// The device's path or interface.
         device: String,
     },
-    /// This user may not open it.
+    /// This user lacks the permission to open it.
     #[error(
-        "{device} may not be opened by this user: a udev rule or the group that owns it (dialout, video) helps"
+        "no permission to open {device}. Add a udev rule, or join the group that owns it (dialout, video)"
     )]
     PermissionDenied {
         /// The device's path or interface.
         device: String,
     },
-    /// It was there and is gone.
+    /// It disappeared while it was open.
     #[error("{device} was unplugged")]
     Disconnected {
         /// The device's path or interface.
         device: String,
     },
-    /// It takes no more bytes, or sends none.
+    /// It accepts no more bytes, or sends none.
     #[error("{device} is stalled: {reason}")]
     Stalled {
         /// The device's path or interface.
         device: String,
-        /// For how long, and in which direction.
+        /// How long, and in which direction.
         reason: String,
     },
-    /// It sends bytes in which there is no message.
+    /// Its bytes contain no message.
     #[error(
-        "{device} sends bytes without a message in them: look at baud rate and wiring, or it is another device"
+        "{device} sends bytes that contain no message. Check baud rate, wiring, and that it is the configured device"
     )]
     Garbage {
         /// The device's path or interface.
         device: String,
     },
-    /// It is there and is not what is wanted, or cannot do what is wanted.
+    /// It is present but of another kind, or cannot do what was requested.
     #[error("{device}: {reason}")]
     Unsupported {
         /// The device's path or interface.
         device: String,
-        /// What is wanted.
+        /// What it cannot do.
         reason: String,
     },
-    /// The system refused something else.
+    /// Another system error.
     #[error("{device}: cannot {action}: {source}")]
     System {
         /// The device's path or interface.
         device: String,
         /// What was being done.
         action: &'static str,
-        /// The system's word.
+        /// The system's error.
         source: Errno,
     },
-    /// A value of the configuration that cannot work.
+    /// An invalid value of the configuration.
     #[error("hardware: {key}: {reason}")]
     Config {
         /// The key.
@@ -76,7 +76,7 @@ pub enum HwError {
 }
 
 impl HwError {
-    /// The word for what the system answered to `action` on `device`.
+    /// The error for a system call that failed during `action` on `device`.
     pub(crate) fn from_errno(device: &str, action: &'static str, source: Errno) -> Self {
         let device = device.to_owned();
         match source {

@@ -1,4 +1,4 @@
-//! In which order does the cycle meet what the devices say? One bounded queue for all: newest frame, every sample.
+//! In which order are device events processed? One bounded queue for all: every sample, and the newest image.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -13,15 +13,15 @@ use crate::health::HealthReport;
 /// What a device delivers.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DeviceEvent {
-    /// A frame of the camera.
+    /// An image of the camera.
     Image(CapturedImage),
-    /// Motion by the wheels.
+    /// Motion measured by the wheels.
     Odometry(Odometry),
-    /// What the wheels were told.
+    /// The velocity that was commanded.
     Command(VelocityCommand),
-    /// The inertial unit.
+    /// Readings of the inertial unit.
     Imu(Imu),
-    /// The compass.
+    /// Heading of the compass.
     Compass(Compass),
     /// Battery and motors.
     Power(PowerReport),
@@ -33,16 +33,16 @@ pub enum DeviceEvent {
     Health(HealthReport),
 }
 
-/// How much was dropped because nobody took it in time.
+/// Events that were dropped because the queue was full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DroppedInputs {
-    /// Frames that a newer one replaced.
+    /// Images that a newer one replaced.
     pub images: u64,
-    /// Samples that gave way to newer ones.
+    /// Samples that were dropped for newer ones.
     pub samples: u64,
 }
 
-/// The queue between the devices' threads and the one that takes; clones are the same queue.
+/// The queue between the devices' threads and the consumer; clones share it.
 #[derive(Debug, Clone)]
 pub struct EventQueue {
     shared: Arc<SharedQueue>,
@@ -63,9 +63,9 @@ struct PendingInputs {
 }
 
 impl EventQueue {
-    /// A queue of one frame and at most `samples_max` samples; the oldest give way.
+    /// A queue of one image and at most `samples_max` samples; it drops the oldest.
     ///
-    /// 1024 samples are more than a second of every device that is spoken to here.
+    /// 1024 samples are more than a second of all supported devices together.
     pub fn new(samples_max: usize) -> Self {
         let queue = PendingInputs {
             samples: VecDeque::with_capacity(samples_max),
@@ -89,11 +89,11 @@ impl EventQueue {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Puts something in; never waits for whoever takes it out.
+    /// Adds an event; never waits for the consumer.
     pub fn push(&self, event: DeviceEvent) {
         let mut queue = self.lock();
-        if let DeviceEvent::Image(frame) = event {
-            let replaced = queue.image.replace(frame);
+        if let DeviceEvent::Image(image) = event {
+            let replaced = queue.image.replace(image);
             queue.dropped.images += u64::from(replaced.is_some());
         } else {
             if queue.samples.len() == queue.samples_max {
@@ -106,21 +106,21 @@ impl EventQueue {
         self.shared.not_empty.notify_one();
     }
 
-    /// Takes the oldest sample, or the frame when no sample is left; waits for either so long at most.
+    /// Removes the oldest sample, or the image if no sample is left; waits at most `timeout` for either.
     ///
-    /// Samples go first: a frame's exposure lies before the samples that arrived while it was read out.
-    pub fn pop_timeout(&self, patience: Duration) -> Option<DeviceEvent> {
+    /// Samples go first: an image arrives after its exposure, and the samples of that time must be processed before it.
+    pub fn pop_timeout(&self, timeout: Duration) -> Option<DeviceEvent> {
         let empty = |queue: &mut PendingInputs| queue.samples.is_empty() && queue.image.is_none();
         let (mut queue, _) = self
             .shared
             .not_empty
-            .wait_timeout_while(self.lock(), patience, empty)
+            .wait_timeout_while(self.lock(), timeout, empty)
             .unwrap_or_else(PoisonError::into_inner);
         let sample = queue.samples.pop_front();
         sample.or_else(|| queue.image.take().map(DeviceEvent::Image))
     }
 
-    /// How much was dropped so far.
+    /// Events dropped so far.
     pub fn drop_counts(&self) -> DroppedInputs {
         self.lock().dropped
     }

@@ -1,4 +1,4 @@
-//! How does the robot turn and tilt? Inertial units and compasses on serial lines of their own.
+//! How does the robot rotate and tilt? Inertial units and compasses on serial ports of their own.
 
 use localize::Stamp;
 use localize::frames::wrap_angle;
@@ -8,21 +8,20 @@ use crate::clock;
 use crate::config::{InertialDeviceConfig, InertialSensor};
 use crate::error::HwError;
 use crate::event_queue::{DeviceEvent, EventQueue};
-use crate::health::{HealthReport, HealthState, Monitor};
+use crate::health::{HealthReport, HealthState};
+use crate::monitor::Monitor;
 use crate::serial::SerialPort;
 use crate::wire::bno085::{self, Rvc};
 use crate::wire::wit::{self, DataType, Wit};
 use crate::wire::{DecoderStats, STANDARD_GRAVITY, StreamDecoder};
-use crate::worker::{StallDetector, Waker, Worker};
+use crate::worker::{POLL_PERIOD, StallDetector, Waker, Worker};
 
 /// Time between messages of a BNO085, seconds (its data sheet: 100 Hz).
 const RVC_PERIOD: f32 = 0.01;
-/// Longest step of a BNO085's index over which a turn is still a rate.
+/// Longest step of a BNO085's index over which rates are computed.
 const RVC_INDEX_STEP_MAX: u8 = 10;
-/// Longest wait before the thread looks at silence again, seconds.
-const POLL_PERIOD: f64 = 0.05;
 
-/// A sensor whose thread puts its readings into the inbox.
+/// A sensor whose thread pushes its readings into the event queue.
 #[derive(Debug)]
 pub struct InertialDriver {
     _worker: Worker,
@@ -30,21 +29,21 @@ pub struct InertialDriver {
 }
 
 impl InertialDriver {
-    /// Starts the sensor's thread, which opens the line now or whenever it appears; `name` is the device's in its health.
+    /// Starts the sensor's thread, which opens the port as soon as it is present; `name` is the device in its health.
     pub fn start(
         name: &str,
         device: &InertialDeviceConfig,
-        inbox: &EventQueue,
+        queue: &EventQueue,
     ) -> Result<Self, HwError> {
-        let monitor = Monitor::new(name, inbox);
-        let (opened, served) = (device.clone(), device.clone());
-        let (server_monitor, server_inbox) = (monitor.clone(), inbox.clone());
+        let monitor = Monitor::new(name, queue);
+        let (open_config, run_config) = (device.clone(), device.clone());
+        let (thread_monitor, thread_queue) = (monitor.clone(), queue.clone());
         let worker = Worker::start(
             name,
             &monitor,
-            move || SerialPort::open(&opened.port, opened.baud),
-            move |serial: &mut SerialPort, bell: &Waker| {
-                run(serial, bell, &served, &server_monitor, &server_inbox)
+            move || SerialPort::open(&open_config.port, open_config.baud),
+            move |serial: &mut SerialPort, waker: &Waker| {
+                run(serial, waker, &run_config, &thread_monitor, &thread_queue)
             },
         )?;
         Ok(InertialDriver {
@@ -53,7 +52,7 @@ impl InertialDriver {
         })
     }
 
-    /// How the sensor is.
+    /// Health of the sensor.
     pub fn health(&self) -> HealthReport {
         self.monitor.health(clock::now())
     }
@@ -61,48 +60,48 @@ impl InertialDriver {
 
 fn run(
     serial: &SerialPort,
-    bell: &Waker,
+    waker: &Waker,
     device: &InertialDeviceConfig,
     monitor: &Monitor,
-    inbox: &EventQueue,
+    queue: &EventQueue,
 ) -> Result<(), HwError> {
-    let mut watch = StallDetector::new(&device.port, device.stall);
-    let mut reader = InertialDecoder::new(device);
+    let mut stall_detector = StallDetector::new(&device.port, device.stall);
+    let mut decoder = InertialDecoder::new(device);
     let mut buffer = [0; 1024];
-    while !bell.stop_requested() {
-        if bell.wait(
+    while !waker.stop_requested() {
+        if waker.wait(
             Some(std::os::fd::AsFd::as_fd(serial)),
             clock::now() + POLL_PERIOD,
         ) {
             let arrival = clock::now();
             let bytes = serial.read(&mut buffer, arrival)?;
-            let readings = reader.decode(&buffer[..bytes], arrival);
-            let tally = reader.stats();
-            monitor.set_decoder_stats(tally);
-            let stuck = reader.constant_for(arrival) > device.stuck;
+            let readings = decoder.decode(&buffer[..bytes], arrival);
+            let stats = decoder.stats();
+            monitor.set_decoder_stats(stats);
+            let stuck = decoder.constant_for(arrival) > device.stuck;
             for reading in readings {
-                watch.on_message(arrival, tally.garbage_bytes);
+                stall_detector.on_message(arrival, stats.garbage_bytes);
                 monitor.count_message(arrival);
                 if !stuck {
-                    inbox.push(reading);
+                    queue.push(reading);
                 }
             }
             if stuck {
-                let reason = "its readings do not change by a single bit".to_owned();
+                let reason = "its readings repeat bit by bit".to_owned();
                 monitor.set_state(HealthState::Stuck, Some(reason));
-            } else if reader.is_saturated() {
-                let reason = "its readings stand at the end of their range".to_owned();
+            } else if decoder.is_saturated() {
+                let reason = "its readings are saturated".to_owned();
                 monitor.set_state(HealthState::Range, Some(reason));
             } else if monitor.health(arrival).last == Some(arrival) {
                 monitor.set_state(HealthState::Running, None);
             }
         }
-        watch.check(clock::now(), reader.stats().garbage_bytes)?;
+        stall_detector.check(clock::now(), decoder.stats().garbage_bytes)?;
     }
     Ok(())
 }
 
-/// Turns a sensor's bytes into readings in the robot's frame.
+/// Decodes a sensor's bytes to readings in the robot frame.
 #[derive(Debug)]
 pub struct InertialDecoder {
     decoder: SensorStream,
@@ -124,7 +123,7 @@ enum SensorStream {
 }
 
 impl InertialDecoder {
-    /// For a sensor, mounted as its configuration says.
+    /// A decoder for a sensor model and its mounting.
     pub fn new(device: &InertialDeviceConfig) -> Self {
         InertialDecoder {
             decoder: match device.sensor {
@@ -143,7 +142,7 @@ impl InertialDecoder {
         }
     }
 
-    /// The readings in bytes that arrived at `arrival`: [`Event::Imu`] and [`Event::Compass`].
+    /// The readings in bytes that arrived at `arrival`: [`DeviceEvent::Imu`] and [`DeviceEvent::Compass`].
     pub fn decode(&mut self, bytes: &[u8], arrival: Stamp) -> Vec<DeviceEvent> {
         let mut readings = Vec::new();
         match &mut self.decoder {
@@ -153,11 +152,11 @@ impl InertialDecoder {
         while let Some(reading) = self.next_reading() {
             self.track_raw_values(reading.raw, arrival);
             let usable = self.imu && !self.saturated;
-            if let Some((acceleration, rate)) = reading.imu.filter(|_| usable) {
+            if let Some(imu) = reading.imu.filter(|_| usable) {
                 readings.push(DeviceEvent::Imu(Imu {
                     stamp: arrival,
-                    acceleration: self.to_robot_frame(acceleration),
-                    rate: self.to_robot_frame(rate),
+                    acceleration: self.to_robot_frame(imu.acceleration),
+                    rate: self.to_robot_frame(imu.rate),
                 }));
             }
             if let Some(yaw) = reading.yaw.filter(|_| self.compass && !self.magnetometer) {
@@ -181,7 +180,7 @@ impl InertialDecoder {
         readings
     }
 
-    /// Bytes without a message so far.
+    /// Counts of the decoder so far.
     pub fn stats(&self) -> DecoderStats {
         match &self.decoder {
             SensorStream::Bno085(stream, _) => stream.stats(),
@@ -189,13 +188,13 @@ impl InertialDecoder {
         }
     }
 
-    /// For how many seconds the sensor has repeated its last inertial reading to the last bit.
+    /// Seconds for which the inertial reading has been bitwise constant.
     pub fn constant_for(&self, now: Stamp) -> f32 {
         self.last_change
             .map_or(0.0, |changed| (now - changed) as f32)
     }
 
-    /// True while an inertial value is the least or greatest that the wire can carry: no measurement.
+    /// True while an inertial value is the smallest or largest of its type, which is not a measurement.
     pub fn is_saturated(&self) -> bool {
         self.saturated
     }
@@ -214,7 +213,7 @@ impl InertialDecoder {
         }
     }
 
-    /// Keeps when the raw inertial values last changed.
+    /// Records when the raw inertial values last changed, and whether they are saturated.
     fn track_raw_values(&mut self, raw: Option<[i16; 6]>, arrival: Stamp) {
         if let Some(raw) = raw
             && (self.last_change.is_none() || raw != self.last_raw)
@@ -233,22 +232,30 @@ impl InertialDecoder {
     }
 }
 
-/// What one message says, in the sensor's frame.
+/// Content of one message, sensor frame.
 #[derive(Debug, Default)]
 struct SensorReading {
-    /// Values that no living sensor repeats for long.
+    /// Raw inertial values; noise changes them all the time unless the sensor is stuck.
     raw: Option<[i16; 6]>,
-    /// Specific force (m/s²) and rate of turn (rad/s).
-    imu: Option<([f32; 3], [f32; 3])>,
+    imu: Option<ImuValues>,
     /// Yaw, radians.
     yaw: Option<f32>,
-    /// Magnetic field, the sensor's own unit.
+    /// Magnetic field, unit of the sensor.
     magnetic_field: Option<[f32; 3]>,
 }
 
-/// A BNO085 tells no rates: they are the change of its attitude since the message before.
+/// One inertial measurement, sensor frame.
+#[derive(Debug, Clone, Copy)]
+struct ImuValues {
+    /// Specific force, m/s².
+    acceleration: [f32; 3],
+    /// Angular rate, rad/s.
+    rate: [f32; 3],
+}
+
+/// The reading of a BNO085, which sends no rates: they are differences of its attitude to the previous message.
 ///
-/// Body rates from yaw ψ, pitch θ, roll φ (turned in this order): p = φ̇ − ψ̇ sin θ, q = θ̇ cos φ + ψ̇ sin φ cos θ,
+/// Body rates from yaw ψ, pitch θ, roll φ (rotations in this order): p = φ̇ − ψ̇ sin θ, q = θ̇ cos φ + ψ̇ sin φ cos θ,
 /// r = −θ̇ sin φ + ψ̇ cos φ cos θ.
 fn rvc_reading(message: Rvc, before: Option<Rvc>) -> SensorReading {
     let radians = |cdeg: i16| (f32::from(cdeg) * 0.01).to_radians();
@@ -270,24 +277,24 @@ fn rvc_reading(message: Rvc, before: Option<Rvc>) -> SensorReading {
     let rate = |now: i16, then: i16| {
         wrap_angle(radians(now) - radians(then)) / (f32::from(steps) * RVC_PERIOD)
     };
-    let turn = rate(yaw, before.yaw_cdeg);
-    let nod = rate(pitch, before.pitch_cdeg);
-    let lean = rate(roll, before.roll_cdeg);
+    let yaw_rate = rate(yaw, before.yaw_cdeg);
+    let pitch_rate = rate(pitch, before.pitch_cdeg);
+    let roll_rate = rate(roll, before.roll_cdeg);
     let (sin_pitch, cos_pitch) = radians(pitch).sin_cos();
     let (sin_roll, cos_roll) = radians(roll).sin_cos();
     let acceleration = message
         .acceleration_mg
         .map(|mg| f32::from(mg) * 1e-3 * STANDARD_GRAVITY);
-    let rates = [
-        lean - turn * sin_pitch,
-        nod * cos_roll + turn * sin_roll * cos_pitch,
-        turn * cos_roll * cos_pitch - nod * sin_roll,
+    let rate = [
+        roll_rate - yaw_rate * sin_pitch,
+        pitch_rate * cos_roll + yaw_rate * sin_roll * cos_pitch,
+        yaw_rate * cos_roll * cos_pitch - pitch_rate * sin_roll,
     ];
-    reading.imu = Some((acceleration, rates));
+    reading.imu = Some(ImuValues { acceleration, rate });
     reading
 }
 
-/// A WitMotion sends acceleration, rate, angle one after the other: the rate completes an inertial reading.
+/// The reading of a WitMotion, which sends acceleration, rate and angle in turn: the rate completes an inertial reading.
 fn wit_reading(message: Wit, acceleration: &mut [i16; 3]) -> SensorReading {
     let [x, y, z, _] = message.raw;
     match message.kind {
@@ -303,7 +310,10 @@ fn wit_reading(message: Wit, acceleration: &mut [i16; 3]) -> SensorReading {
             };
             SensorReading {
                 raw: Some([x, y, z, ax, ay, az]),
-                imu: Some((force.si(), message.si())),
+                imu: Some(ImuValues {
+                    acceleration: force.si(),
+                    rate: message.si(),
+                }),
                 yaw: None,
                 magnetic_field: None,
             }
@@ -354,9 +364,9 @@ mod tests {
 
     #[test]
     fn bno085_yaw_rate_is_correct_across_wraparound_and_a_lost_message() {
-        let mut reader = InertialDecoder::new(&device(InertialSensor::Bno085));
+        let mut decoder = InertialDecoder::new(&device(InertialSensor::Bno085));
         let mut rates = Vec::new();
-        // 90°/s: 0.9° a message, from 179° on, every fourth lost.
+        // 90°/s: 0.9° per message, starting at 179°; every fourth message is lost.
         for step in (0..20).filter(|step| step % 4 != 3) {
             let yaw = (17_900 + 90 * step + 18_000) % 36_000 - 18_000;
             let message = Rvc {
@@ -365,7 +375,7 @@ mod tests {
                 acceleration_mg: [0, 0, 1000],
                 ..Rvc::default()
             };
-            for event in reader.decode(&message.encode(), Stamp(i64::from(step))) {
+            for event in decoder.decode(&message.encode(), Stamp(i64::from(step))) {
                 if let DeviceEvent::Imu(imu) = event {
                     rates.push(imu.rate[2]);
                     assert!((imu.acceleration[2] - 9.806_65).abs() < 1e-4);
@@ -383,19 +393,19 @@ mod tests {
     #[test]
     fn mounting_rotation_transforms_readings_to_the_robot_frame() {
         let mut sideways = device(InertialSensor::Wit);
-        // The sensor's x axis points to the robot's left, its y axis backwards.
+        // The sensor's x axis points to the robot's left, its y axis to the back.
         sideways.mount_deg = [0.0, 0.0, 90.0];
         sideways.clockwise = true;
         sideways.north_deg = 10.0;
-        let mut reader = InertialDecoder::new(&sideways);
-        let part = |kind, raw| Wit { kind, raw }.encode();
+        let mut decoder = InertialDecoder::new(&sideways);
+        let message = |kind, raw| Wit { kind, raw }.encode();
         let bytes = [
-            part(DataType::Acceleration, [2048, 0, 0, 0]),
-            part(DataType::AngularRate, [0, 1638, 0, 0]),
-            part(DataType::Angle, [0, 0, 8192, 0]),
+            message(DataType::Acceleration, [2048, 0, 0, 0]),
+            message(DataType::AngularRate, [0, 1638, 0, 0]),
+            message(DataType::Angle, [0, 0, 8192, 0]),
         ]
         .concat();
-        let readings = reader.decode(&bytes, Stamp(5));
+        let readings = decoder.decode(&bytes, Stamp(5));
         let [DeviceEvent::Imu(imu), DeviceEvent::Compass(compass)] = readings[..] else {
             panic!("{readings:?}");
         };
@@ -410,15 +420,15 @@ mod tests {
 
     #[test]
     fn constant_readings_are_timed_and_reset_on_change() {
-        let mut reader = InertialDecoder::new(&device(InertialSensor::Bno085));
+        let mut decoder = InertialDecoder::new(&device(InertialSensor::Bno085));
         let mut message = Rvc::default();
         for step in 0..100 {
             message.index = step;
-            reader.decode(&message.encode(), Stamp(i64::from(step) * 10_000_000));
+            decoder.decode(&message.encode(), Stamp(i64::from(step) * 10_000_000));
         }
-        assert!((reader.constant_for(Stamp(990_000_000)) - 0.99).abs() < 1e-3);
+        assert!((decoder.constant_for(Stamp(990_000_000)) - 0.99).abs() < 1e-3);
         message.roll_cdeg = 1;
-        reader.decode(&message.encode(), Stamp(1_000_000_000));
-        assert_eq!(reader.constant_for(Stamp(1_000_000_000)), 0.0);
+        decoder.decode(&message.encode(), Stamp(1_000_000_000));
+        assert_eq!(decoder.constant_for(Stamp(1_000_000_000)), 0.0);
     }
 }

@@ -1,7 +1,7 @@
-//! What do the devices of a robot say, and what are they told? Drivers; what arrives is a stamped sample.
+//! How do devices deliver samples and take commands? Drivers; each sample is stamped.
 //!
-//! Each device has a thread that opens it whenever it is there, and puts what it says into one bounded [`Inbox`]. Stamps are
-//! CLOCK_MONOTONIC.
+//! Each device has a thread that opens it as soon as it is present and pushes its samples into one bounded [`EventQueue`].
+//! Stamps are CLOCK_MONOTONIC.
 
 pub mod base;
 pub mod camera;
@@ -14,6 +14,7 @@ mod error;
 mod event_queue;
 mod health;
 pub mod inertial;
+mod monitor;
 pub mod realtime;
 mod serial;
 pub mod wire;

@@ -1,4 +1,4 @@
-//! How do bytes come and go on a serial line? A tty, raw, at a baud rate, never waiting longer than told.
+//! How are bytes sent and received on a serial port? A raw tty with a baud rate and deadlines.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
@@ -13,7 +13,7 @@ use rustix::termios::{
 use crate::clock;
 use crate::error::HwError;
 
-/// An open serial line.
+/// An open serial port.
 #[derive(Debug)]
 pub struct SerialPort {
     fd: OwnedFd,
@@ -21,10 +21,9 @@ pub struct SerialPort {
 }
 
 impl SerialPort {
-    /// Opens a tty for this process alone: eight bits, no parity, one stop bit, no flow control.
+    /// Opens a tty exclusively: eight bits, no parity, one stop bit, no flow control.
     ///
-    /// A pseudo terminal is a tty too; no modem line is touched, which it would refuse. Bytes that arrived before are
-    /// dropped, since nobody knows how old they are.
+    /// Sets no modem lines, so that pseudo terminals work too. Drops bytes that arrived earlier: their age is unknown.
     pub fn open(path: &str, baud: u32) -> Result<Self, HwError> {
         let failed = |action| move |source| HwError::from_errno(path, action, source);
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
@@ -33,13 +32,13 @@ impl SerialPort {
         let mut settings = tcgetattr(&fd).map_err(|source| match source {
             Errno::NOTTY => HwError::Unsupported {
                 device: path.to_owned(),
-                reason: "is no serial line".to_owned(),
+                reason: "not a serial port".to_owned(),
             },
             source => HwError::from_errno(path, "read the settings of", source),
         })?;
         settings.make_raw();
         settings.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
-        // HUPCL would drop the line that resets many boards each time the port is opened anew.
+        // With HUPCL, closing drops DTR, which resets many boards each time the port is reopened.
         settings.control_modes &=
             !(ControlModes::CSTOPB | ControlModes::CRTSCTS | ControlModes::HUPCL);
         settings.special_codes[SpecialCodeIndex::VMIN] = 0;
@@ -47,21 +46,21 @@ impl SerialPort {
         settings
             .set_speed(baud)
             .map_err(failed("set the baud rate of"))?;
-        tcsetattr(&fd, OptionalActions::Now, &settings).map_err(failed("set up"))?;
-        tcflush(&fd, QueueSelector::IOFlush).map_err(failed("empty"))?;
+        tcsetattr(&fd, OptionalActions::Now, &settings).map_err(failed("configure"))?;
+        tcflush(&fd, QueueSelector::IOFlush).map_err(failed("flush"))?;
         Ok(SerialPort {
             fd,
             path: path.to_owned(),
         })
     }
 
-    /// Reads what has arrived, waiting for the first byte until the deadline at most; 0 bytes if none came.
+    /// Reads the bytes that have arrived; waits for the first until the deadline and returns 0 if none came.
     pub fn read(&self, buffer: &mut [u8], deadline: Stamp) -> Result<usize, HwError> {
         if !wait_ready(self.fd.as_fd(), PollFlags::IN, deadline) {
             return Ok(0);
         }
         match rustix::io::read(&self.fd, buffer) {
-            // Readable without a byte: the other end is gone.
+            // Readable without a byte: the other end was closed.
             Ok(0) => Err(HwError::Disconnected {
                 device: self.path.clone(),
             }),
@@ -82,7 +81,7 @@ impl SerialPort {
                     if !wait_ready(self.fd.as_fd(), PollFlags::OUT, deadline) {
                         return Err(HwError::Stalled {
                             device: self.path.clone(),
-                            reason: "takes no more bytes".to_owned(),
+                            reason: "its output buffer stays full".to_owned(),
                         });
                     }
                 }
@@ -90,11 +89,6 @@ impl SerialPort {
             }
         }
         Ok(())
-    }
-
-    /// The device's path.
-    pub fn path(&self) -> &str {
-        &self.path
     }
 }
 
@@ -104,7 +98,7 @@ impl AsFd for SerialPort {
     }
 }
 
-/// Waits until `fd` can be read or written, or has failed; false if the deadline came first.
+/// Waits until `fd` is readable or writable, or has failed; false if the deadline passed first.
 pub(crate) fn wait_ready(fd: BorrowedFd<'_>, wanted: PollFlags, deadline: Stamp) -> bool {
     let mut fds = [PollFd::from_borrowed_fd(fd, wanted)];
     matches!(poll(&mut fds, Some(&clock::time_until(deadline))), Ok(1..))

@@ -1,4 +1,4 @@
-//! Who keeps a device going? A thread each: open, serve, and after any failure open again, until told to stop.
+//! How is a device kept running? One thread per device opens it, runs it, and reopens it after a failure.
 
 use std::os::fd::{BorrowedFd, OwnedFd};
 use std::sync::Arc;
@@ -10,13 +10,16 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags, eventfd, poll};
 
 use crate::clock;
 use crate::error::HwError;
-use crate::health::{HealthState, Monitor};
+use crate::health::HealthState;
+use crate::monitor::Monitor;
 
-/// Pauses between attempts to open a device, seconds: it is back well within a second of being plugged in again.
+/// Longest wait of a device's thread before it checks for a stall, seconds.
+pub(crate) const POLL_PERIOD: f64 = 0.05;
+/// Delays between attempts to open a device, seconds: a replugged device runs again within a second.
 const RETRY_DELAY_MIN: f64 = 0.02;
 const RETRY_DELAY_MAX: f64 = 0.25;
 
-/// Wakes a device's thread, and tells it to stop.
+/// Wakes a device's thread, or stops it.
 #[derive(Debug)]
 pub(crate) struct Waker {
     stop: AtomicBool,
@@ -26,7 +29,7 @@ pub(crate) struct Waker {
 impl Waker {
     /// Wakes the thread.
     pub(crate) fn wake(&self) {
-        // The count can only be full of unheard rings, and then the thread is awake.
+        // The counter is full only if wake-ups are pending; then the thread will run anyway.
         let _full = rustix::io::write(&self.fd, &1u64.to_ne_bytes());
     }
 
@@ -34,20 +37,20 @@ impl Waker {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Waits until `fd` can be read (or has failed), the bell rings, or the deadline comes; true if `fd` can be read.
+    /// Waits until `fd` is readable (or failed), `wake` is called, or the deadline passes; true if `fd` is readable.
     pub(crate) fn wait(&self, fd: Option<BorrowedFd<'_>>, deadline: Stamp) -> bool {
         let mut fds = vec![PollFd::new(&self.fd, PollFlags::IN)];
         fds.extend(fd.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
         let woken = poll(&mut fds, Some(&clock::time_until(deadline)));
         if woken.is_ok() && !fds[0].revents().is_empty() {
-            let mut rings = [0; 8];
-            let _none = rustix::io::read(&self.fd, &mut rings[..]);
+            let mut wakes = [0; 8];
+            let _none = rustix::io::read(&self.fd, &mut wakes[..]);
         }
         woken.is_ok() && fds.get(1).is_some_and(|fd| !fd.revents().is_empty())
     }
 }
 
-/// A device's thread; dropping it stops the device and waits for the thread's end.
+/// A device's thread; dropping it stops the device and joins the thread.
 #[derive(Debug)]
 pub(crate) struct Worker {
     waker: Arc<Waker>,
@@ -55,9 +58,9 @@ pub(crate) struct Worker {
 }
 
 impl Worker {
-    /// Starts a thread that opens the device and serves it until `serve` fails, and so on.
+    /// Starts a thread that repeats: open the device, `serve` it until that fails.
     ///
-    /// `open` and `serve` must come back soon after the bell was rung and stopped; `serve` returns `Ok` then.
+    /// `open` and `serve` must return soon after the waker was stopped; `serve` then returns `Ok`.
     pub(crate) fn start<D>(
         name: &str,
         monitor: &Monitor,
@@ -66,32 +69,32 @@ impl Worker {
     ) -> Result<Self, HwError> {
         let flags = EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK;
         let fd = eventfd(0, flags)
-            .map_err(|source| HwError::from_errno(name, "make a bell for", source))?;
-        let bell = Arc::new(Waker {
+            .map_err(|source| HwError::from_errno(name, "create an eventfd for", source))?;
+        let waker = Arc::new(Waker {
             stop: AtomicBool::new(false),
             fd,
         });
-        let (monitor, heard) = (monitor.clone(), Arc::clone(&bell));
+        let (monitor, thread_waker) = (monitor.clone(), Arc::clone(&waker));
         let run = move || {
-            let mut pause = RETRY_DELAY_MIN;
-            while !heard.stop_requested() {
-                let served = open().and_then(|mut device| {
+            let mut retry_delay = RETRY_DELAY_MIN;
+            while !thread_waker.stop_requested() {
+                let result = open().and_then(|mut device| {
                     monitor.on_opened();
-                    pause = RETRY_DELAY_MIN;
-                    serve(&mut device, &heard)
+                    retry_delay = RETRY_DELAY_MIN;
+                    serve(&mut device, &thread_waker)
                 });
-                let Err(error) = served else { continue };
+                let Err(error) = result else { continue };
                 let state = match error {
                     HwError::Stalled { .. } => HealthState::Stalled,
                     HwError::Garbage { .. } => HealthState::Garbage,
                     _ => HealthState::Absent,
                 };
                 monitor.set_state(state, Some(error.to_string()));
-                let again = clock::now() + pause;
-                while !heard.stop_requested() && clock::now() < again {
-                    heard.wait(None, again);
+                let retry = clock::now() + retry_delay;
+                while !thread_waker.stop_requested() && clock::now() < retry {
+                    thread_waker.wait(None, retry);
                 }
-                pause = (2.0 * pause).min(RETRY_DELAY_MAX);
+                retry_delay = (2.0 * retry_delay).min(RETRY_DELAY_MAX);
             }
         };
         let thread = std::thread::Builder::new()
@@ -99,10 +102,10 @@ impl Worker {
             .spawn(run)
             .map_err(|source| HwError::Unsupported {
                 device: name.to_owned(),
-                reason: format!("no thread for it: {source}"),
+                reason: format!("cannot start its thread: {source}"),
             })?;
         Ok(Worker {
-            waker: bell,
+            waker,
             thread: Some(thread),
         })
     }
@@ -115,12 +118,12 @@ impl Worker {
         self.waker.wake();
     }
 
-    /// Tells the thread to stop and waits for its end.
+    /// Stops the thread and joins it.
     pub(crate) fn stop(&mut self) {
         self.waker.stop.store(true, Ordering::Relaxed);
         self.waker.wake();
         if let Some(thread) = self.thread.take() {
-            // A thread that panicked has ended too, and has said why on standard error.
+            // A thread that panicked has ended too, and has printed why to standard error.
             let _ended = thread.join();
         }
     }
@@ -132,7 +135,7 @@ impl Drop for Worker {
     }
 }
 
-/// How long has a device been silent, and what came instead of messages?
+/// Detects a device that sends no message for too long.
 #[derive(Debug)]
 pub(crate) struct StallDetector {
     device: String,
@@ -142,23 +145,23 @@ pub(crate) struct StallDetector {
 }
 
 impl StallDetector {
-    /// Begins now; a device silent for `limit` seconds is stalled.
-    pub(crate) fn new(device: &str, limit: f32) -> Self {
+    /// Starts now; a device that is silent for `timeout` seconds is stalled.
+    pub(crate) fn new(device: &str, timeout: f32) -> Self {
         StallDetector {
             device: device.to_owned(),
             last_message: clock::now(),
             garbage_bytes: 0,
-            timeout: f64::from(limit),
+            timeout: f64::from(timeout),
         }
     }
 
-    /// A whole message came.
+    /// Restarts the timeout at a complete message.
     pub(crate) fn on_message(&mut self, stamp: Stamp, garbage_bytes: u64) {
         self.last_message = stamp;
         self.garbage_bytes = garbage_bytes;
     }
 
-    /// Refuses a silence that is too long: as garbage if bytes came all the same, as a stall if none.
+    /// An error after the timeout: garbage if bytes arrived since the last message, a stall if none did.
     pub(crate) fn check(&self, now: Stamp, garbage_bytes: u64) -> Result<(), HwError> {
         if now - self.last_message <= self.timeout {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The base over pseudo terminals: whatever happens on the line, the wheels turn only for a fresh command.
+//! The base over pseudo terminals: whatever happens on the bus, the wheels turn only for a valid command.
 
 mod pseudo_terminal;
 
@@ -8,7 +8,8 @@ use std::time::Duration;
 use hw::base::{Kick, MotionCommand};
 use hw::config::{BaseDeviceConfig, Bus};
 use hw::wire::board::{Encoders, Message, Packet, Switches, WheelCommand};
-use hw::wire::vesc::{Request, Values};
+use hw::wire::vesc::{Request, RoutedRequest, Values};
+use hw::wire::vesc_can::Addressed;
 use hw::wire::{CanFrame, StreamDecoder, board, slcan, vesc_can};
 use hw::{BaseDriver, DeviceEvent, EventQueue, HealthState, HwError};
 use localize::omni::Twist;
@@ -38,17 +39,17 @@ fn device(bus: Bus, port: String) -> BaseDeviceConfig {
     }
 }
 
-/// A base board on the bench.
+/// A simulated base board.
 struct FakeBoard {
-    socket: PseudoSerialPort,
+    port: PseudoSerialPort,
     commands: StreamDecoder<Packet>,
     sequence: u16,
 }
 
 impl FakeBoard {
-    fn new(socket: PseudoSerialPort) -> Self {
+    fn new(port: PseudoSerialPort) -> Self {
         FakeBoard {
-            socket,
+            port,
             commands: board::decoder(),
             sequence: 0,
         }
@@ -60,7 +61,7 @@ impl FakeBoard {
             sequence: self.sequence,
             message: message.into(),
         };
-        self.socket.send(&packet.encode());
+        self.port.send(&packet.encode());
     }
 
     fn send_counts(&mut self, count: u32) {
@@ -70,21 +71,22 @@ impl FakeBoard {
     }
 
     fn received_messages(&mut self) -> Vec<Message> {
-        self.commands.extend(&self.socket.read());
+        self.commands.extend(&self.port.read());
         self.commands
             .by_ref()
             .map(|packet| packet.message)
             .collect()
     }
 
-    /// The next wheel commands.
+    /// The wheel commands received since the last call.
     fn received_wheel_commands(&mut self) -> Vec<WheelCommand> {
-        let told = self.received_messages().into_iter();
-        told.filter_map(|message| match message {
-            Message::WheelCommand(command) => Some(command),
-            _ => None,
-        })
-        .collect()
+        let messages = self.received_messages().into_iter();
+        messages
+            .filter_map(|message| match message {
+                Message::WheelCommand(command) => Some(command),
+                _ => None,
+            })
+            .collect()
     }
 }
 
@@ -94,35 +96,35 @@ fn short_deadline() -> localize::Stamp {
 
 #[test]
 fn board_connected_after_start_is_driven_and_yields_odometry() {
-    let mut socket = PseudoSerialPort::disconnected();
-    let inbox = EventQueue::new(1024);
+    let mut port = PseudoSerialPort::disconnected();
+    let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
-        &device(Bus::Board, socket.path_string()),
+        &device(Bus::Board, port.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
-    let said = wait_for_event(&inbox, "the word that it is missing", |event| match event {
+    let reason = wait_for_event(&queue, "a health report", |event| match event {
         DeviceEvent::Health(health) => health.reason,
         _ => None,
     });
-    assert!(said.contains("is missing"), "{said}");
-    socket.connect();
-    let mut board = FakeBoard::new(socket);
-    let turn = Twist {
+    assert!(reason.contains("is missing"), "{reason}");
+    port.connect();
+    let mut board = FakeBoard::new(port);
+    let rotation = Twist {
         theta: 1.0,
         ..Twist::default()
     };
     let command = wait_until("a wheel command", || {
         base.handle()
-            .drive(MotionCommand::Twist(turn), short_deadline())
+            .drive(MotionCommand::Twist(rotation), short_deadline())
             .expect("driven");
         board
             .received_wheel_commands()
             .into_iter()
             .find(|command| command.speed_crad[0] != 0)
     });
-    // 0.2 m at 1 rad/s over wheels of 0.05 m: 4 rad/s; the third motor turns the other way.
+    // 0.2 m at 1 rad/s over wheels of 0.05 m: 4 rad/s; the third motor is reversed.
     assert_eq!(command.speed_crad, [400, 400, -400, 0]);
     assert_eq!(command.wheels, 3);
     assert!((1..=80).contains(&command.valid_ms), "{}", command.valid_ms);
@@ -130,21 +132,21 @@ fn board_connected_after_start_is_driven_and_yields_odometry() {
     let (odometry, slip) = wait_until("odometry", || {
         count = count.wrapping_add(40);
         board.send_counts(count);
-        inbox
+        queue
             .pop_timeout(Duration::from_millis(2))
             .and_then(|event| match event {
                 DeviceEvent::Odometry(odometry) => Some((odometry, odometry.slip)),
                 _ => None,
             })
     });
-    let wanted = 40.0 / 4096.0 * TAU * 0.05 / 0.2;
-    let steps = odometry.dtheta / wanted;
+    let step = 40.0 / 4096.0 * TAU * 0.05 / 0.2;
+    let steps = odometry.dtheta / step;
     assert!(
         steps >= 0.999 && (steps - steps.round()).abs() < 1e-3,
         "{odometry:?}"
     );
     assert!(odometry.dx.abs() + odometry.dy.abs() < 1e-6 && slip == 0.0);
-    wait_until("the word that it runs", || {
+    wait_until("the running state", || {
         board.send_counts(count);
         (base.health().state == HealthState::Running).then_some(())
     });
@@ -152,18 +154,18 @@ fn board_connected_after_start_is_driven_and_yields_odometry() {
 
 #[test]
 fn wheels_stop_without_fresh_commands() {
-    let socket = PseudoSerialPort::connected();
-    let inbox = EventQueue::new(1024);
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
-        &device(Bus::Board, socket.path_string()),
+        &device(Bus::Board, port.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
-    let mut board = FakeBoard::new(socket);
+    let mut board = FakeBoard::new(port);
     let mut commands = Vec::new();
-    // What is commanded before the line is there is forgotten.
-    wait_until("the line", || {
+    // Commands from before the port is open are discarded.
+    wait_until("the first wheel command", || {
         board.send_counts(0);
         commands.extend(board.received_wheel_commands());
         (!commands.is_empty()).then_some(())
@@ -172,11 +174,11 @@ fn wheels_stop_without_fresh_commands() {
         x: 1.0,
         ..Twist::default()
     };
-    let began = hw::now();
+    let start = hw::now();
     base.handle()
-        .drive(MotionCommand::Twist(forward), began + 10.0)
+        .drive(MotionCommand::Twist(forward), start + 10.0)
         .expect("driven");
-    wait_until("many zeros after the speeds", || {
+    wait_until("many zero commands after the speeds", || {
         board.send_counts(0);
         commands.extend(board.received_wheel_commands());
         let last = commands
@@ -199,21 +201,21 @@ fn wheels_stop_without_fresh_commands() {
     let longest = commands.iter().map(|command| command.valid_ms).max();
     assert!(
         longest <= Some(100),
-        "{longest:?}: whatever deadline was asked for"
+        "{longest:?}: validity is limited whatever the deadline"
     );
 }
 
 #[test]
 fn first_command_after_reconnect_is_zero_speed() {
-    let socket = PseudoSerialPort::connected();
-    let inbox = EventQueue::new(1024);
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
-        &device(Bus::Board, socket.path_string()),
+        &device(Bus::Board, port.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
-    let mut board = FakeBoard::new(socket);
+    let mut board = FakeBoard::new(port);
     for round in 0..3 {
         wait_until("a running base that drives", || {
             board.send_counts(round);
@@ -226,14 +228,14 @@ fn first_command_after_reconnect_is_zero_speed() {
                 .any(|command| command.speed_crad[0] == 900);
             (moves && base.health().state == HealthState::Running).then_some(())
         });
-        board.socket.disconnect();
-        wait_until("the word that it is gone", || {
+        board.port.disconnect();
+        wait_until("the absent state", || {
             std::thread::sleep(Duration::from_millis(2));
             (base.health().state == HealthState::Absent).then_some(())
         });
-        // By now the last command is stale.
+        // Then the last command has expired.
         std::thread::sleep(Duration::from_millis(120));
-        board.socket.connect();
+        board.port.connect();
         board.commands.reset();
         let first = wait_until("the first command", || {
             board.received_wheel_commands().first().copied()
@@ -245,28 +247,28 @@ fn first_command_after_reconnect_is_zero_speed() {
 
 #[test]
 fn garbage_and_stall_are_distinguished_and_recovered_from() {
-    let socket = PseudoSerialPort::connected();
-    let inbox = EventQueue::new(1024);
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
-        &device(Bus::Board, socket.path_string()),
+        &device(Bus::Board, port.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
-    let mut board = FakeBoard::new(socket);
+    let mut board = FakeBoard::new(port);
     let reach =
-        |wanted: HealthState, board: &mut FakeBoard, say: &mut dyn FnMut(&mut FakeBoard)| {
-            wait_until(&format!("{wanted:?}"), || {
-                say(board);
+        |expected: HealthState, board: &mut FakeBoard, send: &mut dyn FnMut(&mut FakeBoard)| {
+            wait_until(&format!("{expected:?}"), || {
+                send(board);
                 board.received_messages();
-                (base.health().state == wanted).then_some(())
+                (base.health().state == expected).then_some(())
             });
         };
     reach(HealthState::Running, &mut board, &mut |board| {
         board.send_counts(1)
     });
     reach(HealthState::Garbage, &mut board, &mut |board| {
-        board.socket.send(&[0x55, 0xAA, 0, 1, 2, 3, 0]);
+        board.port.send(&[0x55, 0xAA, 0, 1, 2, 3, 0]);
     });
     reach(HealthState::Running, &mut board, &mut |board| {
         board.send_counts(1)
@@ -275,7 +277,7 @@ fn garbage_and_stall_are_distinguished_and_recovered_from() {
     reach(HealthState::Running, &mut board, &mut |board| {
         board.send_counts(1)
     });
-    // A board that speaks, but not of its wheels, is no running base.
+    // A board that sends messages but no encoder counts is not running.
     let switches = Switches {
         bumpers: 4,
         ..Switches::default()
@@ -290,15 +292,15 @@ fn garbage_and_stall_are_distinguished_and_recovered_from() {
 
 #[test]
 fn non_finite_command_stops_the_wheels_and_kick_is_sent_once() {
-    let socket = PseudoSerialPort::connected();
-    let inbox = EventQueue::new(1024);
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
-        &device(Bus::Board, socket.path_string()),
+        &device(Bus::Board, port.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
-    let mut board = FakeBoard::new(socket);
+    let mut board = FakeBoard::new(port);
     wait_until("speed", || {
         base.handle()
             .drive(
@@ -311,11 +313,11 @@ fn non_finite_command_stops_the_wheels_and_kick_is_sent_once() {
             .into_iter()
             .find(|command| command.speed_crad[0] == 200)
     });
-    let refused = base.handle().drive(
+    let rejected = base.handle().drive(
         MotionCommand::WheelSpeeds([1.0, f32::NAN, 0.0, 0.0]),
         short_deadline(),
     );
-    assert!(matches!(refused, Err(HwError::Unsupported { .. })));
+    assert!(matches!(rejected, Err(HwError::Unsupported { .. })));
     wait_until("a stop", || {
         board
             .received_wheel_commands()
@@ -329,7 +331,7 @@ fn non_finite_command_stops_the_wheels_and_kick_is_sent_once() {
     base.handle().kick(kick, short_deadline()).expect("kicked");
     let mut kicks = Vec::new();
     let mut after = 0;
-    wait_until("a kick and what follows", || {
+    wait_until("a kick and 30 messages after it", || {
         for message in board.received_messages() {
             match message {
                 Message::KickCommand(kick) => kicks.push(kick),
@@ -344,15 +346,15 @@ fn non_finite_command_stops_the_wheels_and_kick_is_sent_once() {
 
 #[test]
 fn halt_and_drop_send_a_stop_command() {
-    let socket = PseudoSerialPort::connected();
-    let inbox = EventQueue::new(1024);
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
-        &device(Bus::Board, socket.path_string()),
+        &device(Bus::Board, port.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
-    let mut board = FakeBoard::new(socket);
+    let mut board = FakeBoard::new(port);
     let drive = || {
         base.handle()
             .drive(MotionCommand::WheelSpeeds([2.0; 4]), short_deadline())
@@ -376,7 +378,7 @@ fn halt_and_drop_send_a_stop_command() {
     });
     drive();
     drop(base);
-    let last = wait_until("the last word", || {
+    let last = wait_until("the last wheel command", || {
         board.received_wheel_commands().last().copied()
     });
     assert_eq!(last.speed_crad, [0; 4]);
@@ -384,71 +386,71 @@ fn halt_and_drop_send_a_stop_command() {
     let base = BaseDriver::start(
         &device(Bus::Board, missing.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
     assert!(
         !base.handle().halt(Duration::from_millis(20)),
-        "nobody was told"
+        "no bus, so no stop was sent"
     );
 }
 
-/// What a wheel is told: a speed or a current.
+/// Command to one wheel: a speed or a current.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum VescSetpoint {
     Erpm(i32),
     CurrentMa(i32),
 }
 
-/// Runs the three VESCs at `answer` until the wheels were driven and let go again, and returns what each was told.
+/// Drives three VESCs simulated by `answer` until their motors are released; returns the commands with their nodes.
 fn run_vesc_drive(
     bus: Bus,
-    socket: &PseudoSerialPort,
+    port: &PseudoSerialPort,
     mut answer: impl FnMut(&PseudoSerialPort, &[u8], u32) -> Vec<(u8, VescSetpoint)>,
 ) -> Vec<(u8, VescSetpoint)> {
-    let inbox = EventQueue::new(1024);
+    let queue = EventQueue::new(1024);
     let base = BaseDriver::start(
-        &device(bus, socket.path_string()),
+        &device(bus, port.path_string()),
         &BaseConfig::default(),
-        &inbox,
+        &queue,
     )
     .expect("a base");
-    let refused = base.handle().kick(
+    let rejected = base.handle().kick(
         Kick {
             speed: 1.0,
             lofted: false,
         },
         short_deadline(),
     );
-    assert!(matches!(refused, Err(HwError::Unsupported { .. })));
-    let turn = Twist {
+    assert!(matches!(rejected, Err(HwError::Unsupported { .. })));
+    let rotation = Twist {
         theta: 1.0,
         ..Twist::default()
     };
     let (mut log, mut ticks) = (Vec::new(), 0u32);
     let odometry = wait_until("odometry", || {
         base.handle()
-            .drive(MotionCommand::Twist(turn), short_deadline())
+            .drive(MotionCommand::Twist(rotation), short_deadline())
             .expect("driven");
         ticks = ticks.wrapping_add(3);
-        log.extend(answer(socket, &socket.read(), ticks));
-        let event = inbox.pop_timeout(Duration::from_millis(1));
+        log.extend(answer(port, &port.read(), ticks));
+        let event = queue.pop_timeout(Duration::from_millis(1));
         event.and_then(|event| match event {
             DeviceEvent::Odometry(odometry) if odometry.dtheta > 0.0 => Some(odometry),
             _ => None,
         })
     });
     assert!(odometry.dtheta < 0.5);
-    wait_until("let go", || {
-        log.extend(answer(socket, &socket.read(), ticks));
+    wait_until("the release", || {
+        log.extend(answer(port, &port.read(), ticks));
         let released = log.iter().rev().take(3);
         (log.len() > 30
             && released
                 .clone()
-                .all(|(_, told)| *told == VescSetpoint::CurrentMa(0)))
+                .all(|(_, setpoint)| *setpoint == VescSetpoint::CurrentMa(0)))
         .then_some(())
     });
-    let power = wait_for_event(&inbox, "power", |event| match event {
+    let power = wait_for_event(&queue, "power", |event| match event {
         DeviceEvent::Power(power) => Some(power),
         _ => None,
     });
@@ -456,24 +458,24 @@ fn run_vesc_drive(
     log
 }
 
-/// Driven at 4 rad/s with 4096 steps a turn (the third the other way), then braked, then let go.
+/// Asserts a drive at 4 rad/s with 4096 steps per turn (the third reversed), then brake, then release.
 fn assert_drive_brake_release(log: &[(u8, VescSetpoint)]) {
     let erpm = (4.0 / TAU * 60.0 * 4096.0 / 6.0) as i32;
-    for (node, wanted) in [(11, erpm), (12, erpm), (13, -erpm)] {
-        let mut told: Vec<_> = log
+    for (node, erpm) in [(11, erpm), (12, erpm), (13, -erpm)] {
+        let mut setpoints: Vec<_> = log
             .iter()
             .filter(|(to, _)| *to == node)
-            .map(|(_, t)| *t)
+            .map(|(_, setpoint)| *setpoint)
             .collect();
-        told.dedup();
-        // Before the first command the motors are free.
-        if told.first() == Some(&VescSetpoint::CurrentMa(0)) {
-            told.remove(0);
+        setpoints.dedup();
+        // The motors are released when the bus was opened.
+        if setpoints.first() == Some(&VescSetpoint::CurrentMa(0)) {
+            setpoints.remove(0);
         }
-        // A line begins with wheels that stand.
-        let driven = VescSetpoint::Erpm(wanted);
+        // The first command is a stop.
+        let driven = VescSetpoint::Erpm(erpm);
         assert_eq!(
-            told,
+            setpoints,
             [
                 VescSetpoint::Erpm(0),
                 driven,
@@ -487,20 +489,20 @@ fn assert_drive_brake_release(log: &[(u8, VescSetpoint)]) {
 
 #[test]
 fn vescs_over_uart_drive_brake_and_release() {
-    let socket = PseudoSerialPort::connected();
+    let port = PseudoSerialPort::connected();
     let mut pending = Vec::new();
-    let log = run_vesc_drive(Bus::VescUart, &socket, |socket, bytes, ticks| {
+    let log = run_vesc_drive(Bus::VescUart, &port, |port, bytes, ticks| {
         pending.extend_from_slice(bytes);
-        let mut told = Vec::new();
-        // Packets are of known length: 02, length, payload, three bytes.
+        let mut setpoints = Vec::new();
+        // A packet is 02, length, payload, three bytes.
         while pending.len() > 2 && pending.len() >= usize::from(pending[1]) + 5 {
             let packet: Vec<u8> = pending.drain(..usize::from(pending[1]) + 5).collect();
-            let (node, request) = Request::decode(&packet).expect("a request");
+            let RoutedRequest { node, request } = Request::decode(&packet).expect("a request");
             let node = node.unwrap_or(11);
             match request {
-                Request::SetRpm(erpm) => told.push((node, VescSetpoint::Erpm(erpm))),
+                Request::SetRpm(erpm) => setpoints.push((node, VescSetpoint::Erpm(erpm))),
                 Request::SetCurrentMa(current) => {
-                    told.push((node, VescSetpoint::CurrentMa(current)))
+                    setpoints.push((node, VescSetpoint::CurrentMa(current)))
                 }
                 Request::GetValues => {
                     let sign = if node == 13 { -1 } else { 1 };
@@ -510,32 +512,32 @@ fn vescs_over_uart_drive_brake_and_release() {
                         voltage_dv: 246,
                         ..Values::default()
                     };
-                    socket.send(&values.encode());
+                    port.send(&values.encode());
                 }
             }
         }
-        told
+        setpoints
     });
     assert_drive_brake_release(&log);
 }
 
 #[test]
 fn vescs_over_slcan_drive_brake_and_release() {
-    let socket = PseudoSerialPort::connected();
+    let port = PseudoSerialPort::connected();
     let mut lines = slcan::decoder();
     let mut setup = Vec::new();
-    let log = run_vesc_drive(Bus::VescSlcan, &socket, |socket, bytes, ticks| {
+    let log = run_vesc_drive(Bus::VescSlcan, &port, |port, bytes, ticks| {
         if setup.len() < 64 {
             setup.extend_from_slice(bytes);
         }
         lines.extend(bytes);
-        let told: Vec<_> = lines
+        let setpoints: Vec<_> = lines
             .by_ref()
-            .filter_map(|line| match line {
+            .filter_map(|message| match message {
                 slcan::SlcanMessage::Frame(frame) => vesc_can::VescCommand::decode(&frame),
                 _ => None,
             })
-            .map(|(node, order)| match order {
+            .map(|Addressed { node, message }| match message {
                 vesc_can::VescCommand::SetRpm(erpm) => (node, VescSetpoint::Erpm(erpm)),
                 vesc_can::VescCommand::SetCurrentMa(current) => {
                     (node, VescSetpoint::CurrentMa(current))
@@ -553,8 +555,8 @@ fn vescs_over_slcan_drive_brake_and_release() {
         }
         let standard = CanFrame::new(0x123, false, &[1]).expect("a frame");
         slcan::encode(&standard, &mut answer);
-        socket.send(&answer);
-        told
+        port.send(&answer);
+        setpoints
     });
     assert_drive_brake_release(&log);
     assert!(setup.starts_with(b"\rC\rS6\rO\r"), "{setup:?}");
@@ -572,10 +574,10 @@ fn missing_can_interface_is_named_in_the_error() {
 fn wheel_and_controller_counts_must_match() {
     let mut wrong = device(Bus::VescCan, "can0".to_owned());
     wrong.nodes.pop();
-    let refused = BaseDriver::start(&wrong, &BaseConfig::default(), &EventQueue::new(8));
-    let message = refused.expect_err("refused").to_string();
+    let rejected = BaseDriver::start(&wrong, &BaseConfig::default(), &EventQueue::new(8));
+    let message = rejected.expect_err("rejected").to_string();
     assert!(
-        message.contains("base.nodes") && message.contains("3 are wanted"),
+        message.contains("base.nodes") && message.contains("expected 3"),
         "{message}"
     );
 }

@@ -1,10 +1,10 @@
-//! What C says of the structures that cross the border: the firmware's header and the kernel's.
+//! Does the firmware's C header match the wire format?
 
 use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Compiles a program (the linker that Rust needs is a C compiler) and returns what it prints when given `input`.
+/// Compiles a program (Rust's linker is a C compiler) and returns its output for `input`.
 fn compile_and_run(source: &Path, include: &Path, input: &str) -> String {
     let folder = tempfile::tempdir().expect("a folder");
     let program = folder.path().join("program");
@@ -15,8 +15,8 @@ fn compile_and_run(source: &Path, include: &Path, input: &str) -> String {
         .args([&program, source])
         .output()
         .expect("cc runs");
-    let complaint = String::from_utf8_lossy(&compiled.stderr);
-    assert!(compiled.status.success(), "{complaint}");
+    let diagnostics = String::from_utf8_lossy(&compiled.stderr);
+    assert!(compiled.status.success(), "{diagnostics}");
     let mut child = Command::new(&program)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
@@ -42,15 +42,15 @@ fn c_header_decodes_and_encodes_every_test_vector() {
         .skip(1)
         .filter_map(|row| row.split(',').nth(1))
         .collect();
-    // A wrong checksum, another version, and a frame far too long.
+    // A wrong checksum, another version, and a frame that is too long.
     let bad = [
         "0701010101946300",
         "030201010358da00",
         &("05".repeat(200) + "00"),
     ];
     let input = [&frames[..], &bad[..]].concat().join("\n") + "\n";
-    let said = compile_and_run(&root.join("tests/c/base_frames.c"), &docs, &input);
-    let said: Vec<_> = said.lines().collect();
-    assert_eq!(said[..frames.len()], frames);
-    assert_eq!(said[frames.len()..], ["refused"; 3]);
+    let output = compile_and_run(&root.join("tests/c/base_frames.c"), &docs, &input);
+    let output: Vec<_> = output.lines().collect();
+    assert_eq!(output[..frames.len()], frames);
+    assert_eq!(output[frames.len()..], ["refused"; 3]);
 }

@@ -1,20 +1,20 @@
-//! Aravis' own fake camera on loopback: frames come, and a camera that was switched off and on again comes back.
+//! Aravis' fake camera on loopback: images arrive, also after the camera was switched off and on again.
 #![cfg(feature = "aravis")]
 
-#[expect(dead_code, reason = "this camera needs no serial line")]
+#[expect(dead_code, reason = "this camera needs no serial port")]
 mod pseudo_terminal;
 
 use std::process::{Child, Command, Stdio};
 
-use hw::config::CameraDevice;
-use hw::{Camera, Event, Inbox, State};
-use pseudo_terminal::{event, until};
+use hw::config::CameraDeviceConfig;
+use hw::{CameraDriver, DeviceEvent, EventQueue, HealthState};
+use pseudo_terminal::{wait_for_event, wait_until};
 
-/// The fake camera, switched on until it is dropped.
+/// The fake camera, which runs until it is dropped.
 struct FakeGenICamCamera(Child);
 
-impl Fake {
-    /// `None` where Aravis' tools are not installed.
+impl FakeGenICamCamera {
+    /// `None` if Aravis' tools are not installed.
     fn start() -> Option<Self> {
         Command::new("arv-fake-gv-camera-0.8")
             .args(["-i", "127.0.0.1"])
@@ -22,11 +22,11 @@ impl Fake {
             .stderr(Stdio::null())
             .spawn()
             .ok()
-            .map(Fake)
+            .map(FakeGenICamCamera)
     }
 }
 
-impl Drop for Fake {
+impl Drop for FakeGenICamCamera {
     fn drop(&mut self) {
         self.0.kill().expect("killed");
         self.0.wait().expect("ended");
@@ -35,11 +35,11 @@ impl Drop for Fake {
 
 #[test]
 fn genicam_camera_streams_and_reconnects() {
-    let Some(fake) = Fake::switch_on() else {
+    let Some(fake) = FakeGenICamCamera::start() else {
         eprintln!("skipped: arv-fake-gv-camera-0.8 (aravis-tools) is not installed");
         return;
     };
-    let device = CameraDevice {
+    let device = CameraDeviceConfig {
         device: "genicam:".to_owned(),
         rate_hz: 50.0,
         format: "GREY".to_owned(),
@@ -48,33 +48,33 @@ fn genicam_camera_streams_and_reconnects() {
         white_balance_k: None,
         stall: 1.0,
     };
-    let inbox = Inbox::new(64);
-    let camera = Camera::start(&device, [256, 128], &inbox).expect("started");
-    let frame = || {
-        event(&inbox, "a frame", |event| match event {
-            Event::Frame(frame) => Some(frame),
-            // Why there is none stands in the test's output.
+    let queue = EventQueue::new(64);
+    let camera = CameraDriver::start(&device, [256, 128], &queue).expect("started");
+    let next_image = || {
+        wait_for_event(&queue, "an image", |event| match event {
+            DeviceEvent::Image(image) => Some(image),
+            // The test's output then says why there is none.
             other => {
                 eprintln!("{other:?}");
                 None
             }
         })
     };
-    let (first, second) = (frame(), frame());
+    let (first, second) = (next_image(), next_image());
     assert_eq!(
         (first.width_px, first.height_px, first.data.len()),
         (256, 128, 256 * 128)
     );
     assert!(second.stamp > first.stamp && second.sequence > first.sequence);
     drop(fake);
-    until("the word that it is gone", || {
-        (camera.health().state != State::Running).then_some(())
+    wait_until("not running", || {
+        (camera.health().state != HealthState::Running).then_some(())
     });
-    let fake = Fake::switch_on().expect("as before");
-    while inbox.take(std::time::Duration::ZERO).is_some() {}
-    frame();
-    until("running again", || {
-        (camera.health().state == State::Running).then_some(())
+    let fake = FakeGenICamCamera::start().expect("started again");
+    while queue.pop_timeout(std::time::Duration::ZERO).is_some() {}
+    next_image();
+    wait_until("running again", || {
+        (camera.health().state == HealthState::Running).then_some(())
     });
     drop(fake);
 }

@@ -1,4 +1,4 @@
-//! Serial lines, inertial units and the camera's socket: what comes, what fails, and how it is told.
+//! Serial ports, inertial units and the camera socket: samples, faults, and their reports.
 
 mod pseudo_terminal;
 
@@ -16,59 +16,59 @@ use pseudo_terminal::{PseudoSerialPort, wait_for_event, wait_until};
 
 #[test]
 fn serial_port_is_transparent_to_all_byte_values() {
-    let socket = PseudoSerialPort::connected();
-    let serial = SerialPort::open(&socket.path_string(), 115_200).expect("open");
+    let port = PseudoSerialPort::connected();
+    let serial = SerialPort::open(&port.path_string(), 115_200).expect("open");
     let all: Vec<u8> = (0..=255).collect();
-    socket.send(&all);
-    let mut found = Vec::new();
+    port.send(&all);
+    let mut received = Vec::new();
     wait_until("256 bytes", || {
         let mut buffer = [0; 64];
         let bytes = serial.read(&mut buffer, hw::now() + 0.01).expect("read");
-        found.extend_from_slice(&buffer[..bytes]);
-        (found.len() == 256).then_some(())
+        received.extend_from_slice(&buffer[..bytes]);
+        (received.len() == 256).then_some(())
     });
-    assert_eq!(found, all);
+    assert_eq!(received, all);
     serial.write(&all, hw::now() + 5.0).expect("written");
-    let mut back = Vec::new();
-    wait_until("256 bytes back", || {
-        back.extend(socket.read());
-        (back.len() == 256).then_some(())
+    let mut echoed = Vec::new();
+    wait_until("256 bytes at the other end", || {
+        echoed.extend(port.read());
+        (echoed.len() == 256).then_some(())
     });
-    assert_eq!(back, all);
+    assert_eq!(echoed, all);
     assert_eq!(serial.read(&mut [0; 8], hw::now()), Ok(0), "nothing more");
 }
 
 #[test]
 fn busy_missing_stalled_and_disconnected_ports_are_distinguished() {
-    let mut socket = PseudoSerialPort::connected();
-    let serial = SerialPort::open(&socket.path_string(), 1_000_000).expect("open");
-    let busy = SerialPort::open(&socket.path_string(), 115_200);
+    let mut port = PseudoSerialPort::connected();
+    let serial = SerialPort::open(&port.path_string(), 1_000_000).expect("open");
+    let busy = SerialPort::open(&port.path_string(), 115_200);
     assert!(matches!(busy, Err(HwError::Busy { .. })), "{busy:?}");
-    let full = wait_until("a full line", || {
+    let full = wait_until("a full output buffer", || {
         serial.write(&[0; 4096], hw::now() + 0.01).err()
     });
     assert!(matches!(full, HwError::Stalled { .. }), "{full:?}");
-    socket.disconnect();
+    port.disconnect();
     let gone = wait_until("an error", || {
         serial.read(&mut [0; 8], hw::now() + 0.01).err()
     });
     assert!(matches!(gone, HwError::Disconnected { .. }), "{gone:?}");
-    let missing = SerialPort::open(&socket.path_string(), 115_200);
+    let missing = SerialPort::open(&port.path_string(), 115_200);
     assert!(
         matches!(missing, Err(HwError::Missing { .. })),
         "{missing:?}"
     );
-    let file = SerialPort::open("/dev/null", 115_200).expect_err("no line");
-    assert_eq!(file.to_string(), "/dev/null: is no serial line");
+    let file = SerialPort::open("/dev/null", 115_200).expect_err("an error");
+    assert_eq!(file.to_string(), "/dev/null: not a serial port");
 }
 
 #[test]
 fn stuck_imu_is_detected_and_recovers() {
-    let socket = PseudoSerialPort::connected();
-    let inbox = EventQueue::new(1024);
+    let port = PseudoSerialPort::connected();
+    let queue = EventQueue::new(1024);
     let device = InertialDeviceConfig {
         sensor: InertialSensor::Bno085,
-        port: socket.path_string(),
+        port: port.path_string(),
         baud: 115_200,
         imu: true,
         compass: false,
@@ -79,30 +79,30 @@ fn stuck_imu_is_detected_and_recovers() {
         stall: 0.3,
         stuck: 0.1,
     };
-    let imu = InertialDriver::start("imu", &device, &inbox).expect("started");
+    let imu = InertialDriver::start("imu", &device, &queue).expect("started");
     let mut message = Rvc::default();
-    let mut say = |moving: bool| {
+    let mut send_message = |moving: bool| {
         message.index = message.index.wrapping_add(1);
         message.acceleration_mg[2] = 1000 + if moving { i16::from(message.index) } else { 0 };
-        socket.send(&message.encode());
+        port.send(&message.encode());
         std::thread::sleep(Duration::from_millis(3));
     };
-    for (moving, wanted) in [
+    for (moving, expected) in [
         (true, HealthState::Running),
         (false, HealthState::Stuck),
         (true, HealthState::Running),
     ] {
-        wait_until(&format!("{wanted:?}"), || {
-            say(moving);
-            (imu.health().state == wanted).then_some(())
+        wait_until(&format!("{expected:?}"), || {
+            send_message(moving);
+            (imu.health().state == expected).then_some(())
         });
     }
-    wait_for_event(&inbox, "a reading", |event| {
+    wait_for_event(&queue, "a reading", |event| {
         matches!(event, DeviceEvent::Imu(_)).then_some(())
     });
 }
 
-/// A program that sends frames.
+/// A program that sends images.
 struct FakeCamera {
     listener: UnixListener,
     peer: Option<UnixStream>,
@@ -133,7 +133,7 @@ impl FakeCamera {
     }
 
     fn send(&mut self, bytes: &[u8]) {
-        // The driver may have hung up meanwhile; then the next accept tells.
+        // The driver may have disconnected meanwhile; it will connect again.
         let _gone = self.peer.as_mut().expect("a peer").write_all(bytes);
     }
 }
@@ -154,9 +154,9 @@ fn camera_device(path: &std::path::Path) -> CameraDeviceConfig {
 fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("camera");
-    let inbox = EventQueue::new(64);
-    let camera = CameraDriver::start(&camera_device(&path), [8, 4], &inbox).expect("started");
-    let state = |wanted: HealthState| (camera.health().state == wanted).then_some(());
+    let queue = EventQueue::new(64);
+    let camera = CameraDriver::start(&camera_device(&path), [8, 4], &queue).expect("started");
+    let state = |expected: HealthState| (camera.health().state == expected).then_some(());
     let mut sender = FakeCamera {
         listener: UnixListener::bind(&path).expect("bound"),
         peer: None,
@@ -165,27 +165,27 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
     let settings = sender.accept();
     assert_eq!((settings.exposure_us, settings.gain), (10_000, -1));
     let mut level = 0u8;
-    let mut fresh = |sender: &mut FakeCamera| {
+    let mut send_changed_image = |sender: &mut FakeCamera| {
         level = level.wrapping_add(1);
         let bytes = sender.encode_image(level);
         sender.send(&bytes);
         std::thread::sleep(Duration::from_millis(3));
     };
     wait_until("running", || {
-        fresh(&mut sender);
+        send_changed_image(&mut sender);
         state(HealthState::Running)
     });
-    let frame = wait_for_event(&inbox, "a frame", |event| match event {
-        DeviceEvent::Image(frame) => Some(frame),
+    let image = wait_for_event(&queue, "an image", |event| match event {
+        DeviceEvent::Image(image) => Some(image),
         _ => None,
     });
     assert_eq!(
-        (frame.width_px, frame.height_px, frame.data.len()),
+        (image.width_px, image.height_px, image.data.len()),
         (8, 4, 96)
     );
-    wait_until("dropped frames", || {
-        fresh(&mut sender);
-        (inbox.drop_counts().images > 3).then_some(())
+    wait_until("dropped images", || {
+        send_changed_image(&mut sender);
+        (queue.drop_counts().images > 3).then_some(())
     });
     wait_until("stuck", || {
         let bytes = sender.encode_image(77);
@@ -194,16 +194,16 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
         state(HealthState::Stuck)
     });
     wait_until("running again", || {
-        fresh(&mut sender);
+        send_changed_image(&mut sender);
         state(HealthState::Running)
     });
-    // Half a frame, then nothing.
+    // A truncated image, then nothing.
     let half = sender.encode_image(1);
     sender.send(&half[..60]);
     wait_until("stalled", || state(HealthState::Stalled));
     sender.accept();
-    wait_until("running after the half frame", || {
-        fresh(&mut sender);
+    wait_until("running after the truncated image", || {
+        send_changed_image(&mut sender);
         state(HealthState::Running)
     });
     camera.set_settings(camera::CameraSettings {
@@ -221,7 +221,7 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
         SettingsMessage::decode(&bytes).map(|settings| settings.gain),
         Some(7)
     );
-    // A camera that was pulled out and put in again is set as it was.
+    // A camera that reconnects gets its settings again.
     sender.peer = None;
     wait_until("absent", || state(HealthState::Absent));
     sender.accept();
@@ -236,13 +236,13 @@ fn camera_socket_delivers_images_and_reports_truncated_frozen_and_dropped_ones()
         SettingsMessage::decode(&bytes).map(|settings| settings.gain),
         Some(7)
     );
-    sender.send(b"this is no frame, and certainly not the header of one");
+    sender.send(b"this is no image, and certainly not the header of one");
     wait_until("garbage", || state(HealthState::Garbage));
 }
 
 #[test]
 fn event_queue_drops_the_oldest_samples_when_full() {
-    let inbox = EventQueue::new(2);
+    let queue = EventQueue::new(2);
     let compass = |at| {
         DeviceEvent::Compass(localize::sample::Compass {
             stamp: localize::Stamp(at),
@@ -250,11 +250,11 @@ fn event_queue_drops_the_oldest_samples_when_full() {
             magnetic_field: None,
         })
     };
-    (0..5).for_each(|at| inbox.push(compass(at)));
-    assert_eq!(inbox.pop_timeout(Duration::ZERO), Some(compass(3)));
-    assert_eq!(inbox.pop_timeout(Duration::ZERO), Some(compass(4)));
-    assert_eq!(inbox.pop_timeout(Duration::ZERO), None);
-    assert_eq!(inbox.drop_counts().samples, 3);
+    (0..5).for_each(|at| queue.push(compass(at)));
+    assert_eq!(queue.pop_timeout(Duration::ZERO), Some(compass(3)));
+    assert_eq!(queue.pop_timeout(Duration::ZERO), Some(compass(4)));
+    assert_eq!(queue.pop_timeout(Duration::ZERO), None);
+    assert_eq!(queue.drop_counts().samples, 3);
 }
 
 #[test]

@@ -1,8 +1,10 @@
-//! Any stream of bytes, split, joined, damaged or random: nothing panics, nothing false comes out, nothing true is lost.
+//! Byte streams, split, joined, damaged or random: decoders never panic, and yield all intact messages and no others.
 
 mod oracle;
 
 use hw::wire::image_stream::{IMAGE_BYTES_MAX, ImageHeader};
+use hw::wire::vesc::RoutedRequest;
+use hw::wire::vesc_can::Addressed;
 use hw::wire::{CanFrame, DecodeError, bno085, board, slcan, vesc, vesc_can, wit};
 use oracle::decode_in_chunks;
 use proptest::collection::vec;
@@ -19,15 +21,15 @@ fn hex(text: &str) -> Vec<u8> {
 #[test]
 fn bno085_datasheet_example_round_trips() {
     let bytes = hex("AAAADE010092FF25088DFEECFFD103000000E7");
-    let wanted = bno085::Rvc {
+    let expected = bno085::Rvc {
         index: 0xDE,
         yaw_cdeg: 1,
         pitch_cdeg: -110,
         roll_cdeg: 2085,
         acceleration_mg: [-371, -20, 977],
     };
-    assert_eq!(decode_in_chunks(bno085::decoder(), &bytes, &[]), [wanted]);
-    assert_eq!(wanted.encode()[..], bytes);
+    assert_eq!(decode_in_chunks(bno085::decoder(), &bytes, &[]), [expected]);
+    assert_eq!(expected.encode()[..], bytes);
 }
 
 #[test]
@@ -41,7 +43,10 @@ fn vesc_packets_match_the_firmware() {
     assert_eq!(forwarded[..5], hex("02 07 22 07 08"));
     assert_eq!(
         vesc::Request::decode(&forwarded),
-        Some((Some(7), vesc::Request::SetRpm(-5)))
+        Some(RoutedRequest {
+            node: Some(7),
+            request: vesc::Request::SetRpm(-5)
+        })
     );
 }
 
@@ -53,33 +58,33 @@ fn vesc_can_identifier_holds_command_and_node() {
     let status = CanFrame::new(0x92A, true, &[0, 0, 3, 0xE8, 0, 25, 0xFF, 0xFE]);
     assert_eq!(
         vesc_can::VescStatus::decode(&status.expect("a frame")),
-        Some((
-            0x2A,
-            vesc_can::VescStatus::Motion {
+        Some(Addressed {
+            node: 0x2A,
+            message: vesc_can::VescStatus::Motion {
                 erpm: 1000,
                 current_da: 25,
                 duty_permille: -2
             }
-        ))
+        })
     );
 }
 
 #[test]
 fn wit_values_use_the_protocol_scale() {
     let one_g = hex("55 51 00 00 00 00 00 08 00 00 AE");
-    let found = decode_in_chunks(wit::decoder(), &one_g, &[]);
-    assert_eq!(found[0].kind, wit::DataType::Acceleration);
-    assert!((found[0].si()[2] - 9.806_65).abs() < 1e-5);
+    let messages = decode_in_chunks(wit::decoder(), &one_g, &[]);
+    assert_eq!(messages[0].kind, wit::DataType::Acceleration);
+    assert!((messages[0].si()[2] - 9.806_65).abs() < 1e-5);
     // 0x4000 of 0x8000 is half of 2000 °/s.
     let rate = hex("55 52 00 00 00 00 00 40 00 00 E7");
-    let found = decode_in_chunks(wit::decoder(), &rate, &[]);
-    assert_eq!(found[0].kind, wit::DataType::AngularRate);
-    assert!((found[0].si()[2] - 1000_f32.to_radians()).abs() < 1e-3);
-    let turn = wit::Wit {
+    let messages = decode_in_chunks(wit::decoder(), &rate, &[]);
+    assert_eq!(messages[0].kind, wit::DataType::AngularRate);
+    assert!((messages[0].si()[2] - 1000_f32.to_radians()).abs() < 1e-3);
+    let angle = wit::Wit {
         kind: wit::DataType::Angle,
         raw: [0, 0, -16384, 0],
     };
-    assert!((turn.si()[2] + std::f32::consts::FRAC_PI_2).abs() < 1e-6);
+    assert!((angle.si()[2] + std::f32::consts::FRAC_PI_2).abs() < 1e-6);
 }
 
 #[test]
@@ -88,9 +93,9 @@ fn slcan_lines_match_the_lawicel_format() {
     let mut line = Vec::new();
     slcan::encode(&frame, &mut line);
     assert_eq!(line, b"T0000032A4000003E8\r");
-    let stamped = b"T0000032A4000003e81234\r\x07z\rT0000032A4000003E\r";
+    let input = b"T0000032A4000003e81234\r\x07z\rT0000032A4000003E\r";
     assert_eq!(
-        decode_in_chunks(slcan::decoder(), stamped, &[]),
+        decode_in_chunks(slcan::decoder(), input, &[]),
         [
             slcan::SlcanMessage::Frame(frame),
             slcan::SlcanMessage::Nack,
@@ -115,13 +120,13 @@ fn base_board_messages_match_the_test_vectors() {
             panic!("four cells: {row}");
         };
         let bytes = hex(frame);
-        let found = decode_in_chunks(board::decoder(), &bytes, &[]);
-        assert_eq!(found.len(), 1, "{name}");
-        assert_eq!(found[0].encode(), bytes, "{name}");
-        let wanted = format!("{name}({name} {{ {} }})", fields.trim_matches('"'));
-        assert_eq!(format!("{:?}", found[0].message), wanted);
-        assert_eq!(found[0].sequence.to_string(), sequence, "{name}");
-        kinds.push(found[0].message.type_byte());
+        let packets = decode_in_chunks(board::decoder(), &bytes, &[]);
+        assert_eq!(packets.len(), 1, "{name}");
+        assert_eq!(packets[0].encode(), bytes, "{name}");
+        let expected = format!("{name}({name} {{ {} }})", fields.trim_matches('"'));
+        assert_eq!(format!("{:?}", packets[0].message), expected);
+        assert_eq!(packets[0].sequence.to_string(), sequence, "{name}");
+        kinds.push(packets[0].message.type_byte());
     }
     assert_eq!(
         kinds,
@@ -132,7 +137,7 @@ fn base_board_messages_match_the_test_vectors() {
 
 #[test]
 fn version_and_type_errors_are_reported() {
-    for (frame, fault) in [
+    for (frame, error) in [
         (
             "03 02 01 01 03 58 da 00",
             DecodeError::UnsupportedVersion(2),
@@ -144,7 +149,7 @@ fn version_and_type_errors_are_reported() {
         let mut stream = board::decoder();
         stream.extend(&hex(frame));
         assert_eq!(stream.next(), None);
-        assert_eq!(stream.stats().last_error, Some(fault));
+        assert_eq!(stream.stats().last_error, Some(error));
     }
 }
 
@@ -152,11 +157,14 @@ fn version_and_type_errors_are_reported() {
 fn can_frames_round_trip_through_socketcan_layout() {
     let frame = CanFrame::new(0x1234_5678, true, &[1, 2, 3]).expect("a frame");
     assert_eq!(CanFrame::from_socketcan(&frame.to_socketcan()), Some(frame));
-    let asked = CanFrame::remote(0x123, false, 8).expect("a frame");
-    assert_eq!(CanFrame::from_socketcan(&asked.to_socketcan()), Some(asked));
-    let mut long = frame.to_socketcan();
-    long[4] = 9;
-    assert_eq!(CanFrame::from_socketcan(&long), None);
+    let remote = CanFrame::remote(0x123, false, 8).expect("a frame");
+    assert_eq!(
+        CanFrame::from_socketcan(&remote.to_socketcan()),
+        Some(remote)
+    );
+    let mut too_long = frame.to_socketcan();
+    too_long[4] = 9;
+    assert_eq!(CanFrame::from_socketcan(&too_long), None);
 }
 
 fn any_packet() -> impl Strategy<Value = board::Packet> {
@@ -192,7 +200,7 @@ fn any_packet() -> impl Strategy<Value = board::Packet> {
         .prop_map(|(sequence, message): (u16, board::Message)| board::Packet { sequence, message })
 }
 
-/// One true message of each protocol, as bytes.
+/// The bytes of a valid message of any protocol, with the protocol's number.
 fn any_valid_message() -> impl Strategy<Value = (usize, Vec<u8>)> {
     prop_oneof![
         any_packet().prop_map(|packet| (0, packet.encode())),
@@ -230,7 +238,7 @@ fn any_valid_message() -> impl Strategy<Value = (usize, Vec<u8>)> {
     ]
 }
 
-/// A stream of true messages with noise between and bytes overwritten.
+/// A stream of valid messages with noise in between and some bytes overwritten.
 fn damaged_stream() -> impl Strategy<Value = Vec<u8>> {
     let piece = prop_oneof![
         4 => any_valid_message().prop_map(|(_, bytes)| bytes),
@@ -311,11 +319,11 @@ proptest! {
     ) {
         let mut frame = hit.encode();
         let at = at.index(frame.len() - 1);
-        // A byte that became a zero ends the frame early: still no other frame may be lost.
+        // A byte that becomes zero ends the frame early; the other frames must survive that too.
         frame[at] ^= flip;
         let bytes = [before.encode(), frame, after.encode()].concat();
-        let found = decode_in_chunks(board::decoder(), &bytes, &[]);
-        prop_assert!(found.first() == Some(&before) && found.last() == Some(&after), "{:?}", found);
-        prop_assert!(!found.contains(&hit) || hit == before || hit == after);
+        let packets = decode_in_chunks(board::decoder(), &bytes, &[]);
+        prop_assert!(packets.first() == Some(&before) && packets.last() == Some(&after), "{:?}", packets);
+        prop_assert!(!packets.contains(&hit) || hit == before || hit == after);
     }
 }

@@ -6,6 +6,8 @@
 use std::marker::PhantomData;
 use std::ops::Mul;
 
+use nalgebra::Vector3;
+
 /// The field's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldFrame {}
@@ -96,6 +98,15 @@ impl<A, B> Tf<A, B> {
             -cos * self.x - sin * self.y,
             sin * self.x - cos * self.y,
             -self.theta,
+        )
+    }
+
+    /// Components of `self` − `reference`: (x, y, θ), metres and radians, θ wrapped.
+    pub fn difference(self, reference: Self) -> Vector3<f32> {
+        Vector3::new(
+            self.x - reference.x,
+            self.y - reference.y,
+            wrap_angle(self.theta - reference.theta),
         )
     }
 

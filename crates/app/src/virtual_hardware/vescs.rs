@@ -1,19 +1,18 @@
 //! What do virtual VESCs do? One for each wheel: on a serial line with the others behind it, or on a CAN bus behind an adapter.
 
-use hw::wire::vesc::{Request, Values};
-use hw::wire::vesc_can::{VescCommand, VescStatus};
+use hw::wire::vesc::{Request, RoutedRequest, Values, erpm_per_rad_s};
+use hw::wire::vesc_can::{Addressed, VescCommand, VescStatus};
 use hw::wire::{ParseStep, slcan};
 use localize::Stamp;
 use localize::omni::OmniKinematics;
 
 use super::drive_command::DriveCommand;
 
-/// Numbers of the wheels' controllers; the first is the one at the serial line.
+/// Ids of the wheels' controllers; the first one is at the serial port.
 pub(super) const NODES: [u8; 4] = [11, 12, 13, 14];
 /// Without a command the controllers stop after so long, milliseconds: what `timeout` in their settings must be.
 const TIMEOUT_MS: u16 = 100;
-/// Steps of a tachometer in one electrical revolution.
-const TACHOMETER_STEPS_PER_REVOLUTION: f32 = 6.0;
+
 /// What a charged battery shows, 0.1 V, and cool transistors, 0.1 °C.
 const BATTERY_DV: i16 = 252;
 const TEMPERATURE_DDEG: i16 = 350;
@@ -21,7 +20,7 @@ const TEMPERATURE_DDEG: i16 = 350;
 const START: u8 = 2;
 const PACKET_OVERHEAD_BYTES: usize = 5;
 
-/// How they are reached.
+/// How the controllers are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum VescBus {
     /// The first one's UART.
@@ -36,7 +35,7 @@ pub(super) struct VirtualVescs {
     bus: VescBus,
     ticks_per_turn: f32,
     received: Vec<u8>,
-    /// What each wheel is to do, rad/s.
+    /// Commanded speed of each wheel, rad/s.
     speeds: [f32; 4],
     /// Tachometers, and the turns they stand for.
     counts: [i32; 4],
@@ -62,7 +61,7 @@ impl VirtualVescs {
         }
     }
 
-    /// The line was pulled out or put in: what was half received is forgotten, and an adapter's channel is closed.
+    /// The port was unplugged or plugged in: partial messages are discarded, and an adapter's channel is closed.
     pub(super) fn on_reconnect(&mut self) {
         self.received.clear();
         self.drive_command.on_reconnect();
@@ -71,7 +70,7 @@ impl VirtualVescs {
         }
     }
 
-    /// Takes what was sent; returns the answers.
+    /// Processes received bytes; returns the answers.
     pub(super) fn receive(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
         self.received.extend_from_slice(bytes);
         match self.bus {
@@ -95,7 +94,7 @@ impl VirtualVescs {
             let Some(packet) = length.and_then(|length| rest.get(..length)) else {
                 break;
             };
-            let Some((node, request)) = Request::decode(packet) else {
+            let Some(RoutedRequest { node, request }) = Request::decode(packet) else {
                 rest = more;
                 continue;
             };
@@ -123,14 +122,12 @@ impl VirtualVescs {
                 (b'O', _) => *open = true,
                 (b'S' | b'\r', _) => {}
                 (_, ParseStep::Message(_, slcan::SlcanMessage::Frame(frame))) if *open => {
-                    match VescCommand::decode(&frame) {
-                        Some((node, VescCommand::SetRpm(erpm))) => {
-                            self.set_wheel_speed(node, erpm, now)
-                        }
-                        Some((node, VescCommand::SetCurrentMa(_))) => {
-                            self.set_wheel_speed(node, 0, now)
-                        }
-                        None => {}
+                    if let Some(Addressed { node, message }) = VescCommand::decode(&frame) {
+                        let erpm = match message {
+                            VescCommand::SetRpm(erpm) => erpm,
+                            VescCommand::SetCurrentMa(_) => 0,
+                        };
+                        self.set_wheel_speed(node, erpm, now);
                     }
                     // An extended frame went out (LAWICEL, CANUSB manual).
                     answers.push(b'Z');
@@ -145,24 +142,19 @@ impl VirtualVescs {
         answers
     }
 
-    /// A round of commands is over with the last wheel's.
+    /// Sets a wheel's speed. The command of the last wheel completes a round.
     fn set_wheel_speed(&mut self, node: u8, erpm: i32, now: Stamp) {
         let wheels = self.omni.wheel_count();
         let Some(wheel) = NODES[..wheels].iter().position(|own| *own == node) else {
             return;
         };
-        self.speeds[wheel] = erpm as f32 / self.erpm_per_rad_s();
+        self.speeds[wheel] = erpm as f32 / erpm_per_rad_s(self.ticks_per_turn);
         if wheel + 1 == wheels {
             let speeds = &self.speeds[..wheels];
             let (twist, _) = self.omni.twist(speeds);
             let drives = speeds.iter().any(|speed| *speed != 0.0);
             self.drive_command.set(twist, drives, TIMEOUT_MS, now);
         }
-    }
-
-    /// Electrical revolutions per minute at a wheel's speed of 1 rad/s.
-    fn erpm_per_rad_s(&self) -> f32 {
-        60.0 / std::f32::consts::TAU * self.ticks_per_turn / TACHOMETER_STEPS_PER_REVOLUTION
     }
 
     /// Follows the wheels, whose turns are radians since the start; what is said by itself (CAN).
@@ -173,7 +165,7 @@ impl VirtualVescs {
             self.counts[wheel] = (ticks.floor() as i64 as u32).wrapping_add(offset) as i32;
             let before = self.wheel_angles.get(wheel).copied().unwrap_or(*turned);
             let speed = elapsed.map_or(0.0, |elapsed| (turned - before) / elapsed.max(1e-3));
-            self.erpm[wheel] = (speed as f32 * self.erpm_per_rad_s()) as i32;
+            self.erpm[wheel] = (speed as f32 * erpm_per_rad_s(self.ticks_per_turn)) as i32;
         }
         self.wheel_angles = turned.to_vec();
         let mut lines = Vec::new();

@@ -1,4 +1,6 @@
-//! What are the wheels to do now? The last command while it is fresh, else stop: the watchdog.
+//! What are the wheels to do now? The last command until its deadline, then stop: the command watchdog.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use localize::Stamp;
 use localize::omni::Twist;
@@ -6,13 +8,13 @@ use localize::omni::Twist;
 /// How the robot is driven.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum MotionCommand {
-    /// By its velocity, robot frame.
+    /// Velocity, robot frame.
     Twist(Twist),
-    /// By the speed of each wheel, rad/s, in the order of robot.toml's wheels; a fourth that is not there is ignored.
+    /// Speed of each wheel, rad/s, in the order of robot.toml's wheels; a base of three wheels ignores the fourth.
     WheelSpeeds([f32; 4]),
 }
 
-/// Standing still.
+/// Zero velocity.
 impl Default for MotionCommand {
     fn default() -> Self {
         MotionCommand::Twist(Twist::default())
@@ -24,45 +26,59 @@ impl Default for MotionCommand {
 pub struct Kick {
     /// Speed of the ball, m/s.
     pub speed: f32,
-    /// Lofted, or along the ground.
+    /// True for a lofted kick, false for one along the ground.
     pub lofted: bool,
 }
 
-/// What the bus is to tell the wheels.
+/// A command with the time at which it expires.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Timed<T> {
+    pub(crate) value: T,
+    pub(crate) deadline: Stamp,
+}
+
+impl<T> Timed<T> {
+    /// Seconds until the deadline.
+    pub(crate) fn remaining(&self, now: Stamp) -> f64 {
+        self.deadline - now
+    }
+}
+
+/// What the wheels are to do at one time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum BaseRequest {
-    /// Drive like this; the command holds for so many seconds more.
-    Drive(MotionCommand, f64),
-    /// Stand: speed zero, held.
+    /// Follow this command.
+    Drive(Timed<MotionCommand>),
+    /// Hold speed zero.
     Brake,
-    /// Let go: no current.
+    /// Switch the motors' current off.
     Release,
 }
 
-/// The commands of those who drive, and whether they still count.
+/// The latest commands, each with its deadline.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct CommandBuffer {
-    drive: Option<(MotionCommand, Stamp)>,
+    drive: Option<Timed<MotionCommand>>,
     stopped_since: Option<Stamp>,
-    kick: Option<(Kick, Stamp)>,
-    dribble: Option<([f32; 2], Stamp)>,
-    /// True after a command that the bus has not been told.
+    kick: Option<Timed<Kick>>,
+    dribble: Option<Timed<[f32; 2]>>,
+    /// True while a command has not been sent yet.
     pub(crate) pending: bool,
-    /// Orders to brake or release that went out.
+    /// Brake and release commands sent so far.
     pub(crate) stops_sent: u64,
-    /// No command is taken any more.
+    /// True once the base accepts no more commands.
     pub(crate) closed: bool,
 }
 
 impl CommandBuffer {
-    /// Drive like this until the deadline.
-    pub(crate) fn set_drive(&mut self, drive: MotionCommand, deadline: Stamp) {
-        self.drive = Some((drive, deadline));
+    /// Replaces the motion command.
+    pub(crate) fn set_drive(&mut self, value: MotionCommand, deadline: Stamp) {
+        self.drive = Some(Timed { value, deadline });
         self.stopped_since = None;
         self.pending = true;
     }
 
-    /// Stop, whatever was commanded.
+    /// Stops the robot and discards all commands.
     pub(crate) fn halt(&mut self, now: Stamp) {
         *self = CommandBuffer {
             stopped_since: self.drive.map(|_| now).or(self.stopped_since),
@@ -73,22 +89,22 @@ impl CommandBuffer {
         };
     }
 
-    pub(crate) fn set_kick(&mut self, kick: Kick, deadline: Stamp) {
-        self.kick = Some((kick, deadline));
+    pub(crate) fn set_kick(&mut self, value: Kick, deadline: Stamp) {
+        self.kick = Some(Timed { value, deadline });
         self.pending = true;
     }
 
-    pub(crate) fn set_dribble(&mut self, speeds: [f32; 2], deadline: Stamp) {
-        self.dribble = Some((speeds, deadline));
+    /// `value`: speeds of the left and right dribbling wheel, rad/s.
+    pub(crate) fn set_dribble(&mut self, value: [f32; 2], deadline: Stamp) {
+        self.dribble = Some(Timed { value, deadline });
         self.pending = true;
     }
 
-    /// What the wheels are to do; stopped ones are braked for `brake_time` seconds, then let go.
+    /// The request for now: the valid motion command, else brake for `brake_time` seconds, then release.
     pub(crate) fn current_request(&mut self, now: Stamp, brake_time: f32) -> BaseRequest {
-        if let Some((drive, deadline)) = self.drive {
-            let left = deadline - now;
-            if left > 0.0 {
-                return BaseRequest::Drive(drive, left);
+        if let Some(drive) = self.drive {
+            if drive.remaining(now) > 0.0 {
+                return BaseRequest::Drive(drive);
             }
             self.drive = None;
             self.stopped_since = Some(now);
@@ -99,16 +115,28 @@ impl CommandBuffer {
         }
     }
 
-    /// The kick that is wanted, once; one whose time has passed is forgotten.
-    pub(crate) fn take_kick(&mut self, now: Stamp) -> Option<(Kick, f64)> {
-        let (kick, deadline) = self.kick.take()?;
-        (deadline > now).then_some((kick, deadline - now))
+    /// Takes the kick, so that it is sent once; an expired one is discarded.
+    pub(crate) fn take_kick(&mut self, now: Stamp) -> Option<Timed<Kick>> {
+        self.kick.take().filter(|kick| kick.deadline > now)
     }
 
-    /// Speeds of the left and right dribbling wheel, rad/s, while they are wanted.
-    pub(crate) fn current_dribble(&self, now: Stamp) -> Option<([f32; 2], f64)> {
-        let (speeds, deadline) = self.dribble?;
-        (deadline > now).then_some((speeds, deadline - now))
+    /// Speeds of the left and right dribbling wheel, rad/s, while they are valid.
+    pub(crate) fn current_dribble(&self, now: Stamp) -> Option<Timed<[f32; 2]>> {
+        self.dribble.filter(|dribble| dribble.deadline > now)
+    }
+}
+
+/// The command buffer between those who command and the base's thread.
+#[derive(Debug, Default)]
+pub(crate) struct SharedCommands {
+    buffer: Mutex<CommandBuffer>,
+    /// Notified when a brake or release command was sent.
+    pub(crate) stop_sent: Condvar,
+}
+
+impl SharedCommands {
+    pub(crate) fn lock(&self) -> MutexGuard<'_, CommandBuffer> {
+        self.buffer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -120,49 +148,46 @@ mod tests {
 
     #[test]
     fn stale_command_brakes_then_releases_the_wheels() {
-        let mut orders = CommandBuffer::default();
-        assert_eq!(orders.current_request(Stamp(0), 0.5), BaseRequest::Release);
+        let mut buffer = CommandBuffer::default();
+        let mut request = |milliseconds: i64, command: Option<(MotionCommand, i64)>| {
+            if let Some((drive, deadline)) = command {
+                buffer.set_drive(drive, Stamp(deadline * MS));
+            }
+            buffer.current_request(Stamp(milliseconds * MS), 0.5)
+        };
+        assert_eq!(request(0, None), BaseRequest::Release);
         let drive = MotionCommand::WheelSpeeds([1.0; 4]);
-        orders.set_drive(drive, Stamp(100 * MS));
+        let expected = Timed {
+            value: drive,
+            deadline: Stamp(100 * MS),
+        };
         assert_eq!(
-            orders.current_request(Stamp(50 * MS), 0.5),
-            BaseRequest::Drive(drive, 0.05)
+            request(50, Some((drive, 100))),
+            BaseRequest::Drive(expected)
         );
-        assert_eq!(
-            orders.current_request(Stamp(100 * MS), 0.5),
-            BaseRequest::Brake
-        );
-        assert_eq!(
-            orders.current_request(Stamp(599 * MS), 0.5),
-            BaseRequest::Brake
-        );
-        assert_eq!(
-            orders.current_request(Stamp(600 * MS), 0.5),
-            BaseRequest::Release
-        );
-        orders.set_drive(drive, Stamp(800 * MS));
-        assert!(matches!(
-            orders.current_request(Stamp(700 * MS), 0.5),
-            BaseRequest::Drive(..)
-        ));
-        orders.halt(Stamp(710 * MS));
-        assert_eq!(
-            orders.current_request(Stamp(720 * MS), 0.5),
-            BaseRequest::Brake
-        );
+        assert_eq!(expected.remaining(Stamp(50 * MS)), 0.05);
+        assert_eq!(request(100, None), BaseRequest::Brake);
+        assert_eq!(request(599, None), BaseRequest::Brake);
+        assert_eq!(request(600, None), BaseRequest::Release);
+        let renewed = request(700, Some((drive, 800)));
+        assert!(matches!(renewed, BaseRequest::Drive(_)));
+        buffer.halt(Stamp(710 * MS));
+        let halted = buffer.current_request(Stamp(720 * MS), 0.5);
+        assert_eq!(halted, BaseRequest::Brake);
     }
 
     #[test]
     fn kick_is_sent_once_and_never_after_its_deadline() {
-        let mut orders = CommandBuffer::default();
+        let mut buffer = CommandBuffer::default();
         let kick = Kick {
             speed: 8.0,
             lofted: false,
         };
-        orders.set_kick(kick, Stamp(50 * MS));
-        assert_eq!(orders.take_kick(Stamp(30 * MS)), Some((kick, 0.02)));
-        assert_eq!(orders.take_kick(Stamp(31 * MS)), None);
-        orders.set_kick(kick, Stamp(50 * MS));
-        assert_eq!(orders.take_kick(Stamp(60 * MS)), None);
+        buffer.set_kick(kick, Stamp(50 * MS));
+        let taken = buffer.take_kick(Stamp(30 * MS)).expect("a kick");
+        assert_eq!((taken.value, taken.remaining(Stamp(30 * MS))), (kick, 0.02));
+        assert_eq!(buffer.take_kick(Stamp(31 * MS)), None);
+        buffer.set_kick(kick, Stamp(50 * MS));
+        assert_eq!(buffer.take_kick(Stamp(60 * MS)), None);
     }
 }

@@ -1,42 +1,48 @@
-//! How is an order said on each bus, and what do the answers mean? Base board, VESC over UART, CAN and slcan.
+//! How are commands and reports encoded on each bus? Base board, VESC over UART, CAN and slcan.
 
 use std::os::fd::{AsFd, BorrowedFd};
 
 use localize::Stamp;
 use localize::sample::{Compass, Imu};
 
-use super::{Kick, KickerReport, PowerReport, SwitchReport};
+use super::command_buffer::Kick;
+use super::reports::{KickerReport, PowerReport, SwitchReport};
 use crate::can_socket::CanSocket;
-use crate::config::{BaseDeviceConfig, Bus};
+use crate::config::{BaseDeviceConfig, Bus, COMMAND_VALIDITY_MAX};
 use crate::device_clock::DeviceClock;
 use crate::error::HwError;
 use crate::serial::SerialPort;
 use crate::wire::board::{self, Message, Packet};
 use crate::wire::vesc::Request;
-use crate::wire::vesc_can::{VescCommand, VescStatus};
+use crate::wire::vesc_can::{Addressed, VescCommand, VescStatus};
 use crate::wire::{DecoderStats, StreamDecoder, slcan, vesc};
 
-/// Longest time to wait until an order is written, seconds: half a cycle of commands.
+/// Timeout of writing a command, seconds: half a period at 100 Hz.
 const WRITE_TIMEOUT: f64 = 0.005;
-/// Longest time for which a board is told to hold a command, seconds.
-const COMMAND_VALIDITY_MAX: f64 = 0.1;
-/// Ticks of a VESC's tachometer in one electrical revolution.
-const TACHOMETER_STEPS_PER_REVOLUTION: f32 = 6.0;
-/// Frames taken from a CAN socket at once.
+/// Timeout of writing the commands that open an slcan adapter, seconds.
+const ADAPTER_SETUP_TIMEOUT: f64 = 0.1;
+/// Most frames read from a CAN socket at once.
 const CAN_FRAMES_PER_READ: usize = 64;
 
-/// Speeds for the wheels.
+/// Command for the motors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum MotorCommand {
-    /// Speed of each wheel (rad/s, as its motor turns) for so many seconds, and the robot's velocity that they make.
-    Speeds([f32; 4], localize::omni::Twist, f64),
-    /// Speed zero, held.
+    /// Turn at these speeds.
+    Speeds {
+        /// Speed of each wheel's motor, rad/s, the sign that of the motor's direction.
+        motor_speeds: [f32; 4],
+        /// The robot's velocity at these speeds.
+        twist: localize::omni::Twist,
+        /// Remaining validity, seconds.
+        valid_for: f64,
+    },
+    /// Hold speed zero.
     Brake,
     /// No current.
     Release,
 }
 
-/// What the base says.
+/// A message of the base.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum BaseReport {
     /// Counters of all wheels.
@@ -57,7 +63,7 @@ enum Transport {
     Slcan(SerialPort, StreamDecoder<slcan::SlcanMessage>),
 }
 
-/// An open line to the base.
+/// An open bus to the base.
 pub(super) struct BaseLink {
     transport: Transport,
     device: BaseDeviceConfig,
@@ -66,42 +72,44 @@ pub(super) struct BaseLink {
     erpm_per_rad_s: f32,
     sequence: u16,
     clock: DeviceClock,
-    /// Which controller is asked next (UART).
+    /// Wheel whose controller was polled last (UART).
     polled_wheel: usize,
     power: PowerReport,
-    /// Frames of the CAN bus that came from another node or say something else.
+    /// CAN frames of other nodes or of unknown content.
     foreign_frames: u64,
 }
 
 impl BaseLink {
-    /// Opens the bus for so many wheels.
+    /// Opens the bus of a base with `wheel_count` wheels.
     pub(super) fn open(
         device: &BaseDeviceConfig,
-        wheels: usize,
+        wheel_count: usize,
         ticks_per_turn: f32,
     ) -> Result<Self, HwError> {
         let serial = || SerialPort::open(&device.port, device.baud);
-        let port = match device.bus {
+        let transport = match device.bus {
             Bus::Board => Transport::Board(serial()?, board::decoder()),
             Bus::VescUart => Transport::Uart(serial()?, vesc::decoder()),
             Bus::VescCan => Transport::Can(CanSocket::open(&device.port)?),
             Bus::VescSlcan => {
                 let serial = serial()?;
-                let Some(lines) = slcan::open_channel_commands(device.can_bit_rate) else {
-                    let reason = format!("{} bit/s is no rate of slcan", device.can_bit_rate);
+                let Some(commands) = slcan::open_channel_commands(device.can_bit_rate) else {
+                    let reason = format!(
+                        "invalid slcan bit rate: {} bit/s (expected 10, 20, 50, 100, 125, 250, 500, 800 or 1000 kbit/s)",
+                        device.can_bit_rate
+                    );
                     let key = "base.can_bit_rate";
                     return Err(HwError::Config { key, reason });
                 };
-                serial.write(&lines, crate::clock::now() + 0.1)?;
+                serial.write(&commands, crate::clock::now() + ADAPTER_SETUP_TIMEOUT)?;
                 Transport::Slcan(serial, slcan::decoder())
             }
         };
         Ok(BaseLink {
-            transport: port,
+            transport,
             device: device.clone(),
-            wheel_count: wheels,
-            erpm_per_rad_s: 60.0 / std::f32::consts::TAU * ticks_per_turn
-                / TACHOMETER_STEPS_PER_REVOLUTION,
+            wheel_count,
+            erpm_per_rad_s: vesc::erpm_per_rad_s(ticks_per_turn),
             sequence: 0,
             clock: DeviceClock::default(),
             polled_wheel: 0,
@@ -110,12 +118,12 @@ impl BaseLink {
         })
     }
 
-    /// By how much the board's clock stepped since this was last asked, seconds.
+    /// Step of the board's clock since the last call, seconds.
     pub(super) fn take_clock_step(&mut self) -> Option<f64> {
         self.clock.take_step()
     }
 
-    /// What can be waited for.
+    /// The file descriptor to poll for input.
     pub(super) fn fd(&self) -> BorrowedFd<'_> {
         match &self.transport {
             Transport::Board(serial, _)
@@ -125,7 +133,7 @@ impl BaseLink {
         }
     }
 
-    /// Bytes without a message since the bus was opened.
+    /// Decoder counts since the bus was opened; foreign CAN frames count as garbage.
     pub(super) fn stats(&self) -> DecoderStats {
         match &self.transport {
             Transport::Board(_, stream) => stream.stats(),
@@ -138,36 +146,38 @@ impl BaseLink {
         }
     }
 
-    /// Tells the wheels; on a UART one controller in turn is asked how it is, too.
+    /// Sends a command to all motors; on a UART it also polls one controller, in turn.
     pub(super) fn send_motor_command(
         &mut self,
-        wheels: MotorCommand,
+        command: MotorCommand,
         now: Stamp,
     ) -> Result<(), HwError> {
         let deadline = now + WRITE_TIMEOUT;
         if matches!(self.transport, Transport::Board(..)) {
             return self.send_board(
-                board_command(wheels, self.wheel_count, self.device.send_twist),
+                board_command(command, self.wheel_count, self.device.send_twist),
                 deadline,
             );
         }
-        let speed = |wheel: usize| match wheels {
-            MotorCommand::Speeds(speeds, ..) => (speeds[wheel] * self.erpm_per_rad_s) as i32,
+        let erpm_of = |wheel: usize| match command {
+            MotorCommand::Speeds { motor_speeds, .. } => {
+                (motor_speeds[wheel] * self.erpm_per_rad_s) as i32
+            }
             MotorCommand::Brake | MotorCommand::Release => 0,
         };
-        let release = wheels == MotorCommand::Release;
+        let release = command == MotorCommand::Release;
         let mut bytes = Vec::new();
         for (wheel, node) in self.device.nodes.iter().enumerate() {
-            let (request, order) = if release {
+            let (request, vesc_command) = if release {
                 (Request::SetCurrentMa(0), VescCommand::SetCurrentMa(0))
             } else {
-                let erpm = speed(wheel);
+                let erpm = erpm_of(wheel);
                 (Request::SetRpm(erpm), VescCommand::SetRpm(erpm))
             };
             match &self.transport {
                 Transport::Uart(..) => bytes.extend(self.encode_for_node(request, *node)),
-                Transport::Can(socket) => socket.write(&order.encode(*node))?,
-                Transport::Slcan(..) => slcan::encode(&order.encode(*node), &mut bytes),
+                Transport::Can(socket) => socket.write(&vesc_command.encode(*node))?,
+                Transport::Slcan(..) => slcan::encode(&vesc_command.encode(*node), &mut bytes),
                 Transport::Board(..) => {}
             }
         }
@@ -185,10 +195,10 @@ impl BaseLink {
         }
     }
 
-    /// Kicks; only a board can.
-    pub(super) fn kick(&mut self, kick: Kick, left: f64, now: Stamp) -> Result<(), HwError> {
+    /// Sends a kick, valid for `valid_for` seconds; does nothing on other buses than the board's.
+    pub(super) fn kick(&mut self, kick: Kick, valid_for: f64, now: Stamp) -> Result<(), HwError> {
         let message = board::KickCommand {
-            valid_ms: validity_ms(left),
+            valid_ms: validity_ms(valid_for),
             speed_mm: (kick.speed * 1000.0) as u16,
             lofted: kick.lofted.into(),
             reserved: 0,
@@ -196,15 +206,15 @@ impl BaseLink {
         self.send_board(message.into(), now + WRITE_TIMEOUT)
     }
 
-    /// Turns the dribbling wheels; only a board can.
+    /// Sends speeds of the dribbling wheels, valid for `valid_for` seconds; does nothing on other buses than the board's.
     pub(super) fn dribble(
         &mut self,
         speeds: [f32; 2],
-        left: f64,
+        valid_for: f64,
         now: Stamp,
     ) -> Result<(), HwError> {
         let message = board::DribbleCommand {
-            valid_ms: validity_ms(left),
+            valid_ms: validity_ms(valid_for),
             left_drad: (speeds[0] * 10.0) as i16,
             right_drad: (speeds[1] * 10.0) as i16,
         };
@@ -228,11 +238,11 @@ impl BaseLink {
         serial.write(&Packet { sequence, message }.encode(), deadline)
     }
 
-    /// Takes what has arrived and appends what it means.
+    /// Reads the input that has arrived and appends its messages to `reports`.
     pub(super) fn receive(
         &mut self,
         now: Stamp,
-        said: &mut Vec<BaseReport>,
+        reports: &mut Vec<BaseReport>,
     ) -> Result<(), HwError> {
         let mut buffer = [0; 4096];
         match &mut self.transport {
@@ -242,7 +252,7 @@ impl BaseLink {
                 for packet in stream {
                     let message =
                         decode_board_message(packet.message, &mut self.clock, &self.device, now);
-                    said.extend(message);
+                    reports.extend(message);
                 }
             }
             Transport::Uart(serial, stream) => {
@@ -261,8 +271,8 @@ impl BaseLink {
                     self.power
                         .update_temperature(wheel, values.temperature_ddeg);
                     self.power.motor_fault[wheel] = values.fault;
-                    said.push(BaseReport::WheelCount(wheel, values.tachometer as u32, now));
-                    said.extend((wheel == 0).then_some(BaseReport::Power(self.power)));
+                    reports.push(BaseReport::WheelCount(wheel, values.tachometer as u32, now));
+                    reports.extend((wheel == 0).then_some(BaseReport::Power(self.power)));
                 }
             }
             Transport::Can(socket) => {
@@ -273,18 +283,18 @@ impl BaseLink {
                         break;
                     }
                 }
-                self.process_can_status(&frames, now, said);
+                self.process_can_status(&frames, now, reports);
             }
             Transport::Slcan(serial, stream) => {
                 let bytes = serial.read(&mut buffer, now)?;
                 stream.extend(&buffer[..bytes]);
                 let frames: Vec<_> = stream
-                    .filter_map(|line| match line {
+                    .filter_map(|message| match message {
                         slcan::SlcanMessage::Frame(frame) => Some(frame),
                         _ => None,
                     })
                     .collect();
-                self.process_can_status(&frames, now, said);
+                self.process_can_status(&frames, now, reports);
             }
         }
         Ok(())
@@ -294,17 +304,19 @@ impl BaseLink {
         &mut self,
         frames: &[crate::wire::CanFrame],
         now: Stamp,
-        said: &mut Vec<BaseReport>,
+        reports: &mut Vec<BaseReport>,
     ) {
         for frame in frames {
-            let status = VescStatus::decode(frame)
-                .and_then(|(node, status)| Some((wheel_index(&self.device.nodes, node)?, status)));
-            let Some((wheel, status)) = status else {
+            let Some(Addressed { node, message }) = VescStatus::decode(frame) else {
+                self.foreign_frames += 1;
+                continue;
+            };
+            let Some(wheel) = wheel_index(&self.device.nodes, node) else {
                 self.foreign_frames += 1;
                 continue;
             };
             self.power.stamp = now;
-            match status {
+            match message {
                 VescStatus::Motion { current_da, .. } => {
                     self.power.motor_current[wheel] = f32::from(current_da) * 0.1;
                 }
@@ -316,8 +328,8 @@ impl BaseLink {
                     voltage_dv,
                 } => {
                     self.power.battery_voltage = f32::from(voltage_dv) * 0.1;
-                    said.push(BaseReport::WheelCount(wheel, tachometer as u32, now));
-                    said.extend((wheel == 0).then_some(BaseReport::Power(self.power)));
+                    reports.push(BaseReport::WheelCount(wheel, tachometer as u32, now));
+                    reports.extend((wheel == 0).then_some(BaseReport::Power(self.power)));
                 }
             }
         }
@@ -332,14 +344,18 @@ fn validity_ms(seconds: f64) -> u16 {
     (seconds.min(COMMAND_VALIDITY_MAX) * 1000.0).ceil() as u16
 }
 
-/// The board's command; stopped wheels are told zero, and what zero means (hold, let go) is the board's to know.
-fn board_command(wheels: MotorCommand, count: usize, send_twist: bool) -> Message {
-    let (speeds, twist, left) = match wheels {
-        MotorCommand::Speeds(speeds, twist, left) => (speeds, twist, left),
+/// The board's message for a command. Brake and release are both speed zero: the board decides what zero means.
+fn board_command(command: MotorCommand, wheel_count: usize, send_twist: bool) -> Message {
+    let (speeds, twist, valid_for) = match command {
+        MotorCommand::Speeds {
+            motor_speeds,
+            twist,
+            valid_for,
+        } => (motor_speeds, twist, valid_for),
         MotorCommand::Brake | MotorCommand::Release => Default::default(),
     };
-    let valid_ms = if left > 0.0 {
-        validity_ms(left)
+    let valid_ms = if valid_for > 0.0 {
+        validity_ms(valid_for)
     } else {
         validity_ms(COMMAND_VALIDITY_MAX)
     };
@@ -352,22 +368,22 @@ fn board_command(wheels: MotorCommand, count: usize, send_twist: bool) -> Messag
         });
     }
     let mut speed_crad = [0; 4];
-    for (wire, speed) in speed_crad.iter_mut().zip(speeds).take(count) {
+    for (wire, speed) in speed_crad.iter_mut().zip(speeds).take(wheel_count) {
         *wire = (speed * 100.0).round() as i16;
     }
     Message::from(board::WheelCommand {
         valid_ms,
-        wheels: count as u8,
+        wheels: wheel_count as u8,
         reserved: 0,
         speed_crad,
     })
 }
 
-/// False if a value is the least or greatest that the wire can carry: broken sensors put it there.
-fn is_unsaturated(said: &board::Inertia) -> bool {
-    let ends = [i16::MIN, i16::MAX];
-    let mut values = said.acceleration_2mm.iter().chain(&said.rate_mrad);
-    values.all(|value| !ends.contains(value))
+/// False if a value is the smallest or largest of its type, as many broken sensors send it.
+fn is_unsaturated(inertia: &board::Inertia) -> bool {
+    let limits = [i16::MIN, i16::MAX];
+    let mut values = inertia.acceleration_2mm.iter().chain(&inertia.rate_mrad);
+    values.all(|value| !limits.contains(value))
 }
 
 fn decode_board_message(
@@ -377,40 +393,44 @@ fn decode_board_message(
     now: Stamp,
 ) -> Option<BaseReport> {
     Some(match message {
-        Message::Encoders(said) => {
-            BaseReport::WheelCounts(said.count, clock.to_host_stamp(said.time_us, now))
+        Message::Encoders(encoders) => {
+            BaseReport::WheelCounts(encoders.count, clock.to_host_stamp(encoders.time_us, now))
         }
-        Message::Power(said) => BaseReport::Power(PowerReport {
-            stamp: clock.to_host_stamp(said.time_us, now),
-            battery_voltage: f32::from(said.battery_mv) * 1e-3,
-            temperature_c: f32::from(said.temperature_ddeg) * 0.1,
-            motor_current: said.current_ca.map(|current| f32::from(current) * 0.01),
+        Message::Power(power) => BaseReport::Power(PowerReport {
+            stamp: clock.to_host_stamp(power.time_us, now),
+            battery_voltage: f32::from(power.battery_mv) * 1e-3,
+            temperature_c: f32::from(power.temperature_ddeg) * 0.1,
+            motor_current: power.current_ca.map(|current| f32::from(current) * 0.01),
             motor_fault: [0; 4],
         }),
-        Message::Kicker(said) => BaseReport::Kicker(KickerReport {
-            stamp: clock.to_host_stamp(said.time_us, now),
-            capacitor_voltage: f32::from(said.charge_dv) * 0.1,
-            ready: said.flags & 1 != 0,
-            charging: said.flags & 2 != 0,
-            charge_fault: said.flags & 4 != 0,
-            ball_present: said.flags & 8 != 0,
-            last_kick: said.last_kick,
+        Message::Kicker(kicker) => BaseReport::Kicker(KickerReport {
+            stamp: clock.to_host_stamp(kicker.time_us, now),
+            capacitor_voltage: f32::from(kicker.charge_dv) * 0.1,
+            ready: kicker.flags & 1 != 0,
+            charging: kicker.flags & 2 != 0,
+            charge_fault: kicker.flags & 4 != 0,
+            ball_present: kicker.flags & 8 != 0,
+            last_kick: kicker.last_kick,
         }),
-        Message::Switches(said) => BaseReport::Switches(SwitchReport {
-            stamp: clock.to_host_stamp(said.time_us, now),
-            bumpers: said.bumpers,
-            emergency_stop: said.flags & 1 != 0,
-            command_stale: said.flags & 2 != 0,
+        Message::Switches(switches) => BaseReport::Switches(SwitchReport {
+            stamp: clock.to_host_stamp(switches.time_us, now),
+            bumpers: switches.bumpers,
+            emergency_stop: switches.flags & 1 != 0,
+            command_stale: switches.flags & 2 != 0,
         }),
-        Message::Inertia(said) if device.imu && is_unsaturated(&said) => BaseReport::Imu(Imu {
-            stamp: clock.to_host_stamp(said.time_us, now),
-            acceleration: said.acceleration_2mm.map(|value| f32::from(value) * 2e-3),
-            rate: said.rate_mrad.map(|value| f32::from(value) * 1e-3),
-        }),
-        Message::Heading(said) if device.compass => BaseReport::Compass(Compass {
-            stamp: clock.to_host_stamp(said.time_us, now),
+        Message::Inertia(inertia) if device.imu && is_unsaturated(&inertia) => {
+            BaseReport::Imu(Imu {
+                stamp: clock.to_host_stamp(inertia.time_us, now),
+                acceleration: inertia
+                    .acceleration_2mm
+                    .map(|value| f32::from(value) * 2e-3),
+                rate: inertia.rate_mrad.map(|value| f32::from(value) * 1e-3),
+            })
+        }
+        Message::Heading(heading) if device.compass => BaseReport::Compass(Compass {
+            stamp: clock.to_host_stamp(heading.time_us, now),
             heading: localize::frames::wrap_angle(
-                f32::from(said.heading_dmrad) * 1e-4 + device.north_deg.to_radians(),
+                f32::from(heading.heading_dmrad) * 1e-4 + device.north_deg.to_radians(),
             ),
             magnetic_field: None,
         }),

@@ -1,4 +1,4 @@
-//! How is the robot moved, and how far did it move? One face for the base board and for VESCs on their three buses.
+//! How is the robot driven, and how far did it move? One interface for the base board and for VESCs on three buses.
 
 mod command_buffer;
 mod control_loop;
@@ -6,7 +6,7 @@ mod link;
 mod odometer;
 mod reports;
 
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use localize::Stamp;
@@ -20,12 +20,18 @@ use crate::clock;
 use crate::config::{BaseDeviceConfig, Bus};
 use crate::error::HwError;
 use crate::event_queue::EventQueue;
-use crate::health::{HealthReport, Monitor};
+use crate::health::HealthReport;
+use crate::monitor::Monitor;
 use crate::worker::{Waker, Worker};
-use command_buffer::CommandBuffer;
+use command_buffer::{CommandBuffer, SharedCommands};
 use control_loop::ControlLoop;
 use link::BaseLink;
 use odometer::Odometer;
+
+/// Fastest kick that is accepted, m/s.
+const KICK_SPEED_MAX: f32 = 30.0;
+/// Fastest turn of a dribbling wheel that is accepted, rad/s.
+const DRIBBLE_SPEED_MAX: f32 = 3000.0;
 
 /// The base of the robot. Dropping it stops the wheels.
 #[derive(Debug)]
@@ -35,7 +41,7 @@ pub struct BaseDriver {
     monitor: Monitor,
 }
 
-/// Where the base is commanded from; clones command the same base, for as long as it is there.
+/// Commands the base; clones command the same base as long as it exists.
 #[derive(Debug, Clone)]
 pub struct BaseHandle {
     commands: Arc<SharedCommands>,
@@ -44,28 +50,15 @@ pub struct BaseHandle {
     has_kicker: bool,
 }
 
-/// Where commands lie until the thread takes them.
-#[derive(Debug, Default)]
-struct SharedCommands {
-    buffer: Mutex<CommandBuffer>,
-    stop_sent: Condvar,
-}
-
-impl SharedCommands {
-    fn lock(&self) -> MutexGuard<'_, CommandBuffer> {
-        self.buffer.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 impl BaseDriver {
-    /// Starts the base's thread, which opens the bus now or whenever it appears; what it says goes into the inbox.
+    /// Starts the base's thread, which opens the bus as soon as it is present and pushes its samples into the queue.
     ///
-    /// `wheels` is robot.toml's `[base]`. Refuses a configuration that cannot work; a missing device is no error here but
-    /// a state of [`Base::health`].
+    /// `wheels` is robot.toml's `[base]`. Fails for an invalid configuration; a missing device is a state of
+    /// [`BaseDriver::health`].
     pub fn start(
         device: &BaseDeviceConfig,
         wheels: &BaseConfig,
-        inbox: &EventQueue,
+        queue: &EventQueue,
     ) -> Result<Self, HwError> {
         device.check()?;
         let angles: Vec<f32> = wheels
@@ -79,7 +72,7 @@ impl BaseDriver {
                 reason: error.to_string(),
             })?;
         let count = omni.wheel_count();
-        for (key, given, wanted) in [
+        for (key, entries, expected) in [
             ("base.wheel_angles_deg", count, count.min(4)),
             (
                 "base.nodes",
@@ -92,62 +85,65 @@ impl BaseDriver {
                 if device.reversed.is_empty() { 0 } else { count },
             ),
         ] {
-            if given != wanted {
-                let reason = format!("has {given} entries, {wanted} are wanted");
+            if entries != expected {
+                let reason = format!("invalid number of entries: {entries} (expected {expected})");
                 return Err(HwError::Config { key, reason });
             }
         }
-        let monitor = Monitor::new("base", inbox);
-        let desk = Arc::new(SharedCommands::default());
+        let monitor = Monitor::new("base", queue);
+        let commands = Arc::new(SharedCommands::default());
         let signs = (0..4).map(|wheel| {
             let reversed = device.reversed.get(wheel).copied().unwrap_or(false);
             if reversed { -1.0 } else { 1.0 }
         });
         let signs: Vec<f32> = signs.collect();
-        let per_tick = std::f32::consts::TAU / wheels.ticks_per_turn;
+        let radians_per_tick = std::f32::consts::TAU / wheels.ticks_per_turn;
         let odometer = Odometer::new(
             omni.clone(),
-            signs[..count].iter().map(|sign| sign * per_tick).collect(),
+            signs[..count]
+                .iter()
+                .map(|sign| sign * radians_per_tick)
+                .collect(),
             wheels.speed_max / wheels.wheel_radius,
             device.stall,
         );
-        let mut server = ControlLoop {
+        let mut control_loop = ControlLoop {
             device: device.clone(),
             omni,
             motor_signs: signs,
             speed_max: wheels.speed_max,
             wheel_radius: wheels.wheel_radius,
             odometer,
-            commands: Arc::clone(&desk),
+            commands: Arc::clone(&commands),
             monitor: monitor.clone(),
-            inbox: inbox.clone(),
+            queue: queue.clone(),
         };
-        let (opened, ticks) = (device.clone(), wheels.ticks_per_turn);
+        let (device_config, ticks) = (device.clone(), wheels.ticks_per_turn);
         let worker = Worker::start(
             "base",
             &monitor,
-            move || BaseLink::open(&opened, count, ticks),
-            move |link, bell| server.run(link, bell),
+            move || BaseLink::open(&device_config, count, ticks),
+            move |link, waker| control_loop.run(link, waker),
         )?;
-        let helm = BaseHandle {
-            commands: desk,
+        let handle = BaseHandle {
+            commands,
             waker: worker.waker(),
             command_age_max: f64::from(device.command_age_max),
             has_kicker: device.bus == Bus::Board,
         };
         Ok(BaseDriver {
-            handle: helm,
+            handle,
             _worker: worker,
             monitor,
         })
     }
 
-    /// Where it is commanded from.
+    /// A handle to command it.
     pub fn handle(&self) -> BaseHandle {
         self.handle.clone()
     }
 
-    /// How the base is.
+    /// Health of the base.
     pub fn health(&self) -> HealthReport {
         self.monitor.health(clock::now())
     }
@@ -156,11 +152,11 @@ impl BaseDriver {
 impl BaseHandle {
     /// Drives until the deadline (CLOCK_MONOTONIC), or for `command_age_max` from now if that is sooner.
     ///
-    /// A command that is no number stops the wheels and is refused.
-    pub fn drive(&self, drive: MotionCommand, deadline: Stamp) -> Result<(), HwError> {
+    /// A command that is not finite stops the wheels and is an error.
+    pub fn drive(&self, command: MotionCommand, deadline: Stamp) -> Result<(), HwError> {
         let now = clock::now();
         self.check_open()?;
-        let finite = match drive {
+        let finite = match command {
             MotionCommand::Twist(twist) => [twist.x, twist.y, twist.theta]
                 .iter()
                 .all(|part| part.is_finite()),
@@ -168,7 +164,7 @@ impl BaseHandle {
         };
         if finite {
             let deadline = deadline.min(now + self.command_age_max);
-            self.commands.lock().set_drive(drive, deadline);
+            self.commands.lock().set_drive(command, deadline);
         } else {
             self.commands.lock().halt(now);
         }
@@ -176,17 +172,21 @@ impl BaseHandle {
         if finite {
             return Ok(());
         }
-        Err(self.rejection(format!("{drive:?} is no speed: the wheels stop")))
+        let reason =
+            format!("invalid speed: {command:?} (expected finite numbers). The wheels stop");
+        Err(self.rejection(reason))
     }
 
-    /// Kicks once, unless that cannot be done before the deadline.
+    /// Kicks once; the kick is discarded if it cannot be sent before the deadline.
     pub fn kick(&self, kick: Kick, deadline: Stamp) -> Result<(), HwError> {
         self.check_open()?;
         if !self.has_kicker {
-            return Err(self.rejection("VESCs have no kicker".to_owned()));
+            return Err(self.rejection("a base of VESCs has no kicker".to_owned()));
         }
-        if !(0.0..=30.0).contains(&kick.speed) {
-            let reason = format!("{} m/s is no speed of a kick", kick.speed);
+        if !(0.0..=KICK_SPEED_MAX).contains(&kick.speed) {
+            let speed = kick.speed;
+            let reason =
+                format!("invalid kick speed: {speed} m/s (expected 0 to {KICK_SPEED_MAX})");
             return Err(self.rejection(reason));
         }
         self.commands.lock().set_kick(kick, deadline);
@@ -194,15 +194,17 @@ impl BaseHandle {
         Ok(())
     }
 
-    /// Turns the left and right dribbling wheel (rad/s, positive pulls the ball in) until the deadline, or for
-    /// `command_age_max` from now if that is sooner.
+    /// Sets the speeds of the left and right dribbling wheel (rad/s, positive pulls the ball in) until the deadline, or
+    /// for `command_age_max` from now if that is sooner.
     pub fn dribble(&self, speeds: [f32; 2], deadline: Stamp) -> Result<(), HwError> {
         self.check_open()?;
         if !self.has_kicker {
-            return Err(self.rejection("VESCs have no dribbling wheels".to_owned()));
+            return Err(self.rejection("a base of VESCs has no dribbling wheels".to_owned()));
         }
-        if !speeds.iter().all(|speed| speed.abs() <= 3000.0) {
-            return Err(self.rejection(format!("{speeds:?} rad/s are no speeds")));
+        if !speeds.iter().all(|speed| speed.abs() <= DRIBBLE_SPEED_MAX) {
+            let reason =
+                format!("invalid speeds: {speeds:?} rad/s (expected at most {DRIBBLE_SPEED_MAX})");
+            return Err(self.rejection(reason));
         }
         let deadline = deadline.min(clock::now() + self.command_age_max);
         self.commands.lock().set_dribble(speeds, deadline);
@@ -210,31 +212,33 @@ impl BaseHandle {
         Ok(())
     }
 
-    /// Stops the wheels, and waits until the bus has been told, so long at most; false if it was not told.
-    pub fn halt(&self, patience: Duration) -> bool {
-        let mut orders = self.commands.lock();
-        let sent = orders.stops_sent;
-        orders.halt(clock::now());
+    /// Stops the wheels and waits until the stop was sent; false if that took longer than `timeout`.
+    pub fn halt(&self, timeout: Duration) -> bool {
+        let mut buffer = self.commands.lock();
+        let stops_before = buffer.stops_sent;
+        buffer.halt(clock::now());
         self.waker.wake();
-        let waiting = |orders: &mut CommandBuffer| orders.stops_sent == sent;
-        let (orders, timeout) = self
+        let waiting = |buffer: &mut CommandBuffer| buffer.stops_sent == stops_before;
+        let (buffer, result) = self
             .commands
             .stop_sent
-            .wait_timeout_while(orders, patience, waiting)
+            .wait_timeout_while(buffer, timeout, waiting)
             .unwrap_or_else(PoisonError::into_inner);
-        drop(orders);
-        !timeout.timed_out()
+        drop(buffer);
+        !result.timed_out()
     }
 
-    /// Stops the wheels as [`Helm::halt`] does, and takes no command from then on.
-    pub fn close(&self, patience: Duration) -> bool {
+    /// Stops the wheels as [`BaseHandle::halt`] does, and accepts no more commands.
+    pub fn close(&self, timeout: Duration) -> bool {
         self.commands.lock().closed = true;
-        self.halt(patience)
+        self.halt(timeout)
     }
 
     fn check_open(&self) -> Result<(), HwError> {
         if self.commands.lock().closed {
-            return Err(self.rejection("takes no more commands".to_owned()));
+            return Err(
+                self.rejection("the base is closed and accepts no more commands".to_owned())
+            );
         }
         Ok(())
     }

@@ -1,56 +1,56 @@
-//! How far did the robot move? Wrapping counters of the wheels in, odometry and slip out.
+//! How far did the robot move? Converts the wheels' wrapping counters to odometry and slip.
 
 use localize::Stamp;
 use localize::omni::OmniKinematics;
 use localize::sample::Odometry;
 
-/// How much faster than its top speed a wheel may seem to turn before its counter is taken to have jumped.
+/// Apparent speed of a wheel, over its top speed, beyond which its counter has jumped.
 const WHEEL_SPEED_MARGIN: f32 = 2.0;
-/// Shortest time that is believed between two readings, seconds: a burst of late messages arrives all at once.
+/// Lower bound of the time between two readings in the jump check, seconds: delayed messages arrive in bursts.
 const INTERVAL_MIN: f64 = 0.05;
 
-/// What came of a reading.
+/// Result of one reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum OdometryUpdate {
-    /// Not every wheel has been heard since the last odometry.
+    /// Some wheel has not reported since the last odometry.
     Incomplete,
     /// Motion since the last reading.
     Motion(Odometry),
-    /// The first reading, or the first after a gap or a jump of a counter: counting begins here.
+    /// The first reading, or the first after a gap or a counter jump: it is the new reference.
     Restarted,
 }
 
-/// Turns readings of the wheels' counters into odometry.
+/// Integrates readings of the wheels' counters to odometry.
 #[derive(Debug, Clone)]
 pub(crate) struct Odometer {
     omni: OmniKinematics,
-    /// Radians per tick, negative for a motor that turns the other way.
+    /// Radians per tick; negative for a reversed motor.
     radians_per_tick: Vec<f32>,
-    /// Fastest believable turn of a wheel, rad/s.
+    /// Top speed of a wheel, rad/s.
     wheel_speed_max: f32,
-    /// Longest time between readings that are still connected, seconds.
+    /// Longest time between two readings of which the difference is odometry, seconds.
     gap_max: f64,
     latest_counts: Vec<Option<(u32, Stamp)>>,
-    /// Which wheels were heard since the last odometry.
+    /// Which wheels have reported since the last odometry.
     updated: Vec<bool>,
     previous_counts: Option<(Vec<u32>, Stamp)>,
-    /// Jumps of a counter so far.
+    /// Counter jumps so far.
     pub(crate) counter_jumps: u64,
 }
 
 impl Odometer {
-    /// For wheels whose top speed is `turn_max` (rad/s); readings more than `gap_max` seconds apart are not connected.
+    /// `wheel_speed_max`: top speed of the wheels, rad/s. After a gap of more than `gap_max` seconds odometry restarts.
     pub(crate) fn new(
         omni: OmniKinematics,
-        wheel_per_tick: Vec<f32>,
-        turn_max: f32,
+        radians_per_tick: Vec<f32>,
+        wheel_speed_max: f32,
         gap_max: f32,
     ) -> Self {
         let wheels = omni.wheel_count();
         Odometer {
             omni,
-            radians_per_tick: wheel_per_tick,
-            wheel_speed_max: turn_max,
+            radians_per_tick,
+            wheel_speed_max,
             gap_max: f64::from(gap_max),
             latest_counts: vec![None; wheels],
             updated: vec![false; wheels],
@@ -59,7 +59,7 @@ impl Odometer {
         }
     }
 
-    /// Counters of all wheels, read at one time.
+    /// Adds counters of all wheels, read at the same time.
     pub(crate) fn update_all(&mut self, counts: &[u32], stamp: Stamp) -> OdometryUpdate {
         for (latest, count) in self.latest_counts.iter_mut().zip(counts) {
             *latest = Some((*count, stamp));
@@ -68,8 +68,10 @@ impl Odometer {
         self.integrate(stamp)
     }
 
-    /// The counter of one wheel; controllers on a bus report one by one, so that the wheels' readings lie up to one period
-    /// of theirs apart. Counters forget nothing: what comes late in one odometry is in the next.
+    /// Adds the counter of one wheel.
+    ///
+    /// Controllers on a bus report one by one, so the wheels' readings are up to one period apart. No motion is lost:
+    /// what a late reading misses is in the next odometry.
     pub(crate) fn update_wheel(
         &mut self,
         wheel: usize,
@@ -83,23 +85,23 @@ impl Odometer {
         self.integrate(stamp)
     }
 
-    /// The first wheel that was not heard for so many seconds (one that never was, counts from `began`).
-    pub(crate) fn silent_wheel(&self, now: Stamp, began: Stamp, limit: f32) -> Option<usize> {
+    /// The first wheel without a report for `timeout` seconds since its last one or since `start`.
+    pub(crate) fn silent_wheel(&self, now: Stamp, start: Stamp, timeout: f32) -> Option<usize> {
         self.latest_counts.iter().position(|latest| {
-            let last = latest.map_or(began, |(_, stamp)| stamp.max(began));
-            now - last > f64::from(limit)
+            let last = latest.map_or(start, |(_, stamp)| stamp.max(start));
+            now - last > f64::from(timeout)
         })
     }
 
-    /// True if every wheel was heard since then.
-    pub(crate) fn all_updated_since(&self, began: Stamp) -> bool {
+    /// True if every wheel has reported since `start`.
+    pub(crate) fn all_updated_since(&self, start: Stamp) -> bool {
         self.latest_counts
             .iter()
-            .all(|latest| latest.is_some_and(|(_, stamp)| stamp >= began))
+            .all(|latest| latest.is_some_and(|(_, stamp)| stamp >= start))
     }
 
     fn integrate(&mut self, stamp: Stamp) -> OdometryUpdate {
-        if !self.updated.iter().all(|heard| *heard) {
+        if !self.updated.iter().all(|updated| *updated) {
             return OdometryUpdate::Incomplete;
         }
         self.updated.fill(false);
@@ -109,26 +111,28 @@ impl Odometer {
             .flatten()
             .map(|(count, _)| *count)
             .collect();
-        let Some((before, when)) = self.previous_counts.replace((counts.clone(), stamp)) else {
+        let Some((previous, previous_stamp)) =
+            self.previous_counts.replace((counts.clone(), stamp))
+        else {
             return OdometryUpdate::Restarted;
         };
-        let elapsed = stamp - when;
+        let elapsed = stamp - previous_stamp;
         if elapsed > self.gap_max {
             return OdometryUpdate::Restarted;
         }
-        let turned: Vec<f32> = counts
+        let increments: Vec<f32> = counts
             .iter()
-            .zip(&before)
+            .zip(&previous)
             .zip(&self.radians_per_tick)
             .map(|((now, before), radians)| now.wrapping_sub(*before) as i32 as f32 * radians)
             .collect();
-        let believable =
+        let increment_max =
             WHEEL_SPEED_MARGIN * self.wheel_speed_max * elapsed.max(INTERVAL_MIN) as f32;
-        if turned.iter().any(|turn| turn.abs() > believable) {
+        if increments.iter().any(|turn| turn.abs() > increment_max) {
             self.counter_jumps += 1;
             return OdometryUpdate::Restarted;
         }
-        let (motion, slip) = self.omni.twist(&turned);
+        let (motion, slip) = self.omni.twist(&increments);
         OdometryUpdate::Motion(motion.integrate(stamp, slip))
     }
 }
@@ -147,7 +151,7 @@ mod tests {
     #[test]
     fn counter_wraparound_does_not_affect_odometry() {
         let mut odometer = odometer(&[0.0, 90.0, 180.0, 270.0]);
-        // Each wheel turns half round: 0.05·π metres of rim on a circle of 0.2 m.
+        // Each wheel makes half a turn: 0.05·π metres of its rim, on a circle of radius 0.2 m.
         let start = [u32::MAX - 100, 5, u32::MAX, i32::MAX as u32];
         let end = start.map(|count| count.wrapping_add(2048));
         assert_eq!(

@@ -1,4 +1,4 @@
-//! What does the base say besides motion? Battery and motors, kicker, bumpers and emergency stop.
+//! What does the base report besides motion? Battery and motors, kicker, bumpers and emergency stop.
 
 use localize::Stamp;
 
@@ -18,7 +18,7 @@ pub struct PowerReport {
 }
 
 impl PowerReport {
-    /// One driver's temperature, 0.1 °C; the first wheel's begins a new round.
+    /// Updates the maximum with one driver's temperature, 0.1 °C; wheel 0 restarts the maximum.
     pub(super) fn update_temperature(&mut self, wheel: usize, temperature_ddeg: i16) {
         let temperature_c = f32::from(temperature_ddeg) * 0.1;
         self.temperature_c = if wheel == 0 {
@@ -29,34 +29,34 @@ impl PowerReport {
     }
 }
 
-/// The kicker.
+/// State of the kicker.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct KickerReport {
     /// When it was measured.
     pub stamp: Stamp,
-    /// Voltage of its capacitor, volts.
+    /// Voltage of the capacitor, volts.
     pub capacitor_voltage: f32,
-    /// It can kick now.
+    /// True if it can kick now.
     pub ready: bool,
-    /// It is charging.
+    /// True while it charges.
     pub charging: bool,
-    /// It cannot charge.
+    /// True if it cannot charge.
     pub charge_fault: bool,
-    /// The ball is before it.
+    /// True if the ball is in front of it.
     pub ball_present: bool,
     /// Sequence number of the last kick that was carried out.
     pub last_kick: u16,
 }
 
-/// What keeps the robot from moving.
+/// Bumpers, and what stops the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SwitchReport {
     /// When it was read.
     pub stamp: Stamp,
-    /// One bit for each pressed bumper, from the front counter-clockwise.
+    /// One bit per pressed bumper, counter-clockwise from the front.
     pub bumpers: u8,
-    /// The emergency stop is pressed.
+    /// True while the emergency stop is pressed.
     pub emergency_stop: bool,
-    /// The board has stopped the wheels for want of a fresh command.
+    /// True while the wheels are stopped because the last command expired.
     pub command_stale: bool,
 }

@@ -1,4 +1,4 @@
-//! How do industrial cameras hand over frames? GigE Vision and USB3 Vision through Aravis.
+//! How do industrial cameras deliver images? GigE Vision and USB3 Vision through Aravis.
 
 use aravis::{
     AcquisitionMode, Auto, BufferStatus, CameraExt, CameraExtManual, DeviceError, GvStreamOption,
@@ -6,19 +6,19 @@ use aravis::{
 };
 use localize::Stamp;
 
-use super::Settings;
-use super::image::{CameraFrame, Encoding, Pool};
+use super::image::{BufferPool, Capture, CapturedImage, Encoding};
+use super::settings::CameraSettings;
 use crate::clock;
-use crate::config::CameraDevice;
+use crate::config::CameraDeviceConfig;
 use crate::device_clock::DeviceClock;
 use crate::error::HwError;
 
-/// Buffers that a frame can be received into.
+/// Buffers for received images.
 const BUFFERS: usize = 4;
-/// Longest wait for a frame, µs.
+/// Longest wait for an image, µs.
 const BUFFER_TIMEOUT_US: u64 = 50_000;
 
-/// GenICam's names of the encodings (Standard Features Naming Convention), the most welcome first.
+/// GenICam's names of the encodings (Standard Features Naming Convention), in order of preference.
 const PIXEL_FORMATS: [(&str, Encoding); 9] = [
     ("RGB8", Encoding::Rgb8),
     ("RGB8Packed", Encoding::Rgb8),
@@ -44,14 +44,14 @@ pub(super) struct GenICam {
 }
 
 impl GenICam {
-    /// Opens the camera of a name (none: the first found), sets it up and lets it stream.
+    /// Opens the camera called `name` (the first found if empty), configures it and starts streaming.
     pub(super) fn open(
         name: &str,
-        device: &CameraDevice,
+        device: &CameraDeviceConfig,
         size_px: [u32; 2],
     ) -> Result<Self, HwError> {
         let label = &device.device;
-        let failed = |error: glib::Error| refused(label, &error);
+        let failed = |error: glib::Error| error_from_aravis(label, &error);
         let name = (!name.is_empty()).then_some(name);
         let camera = aravis::Camera::new(name).map_err(failed)?;
         let offered = camera
@@ -60,13 +60,16 @@ impl GenICam {
         let wanted = |encoding: Encoding| {
             device.format.is_empty() || device.format.as_bytes() == encoding.fourcc().to_le_bytes()
         };
-        let found = NAMES
+        let choice = PIXEL_FORMATS
             .iter()
             .find(|(name, encoding)| wanted(*encoding) && offered.iter().any(|o| o == name));
-        let Some((format, encoding)) = found else {
-            return Err(HwError::Unfit {
+        let Some((format, encoding)) = choice else {
+            return Err(HwError::Unsupported {
                 device: label.clone(),
-                reason: format!("has no format that is wanted but {}", offered.join(" ")),
+                reason: format!(
+                    "none of its formats is supported or configured: {}",
+                    offered.join(" ")
+                ),
             });
         };
         camera
@@ -75,19 +78,21 @@ impl GenICam {
         let [width, height] = size_px.map(|size| size as i32);
         let (sensor_width, sensor_height) = camera.sensor_size().map_err(failed)?;
         if width > sensor_width || height > sensor_height {
-            return Err(HwError::Unfit {
+            return Err(HwError::Unsupported {
                 device: label.clone(),
-                reason: format!("has no more than {sensor_width} × {sensor_height} pixels"),
+                reason: format!(
+                    "invalid image size: {width} × {height} (expected at most {sensor_width} × {sensor_height})"
+                ),
             });
         }
-        // The mirror stands in the middle of the sensor; offsets are even, or a Bayer pattern would change its order.
+        // The mirror is in the middle of the sensor. Odd offsets would change the order of a Bayer pattern.
         let offset = |sensor: i32, size: i32| ((sensor - size) / 2) & !1;
         let (x, y) = (offset(sensor_width, width), offset(sensor_height, height));
         camera.set_region(x, y, width, height).map_err(failed)?;
         camera
             .set_acquisition_mode(AcquisitionMode::Continuous)
             .map_err(failed)?;
-        // A trigger that another program left on would keep the camera waiting; one without triggers has none to clear.
+        // The camera would wait for a trigger that another program left on. Cameras without triggers return an error.
         let _no_triggers = camera.clear_triggers();
         if camera.is_frame_rate_available().map_err(failed)? {
             camera
@@ -95,7 +100,7 @@ impl GenICam {
                 .map_err(failed)?;
         }
         if camera.is_gv_device() {
-            // Root would get a packet socket, which hears nothing on loopback and in containers; a UDP socket always works.
+            // As root Aravis uses a packet socket, which receives nothing on loopback and in containers; UDP always works.
             camera.gv_set_stream_options(GvStreamOption::PACKET_SOCKET_DISABLED);
         }
         let stream = camera.create_stream().map_err(failed)?;
@@ -112,18 +117,18 @@ impl GenICam {
             height_px: size_px[1] as usize,
             clock: DeviceClock::default(),
         };
-        genicam.set(&Settings::of(device))?;
+        genicam.apply_settings(&CameraSettings::from_config(device))?;
         genicam.camera.start_acquisition().map_err(failed)?;
         Ok(genicam)
     }
 
-    /// Sets exposure and gain; white balance is left to vision, whose cameras send raw colours.
-    pub(super) fn apply_settings(&self, settings: &Settings) -> Result<(), HwError> {
-        let failed = |error: glib::Error| refused(&self.device, &error);
+    /// Sets exposure and gain. White balance is done in vision, since these cameras send raw colours.
+    pub(super) fn apply_settings(&self, settings: &CameraSettings) -> Result<(), HwError> {
+        let failed = |error: glib::Error| error_from_aravis(&self.device, &error);
         let camera = &self.camera;
-        // A camera without an automatic refuses to have it switched, and need not be told.
-        let _no_automatic = camera.set_exposure_time_auto(automatic(settings.exposure.is_none()));
-        let _no_automatic = camera.set_gain_auto(automatic(settings.gain.is_none()));
+        // A camera without an automatic mode returns an error, which does not matter.
+        let _no_automatic = camera.set_exposure_time_auto(auto_mode(settings.exposure.is_none()));
+        let _no_automatic = camera.set_gain_auto(auto_mode(settings.gain.is_none()));
         if let Some(seconds) = settings.exposure {
             camera
                 .set_exposure_time(f64::from(seconds) * 1e6)
@@ -135,22 +140,25 @@ impl GenICam {
         Ok(())
     }
 
-    /// Waits a little for a frame; the newest whole one, and how many torn ones lay before it.
-    pub(super) fn capture(&mut self, pool: &Pool) -> Result<(Option<CameraFrame>, u32), HwError> {
-        let (mut newest, mut torn) = (None, 0);
-        let mut next = self.stream.timeout_pop_buffer(WAIT_US);
+    /// Waits up to the timeout for an image and takes the newest complete one.
+    pub(super) fn capture(&mut self, pool: &BufferPool) -> Result<Capture, HwError> {
+        let mut capture = Capture {
+            image: None,
+            damaged: 0,
+        };
+        let mut next = self.stream.timeout_pop_buffer(BUFFER_TIMEOUT_US);
         while let Some(buffer) = next {
-            match self.frame(&buffer, pool) {
-                Some(frame) => newest = Some(frame),
-                None => torn += 1,
+            match self.copy_image(&buffer, pool) {
+                Some(image) => capture.image = Some(image),
+                None => capture.damaged += 1,
             }
             self.stream.push_buffer(buffer);
             next = self.stream.try_pop_buffer();
         }
-        Ok((newest, torn))
+        Ok(capture)
     }
 
-    fn copy_image(&mut self, buffer: &aravis::Buffer, pool: &Pool) -> Option<CameraFrame> {
+    fn copy_image(&mut self, buffer: &aravis::Buffer, pool: &BufferPool) -> Option<CapturedImage> {
         if buffer.status() != BufferStatus::Success {
             return None;
         }
@@ -160,7 +168,7 @@ impl GenICam {
         if image.len()
             < self
                 .encoding
-                .frame_bytes(self.width_px, self.height_px, stride)
+                .image_bytes(self.width_px, self.height_px, stride)
         {
             return None;
         }
@@ -168,8 +176,8 @@ impl GenICam {
             bytes.extend_from_slice(image);
             Ok::<(), ()>(())
         };
-        Some(CameraFrame {
-            stamp: self.stamp(buffer.timestamp(), arrival),
+        Some(CapturedImage {
+            stamp: self.host_stamp(buffer.timestamp(), arrival),
             sequence: buffer.frame_id() as u32,
             width_px: self.width_px,
             height_px: self.height_px,
@@ -180,33 +188,33 @@ impl GenICam {
         })
     }
 
-    /// Our time at the camera's own (ns); 0 from a camera without a clock.
+    /// Host time at the camera's time (ns), which is 0 for a camera without a clock.
     fn host_stamp(&mut self, camera_ns: u64, arrival: Stamp) -> Stamp {
         if camera_ns == 0 {
             return arrival;
         }
-        self.clock.stamp((camera_ns / 1000) as u32, arrival)
+        self.clock.to_host_stamp((camera_ns / 1000) as u32, arrival)
     }
 }
 
 impl Drop for GenICam {
     fn drop(&mut self) {
-        // An unplugged camera cannot be stopped, and need not be.
+        // Fails for an unplugged camera, which needs no stop.
         let _gone = self.camera.stop_acquisition();
     }
 }
 
-/// What was received into a buffer.
+/// The received bytes of a buffer.
 #[expect(
     unsafe_code,
-    reason = "Aravis hands out a pointer and a length; the copy that newer versions make in its place is not needed"
+    reason = "Aravis returns a pointer and a length; newer versions make a copy, which is not needed"
 )]
 fn bytes_of(buffer: &aravis::Buffer) -> &[u8] {
     let (start, length) = buffer.data();
     if start.is_null() {
         return &[];
     }
-    // SAFETY: the buffer was popped from the stream, so that nobody writes to it, and its memory lives as long as it does.
+    // SAFETY: the buffer was popped from the stream, so nothing writes to it, and it owns its memory.
     unsafe { std::slice::from_raw_parts(start, length) }
 }
 
@@ -214,16 +222,16 @@ fn auto_mode(on: bool) -> Auto {
     if on { Auto::Continuous } else { Auto::Off }
 }
 
-/// The word for what Aravis answered.
+/// The error for one of Aravis.
 fn error_from_aravis(device: &str, error: &glib::Error) -> HwError {
     let device = device.to_owned();
     match error.kind::<DeviceError>() {
         Some(DeviceError::NotFound) => HwError::Missing { device },
         Some(DeviceError::NotController) => HwError::Busy { device },
         Some(DeviceError::NotConnected | DeviceError::Timeout | DeviceError::TransferError) => {
-            HwError::Unplugged { device }
+            HwError::Disconnected { device }
         }
-        _ => HwError::Unfit {
+        _ => HwError::Unsupported {
             device,
             reason: error.message().to_owned(),
         },

@@ -1,11 +1,11 @@
-//! What is a frame of a camera? Stamped bytes in the camera's own encoding, from a pool, and their colours.
+//! How is a camera image stored? Stamped bytes in the camera's pixel encoding, in buffers from a pool.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use localize::Stamp;
 
-/// How a camera's bytes make pixels.
+/// Pixel encoding of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Encoding {
     /// Y U Y V, two pixels in four bytes.
@@ -20,19 +20,19 @@ pub enum Encoding {
     Bgr8,
     /// Brightness.
     Grey8,
-    /// One colour a pixel; the first row begins red, green.
+    /// Bayer pattern, one colour per pixel; the first row begins red, green.
     BayerRggb,
-    /// The first row begins green, red.
+    /// Bayer pattern; the first row begins green, red.
     BayerGrbg,
-    /// The first row begins green, blue.
+    /// Bayer pattern; the first row begins green, blue.
     BayerGbrg,
-    /// The first row begins blue, green.
+    /// Bayer pattern; the first row begins blue, green.
     BayerBggr,
-    /// A JPEG image each.
+    /// One JPEG per image.
     Mjpeg,
 }
 
-/// Encodings by V4L2's names, the most welcome first: full colour without loss, then with, then none.
+/// Encodings and their V4L2 codes in order of preference: full colour, then subsampled or lossy, then grey.
 const FOURCCS: [(Encoding, &[u8; 4]); 11] = [
     (Encoding::Rgb8, b"RGB3"),
     (Encoding::Bgr8, b"BGR3"),
@@ -50,28 +50,28 @@ const FOURCCS: [(Encoding, &[u8; 4]); 11] = [
 impl Encoding {
     /// The encoding of a V4L2 code.
     pub fn from_fourcc(code: u32) -> Option<Self> {
-        let found = FOURCCS
+        let entry = FOURCCS
             .iter()
             .find(|(_, name)| **name == code.to_le_bytes());
-        found.map(|(encoding, _)| *encoding)
+        entry.map(|(encoding, _)| *encoding)
     }
 
     /// The V4L2 code.
     pub fn fourcc(self) -> u32 {
-        let found = FOURCCS.iter().find(|(encoding, _)| *encoding == self);
-        found.map_or(0, |(_, name)| u32::from_le_bytes(**name))
+        let entry = FOURCCS.iter().find(|(encoding, _)| *encoding == self);
+        entry.map_or(0, |(_, name)| u32::from_le_bytes(**name))
     }
 
-    /// Of the codes that a camera offers the one named `wanted`, or with no name the most welcome.
-    pub(crate) fn choose(wanted: &str, offered: &[u32]) -> Option<Self> {
-        let fits = |name: &[u8; 4]| wanted.is_empty() || wanted.as_bytes() == name;
-        let found = FOURCCS
+    /// The encoding of code `name` if the camera offers it; for an empty name the preferred one that it offers.
+    pub(crate) fn choose(name: &str, offered: &[u32]) -> Option<Self> {
+        let fits = |code: &[u8; 4]| name.is_empty() || name.as_bytes() == code;
+        let entry = FOURCCS
             .iter()
-            .find(|(_, name)| fits(name) && offered.contains(&u32::from_le_bytes(**name)));
-        found.map(|(encoding, _)| *encoding)
+            .find(|(_, code)| fits(code) && offered.contains(&u32::from_le_bytes(**code)));
+        entry.map(|(encoding, _)| *encoding)
     }
 
-    /// Bytes that a row of so many pixels needs; of JPEG nothing is known.
+    /// Bytes of a row of `width_px` pixels; 0 for JPEG.
     pub fn row_bytes(self, width_px: usize) -> usize {
         match self {
             Encoding::Yuyv | Encoding::Uyvy => 2 * width_px,
@@ -81,7 +81,7 @@ impl Encoding {
         }
     }
 
-    /// Bytes of a whole frame with rows `stride` bytes apart.
+    /// Least bytes of an image whose rows are `stride` bytes apart.
     pub fn image_bytes(self, width_px: usize, height_px: usize, stride: usize) -> usize {
         let rows = match self {
             Encoding::Nv12 => height_px + height_px / 2,
@@ -92,7 +92,7 @@ impl Encoding {
     }
 }
 
-/// Bytes of a frame that go back to their pool when the last one who holds them lets go.
+/// Bytes of an image; the buffer returns to its pool when it is dropped.
 #[derive(Debug, Default)]
 pub struct PooledBytes {
     bytes: Vec<u8>,
@@ -125,18 +125,18 @@ impl Drop for PooledBytes {
     }
 }
 
-/// Buffers that wait to be used again: one that is filled, one in the inbox, one looked at, some in the log's queue. What a slow
-/// disk needed beyond them is given back.
+/// Most free buffers kept: one being filled, one queued, one being processed, some in the log's queue. Buffers beyond
+/// that, as with a slow disk, are freed.
 const FREE_BUFFERS_MAX: usize = 8;
 
-/// Where frames' bytes come from: buffers that were used before, if there are some.
+/// Reuses the buffers of dropped images.
 #[derive(Debug, Default)]
 pub(crate) struct BufferPool {
     free: Arc<Mutex<Vec<Vec<u8>>>>,
 }
 
 impl BufferPool {
-    /// Bytes as `fill` appends them to an empty buffer.
+    /// Takes an empty buffer and lets `fill` append to it.
     pub(crate) fn fill<E>(
         &self,
         fill: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
@@ -145,30 +145,39 @@ impl BufferPool {
         let mut bytes = free.pop().unwrap_or_default();
         drop(free);
         bytes.clear();
-        let filled = fill(&mut bytes);
+        let result = fill(&mut bytes);
         let pool = Arc::downgrade(&self.free);
         let bytes = Arc::new(PooledBytes { bytes, pool });
-        filled.map(|()| bytes)
+        result.map(|()| bytes)
     }
 }
 
-/// A frame as the camera sent it.
+/// What a camera delivered since the last call.
+#[derive(Debug)]
+pub(super) struct Capture {
+    /// The newest complete image, if any.
+    pub(super) image: Option<CapturedImage>,
+    /// Incomplete images before it.
+    pub(super) damaged: u32,
+}
+
+/// An image as the camera sent it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CapturedImage {
-    /// When it was taken, as the driver says (CLOCK_MONOTONIC).
+    /// Time of exposure by the driver (CLOCK_MONOTONIC).
     pub stamp: Stamp,
-    /// Counted by the driver; a step of more than one tells of lost frames.
+    /// Image counter of the driver; a step of more than one means lost images.
     pub sequence: u32,
     /// Columns.
     pub width_px: usize,
     /// Rows.
     pub height_px: usize,
-    /// How the bytes make pixels.
+    /// Pixel encoding of `data`.
     pub encoding: Encoding,
     /// Bytes from one row to the next.
     pub stride: usize,
-    /// It is the frame before it, to the last bit of a sample of its bytes: no sight of what is there now.
+    /// True if the compared bytes equal those of the image before: it shows nothing new.
     pub repeated: bool,
-    /// The bytes.
+    /// Rows from top to bottom.
     pub data: Arc<PooledBytes>,
 }

@@ -1,14 +1,14 @@
-//! Which pixels does a JPEG hold? Frames of cameras that compress, decoded before anyone looks at them.
+//! Which pixels does a JPEG contain? Decodes the images of cameras that compress.
 
 use super::image::{BufferPool, CapturedImage, Encoding};
 
 impl CapturedImage {
-    /// A JPEG as red, green, blue; any other frame as it is. `None` of a JPEG that is broken or of another size.
+    /// Decodes a JPEG to red, green, blue; returns other encodings unchanged. `None` if it is damaged or of another size.
     pub(super) fn decompress(self, pool: &BufferPool) -> Option<Self> {
         if self.encoding != Encoding::Mjpeg {
             return Some(self);
         }
-        // A decoder fills up with grey what a cut image lacks.
+        // The decoder would fill the missing part of a truncated image with grey. Drivers pad with zeros.
         let end = self.data.iter().rposition(|byte| *byte != 0)?;
         if end == 0 || self.data[end - 1..=end] != [0xFF, 0xD9] {
             return None;
@@ -61,17 +61,16 @@ mod tests {
             .encode(&[128; 3 * 16 * 8], 16, 8, image::ExtendedColorType::Rgb8)
             .expect("encoded");
         let pool = BufferPool::default();
-        let unpacked = |bytes: &[u8]| frame(Encoding::Mjpeg, 16, 8, bytes).decompress(&pool);
-        assert!(unpacked(&jpeg[..jpeg.len() - 9]).is_none());
-        assert!(unpacked(&[0xFF, 0xD8, 1, 2]).is_none());
+        let decode = |bytes: &[u8]| frame(Encoding::Mjpeg, 16, 8, bytes).decompress(&pool);
+        assert!(decode(&jpeg[..jpeg.len() - 9]).is_none());
+        assert!(decode(&[0xFF, 0xD8, 1, 2]).is_none());
         assert!(
             frame(Encoding::Mjpeg, 8, 8, &jpeg)
                 .decompress(&pool)
                 .is_none()
         );
-        // Drivers pad with zeros.
         jpeg.extend([0; 7]);
-        let whole = unpacked(&jpeg).expect("an image");
+        let whole = decode(&jpeg).expect("an image");
         assert_eq!((whole.encoding, whole.data.len()), (Encoding::Rgb8, 384));
         assert!(whole.data.iter().all(|level| level.abs_diff(128) <= 2));
     }

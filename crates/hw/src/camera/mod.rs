@@ -1,55 +1,37 @@
-//! How do images reach the robot's eyes? A thread per camera: newest frame wins, silence and repetition are named.
+//! How do images arrive from a camera? One thread per camera delivers the newest image and detects stalls and repeats.
 
 #[cfg(feature = "aravis")]
 mod genicam;
 mod image;
 mod jpeg;
+mod settings;
 mod socket;
 mod stamp_validator;
 mod sys;
 mod v4l2;
 
 use std::os::fd::AsFd;
-use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use localize::Stamp;
 
 pub use image::{CapturedImage, Encoding, PooledBytes};
+pub use settings::CameraSettings;
 
 use crate::clock;
 use crate::config::CameraDeviceConfig;
 use crate::error::HwError;
 use crate::event_queue::{DeviceEvent, EventQueue};
-use crate::health::{HealthReport, HealthState, Monitor};
-use crate::worker::{StallDetector, Waker, Worker};
-use image::BufferPool;
+use crate::health::{HealthReport, HealthState};
+use crate::monitor::Monitor;
+use crate::worker::{POLL_PERIOD, StallDetector, Waker, Worker};
+use image::{BufferPool, Capture};
 use socket::ImageSocket;
 use stamp_validator::StampValidator;
 use v4l2::V4l2;
+pub(crate) use v4l2::describe as describe_video_device;
 
-/// How frames are taken; what is left out is left to the camera.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct CameraSettings {
-    /// Exposure, seconds.
-    pub exposure: Option<f32>,
-    /// Gain, the driver's own unit.
-    pub gain: Option<i32>,
-    /// White balance, kelvin.
-    pub white_balance_k: Option<i32>,
-}
-
-impl CameraSettings {
-    fn from_config(device: &CameraDeviceConfig) -> Self {
-        CameraSettings {
-            exposure: device.exposure,
-            gain: device.gain,
-            white_balance_k: device.white_balance_k,
-        }
-    }
-}
-
-/// A camera whose thread puts each newest frame into the inbox.
+/// A camera whose thread pushes each newest image into the event queue.
 #[derive(Debug)]
 pub struct CameraDriver {
     worker: Worker,
@@ -57,7 +39,7 @@ pub struct CameraDriver {
     pending_settings: Arc<Mutex<Option<CameraSettings>>>,
 }
 
-/// Where frames come from.
+/// The interface of a camera.
 #[derive(Debug)]
 enum CameraBackend {
     V4l2(V4l2),
@@ -78,14 +60,14 @@ impl CameraBackend {
         V4l2::open(device, size_px).map(CameraBackend::V4l2)
     }
 
-    /// Waits until a frame may be there; false if none came by the deadline or the bell rang.
-    fn wait(&self, bell: &Waker, deadline: Stamp) -> bool {
+    /// Waits until an image may be ready; false if none came by the deadline or the waker was called.
+    fn wait(&self, waker: &Waker, deadline: Stamp) -> bool {
         match self {
-            CameraBackend::V4l2(camera) => bell.wait(Some(camera.as_fd()), deadline),
-            CameraBackend::Socket(socket) => bell.wait(Some(socket.as_fd()), deadline),
-            // Has nothing that can be waited for together with the bell; `take` waits itself.
+            CameraBackend::V4l2(camera) => waker.wait(Some(camera.as_fd()), deadline),
+            CameraBackend::Socket(socket) => waker.wait(Some(socket.as_fd()), deadline),
+            // Aravis has no file descriptor to poll; `capture` waits itself.
             #[cfg(feature = "aravis")]
-            Source::GenICam(_) => true,
+            CameraBackend::GenICam(_) => true,
         }
     }
 
@@ -94,24 +76,31 @@ impl CameraBackend {
             CameraBackend::V4l2(camera) => camera.apply_settings(settings),
             CameraBackend::Socket(socket) => socket.send_settings(settings),
             #[cfg(feature = "aravis")]
-            Source::GenICam(camera) => camera.set(settings),
+            CameraBackend::GenICam(camera) => camera.apply_settings(settings),
         }
     }
 
-    /// The newest whole frame, and how many torn ones came before it.
-    fn capture(&mut self, pool: &BufferPool) -> Result<(Option<CapturedImage>, u32), HwError> {
+    /// Takes the newest complete image.
+    fn capture(&mut self, pool: &BufferPool) -> Result<Capture, HwError> {
         match self {
             CameraBackend::V4l2(camera) => camera.capture(pool),
-            CameraBackend::Socket(socket) => socket.receive(pool).map(|frame| (Some(frame), 0)),
+            CameraBackend::Socket(socket) => socket.receive(pool).map(|image| Capture {
+                image: Some(image),
+                damaged: 0,
+            }),
             #[cfg(feature = "aravis")]
-            Source::GenICam(camera) => camera.take(pool),
+            CameraBackend::GenICam(camera) => camera.capture(pool),
         }
     }
 }
 
 #[cfg(feature = "aravis")]
-fn open_genicam(name: &str, device: &CameraDevice, size_px: [u32; 2]) -> Result<Source, HwError> {
-    genicam::GenICam::open(name, device, size_px).map(Source::GenICam)
+fn open_genicam(
+    name: &str,
+    device: &CameraDeviceConfig,
+    size_px: [u32; 2],
+) -> Result<CameraBackend, HwError> {
+    genicam::GenICam::open(name, device, size_px).map(CameraBackend::GenICam)
 }
 
 #[cfg(not(feature = "aravis"))]
@@ -122,44 +111,44 @@ fn open_genicam(
 ) -> Result<CameraBackend, HwError> {
     Err(HwError::Unsupported {
         device: device.device.clone(),
-        reason: "this program was built without GenICam cameras (feature aravis)".to_owned(),
+        reason: "GenICam cameras are not supported. Build with the feature aravis".to_owned(),
     })
 }
 
 impl CameraDriver {
-    /// Starts the camera's thread, which opens the device now or whenever it appears; `size_px` is columns and rows of the
-    /// wanted image. A socket's images have the size that their sender gives them.
+    /// Starts the camera's thread, which opens the device as soon as it is present.
+    ///
+    /// `size_px`: columns and rows of the image. Images over a socket have the size that their sender chooses.
     pub fn start(
         device: &CameraDeviceConfig,
         size_px: [u32; 2],
-        inbox: &EventQueue,
+        queue: &EventQueue,
     ) -> Result<Self, HwError> {
-        let monitor = Monitor::new("camera", inbox);
-        let wanted = Arc::new(Mutex::new(None));
-        let mut server = CaptureLoop {
+        let monitor = Monitor::new("camera", queue);
+        let pending_settings = Arc::new(Mutex::new(None));
+        let mut capture_loop = CaptureLoop {
             device: device.clone(),
-            // A camera that is plugged in again gets what was set last.
             settings: None,
-            pending_settings: Arc::clone(&wanted),
+            pending_settings: Arc::clone(&pending_settings),
             pool: BufferPool::default(),
             monitor: monitor.clone(),
-            inbox: inbox.clone(),
+            queue: queue.clone(),
         };
-        let opened = device.clone();
+        let open_config = device.clone();
         let worker = Worker::start(
             "camera",
             &monitor,
-            move || CameraBackend::open(&opened, size_px),
-            move |source, bell| server.run(source, bell),
+            move || CameraBackend::open(&open_config, size_px),
+            move |backend, waker| capture_loop.run(backend, waker),
         )?;
         Ok(CameraDriver {
             worker,
             monitor,
-            pending_settings: wanted,
+            pending_settings,
         })
     }
 
-    /// Has the following frames taken with these settings.
+    /// Applies settings to the following images.
     pub fn set_settings(&self, settings: CameraSettings) {
         *self
             .pending_settings
@@ -168,77 +157,74 @@ impl CameraDriver {
         self.worker.wake();
     }
 
-    /// How the camera is.
+    /// Health of the camera.
     pub fn health(&self) -> HealthReport {
         self.monitor.health(clock::now())
     }
 }
 
-/// Longest wait before a thread looks at silence again, seconds.
-const POLL_PERIOD: f64 = 0.05;
-/// Bytes compared to tell one frame from the next; the noise of a sensor shows in any hundred.
+/// Bytes that are compared to detect a repeated image; sensor noise changes some of any hundred.
 const COMPARED_BYTES: usize = 4096;
 
 struct CaptureLoop {
     device: CameraDeviceConfig,
+    /// The last settings that were applied; a replugged camera gets them again.
     settings: Option<CameraSettings>,
     pending_settings: Arc<Mutex<Option<CameraSettings>>>,
     pool: BufferPool,
     monitor: Monitor,
-    inbox: EventQueue,
+    queue: EventQueue,
 }
 
 impl CaptureLoop {
-    fn run(&mut self, source: &mut CameraBackend, bell: &Waker) -> Result<(), HwError> {
-        let mut watch = StallDetector::new(&self.device.device, self.device.stall);
-        let mut repeated = RepeatDetector::default();
-        let mut stamps = StampValidator::default();
+    fn run(&mut self, backend: &mut CameraBackend, waker: &Waker) -> Result<(), HwError> {
+        let mut stall_detector = StallDetector::new(&self.device.device, self.device.stall);
+        let mut repeat_detector = RepeatDetector::default();
+        let mut stamp_validator = StampValidator::default();
         if let Some(settings) = &self.settings {
-            source.apply_settings(settings)?;
+            backend.apply_settings(settings)?;
         }
-        while !bell.stop_requested() {
-            let ready = source.wait(bell, clock::now() + POLL_PERIOD);
-            let wanted = self
+        while !waker.stop_requested() {
+            let ready = backend.wait(waker, clock::now() + POLL_PERIOD);
+            let pending = self
                 .pending_settings
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .take();
-            if let Some(settings) = wanted {
-                source.apply_settings(&settings)?;
+            if let Some(settings) = pending {
+                backend.apply_settings(&settings)?;
                 self.settings = Some(settings);
             }
             if ready {
-                let (frame, torn) = source.capture(&self.pool)?;
-                (0..torn).for_each(|_| self.monitor.count_damaged());
+                let capture = backend.capture(&self.pool)?;
+                (0..capture.damaged).for_each(|_| self.monitor.count_damaged());
                 let now = clock::now();
-                let same_since = frame
-                    .as_ref()
-                    .map(|frame| repeated.unchanged_since(frame, now));
-                if let (Some(frame), Some(same_since)) = (frame, same_since) {
-                    watch.on_message(now, 0);
-                    let Some(mut frame) = frame.decompress(&self.pool) else {
+                if let Some(image) = capture.image {
+                    let unchanged_since = repeat_detector.unchanged_since(&image, now);
+                    stall_detector.on_message(now, 0);
+                    let Some(mut image) = image.decompress(&self.pool) else {
                         self.monitor.count_damaged();
                         continue;
                     };
-                    let (stamp, own_stamp) = stamps.validate(frame.stamp, now);
-                    frame.stamp = stamp;
-                    frame.repeated = same_since < now;
+                    let validated = stamp_validator.validate(image.stamp, now);
+                    image.stamp = validated.stamp;
+                    image.repeated = unchanged_since < now;
                     self.monitor.count_message(now);
-                    self.update_health(same_since, own_stamp, now);
-                    self.inbox.push(DeviceEvent::Image(frame));
+                    self.update_health(unchanged_since, validated.from_camera, now);
+                    self.queue.push(DeviceEvent::Image(image));
                 }
             }
-            watch.check(clock::now(), 0)?;
+            stall_detector.check(clock::now(), 0)?;
         }
         Ok(())
     }
 
-    fn update_health(&self, same_since: Stamp, own_stamp: bool, now: Stamp) {
-        if now - same_since > f64::from(self.device.stall) {
-            let reason = "the image does not change by a single bit".to_owned();
+    fn update_health(&self, unchanged_since: Stamp, stamp_from_camera: bool, now: Stamp) {
+        if now - unchanged_since > f64::from(self.device.stall) {
+            let reason = "its images repeat bit by bit".to_owned();
             self.monitor.set_state(HealthState::Stuck, Some(reason));
-        } else if !own_stamp {
-            let reason = "its stamps cannot be true: frames are stamped as they arrive".to_owned();
+        } else if !stamp_from_camera {
+            let reason = "its stamps are implausible: images are stamped at arrival".to_owned();
             self.monitor.set_state(HealthState::Clock, Some(reason));
         } else {
             self.monitor.set_state(HealthState::Running, None);
@@ -246,7 +232,7 @@ impl CaptureLoop {
     }
 }
 
-/// Since when has the image been the same?
+/// Detects a camera that repeats one image.
 #[derive(Debug, Default)]
 struct RepeatDetector {
     sample: Vec<u8>,
@@ -254,9 +240,10 @@ struct RepeatDetector {
 }
 
 impl RepeatDetector {
-    fn unchanged_since(&mut self, frame: &CapturedImage, now: Stamp) -> Stamp {
-        let step = (frame.data.len() / COMPARED_BYTES).max(1);
-        let sample = || frame.data.iter().step_by(step);
+    /// Arrival of the first image that equals this one without another in between.
+    fn unchanged_since(&mut self, image: &CapturedImage, now: Stamp) -> Stamp {
+        let step = (image.data.len() / COMPARED_BYTES).max(1);
+        let sample = || image.data.iter().step_by(step);
         if !sample().eq(self.sample.iter()) {
             self.sample.clear();
             self.sample.extend(sample());
@@ -264,23 +251,4 @@ impl RepeatDetector {
         }
         self.first_seen
     }
-}
-
-/// The video devices of this machine: path, and what it is or why it cannot be used.
-pub fn list() -> Vec<(String, Result<String, HwError>)> {
-    let Ok(entries) = std::fs::read_dir(Path::new("/dev")) else {
-        return Vec::new();
-    };
-    let numbers = entries.flatten().filter_map(|entry| {
-        let name = entry.file_name();
-        name.to_str()?.strip_prefix("video")?.parse::<u32>().ok()
-    });
-    let mut numbers: Vec<_> = numbers.collect();
-    numbers.sort_unstable();
-    let described = numbers.into_iter().map(|number| {
-        let path = format!("/dev/video{number}");
-        let what = v4l2::describe(&path);
-        (path, what)
-    });
-    described.collect()
 }

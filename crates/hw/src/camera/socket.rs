@@ -1,4 +1,4 @@
-//! How do images come from another program? Over a local stream socket: the simulator's camera, or a driver of its own.
+//! How do images arrive from another program? Over a local stream socket, from the simulator or a separate driver.
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd};
@@ -7,15 +7,15 @@ use std::time::Duration;
 
 use localize::Stamp;
 
-use super::CameraSettings;
 use super::image::{BufferPool, CapturedImage, Encoding};
+use super::settings::CameraSettings;
 use crate::error::HwError;
 use crate::wire::image_stream::{HEADER_BYTES, ImageHeader, SettingsMessage};
 
-/// Longest pause within a frame that was begun.
+/// Timeout of reads within an image, and of writes.
 const IO_TIMEOUT: Duration = Duration::from_millis(250);
 
-/// A connection to a program that sends frames.
+/// A connection to a program that sends images.
 #[derive(Debug)]
 pub(super) struct ImageSocket {
     stream: UnixStream,
@@ -23,16 +23,16 @@ pub(super) struct ImageSocket {
 }
 
 impl ImageSocket {
-    /// Connects to the socket at `path`, on which the other program listens, and tells it the settings.
+    /// Connects to the socket at `path`, on which the other program listens, and sends the settings.
     pub(super) fn open(path: &str, settings: &CameraSettings) -> Result<Self, HwError> {
         let device = || format!("unix:{path}");
-        let connected = UnixStream::connect(path).and_then(|stream| {
+        let connection = UnixStream::connect(path).and_then(|stream| {
             stream.set_read_timeout(Some(IO_TIMEOUT))?;
             stream.set_write_timeout(Some(IO_TIMEOUT))?;
             Ok(stream)
         });
-        let stream = connected.map_err(|source| match source.kind() {
-            // A socket that nobody listens on is as good as none.
+        let stream = connection.map_err(|source| match source.kind() {
+            // A socket without a listener counts as missing.
             ErrorKind::NotFound | ErrorKind::ConnectionRefused => {
                 HwError::Missing { device: device() }
             }
@@ -50,7 +50,7 @@ impl ImageSocket {
         Ok(socket)
     }
 
-    /// Tells the other program how to take its frames.
+    /// Sends camera settings to the other program.
     pub(super) fn send_settings(&self, settings: &CameraSettings) -> Result<(), HwError> {
         let message = SettingsMessage {
             exposure_us: settings
@@ -64,7 +64,7 @@ impl ImageSocket {
             .map_err(|source| self.io_error(&source))
     }
 
-    /// The frame that has arrived, or is arriving.
+    /// Reads one image, of which at least the first byte has arrived.
     pub(super) fn receive(&self, pool: &BufferPool) -> Result<CapturedImage, HwError> {
         let mut bytes = [0; HEADER_BYTES];
         self.read(&mut bytes)?;
@@ -75,18 +75,18 @@ impl ImageSocket {
         let encoding = Encoding::from_fourcc(header.fourcc).ok_or_else(garbage)?;
         let [width_px, height_px, stride] =
             [header.width_px, header.height_px, header.stride].map(|size| size as usize);
-        let whole = encoding.image_bytes(width_px, height_px, stride);
+        let length_min = encoding.image_bytes(width_px, height_px, stride);
         let length = header.bytes as usize;
         if !(1..=8192).contains(&width_px)
             || !(1..=8192).contains(&height_px)
             || stride < encoding.row_bytes(width_px)
-            || length < whole
+            || length < length_min
         {
             return Err(garbage());
         }
-        let data = pool.fill(|frame| {
-            frame.resize(length, 0);
-            self.read(frame)
+        let data = pool.fill(|bytes| {
+            bytes.resize(length, 0);
+            self.read(bytes)
         })?;
         Ok(CapturedImage {
             stamp: Stamp(header.stamp_ns),
@@ -111,7 +111,7 @@ impl ImageSocket {
         match source.kind() {
             ErrorKind::WouldBlock | ErrorKind::TimedOut => HwError::Stalled {
                 device,
-                reason: "a frame was begun and not ended".to_owned(),
+                reason: "an image is incomplete".to_owned(),
             },
             _ => HwError::Disconnected { device },
         }

@@ -1,38 +1,47 @@
-//! Can a frame's stamp be true? A camera's clock may be set, or run from another zero; odometry must still fit its frames.
+//! Is an image's stamp plausible? A camera's clock may step or have another zero; odometry must still match its images.
 
 use localize::Stamp;
 
-/// Longest time from exposure to arrival, seconds: a camera of 10 Hz that is read out while it exposes the next frame.
+/// Longest time from exposure to arrival, seconds: a camera of 10 Hz that is read out during the next exposure.
 const DELAY_MAX: f64 = 0.15;
-/// How fast the usual delay follows when frames come later than it, per frame.
+/// Gain per image with which the usual delay follows longer delays.
 const DELAY_INCREASE_GAIN: f64 = 0.01;
 
-/// The stamps of one camera.
+/// An image's stamp after validation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct ValidatedStamp {
+    pub(super) stamp: Stamp,
+    /// True for the camera's stamp, false for the arrival less the usual delay.
+    pub(super) from_camera: bool,
+}
+
+/// Validates the stamps of one camera.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct StampValidator {
     last: Option<Stamp>,
-    /// Least time from exposure to arrival of late, seconds.
+    /// Smallest recent time from exposure to arrival, seconds.
     min_delay: f64,
 }
 
 impl StampValidator {
-    /// The stamp to go by, and whether it is the camera's own; else it is the arrival less the usual delay.
-    pub(super) fn validate(&mut self, stamp: Stamp, arrival: Stamp) -> (Stamp, bool) {
+    /// Keeps a plausible stamp; replaces another by the arrival less the usual delay.
+    pub(super) fn validate(&mut self, stamp: Stamp, arrival: Stamp) -> ValidatedStamp {
         let delay = arrival - stamp;
         let later = self.last.is_none_or(|last| stamp > last);
-        let own = later && (0.0..=DELAY_MAX).contains(&delay);
-        let judged = if own {
-            let first = self.last.is_none() || delay < self.min_delay;
-            let share = if first { 1.0 } else { DELAY_INCREASE_GAIN };
-            self.min_delay += share * (delay - self.min_delay);
+        let from_camera = later && (0.0..=DELAY_MAX).contains(&delay);
+        let stamp = if from_camera {
+            let shorter = self.last.is_none() || delay < self.min_delay;
+            let gain = if shorter { 1.0 } else { DELAY_INCREASE_GAIN };
+            self.min_delay += gain * (delay - self.min_delay);
             stamp
         } else {
-            // Not before the last one, whatever the usual delay.
-            let judged = arrival + -self.min_delay;
-            self.last.map_or(judged, |last| judged.max(last + 1e-6))
+            // Stamps must increase, whatever the usual delay.
+            let estimated = arrival + -self.min_delay;
+            self.last
+                .map_or(estimated, |last| estimated.max(last + 1e-6))
         };
-        self.last = Some(judged);
-        (judged, own)
+        self.last = Some(stamp);
+        ValidatedStamp { stamp, from_camera }
     }
 }
 
@@ -42,22 +51,23 @@ mod tests {
 
     #[test]
     fn implausible_camera_stamps_are_replaced_by_arrival_time() {
-        let mut stamps = StampValidator::default();
-        let mut owned = 0;
+        let mut validator = StampValidator::default();
+        let mut from_camera = 0;
         for index in 0..200i64 {
-            let taken = index * 33_000_000;
-            let arrival = Stamp(taken + 12_000_000 + (index % 3) * 1_000_000);
+            let exposure = index * 33_000_000;
+            let arrival = Stamp(exposure + 12_000_000 + (index % 3) * 1_000_000);
             let shift = match index {
                 0..50 => 0,
                 50..100 => 40_000_000_000,
                 100..150 => -300_000_000,
                 _ => 0,
             };
-            let (judged, own) = stamps.validate(Stamp(taken + shift), arrival);
-            assert!((judged - Stamp(taken)).abs() < 0.004, "{index}: {judged:?}");
-            assert_eq!(own, shift == 0 || index == 0, "{index}");
-            owned += usize::from(own);
+            let validated = validator.validate(Stamp(exposure + shift), arrival);
+            let error = (validated.stamp - Stamp(exposure)).abs();
+            assert!(error < 0.004, "{index}: {validated:?}");
+            assert_eq!(validated.from_camera, shift == 0 || index == 0, "{index}");
+            from_camera += usize::from(validated.from_camera);
         }
-        assert_eq!(owned, 100);
+        assert_eq!(from_camera, 100);
     }
 }

@@ -1,10 +1,10 @@
-//! What does Linux' video interface look like to a program? Structures and calls of linux/videodev2.h, and mapped memory.
+//! What is Linux' video interface? Structures and calls of linux/videodev2.h, and mapped buffers.
 //!
-//! Everything unsafe of the cameras is here. The layouts are compared with the kernel's header by a test.
+//! All unsafe code of the cameras is here. A test compares the layouts with the kernel's header.
 
 #![expect(
     unsafe_code,
-    reason = "ioctl and mmap have no safe form; each call gets the structure its number is made of"
+    reason = "ioctl and mmap have no safe API; each call gets the structure that its number encodes"
 )]
 
 use std::os::fd::{AsFd, OwnedFd};
@@ -16,7 +16,7 @@ use rustix::mm::{MapFlags, ProtFlags, mmap, munmap};
 
 /// Capture into single-plane buffers.
 pub(super) const CAPTURE: u32 = 1;
-/// Buffers that the driver allocates and we map.
+/// Buffers allocated by the driver and mapped by us.
 pub(super) const MEMORY_MMAP: u32 = 1;
 /// Capability bits.
 pub(super) const CAP_VIDEO_CAPTURE: u32 = 0x1;
@@ -144,13 +144,13 @@ macro_rules! calls {
             $(#[$doc])*
             pub(super) fn $name(fd: &OwnedFd, value: &mut $structure) -> Result<()> {
                 const OPCODE: Opcode = opcode::$direction::<$structure>(IOCTL_TYPE, $number);
-                // SAFETY: the number encodes the size of the structure, which the kernel reads and writes in full and
-                // keeps no pointer to; every bit pattern of it is a value.
+                // SAFETY: the number encodes the size of the structure; the kernel reads and writes no more than that and
+                // keeps no pointer to it; every bit pattern is a valid value.
                 unsafe { ioctl(fd.as_fd(), Updater::<OPCODE, $structure>::new(value)) }
             }
         )*
 
-        /// Each call's name, number and size of structure, to be compared with the kernel's.
+        /// Name, number and structure size of each call, for comparison with the kernel's.
         #[cfg(test)]
         const CALLS: &[(&str, Opcode, usize)] = &[
             $( (stringify!($name), opcode::$direction::<$structure>(IOCTL_TYPE, $number), size_of::<$structure>()), )*
@@ -185,21 +185,21 @@ calls! {
     query_control: read_write 36 ControlRange;
 }
 
-/// A buffer of the driver, mapped to be read.
+/// A buffer of the driver, mapped for reading.
 #[derive(Debug)]
 pub(super) struct MappedBuffer {
     start: NonNull<u8>,
     length: usize,
 }
 
-// SAFETY: the memory belongs to the mapping alone, whichever thread holds it.
+// SAFETY: the memory belongs to this mapping alone and is not bound to a thread.
 unsafe impl Send for MappedBuffer {}
 
 impl MappedBuffer {
-    /// Maps the buffer that the driver announced.
+    /// Maps a buffer that `query_buffer` described.
     pub(super) fn new(fd: &OwnedFd, buffer: &Buffer) -> Result<Self> {
         let length = buffer.length as usize;
-        // SAFETY: a new mapping at an address of the kernel's choice touches no memory of ours.
+        // SAFETY: a new mapping at an address that the kernel chooses changes no memory of ours.
         let start = unsafe {
             mmap(
                 std::ptr::null_mut(),
@@ -216,10 +216,10 @@ impl MappedBuffer {
 
     /// Appends the first `used` bytes to `out`.
     ///
-    /// To be called between dequeue and queue, when the driver leaves the buffer alone.
+    /// Call it between dequeue and queue, while the driver does not write to the buffer.
     pub(super) fn copy_to(&self, used: usize, out: &mut Vec<u8>) {
-        // SAFETY: start and length are those of a readable mapping that lives as long as self. Should a faulty driver write
-        // meanwhile, the copy is of bytes, all of whose patterns are values.
+        // SAFETY: start and length describe a readable mapping that lives as long as self. If a faulty driver writes
+        // meanwhile, the copied bytes are still valid values.
         let bytes =
             unsafe { std::slice::from_raw_parts(self.start.as_ptr(), used.min(self.length)) };
         out.extend_from_slice(bytes);
@@ -228,8 +228,8 @@ impl MappedBuffer {
 
 impl Drop for MappedBuffer {
     fn drop(&mut self) {
-        // SAFETY: nobody holds a reference into the mapping, which is unmapped once. An error could only mean that it is
-        // gone already.
+        // SAFETY: no reference into the mapping exists, and it is unmapped once. An error could only mean that it is
+        // unmapped already.
         let _gone = unsafe { munmap(self.start.as_ptr().cast(), self.length) };
     }
 }
@@ -240,7 +240,7 @@ mod tests {
     use std::fmt::Write;
     use std::mem::offset_of;
 
-    /// What the kernel's header says, as a C program prints it.
+    /// Layout by the kernel's header, printed by a C program.
     fn kernel_layout() -> String {
         let folder = tempfile::tempdir().expect("a folder");
         let program = folder.path().join("layout");
@@ -251,17 +251,17 @@ mod tests {
             .arg(source)
             .output()
             .expect("cc runs");
-        let complaint = String::from_utf8_lossy(&compiled.stderr);
-        assert!(compiled.status.success(), "{complaint}");
+        let diagnostics = String::from_utf8_lossy(&compiled.stderr);
+        assert!(compiled.status.success(), "{diagnostics}");
         let output = std::process::Command::new(program).output().expect("runs");
         String::from_utf8(output.stdout).expect("text")
     }
 
     #[test]
     fn structures_and_ioctls_match_the_kernel_header() {
-        let mut ours = String::new();
+        let mut layout = String::new();
         for (name, number, size) in CALLS {
-            writeln!(ours, "{name} {number:#x} {size}").expect("text");
+            writeln!(layout, "{name} {number:#x} {size}").expect("text");
         }
         for (name, offset) in [
             (
@@ -283,7 +283,7 @@ mod tests {
             ("range.minimum", offset_of!(ControlRange, minimum)),
             ("range.flags", offset_of!(ControlRange, flags)),
         ] {
-            writeln!(ours, "{name} {offset}").expect("text");
+            writeln!(layout, "{name} {offset}").expect("text");
         }
         for constant in [
             CAPTURE,
@@ -303,8 +303,8 @@ mod tests {
             super::super::v4l2::AUTO_WHITE_BALANCE,
             super::super::v4l2::WHITE_BALANCE_TEMPERATURE,
         ] {
-            writeln!(ours, "{constant:#x}").expect("text");
+            writeln!(layout, "{constant:#x}").expect("text");
         }
-        assert_eq!(ours, kernel_layout());
+        assert_eq!(layout, kernel_layout());
     }
 }

@@ -1,4 +1,4 @@
-//! How does Linux hand over frames? A video device, set up and streaming into mapped buffers.
+//! How does Linux deliver images? A video device that streams into mapped buffers.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
@@ -6,13 +6,14 @@ use localize::Stamp;
 use rustix::fs::{Mode, OFlags, open};
 use rustix::io::Errno;
 
-use super::image::{BufferPool, CapturedImage, Encoding};
-use super::{CameraSettings, sys};
+use super::image::{BufferPool, Capture, CapturedImage, Encoding};
+use super::settings::CameraSettings;
+use super::sys;
 use crate::clock;
 use crate::config::CameraDeviceConfig;
 use crate::error::HwError;
 
-/// Numbers of controls (linux/v4l2-controls.h).
+/// Control identifiers (linux/v4l2-controls.h).
 pub(super) const EXPOSURE_AUTO: u32 = 0x009A_0901;
 pub(super) const EXPOSURE_ABSOLUTE: u32 = 0x009A_0902;
 pub(super) const EXPOSURE_AUTO_PRIORITY: u32 = 0x009A_0903;
@@ -23,7 +24,7 @@ pub(super) const WHITE_BALANCE_TEMPERATURE: u32 = 0x0098_091A;
 /// Values of EXPOSURE_AUTO.
 const EXPOSURE_MANUAL: i32 = 1;
 const EXPOSURE_APERTURE: i32 = 3;
-/// Buffers in the driver: one being filled, one to come, two for a thread that was held up.
+/// Buffers in the driver: one being filled, one next, two spare for a delayed thread.
 const BUFFERS: u32 = 4;
 
 /// A streaming video device.
@@ -38,8 +39,8 @@ pub(super) struct V4l2 {
     stride: usize,
 }
 
-/// What a video device is, for a list.
-pub(super) fn describe(path: &str) -> Result<String, HwError> {
+/// Name, bus and formats of a video device.
+pub(crate) fn describe(path: &str) -> Result<String, HwError> {
     let fd = open_device(path)?;
     let capability = query_capture_capability(&fd, path)?;
     let offered = formats(&fd).into_iter().map(|code| {
@@ -57,14 +58,14 @@ pub(super) fn describe(path: &str) -> Result<String, HwError> {
 }
 
 impl V4l2 {
-    /// Opens and sets up a device for images of a size (columns, rows), and lets it stream.
+    /// Opens and configures a device for images of `size_px` (columns, rows) and starts streaming.
     pub(super) fn open(device: &CameraDeviceConfig, size_px: [u32; 2]) -> Result<Self, HwError> {
         let path = device.device.clone();
         let failed = |action| {
             let path = path.clone();
             move |source| HwError::from_errno(&path, action, source)
         };
-        let unfit = |reason: String| HwError::Unsupported {
+        let unsupported = |reason: String| HwError::Unsupported {
             device: path.clone(),
             reason,
         };
@@ -76,39 +77,41 @@ impl V4l2 {
                 .iter()
                 .map(|code| String::from_utf8_lossy(&code.to_le_bytes()).into_owned())
                 .collect();
-            let wanted = if device.format.is_empty() {
-                "a format that is known here"
+            let expected = names.join(" ");
+            let reason = if device.format.is_empty() {
+                format!("none of its formats is supported: {expected}")
             } else {
-                &device.format
+                let format = &device.format;
+                format!("unsupported format: {format} (expected one of {expected})")
             };
-            return Err(unfit(format!("has not {wanted} but {}", names.join(" "))));
+            return Err(unsupported(reason));
         };
-        let mut format = wanted_format(size_px, encoding);
+        let mut format = requested_format(size_px, encoding);
         sys::set_format(&fd, &mut format).map_err(failed("set the format of"))?;
         if (format.width, format.height, format.fourcc)
             != (size_px[0], size_px[1], encoding.fourcc())
         {
-            return Err(unfit(format!(
-                "has not {} × {} pixels in {encoding:?}; nearest is {} × {}",
+            return Err(unsupported(format!(
+                "unsupported image size in {encoding:?}: {} × {} (nearest: {} × {}). Change [camera] in robot.toml",
                 size_px[0], size_px[1], format.width, format.height
             )));
         }
-        // Cameras without a choice of rates refuse; they have one rate.
-        let mut parameters = wanted_rate(device.rate_hz);
-        let _one_rate = sys::set_parameters(&fd, &mut parameters);
+        // Cameras with a single rate refuse this.
+        let mut parameters = requested_rate(device.rate_hz);
+        let _fixed_rate = sys::set_parameters(&fd, &mut parameters);
         let mut request = sys::BufferRequest {
             count: BUFFERS,
             kind: sys::CAPTURE,
             memory: sys::MEMORY_MMAP,
             ..sys::BufferRequest::default()
         };
-        sys::request_buffers(&fd, &mut request).map_err(failed("ask for buffers of"))?;
+        sys::request_buffers(&fd, &mut request).map_err(failed("request buffers of"))?;
         let mut buffers = Vec::new();
         for index in 0..request.count {
             let mut buffer = buffer(index);
-            sys::query_buffer(&fd, &mut buffer).map_err(failed("ask for a buffer of"))?;
+            sys::query_buffer(&fd, &mut buffer).map_err(failed("query a buffer of"))?;
             buffers.push(sys::MappedBuffer::new(&fd, &buffer).map_err(failed("map a buffer of"))?);
-            sys::queue(&fd, &mut buffer).map_err(failed("hand a buffer to"))?;
+            sys::queue(&fd, &mut buffer).map_err(failed("queue a buffer of"))?;
         }
         let camera = V4l2 {
             fd,
@@ -121,11 +124,11 @@ impl V4l2 {
         };
         camera.apply_settings(&CameraSettings::from_config(device))?;
         let mut kind = sys::CAPTURE;
-        sys::stream_on(&camera.fd, &mut kind).map_err(failed("start"))?;
+        sys::stream_on(&camera.fd, &mut kind).map_err(failed("start streaming of"))?;
         Ok(camera)
     }
 
-    /// Sets exposure, gain and white balance; what is left out is left to the camera.
+    /// Sets exposure, gain and white balance; values that are `None` become automatic.
     pub(super) fn apply_settings(&self, settings: &CameraSettings) -> Result<(), HwError> {
         for control in control_sequence(settings) {
             if let (Err(source), Some(name)) = (
@@ -153,37 +156,41 @@ impl V4l2 {
         sys::set_control(&self.fd, &mut sys::Control { id, value })
     }
 
-    /// The newest whole frame that is ready, if any, and how many torn ones lay before it.
-    pub(super) fn capture(
-        &self,
-        pool: &BufferPool,
-    ) -> Result<(Option<CapturedImage>, u32), HwError> {
-        let (mut newest, mut torn) = (None, 0);
+    /// Takes the newest complete image that is ready.
+    pub(super) fn capture(&self, pool: &BufferPool) -> Result<Capture, HwError> {
+        let mut capture = Capture {
+            image: None,
+            damaged: 0,
+        };
         for _ in 0..self.buffers.len() {
             let mut buffer = buffer(0);
             match sys::dequeue(&self.fd, &mut buffer) {
                 Ok(()) => {}
                 Err(Errno::AGAIN) => break,
                 Err(source) => {
-                    return Err(HwError::from_errno(&self.path, "take a frame from", source));
+                    return Err(HwError::from_errno(
+                        &self.path,
+                        "dequeue a buffer of",
+                        source,
+                    ));
                 }
             }
             match self.copy_image(&buffer, pool) {
-                Some(frame) => newest = Some(frame),
-                None => torn += 1,
+                Some(image) => capture.image = Some(image),
+                None => capture.damaged += 1,
             }
             sys::queue(&self.fd, &mut buffer)
-                .map_err(|source| HwError::from_errno(&self.path, "hand a buffer to", source))?;
+                .map_err(|source| HwError::from_errno(&self.path, "queue a buffer of", source))?;
         }
-        Ok((newest, torn))
+        Ok(capture)
     }
 
     fn copy_image(&self, buffer: &sys::Buffer, pool: &BufferPool) -> Option<CapturedImage> {
         let used = buffer.bytes_used as usize;
-        let whole = self
+        let length_min = self
             .encoding
             .image_bytes(self.width_px, self.height_px, self.stride);
-        if buffer.flags & sys::BUFFER_ERROR != 0 || used < whole {
+        if buffer.flags & sys::BUFFER_ERROR != 0 || used < length_min {
             return None;
         }
         let mapping = self.buffers.get(buffer.index as usize)?;
@@ -212,7 +219,7 @@ impl AsFd for V4l2 {
 
 impl Drop for V4l2 {
     fn drop(&mut self) {
-        // An unplugged camera cannot be stopped, and need not be.
+        // Fails for an unplugged camera, which needs no stop.
         let _gone = sys::stream_off(&self.fd, &mut sys::CAPTURE.clone());
     }
 }
@@ -222,26 +229,26 @@ fn open_device(path: &str) -> Result<OwnedFd, HwError> {
     open(path, flags, Mode::empty()).map_err(|source| HwError::from_errno(path, "open", source))
 }
 
-/// What the device can do; refused if it is no camera that streams.
+/// Capabilities of the device; an error if it cannot stream images.
 fn query_capture_capability(fd: &OwnedFd, path: &str) -> Result<sys::Capability, HwError> {
     let mut capability = sys::Capability::default();
-    let unfit = |reason: &str| HwError::Unsupported {
+    let unsupported = |reason: &str| HwError::Unsupported {
         device: path.to_owned(),
         reason: reason.to_owned(),
     };
     match sys::query_capability(fd, &mut capability) {
         Ok(()) => {}
-        Err(Errno::NOTTY | Errno::INVAL) => return Err(unfit("is no video device")),
-        Err(source) => return Err(HwError::from_errno(path, "ask", source)),
+        Err(Errno::NOTTY | Errno::INVAL) => return Err(unsupported("not a video device")),
+        Err(source) => return Err(HwError::from_errno(path, "query", source)),
     }
-    // A device with several nodes (metadata beside the image) says here what this node can do.
-    let can = if capability.capabilities & sys::CAP_DEVICE_CAPS != 0 {
+    // A device with several nodes (image, metadata) has the capabilities of this node here.
+    let capabilities = if capability.capabilities & sys::CAP_DEVICE_CAPS != 0 {
         capability.device_caps
     } else {
         capability.capabilities
     };
-    if can & sys::CAP_VIDEO_CAPTURE == 0 || can & sys::CAP_STREAMING == 0 {
-        return Err(unfit("gives no stream of images; try the next number"));
+    if capabilities & sys::CAP_VIDEO_CAPTURE == 0 || capabilities & sys::CAP_STREAMING == 0 {
+        return Err(unsupported("does not stream images. Try the next number"));
     }
     Ok(capability)
 }
@@ -254,14 +261,14 @@ fn formats(fd: &OwnedFd) -> Vec<u32> {
             kind: sys::CAPTURE,
             ..sys::FormatDescription::default()
         };
-        let found = sys::enumerate_formats(fd, &mut description);
-        found.ok().map(|()| description.fourcc)
+        let result = sys::enumerate_formats(fd, &mut description);
+        result.ok().map(|()| description.fourcc)
     };
-    // The kernel says when there are no more; 64 is beyond any camera.
+    // The kernel returns an error after the last one; no camera has 64.
     (0..64).map_while(description).collect()
 }
 
-fn wanted_format(size_px: [u32; 2], encoding: Encoding) -> sys::Format {
+fn requested_format(size_px: [u32; 2], encoding: Encoding) -> sys::Format {
     sys::Format {
         kind: sys::CAPTURE,
         align: 0,
@@ -276,7 +283,7 @@ fn wanted_format(size_px: [u32; 2], encoding: Encoding) -> sys::Format {
     }
 }
 
-fn wanted_rate(rate_hz: f32) -> sys::StreamParameters {
+fn requested_rate(rate_hz: f32) -> sys::StreamParameters {
     sys::StreamParameters {
         kind: sys::CAPTURE,
         capability: 0,
@@ -295,7 +302,7 @@ fn buffer(index: u32) -> sys::Buffer {
     }
 }
 
-/// The driver's stamp if it is of our clock, else the arrival.
+/// The driver's stamp if it is of CLOCK_MONOTONIC, else the arrival.
 fn buffer_stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
     if buffer.flags & sys::TIMESTAMP_MASK != sys::TIMESTAMP_MONOTONIC {
         return arrival;
@@ -303,7 +310,7 @@ fn buffer_stamp(buffer: &sys::Buffer, arrival: Stamp) -> Stamp {
     Stamp(buffer.seconds * 1_000_000_000 + buffer.microseconds * 1000)
 }
 
-/// A control to set; `wanted` names it if a user asked for it, so that a refusal is an error.
+/// A control to set; `required_as` is its name if the user configured it, so that a refusal is an error.
 #[derive(Debug, PartialEq)]
 struct ControlValue {
     id: u32,
@@ -311,16 +318,16 @@ struct ControlValue {
     required_as: Option<&'static str>,
 }
 
-/// The controls in the order in which they must be set: automatics first, or they undo what follows.
+/// The controls in the order in which they must be set: automatic modes first, or they would override the values.
 fn control_sequence(settings: &CameraSettings) -> Vec<ControlValue> {
-    let control = |id, value, wanted| ControlValue {
+    let control = |id, value, required_as| ControlValue {
         id,
         value,
-        required_as: wanted,
+        required_as,
     };
     let automatic = |on: bool| i32::from(on);
     let mut controls = vec![
-        // Without this a webcam slows down in the dark.
+        // Otherwise a webcam lowers its rate in the dark.
         control(EXPOSURE_AUTO_PRIORITY, 0, None),
         control(
             EXPOSURE_AUTO,
@@ -352,7 +359,7 @@ fn control_sequence(settings: &CameraSettings) -> Vec<ControlValue> {
     controls
 }
 
-/// A text of the kernel, up to its closing zero.
+/// A zero-terminated string of the kernel.
 fn string_from_c(bytes: &[u8]) -> String {
     let length = bytes
         .iter()
@@ -372,11 +379,11 @@ mod tests {
             gain: None,
             white_balance_k: Some(4500),
         };
-        let set: Vec<_> = control_sequence(&settings)
+        let controls: Vec<_> = control_sequence(&settings)
             .iter()
             .map(|c| (c.id, c.value))
             .collect();
-        let wanted = [
+        let expected = [
             (EXPOSURE_AUTO_PRIORITY, 0),
             (EXPOSURE_AUTO, EXPOSURE_MANUAL),
             (AUTOGAIN, 1),
@@ -384,7 +391,7 @@ mod tests {
             (EXPOSURE_ABSOLUTE, 125),
             (WHITE_BALANCE_TEMPERATURE, 4500),
         ];
-        assert_eq!(set, wanted);
+        assert_eq!(controls, expected);
     }
 
     #[test]
@@ -415,7 +422,7 @@ mod tests {
         let missing =
             V4l2::open(&device("/dev/video_that_is_not_there"), [640, 480]).expect_err("missing");
         assert!(missing.to_string().contains("missing"), "{missing}");
-        let null = V4l2::open(&device("/dev/null"), [640, 480]).expect_err("no camera");
-        assert_eq!(null.to_string(), "/dev/null: is no video device");
+        let null = V4l2::open(&device("/dev/null"), [640, 480]).expect_err("not a camera");
+        assert_eq!(null.to_string(), "/dev/null: not a video device");
     }
 }

@@ -1,26 +1,27 @@
-//! What does a BNO085 say in its UART-RVC mode? 100 times a second: attitude and acceleration, 115200 baud.
+//! What does a BNO085 send in UART-RVC mode? Attitude and acceleration at 100 Hz and 115200 baud.
 //!
-//! 19 bytes: `AA AA index yaw pitch roll ax ay az 0 0 0 sum`; the six values are i16 LE in 0.01° and mg; the sum is the low
-//! byte of the sum of index to the last zero (CEVA, BNO08X data sheet, UART-RVC).
+//! 19 bytes: `AA AA index yaw pitch roll ax ay az 0 0 0 sum`; the six values are i16 LE in 0.01° and mg; sum is the low
+//! byte of the sum from index to the last zero (CEVA, BNO08X data sheet, UART-RVC).
 
+use super::checksum8;
 use super::decoder::{DecodeError, ParseStep, StreamDecoder, skip_to};
 
 /// Bytes of one message.
 pub const BYTES: usize = 19;
 const HEADER: u8 = 0xAA;
 
-/// One message of the sensor, in its own axes.
+/// One message, sensor axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Rvc {
-    /// Counts the messages, wrapping.
+    /// Message counter, wrapping.
     pub index: u8,
-    /// About z, since power-on: no compass; 0.01°, −180° to 180°.
+    /// About z, 0.01°, −180° to 180°; relative to power-on, not to north.
     pub yaw_cdeg: i16,
     /// About y, 0.01°.
     pub pitch_cdeg: i16,
     /// About x, 0.01°.
     pub roll_cdeg: i16,
-    /// Specific force along x, y, z; thousandths of standard gravity.
+    /// Specific force along x, y, z, thousandths of standard gravity.
     pub acceleration_mg: [i16; 3],
 }
 
@@ -29,7 +30,7 @@ pub fn decoder() -> StreamDecoder<Rvc> {
     StreamDecoder::new(parse)
 }
 
-/// What the front of `bytes` is.
+/// Classifies the front of `bytes`.
 pub fn parse(bytes: &[u8]) -> ParseStep<Rvc> {
     if bytes.first() != Some(&HEADER) || bytes.get(1).is_some_and(|byte| *byte != HEADER) {
         return skip_to(bytes, |byte| byte == HEADER, DecodeError::Noise);
@@ -37,7 +38,7 @@ pub fn parse(bytes: &[u8]) -> ParseStep<Rvc> {
     let Some(frame) = bytes.get(..BYTES) else {
         return ParseStep::Incomplete;
     };
-    if checksum(frame) != frame[BYTES - 1] {
+    if checksum8(&frame[2..BYTES - 1]) != frame[BYTES - 1] {
         return skip_to(bytes, |byte| byte == HEADER, DecodeError::Checksum);
     }
     let value = |at: usize| i16::from_le_bytes([frame[at], frame[at + 1]]);
@@ -61,13 +62,7 @@ impl Rvc {
         for (bytes, value) in frame[3..15].chunks_exact_mut(2).zip(values) {
             bytes.copy_from_slice(&value.to_le_bytes());
         }
-        frame[BYTES - 1] = checksum(&frame);
+        frame[BYTES - 1] = checksum8(&frame[2..BYTES - 1]);
         frame
     }
-}
-
-fn checksum(frame: &[u8]) -> u8 {
-    frame[2..BYTES - 1]
-        .iter()
-        .fold(0, |sum, byte| sum.wrapping_add(*byte))
 }

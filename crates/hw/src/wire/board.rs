@@ -1,22 +1,21 @@
-//! What do robot and base board say to each other? Our own protocol, docs/wire.md; the C side is docs/mirrorball_base.h.
+//! What do robot and base board exchange? The protocol of docs/wire.md; its C side is docs/mirrorball_base.h.
 //!
-//! On the wire: COBS(payload ‖ CRC16 LE) 00. A payload is a fixed little-endian structure: byte 0 the version, byte 1 the type,
-//! then a sequence number that each side counts for itself, then the fields of the type. Messages here hold the numbers
-//! exactly as they travel, units in the names.
+//! A frame is COBS(payload ‖ CRC16 LE) 00. A payload is a fixed little-endian structure: version, type, a sequence number
+//! per sender, the fields of the type. The messages here hold the transmitted integers, with units in the names.
 
 use super::decoder::{DecodeError, ParseStep, StreamDecoder};
 use super::{cobs, crc16};
 
-/// Version of the protocol spoken here.
+/// Supported version of the protocol.
 pub const VERSION: u8 = 1;
 /// Bytes before the fields: version, type, sequence number.
 const HEADER_BYTES: usize = 4;
-/// Longest payload that will ever be sent: COBS then adds one byte, and every frame fits a USB packet.
+/// Longest payload: COBS adds one byte to it, and every frame fits into a USB packet.
 const PAYLOAD_MAX: usize = 60;
 /// Longest frame without its closing zero: payload, checksum, one byte of COBS.
 const FRAME_MAX: usize = PAYLOAD_MAX + 3;
 
-/// A number, or a row of numbers, that knows its little-endian bytes.
+/// A number or array with a little-endian encoding.
 trait WireField: Sized {
     const BYTES: usize;
     fn write_le(&self, out: &mut Vec<u8>);
@@ -53,7 +52,7 @@ impl<T: WireField, const N: usize> WireField for [T; N] {
     }
 }
 
-/// Declares the messages: a structure each, and the enumeration of all with its encoder and decoder.
+/// Declares a structure per message, and the enumeration of all messages with its encoder and decoder.
 macro_rules! messages {
     ($(
         $(#[$doc:meta])*
@@ -71,7 +70,7 @@ macro_rules! messages {
             }
         )*
 
-        /// Whatever can stand in a frame.
+        /// Any message.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Message { $( $(#[$doc])* $name($name), )* }
 
@@ -85,7 +84,7 @@ macro_rules! messages {
                 match self { $( Message::$name(message) => { $( message.$field.write_le(out); )* } )* }
             }
 
-            /// Fields of a type; the bytes must be exactly theirs.
+            /// Decodes the fields of a type from exactly its number of bytes.
             fn read_fields(kind: u8, bytes: &[u8]) -> Result<Self, DecodeError> {
                 match kind {
                     $( $kind => {
@@ -105,20 +104,20 @@ macro_rules! messages {
 }
 
 messages! {
-    /// Robot to board: turn the wheels.
+    /// Robot to board: speeds of the wheels.
     WheelCommand = 0x01 {
-        /// How long after its arrival the command holds; then the board stops the wheels by itself.
+        /// Validity after arrival; then the board stops the wheels.
         valid_ms: u16,
-        /// How many wheels are commanded; a board with another number of wheels refuses the command.
+        /// Number of wheels; a board with another number rejects the command.
         wheels: u8,
         /// Zero.
         reserved: u8,
-        /// Speed of each wheel, 0.01 rad/s; counter-clockwise seen from outside, so that the robot turns counter-clockwise.
+        /// Speed of each wheel, 0.01 rad/s; equal positive speeds turn the robot counter-clockwise.
         speed_crad: [i16; 4],
     }
-    /// Robot to board: move like this; for boards that know where their wheels are.
+    /// Robot to board: velocity of the robot, for boards that know their wheel geometry.
     TwistCommand = 0x02 {
-        /// As in a wheel command.
+        /// As in `WheelCommand`.
         valid_ms: u16,
         /// Forward, mm/s.
         forward_mm: i16,
@@ -129,34 +128,34 @@ messages! {
     }
     /// Robot to board: kick once.
     KickCommand = 0x03 {
-        /// How long after its arrival the kick may still be made.
+        /// Time after arrival until which the kick may be carried out.
         valid_ms: u16,
-        /// Wanted speed of the ball, mm/s.
+        /// Speed of the ball, mm/s.
         speed_mm: u16,
         /// 0 along the ground, 1 lofted.
         lofted: u8,
         /// Zero.
         reserved: u8,
     }
-    /// Robot to board: turn the dribbling wheels.
+    /// Robot to board: speeds of the dribbling wheels.
     DribbleCommand = 0x04 {
-        /// As in a wheel command.
+        /// As in `WheelCommand`.
         valid_ms: u16,
         /// Speed of the left wheel, 0.1 rad/s; positive pulls the ball in.
         left_drad: i16,
         /// Speed of the right wheel, 0.1 rad/s.
         right_drad: i16,
     }
-    /// Board to robot: how far the wheels turned, all read at one time.
+    /// Board to robot: counters of the wheels, all read at the same time.
     Encoders = 0x81 {
-        /// The board's clock, wrapping.
+        /// Clock of the board, wrapping.
         time_us: u32,
-        /// Ticks of each wheel since power-on, wrapping at 2³²; counts up where a positive speed turns the wheel.
+        /// Ticks of each wheel since power-on, wrapping at 2³²; a positive speed counts up.
         count: [u32; 4],
     }
     /// Board to robot: battery and motors.
     Power = 0x82 {
-        /// The board's clock, wrapping.
+        /// Clock of the board, wrapping.
         time_us: u32,
         /// Battery, mV.
         battery_mv: u16,
@@ -167,50 +166,50 @@ messages! {
     }
     /// Board to robot: the kicker.
     Kicker = 0x83 {
-        /// The board's clock, wrapping.
+        /// Clock of the board, wrapping.
         time_us: u32,
         /// Voltage of the capacitor, 0.1 V.
         charge_dv: u16,
-        /// Bits: 0 ready, 1 charging, 2 broken, 3 ball before the kicker.
+        /// Bits: 0 ready, 1 charging, 2 broken, 3 ball in front of the kicker.
         flags: u8,
         /// Zero.
         reserved: u8,
         /// Sequence number of the last kick command that was carried out.
         last_kick: u16,
     }
-    /// Board to robot: bumpers and what else keeps the robot from moving.
+    /// Board to robot: bumpers, and what stops the robot.
     Switches = 0x84 {
-        /// The board's clock, wrapping.
+        /// Clock of the board, wrapping.
         time_us: u32,
-        /// One bit for each bumper that is pressed, from the front counter-clockwise.
+        /// One bit per pressed bumper, counter-clockwise from the front.
         bumpers: u8,
-        /// Bits: 0 emergency stop pressed, 1 wheels stopped for want of a fresh command.
+        /// Bits: 0 emergency stop pressed, 1 wheels stopped because the last command expired.
         flags: u8,
     }
-    /// Board to robot: the inertial unit, in the robot's axes.
+    /// Board to robot: the inertial unit, robot axes.
     Inertia = 0x85 {
-        /// The board's clock, wrapping.
+        /// Clock of the board, wrapping.
         time_us: u32,
         /// Specific force along x, y, z, 2 mm/s².
         acceleration_2mm: [i16; 3],
-        /// Rate of turn about x, y, z, mrad/s.
+        /// Angular rate about x, y, z, mrad/s.
         rate_mrad: [i16; 3],
     }
     /// Board to robot: the compass.
     Heading = 0x86 {
-        /// The board's clock, wrapping.
+        /// Clock of the board, wrapping.
         time_us: u32,
         /// Direction of the robot's x axis, counter-clockwise from magnetic north, 0.1 mrad in ±π.
         heading_dmrad: i16,
     }
 }
 
-/// A message and its number.
+/// A message with its sequence number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Packet {
-    /// Counted by the sender, wrapping.
+    /// Counter of the sender, wrapping.
     pub sequence: u16,
-    /// What is said.
+    /// The message.
     pub message: Message,
 }
 
@@ -229,12 +228,12 @@ impl Packet {
     }
 }
 
-/// A decoder of either direction.
+/// A decoder, for either direction.
 pub fn decoder() -> StreamDecoder<Packet> {
     StreamDecoder::new(parse)
 }
 
-/// What the front of `bytes` is.
+/// Classifies the front of `bytes`.
 pub fn parse(bytes: &[u8]) -> ParseStep<Packet> {
     let front = &bytes[..bytes.len().min(FRAME_MAX + 1)];
     let Some(length) = front.iter().position(|byte| *byte == 0) else {
@@ -254,7 +253,7 @@ pub fn parse(bytes: &[u8]) -> ParseStep<Packet> {
 
 fn decode_packet(frame: &[u8]) -> Result<Packet, DecodeError> {
     let mut buffer = [0; FRAME_MAX];
-    // A frame that COBS cannot undo was damaged on the way, like one with a wrong checksum.
+    // A frame that COBS cannot decode was damaged in transmission, like one with a wrong checksum.
     let length = cobs::decode(frame, &mut buffer).ok_or(DecodeError::Checksum)?;
     let Some((payload, checksum)) = buffer[..length].split_last_chunk::<2>() else {
         return Err(DecodeError::Length);

@@ -1,13 +1,13 @@
-//! What is a CAN frame? Classic CAN 2.0: up to eight bytes under an identifier of 11 or 29 bits.
+//! What is a CAN frame? Classic CAN 2.0: up to eight bytes and an identifier of 11 or 29 bits.
 
-/// A frame on the bus.
+/// One frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CanFrame {
     /// Identifier, right-aligned.
     pub id: u32,
     /// True for an identifier of 29 bits, false for 11.
     pub extended: bool,
-    /// True for a frame that asks for data and carries none.
+    /// True for a remote frame, which requests data and contains none.
     pub remote: bool,
     len: u8,
     data: [u8; 8],
@@ -21,7 +21,7 @@ const REMOTE_FLAG: u32 = 1 << 30;
 const ERROR_FLAG: u32 = 1 << 29;
 
 impl CanFrame {
-    /// A data frame; `None` for more than eight bytes or an identifier that is too wide.
+    /// A data frame; `None` for more than eight bytes or an identifier out of range.
     pub fn new(id: u32, extended: bool, data: &[u8]) -> Option<Self> {
         let mut frame = CanFrame {
             id,
@@ -34,7 +34,7 @@ impl CanFrame {
         (id <= ID_MASKS[usize::from(extended)]).then_some(frame)
     }
 
-    /// A data frame under 29 bits, whose identifier and data are known to fit: what is too much is cut off.
+    /// A data frame with an identifier of 29 bits; excess bits and bytes are cut off.
     pub(crate) fn extended(id: u32, data: &[u8]) -> Self {
         let mut frame = CanFrame {
             id: id & ID_MASKS[1],
@@ -49,7 +49,7 @@ impl CanFrame {
         frame
     }
 
-    /// A remote frame that asks for `len` bytes; `None` as in [`CanFrame::new`].
+    /// A remote frame that requests `len` bytes; `None` as in [`CanFrame::new`].
     pub fn remote(id: u32, extended: bool, len: usize) -> Option<Self> {
         let frame = CanFrame::new(id, extended, [0; 8].get(..len)?)?;
         Some(CanFrame {
@@ -58,12 +58,12 @@ impl CanFrame {
         })
     }
 
-    /// Bytes carried; a remote frame's are zeros.
+    /// Data bytes; zeros in a remote frame.
     pub fn data(&self) -> &[u8] {
         &self.data[..usize::from(self.len)]
     }
 
-    /// As Linux' `struct can_frame` in this machine's byte order.
+    /// As Linux' `struct can_frame`, native byte order.
     pub fn to_socketcan(&self) -> [u8; 16] {
         let flags = if self.extended { EXTENDED_FLAG } else { 0 }
             | if self.remote { REMOTE_FLAG } else { 0 };

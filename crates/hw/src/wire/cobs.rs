@@ -1,8 +1,8 @@
-//! How does a zero byte come to mean "end of frame" alone? Consistent overhead byte stuffing (Cheshire & Baker 1999).
+//! How does a zero byte mark the end of a frame? Consistent overhead byte stuffing (Cheshire & Baker 1999).
 //!
-//! For payloads of up to 253 bytes, where the overhead is one byte and no block of 254 bytes without a zero can occur.
+//! For payloads of up to 253 bytes: the overhead is one byte, and no block of 254 bytes without a zero can occur.
 
-/// Appends `payload` without its zeros; the frame is one byte longer.
+/// Appends the encoding of `payload`, which has no zeros and is one byte longer.
 pub(crate) fn encode(payload: &[u8], frame: &mut Vec<u8>) {
     debug_assert!(payload.len() < 254);
     for block in payload.split(|byte| *byte == 0) {
@@ -11,9 +11,9 @@ pub(crate) fn encode(payload: &[u8], frame: &mut Vec<u8>) {
     }
 }
 
-/// Restores the payload of a frame (without its closing zero) at the front of `payload` and says how long it is.
+/// Decodes a frame (without its final zero) to the front of `payload` and returns the payload's length.
 ///
-/// `None` if the frame holds a zero, is cut off, or is longer than `payload` has room for.
+/// `None` if the frame contains a zero, is truncated, or decodes to more bytes than `payload` has.
 pub(crate) fn decode(frame: &[u8], payload: &mut [u8]) -> Option<usize> {
     let mut length = 0;
     let mut rest = frame;

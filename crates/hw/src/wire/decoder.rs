@@ -1,52 +1,52 @@
-//! Where does a message begin? Turns a stream of bytes, damaged or not, into the messages that are whole.
+//! Where does a message begin? Extracts the complete messages from a possibly damaged byte stream.
 
-/// Why bytes were thrown away.
+/// Why bytes were discarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
     /// Bytes between messages.
-    #[error("bytes that begin no message")]
+    #[error("bytes between messages")]
     Noise,
     /// A message whose checksum does not match.
     #[error("wrong checksum")]
     Checksum,
-    /// A message of a known kind and of another length than that kind has.
+    /// A message whose length does not match its type.
     #[error("wrong length")]
     Length,
-    /// A whole message of another version of the protocol.
-    #[error("protocol version {0} is not spoken here")]
+    /// A complete message of another protocol version.
+    #[error("unsupported protocol version: {0}")]
     UnsupportedVersion(u8),
-    /// A whole message of a kind that is not known.
-    #[error("unknown message type {0:#04x}")]
+    /// A complete message of an unknown type.
+    #[error("unknown message type: {0:#04x}")]
     UnknownType(u8),
 }
 
-/// What the front of the received bytes is.
+/// Classification of the front of the received bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ParseStep<M> {
-    /// Perhaps the beginning of a message: more bytes will tell.
+    /// Possibly the beginning of a message: more bytes are needed.
     Incomplete,
-    /// So many bytes are no message; without a fault they are mere filling.
+    /// This many bytes are no message; padding if there is no error.
     Skip(usize, Option<DecodeError>),
-    /// A message and the bytes it took.
+    /// The length of a message in bytes, and the message.
     Message(usize, M),
 }
 
-/// Counts of what went through a stream.
+/// Counts of a decoder.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DecoderStats {
     /// Bytes received.
     pub bytes: u64,
-    /// Whole messages.
+    /// Complete messages.
     pub messages: u64,
-    /// Bytes thrown away.
+    /// Bytes discarded.
     pub garbage_bytes: u64,
-    /// Messages with a wrong checksum or length.
+    /// Messages that were rejected.
     pub damaged: u64,
-    /// Why bytes were last thrown away.
+    /// Why bytes were last discarded.
     pub last_error: Option<DecodeError>,
 }
 
-/// A decoder of one protocol. Feed it with [`Stream::extend`], then iterate until `None`.
+/// A decoder of one protocol. Add bytes with [`StreamDecoder::extend`], then iterate until `None`.
 #[derive(Debug, Clone)]
 pub struct StreamDecoder<M> {
     parse: fn(&[u8]) -> ParseStep<M>,
@@ -56,10 +56,10 @@ pub struct StreamDecoder<M> {
 }
 
 impl<M> StreamDecoder<M> {
-    /// A decoder by `parse`, which says what the front of its argument is.
+    /// A decoder by `parse`, which classifies the front of its argument.
     ///
-    /// `parse` must answer `More` only for fewer bytes than its longest message has, and skip or take at least one byte
-    /// and at most all.
+    /// `parse` may return `Incomplete` only for fewer bytes than its longest message has. It must skip or consume at
+    /// least one byte and at most all.
     pub fn new(parse: fn(&[u8]) -> ParseStep<M>) -> Self {
         StreamDecoder {
             parse,
@@ -69,7 +69,7 @@ impl<M> StreamDecoder<M> {
         }
     }
 
-    /// Appends received bytes.
+    /// Adds received bytes.
     pub fn extend(&mut self, bytes: &[u8]) {
         self.buffer.drain(..self.start);
         self.start = 0;
@@ -77,13 +77,13 @@ impl<M> StreamDecoder<M> {
         self.stats.bytes += bytes.len() as u64;
     }
 
-    /// Forgets a message that was begun; for a port that was opened anew.
+    /// Discards an incomplete message, for a port that was reopened.
     pub fn reset(&mut self) {
         self.buffer.clear();
         self.start = 0;
     }
 
-    /// What went through so far.
+    /// Counts so far.
     pub fn stats(&self) -> DecoderStats {
         self.stats
     }
@@ -101,12 +101,12 @@ impl<M> Iterator for StreamDecoder<M> {
                     self.stats.messages += 1;
                     return Some(message);
                 }
-                ParseStep::Skip(bytes, fault) => {
+                ParseStep::Skip(bytes, error) => {
                     self.start += bytes;
-                    let Some(fault) = fault else { continue };
+                    let Some(error) = error else { continue };
                     self.stats.garbage_bytes += bytes as u64;
-                    self.stats.damaged += u64::from(fault != DecodeError::Noise);
-                    self.stats.last_error = Some(fault);
+                    self.stats.damaged += u64::from(error != DecodeError::Noise);
+                    self.stats.last_error = Some(error);
                 }
             }
         }
@@ -114,12 +114,12 @@ impl<M> Iterator for StreamDecoder<M> {
     }
 }
 
-/// Skips to the next byte that can begin a message, or over everything.
+/// Skips the first byte and all up to the next one that can begin a message.
 pub(crate) fn skip_to<M>(
     bytes: &[u8],
     begins: impl Fn(u8) -> bool,
-    fault: DecodeError,
+    error: DecodeError,
 ) -> ParseStep<M> {
     let skipped = 1 + bytes[1..].iter().take_while(|byte| !begins(**byte)).count();
-    ParseStep::Skip(skipped, Some(fault))
+    ParseStep::Skip(skipped, Some(error))
 }

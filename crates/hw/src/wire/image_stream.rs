@@ -1,18 +1,18 @@
-//! How does another program hand over images? A header and the bytes of each frame, over a local socket (docs/wire.md).
+//! How does another program send images? A header and the bytes of each image over a local socket (docs/wire.md).
 
 /// Bytes of a header.
 pub const HEADER_BYTES: usize = 44;
-/// Bytes of settings, which go the other way.
+/// Bytes of a settings message, which is sent in the opposite direction.
 pub const SETTINGS_BYTES: usize = 16;
-/// Largest frame taken, bytes: 8192 × 8192 pixels of one byte.
+/// Largest accepted image, bytes: 8192 × 8192 pixels of one byte.
 pub const IMAGE_BYTES_MAX: u32 = 1 << 26;
 const IMAGE_MAGIC: &[u8; 4] = b"MBF1";
 const SETTINGS_MAGIC: &[u8; 4] = b"MBS1";
 
-/// What stands before a frame's bytes.
+/// Header of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ImageHeader {
-    /// V4L2's code of the encoding.
+    /// V4L2 code of the pixel encoding.
     pub fourcc: u32,
     /// Columns.
     pub width_px: u32,
@@ -20,27 +20,27 @@ pub struct ImageHeader {
     pub height_px: u32,
     /// Bytes from one row to the next.
     pub stride: u32,
-    /// Counts the frames.
+    /// Image counter.
     pub sequence: u32,
-    /// Bytes that follow.
+    /// Bytes that follow the header.
     pub bytes: u32,
-    /// When the frame was taken, CLOCK_MONOTONIC, nanoseconds.
+    /// Time of exposure, CLOCK_MONOTONIC, nanoseconds.
     pub stamp_ns: i64,
 }
 
-/// How the frames are to be taken; −1 leaves it to the camera.
+/// Settings for the following images; −1 for automatic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SettingsMessage {
     /// Exposure, µs.
     pub exposure_us: i32,
-    /// Gain, the camera's own unit.
+    /// Gain, unit of the camera.
     pub gain: i32,
     /// White balance, kelvin.
     pub white_balance_k: i32,
 }
 
 impl ImageHeader {
-    /// The header's bytes, with a checksum at their end.
+    /// The header's bytes, which end with a checksum.
     pub fn encode(&self) -> [u8; HEADER_BYTES] {
         let mut bytes = [0; HEADER_BYTES];
         bytes[..4].copy_from_slice(IMAGE_MAGIC);
@@ -61,7 +61,7 @@ impl ImageHeader {
         bytes
     }
 
-    /// A header, if these are the bytes of one.
+    /// The header; `None` for a wrong magic or checksum, or an image that is too large.
     pub fn decode(bytes: &[u8; HEADER_BYTES]) -> Option<Self> {
         let number = |at: usize| {
             u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
@@ -75,15 +75,15 @@ impl ImageHeader {
             bytes: number(24),
             stamp_ns: (i64::from(number(32)) << 32) | i64::from(number(28)),
         };
-        let right = bytes[..4] == *IMAGE_MAGIC
+        let valid = bytes[..4] == *IMAGE_MAGIC
             && bytes[42..] == super::crc16(&bytes[..42]).to_le_bytes()
             && header.bytes <= IMAGE_BYTES_MAX;
-        right.then_some(header)
+        valid.then_some(header)
     }
 }
 
 impl SettingsMessage {
-    /// The settings' bytes.
+    /// The bytes of the message.
     pub fn encode(&self) -> [u8; SETTINGS_BYTES] {
         let mut bytes = [0; SETTINGS_BYTES];
         bytes[..4].copy_from_slice(SETTINGS_MAGIC);
@@ -94,7 +94,7 @@ impl SettingsMessage {
         bytes
     }
 
-    /// Settings, if these are the bytes of some. For whoever plays a camera.
+    /// The settings, for a program that acts as a camera; `None` for a wrong magic.
     pub fn decode(bytes: &[u8; SETTINGS_BYTES]) -> Option<Self> {
         let number = |at: usize| {
             i32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])

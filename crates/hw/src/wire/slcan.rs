@@ -1,7 +1,7 @@
-//! How do CAN frames travel over a serial line? The ASCII of LAWICEL's adapters, which Linux calls slcan.
+//! How are CAN frames sent over a serial port? The ASCII format of LAWICEL's adapters, which Linux calls slcan.
 //!
-//! `T` 8 hex digits of identifier, one of length, two per byte, carriage return; `t` with three digits; `R` and `r` ask for
-//! data. The format has no checksum: a line is taken only if every character of it is right.
+//! `T`, 8 hex digits of identifier, one of length, two per byte, carriage return; `t` has three digits of identifier; `R`
+//! and `r` are remote frames. There is no checksum: a line is accepted only if every character is valid.
 
 use super::can::CanFrame;
 use super::decoder::{DecodeError, ParseStep, StreamDecoder};
@@ -11,16 +11,16 @@ const LINE_BYTES_MAX: usize = 31;
 const CARRIAGE_RETURN: u8 = b'\r';
 const BELL: u8 = 7;
 
-/// What the adapter sends.
+/// A message of the adapter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SlcanMessage {
     /// A frame from the bus.
     Frame(CanFrame),
-    /// The adapter did what it was told.
+    /// The command succeeded.
     Ack,
-    /// The adapter refused what it was told.
+    /// The command failed.
     Nack,
-    /// A well-formed answer that is no frame (version, serial number, status), by its first letter.
+    /// Another valid answer (version, serial number, status) by its first letter.
     Other(u8),
 }
 
@@ -29,7 +29,7 @@ pub fn decoder() -> StreamDecoder<SlcanMessage> {
     StreamDecoder::new(parse)
 }
 
-/// What the front of `bytes` is.
+/// Classifies the front of `bytes`.
 pub fn parse(bytes: &[u8]) -> ParseStep<SlcanMessage> {
     match bytes.first() {
         None => return ParseStep::Incomplete,
@@ -46,7 +46,7 @@ pub fn parse(bytes: &[u8]) -> ParseStep<SlcanMessage> {
         return ParseStep::Skip(LINE_BYTES_MAX, Some(DecodeError::Length));
     };
     if bytes[length] == BELL {
-        // A bell ends no line: what stands before it was cut off, and the bell itself is an answer.
+        // A bell does not end a line: the bytes before it are a truncated line, and the bell is an answer of its own.
         return ParseStep::Skip(length, Some(DecodeError::Noise));
     }
     match parse_line(&bytes[..length]) {
@@ -72,8 +72,8 @@ fn parse_line(line: &[u8]) -> Option<SlcanMessage> {
     let length = hex(digits.get(id_digits..=id_digits)?)? as usize;
     let rest = &digits[id_digits + 1..];
     if remote {
-        let stamped = rest.len() == 4 && hex(rest).is_some();
-        return (rest.is_empty() || stamped)
+        let has_stamp = rest.len() == 4 && hex(rest).is_some();
+        return (rest.is_empty() || has_stamp)
             .then(|| CanFrame::remote(id, extended, length))?
             .map(SlcanMessage::Frame);
     }
@@ -85,7 +85,7 @@ fn parse_line(line: &[u8]) -> Option<SlcanMessage> {
     {
         *byte = u8::try_from(hex(pair)?).ok()?;
     }
-    // Adapters that were told to (Z1) append a stamp of four digits.
+    // Adapters in mode Z1 append a time stamp of four digits.
     let stamp = &rest[2 * length..];
     if !(stamp.is_empty() || stamp.len() == 4 && hex(stamp).is_some()) {
         return None;
@@ -99,7 +99,7 @@ fn hex(digits: &[u8]) -> Option<u32> {
     })
 }
 
-/// Appends the line that sends `frame`.
+/// Appends the line of `frame`.
 pub fn encode(frame: &CanFrame, out: &mut Vec<u8>) {
     let letter = match (frame.extended, frame.remote) {
         (true, false) => 'T',
@@ -118,15 +118,11 @@ pub fn encode(frame: &CanFrame, out: &mut Vec<u8>) {
     out.push(CARRIAGE_RETURN);
 }
 
-/// The lines that close the adapter's channel, set its bit rate and open it; `None` for a rate it has no letter for.
+/// The commands that close the adapter's channel, set its bit rate and open it; `None` for an unsupported rate.
 ///
-/// Rates are bit/s: 10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s are S0 to S8. The first, empty line ends
-/// whatever was half sent before.
+/// S0 to S8 are 10, 20, 50, 100, 125, 250, 500, 800 kbit/s and 1 Mbit/s. The first, empty line ends a partial command.
 pub fn open_channel_commands(bit_rate: u32) -> Option<Vec<u8>> {
     const RATES_KBIT: [u32; 9] = [10, 20, 50, 100, 125, 250, 500, 800, 1000];
     let code = RATES_KBIT.iter().position(|rate| rate * 1000 == bit_rate)?;
     Some(format!("\rC\rS{code}\rO\r").into_bytes())
 }
-
-/// The line that closes the adapter's channel.
-pub const CLOSE: &[u8] = b"C\r";

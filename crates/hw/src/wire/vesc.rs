@@ -1,8 +1,8 @@
-//! What does a VESC say over its UART? Packets `02 length payload crc16 03`, the first byte of the payload the command.
+//! What does a VESC exchange over its UART? Packets `02 length payload crc16 03`; the payload starts with the command.
 //!
 //! Numbers are big-endian. Layouts: VESC firmware, commands.c (COMM_GET_VALUES, firmware 3.40 and later). A controller
-//! hands on what is wrapped in COMM_FORWARD_CAN to another one on its CAN bus, and the answer comes back unwrapped with
-//! that one's number in it.
+//! forwards the content of COMM_FORWARD_CAN to another one on its CAN bus; the answer is not wrapped and contains the
+//! number of that controller.
 
 use super::crc16;
 use super::decoder::{DecodeError, ParseStep, StreamDecoder, skip_to};
@@ -13,32 +13,48 @@ const GET_VALUES: u8 = 4;
 const SET_CURRENT: u8 = 6;
 const SET_RPM: u8 = 8;
 const FORWARD_CAN: u8 = 34;
-/// Bytes of the answer to GET_VALUES up to and with the controller's number; newer firmware appends more.
+/// Bytes of the answer to GET_VALUES up to and including the controller's number; newer firmware appends more.
 const VALUES_BYTES: usize = 59;
+/// Steps of the tachometer in one electrical revolution.
+const TACHOMETER_STEPS_PER_REVOLUTION: f32 = 6.0;
 
-/// What a controller is told or asked.
+/// Electrical revolutions per minute at a wheel speed of 1 rad/s, for tachometer ticks per turn of the wheel.
+pub fn erpm_per_rad_s(ticks_per_turn: f32) -> f32 {
+    60.0 / std::f32::consts::TAU * ticks_per_turn / TACHOMETER_STEPS_PER_REVOLUTION
+}
+
+/// A command or query to a controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Request {
-    /// Say how you are.
+    /// Query the state.
     GetValues,
-    /// Turn at so many electrical revolutions per minute.
+    /// Set the speed, electrical revolutions per minute.
     SetRpm(i32),
-    /// Drive this current through the motor; 0 lets it coast.
+    /// Set the motor current, mA; 0 releases the motor.
     SetCurrentMa(i32),
 }
 
-/// What a controller answers to [`Request::GetValues`].
+/// A request with the controller that it is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RoutedRequest {
+    /// Node to which the request is forwarded; `None` for the controller on the UART.
+    pub node: Option<u8>,
+    /// The request.
+    pub request: Request,
+}
+
+/// State of a controller, the answer to [`Request::GetValues`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Values {
-    /// Number of the controller on the CAN bus.
+    /// Node number of the controller on the CAN bus.
     pub node: u8,
     /// Speed, electrical revolutions per minute.
     pub erpm: i32,
     /// Steps of the motor since power-on, six per electrical revolution, wrapping.
     pub tachometer: i32,
-    /// Supply, 0.1 V.
+    /// Supply voltage, 0.1 V.
     pub voltage_dv: i16,
-    /// Current through the motor, 0.01 A.
+    /// Motor current, 0.01 A.
     pub motor_current_ca: i32,
     /// Temperature of the transistors, 0.1 °C.
     pub temperature_ddeg: i16,
@@ -46,12 +62,12 @@ pub struct Values {
     pub fault: u8,
 }
 
-/// What a controller sends.
+/// A packet of a controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reply {
     /// The answer to [`Request::GetValues`].
     Values(Values),
-    /// Another whole packet, by its command byte.
+    /// Another complete packet by its command byte.
     Other(u8),
 }
 
@@ -60,9 +76,9 @@ pub fn decoder() -> StreamDecoder<Reply> {
     StreamDecoder::new(parse)
 }
 
-/// What the front of `bytes` is.
+/// Classifies the front of `bytes`.
 ///
-/// Packets above 255 bytes (start byte 3) carry configurations and firmware, which nobody here asks for.
+/// Packets above 255 bytes (start byte 3) contain configurations and firmware, which are never requested.
 pub fn parse(bytes: &[u8]) -> ParseStep<Reply> {
     let begins = |byte| byte == START;
     if bytes.first() != Some(&START) || bytes.get(1) == Some(&0) {
@@ -110,7 +126,7 @@ fn decode_reply(payload: &[u8]) -> Reply {
 }
 
 impl Values {
-    /// The packet as a controller sends it, fields that are not held here being zero.
+    /// The packet as a controller sends it; fields that are not represented here are zero.
     pub fn encode(&self) -> Vec<u8> {
         let mut payload = [0; VALUES_BYTES];
         payload[0] = GET_VALUES;
@@ -126,20 +142,20 @@ impl Values {
 }
 
 impl Request {
-    /// The packet that tells the controller at the other end of the UART.
+    /// The packet to the controller on the UART.
     pub fn encode(self) -> Vec<u8> {
         encode_packet(&self.payload())
     }
 
-    /// The packet that has the controller at the other end hand it on to `node` on its CAN bus.
+    /// The packet that the controller on the UART forwards to `node` on its CAN bus.
     pub fn encode_forwarded(self, node: u8) -> Vec<u8> {
         let mut payload = vec![FORWARD_CAN, node];
         payload.extend_from_slice(&self.payload());
         encode_packet(&payload)
     }
 
-    /// What a packet asks, and of which other node; `None` for what is not spoken here. For whoever plays a controller.
-    pub fn decode(packet: &[u8]) -> Option<(Option<u8>, Request)> {
+    /// Decodes a packet, for a program that acts as a controller; `None` for other packets.
+    pub fn decode(packet: &[u8]) -> Option<RoutedRequest> {
         let length = usize::from(*packet.get(1)?);
         let payload = packet.get(2..2 + length)?;
         if packet.len() != length + 5
@@ -157,7 +173,7 @@ impl Request {
             [SET_CURRENT, a, b, c, d] => Request::SetCurrentMa(i32::from_be_bytes([a, b, c, d])),
             _ => return None,
         };
-        Some((node, request))
+        Some(RoutedRequest { node, request })
     }
 
     fn payload(self) -> Vec<u8> {
@@ -172,7 +188,7 @@ impl Request {
     }
 }
 
-/// `02 length payload crc16 03`; the payload has at most 255 bytes.
+/// `02 length payload crc16 03`, for a payload of at most 255 bytes.
 fn encode_packet(payload: &[u8]) -> Vec<u8> {
     let mut packet = vec![START, payload.len() as u8];
     packet.extend_from_slice(payload);

@@ -1,7 +1,7 @@
-//! What do VESCs say on a CAN bus? Extended identifiers (command << 8) | node, numbers big-endian.
+//! What do VESCs exchange on a CAN bus? Frames with extended identifiers (command << 8) | node and big-endian numbers.
 //!
-//! Layouts: VESC firmware, comm_can.c. Which status frames are sent, and how often, is set in the controllers: STATUS (speed,
-//! current) and STATUS_5 (tachometer, supply) are needed here, STATUS_4 (temperatures) is welcome.
+//! Layouts: VESC firmware, comm_can.c. The controllers' settings select the status frames and their rates: STATUS (speed,
+//! current) and STATUS_5 (tachometer, supply) are required, STATUS_4 (temperatures) is optional.
 
 use super::can::CanFrame;
 
@@ -11,23 +11,32 @@ const STATUS: u32 = 9;
 const STATUS_4: u32 = 16;
 const STATUS_5: u32 = 27;
 
-/// What a controller is told.
+/// A message with the controller that sends or receives it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Addressed<T> {
+    /// Node number of the controller.
+    pub node: u8,
+    /// The message.
+    pub message: T,
+}
+
+/// A command to a controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VescCommand {
-    /// Turn at so many electrical revolutions per minute.
+    /// Set the speed, electrical revolutions per minute.
     SetRpm(i32),
-    /// Drive this current through the motor; 0 lets it coast.
+    /// Set the motor current, mA; 0 releases the motor.
     SetCurrentMa(i32),
 }
 
-/// What a controller says by itself.
+/// A status frame, which a controller sends at a fixed rate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum VescStatus {
     /// STATUS.
     Motion {
         /// Electrical revolutions per minute.
         erpm: i32,
-        /// Current through the motor, 0.1 A.
+        /// Motor current, 0.1 A.
         current_da: i16,
         /// Duty cycle, thousandths.
         duty_permille: i16,
@@ -41,13 +50,13 @@ pub enum VescStatus {
     Position {
         /// Steps of the motor since power-on, six per electrical revolution, wrapping.
         tachometer: i32,
-        /// Supply, 0.1 V.
+        /// Supply voltage, 0.1 V.
         voltage_dv: i16,
     },
 }
 
 impl VescCommand {
-    /// The frame that tells controller `node`.
+    /// The frame to controller `node`.
     pub fn encode(self, node: u8) -> CanFrame {
         let (command, value) = match self {
             VescCommand::SetRpm(erpm) => (SET_RPM, erpm),
@@ -56,26 +65,27 @@ impl VescCommand {
         encode_frame(command, node, &value.to_be_bytes())
     }
 
-    /// Node and order of a frame; `None` for another frame. For whoever plays a controller.
-    pub fn decode(frame: &CanFrame) -> Option<(u8, VescCommand)> {
+    /// Decodes a frame, for a program that acts as a controller; `None` for other frames.
+    pub fn decode(frame: &CanFrame) -> Option<Addressed<VescCommand>> {
         let (command, node) = split_identifier(frame)?;
         let value = i32::from_be_bytes(frame.data().try_into().ok()?);
-        match command {
-            SET_RPM => Some((node, VescCommand::SetRpm(value))),
-            SET_CURRENT => Some((node, VescCommand::SetCurrentMa(value))),
-            _ => None,
-        }
+        let message = match command {
+            SET_RPM => VescCommand::SetRpm(value),
+            SET_CURRENT => VescCommand::SetCurrentMa(value),
+            _ => return None,
+        };
+        Some(Addressed { node, message })
     }
 }
 
 impl VescStatus {
-    /// Node and status of a frame; `None` for another frame (or one that is too short).
-    pub fn decode(frame: &CanFrame) -> Option<(u8, VescStatus)> {
+    /// Decodes a frame; `None` for other frames and those that are too short.
+    pub fn decode(frame: &CanFrame) -> Option<Addressed<VescStatus>> {
         let (command, node) = split_identifier(frame)?;
         let data = frame.data();
         let short = |at: usize| Some(i16::from_be_bytes([*data.get(at)?, *data.get(at + 1)?]));
         let long = |at: usize| Some(i32::from_be_bytes(data.get(at..at + 4)?.try_into().ok()?));
-        let status = match command {
+        let message = match command {
             STATUS => VescStatus::Motion {
                 erpm: long(0)?,
                 current_da: short(4)?,
@@ -90,10 +100,10 @@ impl VescStatus {
             },
             _ => return None,
         };
-        Some((node, status))
+        Some(Addressed { node, message })
     }
 
-    /// The frame as controller `node` sends it, fields that are not held here being zero.
+    /// The frame as controller `node` sends it; fields that are not represented here are zero.
     pub fn encode(self, node: u8) -> CanFrame {
         let mut data = [0; 8];
         let command = match self {

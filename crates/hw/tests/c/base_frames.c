@@ -1,4 +1,4 @@
-/* Reads frames in hexadecimal, one a line; writes what the header makes of each after taking it apart and building it anew. */
+/* Reads frames in hexadecimal, one per line; prints each after decoding and encoding it with the header. */
 #include <stdio.h>
 #include "mirrorball_base.h"
 

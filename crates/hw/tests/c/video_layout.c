@@ -1,4 +1,4 @@
-/* Prints what linux/videodev2.h says of the calls, offsets and constants that the camera driver uses. */
+/* Prints the calls, offsets and constants of linux/videodev2.h that the camera driver uses. */
 #include <stddef.h>
 #include <stdio.h>
 #include <linux/videodev2.h>

@@ -1,4 +1,4 @@
-//! Devices on the bench: pseudo terminals that a test plugs in, speaks through and unplugs again.
+//! Simulated serial devices: pseudo terminals that a test connects, uses and disconnects.
 
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;
@@ -9,10 +9,10 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use tempfile::TempDir;
 
-/// Longest time that anything is waited for; nothing here takes a hundredth of it on an idle machine.
+/// Timeout of every wait; an idle machine needs less than a hundredth of it.
 const TIMEOUT: Duration = Duration::from_secs(20);
 
-/// A place where a serial device is plugged in, under a name that stays the same.
+/// A serial port with a constant path, to which a device can be connected.
 pub(crate) struct PseudoSerialPort {
     folder: TempDir,
     master: Option<OwnedFd>,
@@ -27,9 +27,9 @@ impl PseudoSerialPort {
     }
 
     pub(crate) fn connected() -> Self {
-        let mut socket = PseudoSerialPort::disconnected();
-        socket.connect();
-        socket
+        let mut port = PseudoSerialPort::disconnected();
+        port.connect();
+        port
     }
 
     pub(crate) fn path(&self) -> PathBuf {
@@ -46,7 +46,6 @@ impl PseudoSerialPort {
         grantpt(&master).expect("granted");
         unlockpt(&master).expect("unlocked");
         let name = ptsname(&master, Vec::new()).expect("a name");
-        // An own slave keeps the line alive until the driver has opened it.
         std::os::unix::fs::symlink(name.to_str().expect("text"), self.path()).expect("linked");
         self.master = Some(master);
     }
@@ -60,14 +59,14 @@ impl PseudoSerialPort {
     pub(crate) fn send(&self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
-            let written = rustix::io::write(self.master.as_ref().expect("plugged"), rest);
+            let written = rustix::io::write(self.master.as_ref().expect("connected"), rest);
             rest = &rest[written.expect("written")..];
         }
     }
 
-    /// What the driver has sent; waits a little if nothing is there.
+    /// The bytes that the driver has sent; waits 2 ms if there are none.
     pub(crate) fn read(&self) -> Vec<u8> {
-        let master = self.master.as_ref().expect("plugged");
+        let master = self.master.as_ref().expect("connected");
         let wait = Timespec {
             tv_sec: 0,
             tv_nsec: 2_000_000,
@@ -77,36 +76,36 @@ impl PseudoSerialPort {
         if poll(&mut fds, Some(&wait)).expect("polled") == 0 {
             return Vec::new();
         }
-        // A line that the driver has not opened yet (or has closed) fails to be read: nothing was sent.
+        // Reading fails while the driver has the port closed; then it has sent nothing.
         let bytes = rustix::io::read(master, &mut buffer[..]).unwrap_or(0);
         buffer.truncate(bytes);
         buffer
     }
 }
 
-/// Repeats `step` until it yields something.
+/// Repeats `step` until it returns a value.
 pub(crate) fn wait_until<T>(what: &str, mut step: impl FnMut() -> Option<T>) -> T {
-    let began = hw::now();
+    let start = hw::now();
     loop {
         if let Some(result) = step() {
             return result;
         }
         assert!(
-            hw::now() - began < TIMEOUT.as_secs_f64(),
-            "waited for {what}"
+            hw::now() - start < TIMEOUT.as_secs_f64(),
+            "timeout while waiting for {what}"
         );
     }
 }
 
-/// Takes events until one is what is wanted.
+/// Takes events until `select` returns a value for one.
 pub(crate) fn wait_for_event<T>(
-    inbox: &EventQueue,
+    queue: &EventQueue,
     what: &str,
-    mut wanted: impl FnMut(DeviceEvent) -> Option<T>,
+    mut select: impl FnMut(DeviceEvent) -> Option<T>,
 ) -> T {
     wait_until(what, || {
-        inbox
+        queue
             .pop_timeout(Duration::from_millis(5))
-            .and_then(&mut wanted)
+            .and_then(&mut select)
     })
 }

@@ -1,10 +1,10 @@
-//! Field files: their keys, and the bounds of the sizes.
+//! The field file and the check of its sizes.
 
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-/// A field as in its TOML file; lengths in metres, 0 omits a marking.
+/// Content of a field's TOML file. Lengths in metres; 0 leaves a marking out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
@@ -31,21 +31,21 @@ pub struct FieldConfig {
     /// Distance of the penalty spots from the goal line.
     #[serde(default)]
     pub penalty_spot: f32,
-    /// The small area before each goal.
+    /// The small area in front of each goal.
     #[serde(default)]
     pub goal_area: Area,
-    /// The large area before each goal.
+    /// The large area in front of each goal.
     #[serde(default)]
     pub penalty_area: Area,
     /// The goals, one at each end.
     pub goal: GoalConfig,
-    /// Walls around the carpet (the league's fields until 2001).
+    /// Walls around the carpet (league fields until 2001).
     #[serde(default)]
     pub walls: bool,
-    /// The line through the centre, across the field.
+    /// Line through the centre, across the field.
     #[serde(default = "default_true")]
     pub halfway_line: bool,
-    /// Further painted lines: [x0, y0, x1, y1] of their centre line.
+    /// Further lines: [x0, y0, x1, y1] of their centre lines.
     #[serde(default)]
     pub extra_lines: Vec<[f32; 4]>,
 }
@@ -60,12 +60,12 @@ fn default_true() -> bool {
 pub enum MeasuredTo {
     /// Between the centres of the lines.
     Centres,
-    /// To the outer edges of the lines (rule book).
+    /// To the outer edges of the lines, as in the rule book.
     #[default]
     OuterEdges,
 }
 
-/// A rectangle before a goal.
+/// A rectangle in front of a goal.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Area {
@@ -111,10 +111,10 @@ pub enum FieldError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's error.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The file cannot be parsed.
+    /// The file is not a field.
     #[error("{}: {source}", path.display())]
     Parse {
         /// The file.
@@ -122,41 +122,40 @@ pub enum FieldError {
         /// Line and reason.
         source: Box<toml::de::Error>,
     },
-    /// A size out of bounds.
+    /// A size that is out of range.
     #[error("{key} = {value}: {reason}")]
     InvalidSize {
         /// The key in the file.
         key: &'static str,
         /// Its value, metres.
         value: f32,
-        /// What is expected.
+        /// What is wrong with it.
         reason: &'static str,
     },
-    /// As `InvalidSize`, with the file's name.
+    /// Like `InvalidSize`, with the file's name.
     #[error("{}: {source}", path.display())]
     InFile {
         /// The file.
         path: PathBuf,
-        /// What is wrong in it.
+        /// The invalid size.
         source: Box<FieldError>,
     },
 }
 
 impl FieldConfig {
-    /// Refuses sizes out of bounds.
+    /// Refuses sizes that are out of range or contradict each other.
     pub(super) fn check(&self) -> Result<(), FieldError> {
         check(self)
     }
 }
 
-/// Refuses sizes out of bounds.
 fn check(config: &FieldConfig) -> Result<(), FieldError> {
     for (key, value) in [
         ("length", config.length),
         ("width", config.width),
         ("line_width", config.line_width),
     ] {
-        // The largest football pitch is 120 m long; the tables grow with the area.
+        // The largest football pitch is 120 m long. The tables' memory grows with the area.
         if !(value > 0.0 && value <= 200.0) {
             return invalid_size(
                 key,
@@ -182,9 +181,9 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
         return invalid_size("line_width", config.line_width, reason);
     }
     let extra = config.extra_lines.iter().flatten();
-    // A marking may lie outside the lines, up to a field's size away.
-    let far = config.length.max(config.width);
-    if let Some(&value) = extra.into_iter().find(|value| !(value.abs() <= far)) {
+    // A marking may lie outside the boundary, within the size of one more field.
+    let limit = config.length.max(config.width);
+    if let Some(&value) = extra.into_iter().find(|value| !(value.abs() <= limit)) {
         return invalid_size(
             "extra_lines",
             value,
@@ -198,7 +197,7 @@ fn invalid_size(key: &'static str, value: f32, reason: &'static str) -> Result<(
     Err(FieldError::InvalidSize { key, value, reason })
 }
 
-/// Sizes that may be zero: key, value, largest value, and why not more.
+/// Sizes that may be zero: key, value, upper limit, and the reason for the limit.
 fn size_limits(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str); 13] {
     let FieldConfig {
         goal,
@@ -209,15 +208,15 @@ fn size_limits(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str);
     let (half_length, half_width) = (config.length / 2.0, config.width / 2.0);
     let wide = "does not fit on the goal line";
     let deep = "reaches beyond the halfway line";
-    // A field may have only one of the two areas.
+    // Without a penalty area, the goal area may cover the field's half.
     let whole = Area {
         depth: half_length,
         width: config.width,
     };
     let both = penalty_area.depth > 0.0 && penalty_area.width > 0.0;
     let (inside, deeper, wider) = if both {
-        let outside = "reaches beyond the penalty area";
-        (*penalty_area, outside, outside)
+        let beyond_penalty_area = "reaches beyond the penalty area";
+        (*penalty_area, beyond_penalty_area, beyond_penalty_area)
     } else {
         (whole, deep, wide)
     };

@@ -1,23 +1,22 @@
-//! Goals of two colours resolve the half of the field and test a pose.
+//! Likelihood of a pose by goals of two colours (docs/methods.md 9.3).
 //!
-//! The goal colour test of lima2001 4.5, in two forms. The paper's form classifies points inside the nearest goal
-//! (`global_search::hough::confirm_by_goal_colours`). The second form is a likelihood for hypotheses and for the half of
-//! a tracked pose.
+//! lima2001 4.5 tests the goal colours point by point inside the nearest goal (`global_search::hough`). Here the observed
+//! goals weight hypotheses and the field half of a tracked pose.
 
 use crate::field::{Field, GoalColour};
 use crate::frames::{At, FieldFrame, Pose, RobotFrame};
 use crate::global_search::branch_and_bound::half_turn;
 use crate::sample::GoalObservation;
 
-/// Squared Mahalanobis distance at which the cost is cut off: beyond it the colour is a banner or a spectator.
+/// Limit of the squared deviation of a goal, in standard deviations. Beyond it the colour is that of another object.
 const MAHALANOBIS_SQUARED_MAX: f32 = 9.0;
 
-/// Positions of the goals, if their colours differ.
+/// Positions of the goals. Empty if both have the same colour.
 #[derive(Debug, Clone)]
 pub(crate) struct ColouredGoals {
     goals: Vec<(GoalColour, At<FieldFrame>)>,
-    /// Standard deviation of the detected middle of a goal's base from the middle of its box, metres: the carpet extends
-    /// into the goal, and half of it may be occluded.
+    /// Standard deviation of the visible middle of a goal from the middle of its box, metres: the carpet extends into it,
+    /// and half of it may be occluded.
     position_std: f32,
 }
 
@@ -25,13 +24,13 @@ impl ColouredGoals {
     pub(crate) fn new(field: &Field) -> Self {
         let goal = &field.config.goal;
         let middle = (field.length + goal.depth) / 2.0;
-        let [ahead, behind] = goal.colours;
-        let goals = if ahead == behind {
+        let [positive_x, negative_x] = goal.colours;
+        let goals = if positive_x == negative_x {
             Vec::new()
         } else {
             vec![
-                (ahead, At::new(middle, 0.0)),
-                (behind, At::new(-middle, 0.0)),
+                (positive_x, At::new(middle, 0.0)),
+                (negative_x, At::new(-middle, 0.0)),
             ]
         };
         ColouredGoals {
@@ -40,11 +39,11 @@ impl ColouredGoals {
         }
     }
 
-    /// Negative log likelihood of detected goals at a pose.
-    pub(crate) fn cost(&self, pose: Pose, observations: &[GoalObservation]) -> f32 {
-        observations
+    /// Negative log likelihood of the observed goals at a pose.
+    pub(crate) fn cost(&self, pose: Pose, observed: &[GoalObservation]) -> f32 {
+        observed
             .iter()
-            .map(|observation| self.observation_cost(pose, observation))
+            .map(|goal| self.observation_cost(pose, goal))
             .sum()
     }
 
@@ -52,34 +51,27 @@ impl ColouredGoals {
         let mut goals = self
             .goals
             .iter()
-            .filter(|goal| goal.0 == observation.colour);
+            .filter(|(colour, _)| *colour == observation.colour);
         let Some((_, goal)) = goals.next() else {
             return 0.0;
         };
-        let off = (pose * observation.at).distance_to(*goal);
+        let distance = (pose * observation.at).distance_to(*goal);
         let variance = observation.std * observation.std + self.position_std * self.position_std;
-        0.5 * (off * off / variance).min(MAHALANOBIS_SQUARED_MAX)
+        0.5 * (distance * distance / variance).min(MAHALANOBIS_SQUARED_MAX)
     }
 
     /// Log odds of a pose against its half turn.
-    pub(crate) fn half_log_odds(&self, pose: Pose, observations: &[GoalObservation]) -> f32 {
-        self.cost(half_turn(pose), observations) - self.cost(pose, observations)
+    pub(crate) fn half_log_odds(&self, pose: Pose, observed: &[GoalObservation]) -> f32 {
+        self.cost(half_turn(pose), observed) - self.cost(pose, observed)
     }
 }
 
-/// The image's goal colour at a ground point: that of a goal detected in this direction and not farther away.
-pub(crate) fn colour_at(
-    at: At<RobotFrame>,
-    observations: &[GoalObservation],
-) -> Option<GoalColour> {
-    let covers = |observation: &&GoalObservation| {
-        let (bearing, range) = (observation.at.bearing(), observation.at.distance());
-        let off = crate::frames::wrap_angle(at.bearing() - bearing).abs();
-        off <= (0.5 * observation.width).atan2(range)
-            && at.distance() >= range - 2.0 * observation.std
+/// Colour of an observed goal that covers a ground point: same direction, and not behind it.
+pub(crate) fn colour_at(at: At<RobotFrame>, observed: &[GoalObservation]) -> Option<GoalColour> {
+    let covers = |goal: &&GoalObservation| {
+        let (bearing, range) = (goal.at.bearing(), goal.at.distance());
+        let deviation = crate::frames::wrap_angle(at.bearing() - bearing).abs();
+        deviation <= (0.5 * goal.width).atan2(range) && at.distance() >= range - 2.0 * goal.std
     };
-    observations
-        .iter()
-        .find(covers)
-        .map(|observation| observation.colour)
+    observed.iter().find(covers).map(|goal| goal.colour)
 }

@@ -1,4 +1,4 @@
-//! The field: its TOML file, and the centre lines of its markings.
+//! The field: markings as centre lines, and goals, from a TOML file.
 
 mod config;
 pub(crate) mod goal_colours;
@@ -20,30 +20,30 @@ pub enum Marking {
         /// The other end.
         to: At<FieldFrame>,
     },
-    /// A circle or a part of one.
+    /// A circle or an arc.
     Arc {
-        /// Its centre.
+        /// Centre.
         centre: At<FieldFrame>,
         /// Radius of the line's centre, metres.
         radius: f32,
         /// Start angle, radians.
         start: f32,
-        /// Angle covered counter-clockwise, radians.
+        /// Length counter-clockwise, radians.
         sweep: f32,
     },
     /// A filled disc.
     Spot {
-        /// Its centre.
+        /// Centre.
         centre: At<FieldFrame>,
         /// Radius of the painted disc, metres.
         radius: f32,
     },
 }
 
-/// A field with line centres computed, whatever reference its file uses.
+/// A field with its markings as centre lines, whatever its file measures to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
-    /// The file's content.
+    /// Content of the file.
     pub config: FieldConfig,
     /// Between the centres of the goal lines, metres.
     pub length: f32,
@@ -70,10 +70,10 @@ impl Field {
         })
     }
 
-    /// Computes the markings; contradictory sizes are refused.
+    /// Lays out the markings. Sizes that contradict each other are refused.
     pub fn new(config: FieldConfig) -> Result<Self, FieldError> {
         config.check()?;
-        // Distance of a line's centre inside the reference of the file's sizes.
+        // Distance of a line's centre inside the file's reference.
         let inset = match config.measured_to {
             MeasuredTo::Centres => 0.0,
             MeasuredTo::OuterEdges => config.line_width / 2.0,
@@ -166,7 +166,7 @@ fn rectangle(x0: f32, y0: f32, x1: f32, y1: f32) -> [Marking; 4] {
     ]
 }
 
-/// Quarter circles around the corners of the file's sizes.
+/// Quarter circles about the corners of the file's reference rectangle.
 fn corner_arcs(config: &FieldConfig, radius: f32) -> [Marking; 4] {
     use std::f32::consts::{FRAC_PI_2, PI};
     let (x, y) = (config.length / 2.0, config.width / 2.0);
@@ -294,7 +294,7 @@ pub(crate) mod tests {
 
     #[test]
     fn msl_2001_field_has_its_model_lines_and_coloured_goals() {
-        // lima2001 4.3: six lines along the field, five across (fronts of both goal areas, goal lines, halfway line).
+        // lima2001 4.3: six lines along the field, five across (both goal areas' fronts, goal lines, halfway line).
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields");
         let field = Field::load(&folder.join("msl_2001.toml")).expect("a field");
         assert_eq!(

@@ -57,7 +57,7 @@ impl Default for MatchConfig {
             steps_max: 20,
             convergence_step: 2e-4,
             tilt_std_deg: 0.45,
-            viewpoint_height: 0.75,
+            viewpoint_height: crate::robot::DEFAULT_VIEWPOINT_HEIGHT,
         }
     }
 }

@@ -13,6 +13,17 @@ mod exposure;
 pub use camera::CameraConfig;
 pub use exposure::{CameraControl, CameraSetting};
 
+/// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface half way out to its rim.
+///
+/// A tilt moves a ground point by its distance squared over this height, so it belongs to the mean pixel.
+pub const DEFAULT_VIEWPOINT_HEIGHT: f32 = 0.75;
+
+/// Height of the mirror's rim if no mirror profile is known, metres: the league allows robots of 0.8.
+///
+/// Not [`DEFAULT_VIEWPOINT_HEIGHT`]: object detection and the view see far objects near the mirror's rim, which is
+/// higher than its middle. With a profile both use the profile's own height.
+pub const DEFAULT_MIRROR_RIM_HEIGHT: f32 = 0.78;
+
 /// A robot file. Paths are relative to the file; `load` has already resolved them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

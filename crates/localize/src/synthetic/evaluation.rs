@@ -14,7 +14,6 @@ use crate::frames::Pose;
 use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, half_turn};
 use crate::global_search::{GlobalSearch, SearchInput};
 use crate::localizer::Localizer;
-use crate::localizer::candidates::pose_difference;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::random::standard_normal;
@@ -70,7 +69,7 @@ pub fn evaluate_tracking(
                 score.lost_frames += 1;
                 continue;
             };
-            let off = pose_difference(pose, frame.true_pose);
+            let off = pose.difference(frame.true_pose);
             score.undetected_failures +=
                 usize::from(estimate.mode == Mode::Tracking && off[0].hypot(off[1]) >= 0.5);
             for (i, value) in [off[0], off[1], off[2].to_degrees()]
@@ -160,7 +159,7 @@ pub fn evaluate_global_search(
 }
 
 fn is_correct(pose: Pose, truth: Pose) -> bool {
-    let off = pose_difference(pose, truth);
+    let off = pose.difference(truth);
     off[0].hypot(off[1]) < 0.25 && off[2].abs() < 5.0_f32.to_radians()
 }
 
@@ -196,7 +195,7 @@ pub fn evaluate_kidnaps(
             localizer.add_compass(&frame.compass);
             let estimate = localizer.process_points(frame.stamp, &frame.points);
             let is_correct = estimate.pose.is_some_and(|pose| {
-                let off = pose_difference(pose, frame.true_pose);
+                let off = pose.difference(frame.true_pose);
                 off[0].hypot(off[1]) < 0.15 && off[2].abs() < 3.0_f32.to_radians()
             });
             if estimate.mode != Mode::Tracking || is_correct {

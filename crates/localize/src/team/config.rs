@@ -3,7 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The team model.
+use crate::config::{SettingError, TEAM_BOUNDS, check_bounds};
+
+/// Sharing among team-mates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TeamConfig {
@@ -45,28 +47,8 @@ impl Default for TeamConfig {
 }
 
 impl TeamConfig {
-    /// Refuses values out of range; the message names the key, its value and the bounds.
-    pub fn check(&self) -> Result<(), String> {
-        let bounds = [
-            ("team.teammates_max", self.teammates_max as f32, 0.0, 12.0),
-            ("team.ball_age_max", self.ball_age_max, 0.01, 60.0),
-            ("team.report_timeout", self.report_timeout, 0.01, 3600.0),
-            (
-                "team.ball_acceleration_noise",
-                self.ball_acceleration_noise,
-                0.0,
-                100.0,
-            ),
-            ("team.velocity_std", self.velocity_std, 0.0, 100.0),
-            ("team.position_std_min", self.position_std_min, 1e-3, 10.0),
-            ("team.gate", self.gate, 0.1, 1e4),
-            ("team.half_log_odds_max", self.half_log_odds_max, 0.0, 10.0),
-        ];
-        for (key, value, low, high) in bounds {
-            if !(value >= low && value <= high) {
-                return Err(format!("{key} = {value}: must be {low} to {high}"));
-            }
-        }
-        Ok(())
+    /// Refuses values that cannot work, and names the first.
+    pub fn check(&self) -> Result<(), SettingError> {
+        check_bounds("team", self, TEAM_BOUNDS)
     }
 }

@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::config::{SettingError, WORLD_BOUNDS, check_bounds};
+
 /// The world model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -116,84 +118,8 @@ impl Default for ObjectConfig {
 }
 
 impl WorldConfig {
-    /// Refuses values out of range; the message names the key, its value and the bounds.
-    pub fn check(&self) -> Result<(), String> {
-        let mut bounds = vec![
-            ("world.gap_max", self.gap_max, 0.01, 60.0),
-            ("world.own_speed_max", self.own_speed_max, 0.0, 100.0),
-            ("world.odometry_std", self.odometry_std, 0.0, 1.0),
-            ("world.tilt_std_deg", self.tilt_std_deg, 0.0, 10.0),
-            ("world.position_std", self.position_std, 1e-4, 10.0),
-            (
-                "world.airborne_range_share",
-                self.airborne_range_share,
-                0.0,
-                10.0,
-            ),
-            ("world.robot_radius", self.robot_radius, 0.0, 1.0),
-        ];
-        for object in [&self.ball, &self.robots] {
-            bounds.extend([
-                (
-                    "world.*.acceleration_noise",
-                    object.acceleration_noise,
-                    1e-3,
-                    100.0,
-                ),
-                ("world.*.deceleration", object.deceleration, 0.0, 100.0),
-                (
-                    "world.*.initial_speed_std",
-                    object.initial_speed_std,
-                    1e-3,
-                    100.0,
-                ),
-                ("world.*.gate", object.gate, 0.1, 1e4),
-                (
-                    "world.*.detection_probability",
-                    object.detection_probability,
-                    0.01,
-                    0.99,
-                ),
-                (
-                    "world.*.false_alarm_probability",
-                    object.false_alarm_probability,
-                    1e-4,
-                    0.99,
-                ),
-                ("world.*.range_max", object.range_max, 0.0, 1e3),
-                (
-                    "world.*.birth_probability",
-                    object.birth_probability,
-                    1e-3,
-                    0.99,
-                ),
-                (
-                    "world.*.confirm_probability",
-                    object.confirm_probability,
-                    0.0,
-                    0.99,
-                ),
-                (
-                    "world.*.delete_probability",
-                    object.delete_probability,
-                    0.0,
-                    0.99,
-                ),
-                ("world.*.unseen_max", object.unseen_max, 0.0, 1e3),
-                (
-                    "world.*.position_std_max",
-                    object.position_std_max,
-                    1e-3,
-                    1e3,
-                ),
-                ("world.*.separation_min", object.separation_min, 0.0, 10.0),
-            ]);
-        }
-        for (key, value, low, high) in bounds {
-            if !(value >= low && value <= high) {
-                return Err(format!("{key} = {value}: must be {low} to {high}"));
-            }
-        }
-        Ok(())
+    /// Refuses values that cannot work, and names the first.
+    pub fn check(&self) -> Result<(), SettingError> {
+        check_bounds("world", self, WORLD_BOUNDS)
     }
 }

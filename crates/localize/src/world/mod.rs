@@ -27,7 +27,8 @@ use crate::tilt::ground_from_map;
 pub enum OdometryFrame {}
 
 /// The colour of a robot's team marker.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TeamColour {
     /// Cyan.
     Cyan,

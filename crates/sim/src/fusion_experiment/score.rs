@@ -2,9 +2,8 @@
 
 use localize::config::LocalizeConfig;
 use localize::estimate::{Estimate, Mode};
-use localize::frames::{Pose, wrap_angle};
+use localize::frames::Pose;
 use localize::{Field, Localizer, Stamp, Tf};
-use nalgebra::Vector3;
 
 use super::recording::{PointObservation, RADIUS_SCALE, RecordedDrive, SensorInput};
 use super::{Course, Estimator, FusionScore};
@@ -40,7 +39,7 @@ impl ScoreSums {
         if frame.stamp.seconds() < SCORING_START {
             return;
         }
-        let off = pose_difference(pose, frame.truth);
+        let off = pose.difference(frame.truth);
         let distance = off[0].hypot(off[1]);
         if frame.vision_loss_end {
             self.vision_loss_errors.push(distance);
@@ -64,7 +63,7 @@ impl ScoreSums {
         let (Some(pose), false) = (estimate.pose, frame.vision_lost) else {
             return;
         };
-        let off = pose_difference(pose, frame.truth);
+        let off = pose.difference(frame.truth);
         let Some(inverse) = estimate.covariance.try_inverse() else {
             return;
         };
@@ -181,7 +180,7 @@ impl<'a> PushErrors<'a> {
         if frame.vision_lost {
             return;
         }
-        let off = pose_difference(pose, frame.truth);
+        let off = pose.difference(frame.truth);
         for (stamp, largest) in self.stamps.iter().zip(&mut self.largest) {
             if (0.0..1.0).contains(&stamp.seconds_until(frame.stamp)) {
                 *largest = largest.max(off[0].hypot(off[1]));
@@ -192,8 +191,4 @@ impl<'a> PushErrors<'a> {
     fn finish(self, frames: &mut ScoreSums) {
         frames.post_push_errors.extend(self.largest);
     }
-}
-
-fn pose_difference(a: Pose, b: Pose) -> Vector3<f32> {
-    Vector3::new(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
 }

@@ -13,8 +13,8 @@ use super::solids::{
 };
 use super::{Scene, linear};
 use crate::light::LightConfig;
-use crate::scenario::TeamColour;
 use crate::world::{OTHER_HALF_SIDE, RobotState};
+use localize::world::TeamColour;
 
 /// Where the hall's lamps' light comes from on the field: a unit vector.
 const LIGHT_DIRECTION: [f32; 2] = [0.8, 0.6];

@@ -2,8 +2,8 @@ use std::path::Path;
 
 use super::*;
 use crate::image_sensor::linear_from_srgb;
-use crate::scenario::TeamColour;
 use localize::robot::RobotConfig;
+use localize::world::TeamColour;
 use vision::RayTable;
 
 struct RenderFixture {

@@ -1,0 +1,24 @@
+//! How does a camera take its images? Exposure, gain and white balance, each fixed or automatic.
+
+use crate::config::CameraDeviceConfig;
+
+/// Settings of a camera; a value that is `None` is automatic.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CameraSettings {
+    /// Exposure, seconds.
+    pub exposure: Option<f32>,
+    /// Gain, unit of the driver.
+    pub gain: Option<i32>,
+    /// White balance, kelvin.
+    pub white_balance_k: Option<i32>,
+}
+
+impl CameraSettings {
+    pub(super) fn from_config(device: &CameraDeviceConfig) -> Self {
+        CameraSettings {
+            exposure: device.exposure,
+            gain: device.gain,
+            white_balance_k: device.white_balance_k,
+        }
+    }
+}
