@@ -1,4 +1,4 @@
-//! In whose coordinates? Points and rigid motions of the plane that carry their frames in their types.
+//! Coordinate frames: points and rigid motions of the plane, with their frames in the types.
 //!
 //! Field: origin at the field's centre, x along its length, y to the left of x. Robot: origin on the ground below
 //! the mirror's axis, x forward, y left. Angles counter-clockwise, radians (nubot2013 eq. 1).
@@ -54,7 +54,7 @@ impl<F> At<F> {
         (self.x - other.x).hypot(self.y - other.y)
     }
 
-    /// Direction seen from the frame's origin, radians.
+    /// Direction from the frame's origin, radians.
     pub fn bearing(self) -> f32 {
         self.y.atan2(self.x)
     }
@@ -63,9 +63,9 @@ impl<F> At<F> {
 /// The rigid motion that takes coordinates of frame `B` to frame `A`: `a = a_from_b * b`.
 #[derive(Debug, PartialEq)]
 pub struct Tf<A, B> {
-    /// Where B's origin lies in A, metres.
+    /// B's origin in A, metres.
     pub x: f32,
-    /// Where B's origin lies in A, metres.
+    /// B's origin in A, metres.
     pub y: f32,
     /// Direction of B's x axis in A, radians in (−π, π].
     pub theta: f32,
@@ -141,10 +141,10 @@ impl<A, B, C> Mul<Tf<B, C>> for Tf<A, B> {
     }
 }
 
-/// Where the robot is: field_from_robot.
+/// The robot's pose on the field: field_from_robot.
 pub type Pose = Tf<FieldFrame, RobotFrame>;
 
-/// The angle in (−π, π] that differs from `angle` by whole turns.
+/// The angle in (−π, π] that equals `angle` modulo 2π.
 pub fn wrap_angle(angle: f32) -> f32 {
     use std::f32::consts::{PI, TAU};
     if angle > -PI && angle <= PI {

@@ -19,8 +19,8 @@ use vision::process::{Detections, Vision};
 use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::paths;
-use crate::scan_map_cache::{self, CacheStatus};
 use crate::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use crate::scan_map_cache::{self, CacheStatus};
 use crate::setup::Setup;
 
 /// The stages in their order, with their state from image to image.

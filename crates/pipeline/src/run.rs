@@ -14,9 +14,9 @@ use vision::config::ObjectConfig;
 
 use crate::config::PipelineConfig;
 use crate::cycle::Cycle;
-use crate::pipeline::Pipeline;
 use crate::log::{LogConfig, Recorder, start_log};
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
+use crate::pipeline::Pipeline;
 use crate::recording::Recording;
 use crate::score;
 use crate::score::detections::{DetectionStatistics, DetectionSummary, GroundTruthScene};

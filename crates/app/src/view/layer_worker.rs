@@ -135,7 +135,10 @@ fn run_worker(mailbox: &(Mutex<Mailbox>, Condvar), wake: &impl Fn()) {
     loop {
         let mut guard = lock(&mailbox.0);
         while guard.job.is_none() && !guard.closed {
-            guard = mailbox.1.wait(guard).unwrap_or_else(PoisonError::into_inner);
+            guard = mailbox
+                .1
+                .wait(guard)
+                .unwrap_or_else(PoisonError::into_inner);
         }
         if guard.closed {
             return;
@@ -246,7 +249,8 @@ impl LayerRenderer {
         let Some((_, vision)) = &mut self.vision else {
             return Err("vision is not initialised".to_owned());
         };
-        vision.process_lines(&image.view())
+        vision
+            .process_lines(&image.view())
             .map_err(|error| error.to_string())?;
         let model = *vision.carpet_model().ok_or("no carpet colour learned")?;
         if self.carpet_model != Some(model) {

@@ -143,7 +143,7 @@ impl Localizer {
     }
 }
 
-/// Where points lie on the ground if the robot leant by (a, b) when they were seen (MATH.md 2, "Tilt").
+/// Moves points of the upright map to their ground points for tilt (a, b) (docs/methods.md 3.3).
 pub(super) fn compensate_points(points: &mut [LinePoint], [a, b]: [f32; 2], height: f32) {
     for point in points {
         let At { x, y, .. } = point.at;

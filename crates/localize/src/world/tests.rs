@@ -97,13 +97,13 @@ impl TrackingScene {
             dtheta: moved.theta,
             slip: 0.0,
         });
-        let sight = WorldObservation {
+        let observation = WorldObservation {
             ball: ball.map(|at| self.observe(at)),
             robots: robots.iter().map(|at| self.observe(*at)).collect(),
         };
         let pose = located.then(|| self.pose());
         self.model
-            .update(stamp, Some(&sight), &estimate(stamp, pose))
+            .update(stamp, Some(&observation), &estimate(stamp, pose))
     }
 }
 
@@ -258,13 +258,13 @@ fn single_false_alarm_and_non_finite_observations_give_no_object() {
         airborne: true,
         team: Some(TeamColour::Cyan),
     };
-    let sight = WorldObservation {
+    let observation = WorldObservation {
         ball: Some(nonsense),
         robots: vec![nonsense; 3],
     };
     for frame in 0..10 {
         let stamp = Stamp::from_seconds(f64::from(frame) * FRAME);
-        let world = model.update(stamp, Some(&sight), &estimate(stamp, None));
+        let world = model.update(stamp, Some(&observation), &estimate(stamp, None));
         assert_eq!(world, WorldView::default());
     }
 }
@@ -277,14 +277,14 @@ fn pose_differences_replace_missing_odometry() {
     for _ in 0..20 {
         scene.frame += 1;
         let stamp = scene.stamp();
-        let sight = WorldObservation {
+        let observation = WorldObservation {
             ball: None,
             robots: vec![scene.observe(robot)],
         };
         let pose = scene.pose();
         world = scene
             .model
-            .update(stamp, Some(&sight), &estimate(stamp, Some(pose)));
+            .update(stamp, Some(&observation), &estimate(stamp, Some(pose)));
     }
     let found = world.robots[0].on_field.expect("on the field");
     assert!(found.at.distance_to(robot) < 0.15);
