@@ -124,8 +124,8 @@ fn detect_line_points(
         let points = found
             .line_points
             .iter()
-            .map(|image_points| {
-                let point = &image_points.point;
+            .map(|detection| {
+                let point = &detection.point;
                 CalibrationPoint {
                     start: [f64::from(point.at.x), f64::from(point.at.y)],
                     std_radial: f64::from(point.std_radial),
