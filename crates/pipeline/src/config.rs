@@ -12,8 +12,6 @@ use serde::{Deserialize, Serialize};
 use vision::config::VisionConfig;
 
 mod renamed_keys;
-#[cfg(test)]
-mod tests;
 
 pub use renamed_keys::{RENAMED_KEYS, RENAMED_VALUES};
 
@@ -23,6 +21,21 @@ pub(crate) use renamed_keys::translate;
 pub const PIPELINE_FILE: &str = "pipeline.toml";
 
 /// Settings of all stages. A preset or an overlay file changes single values.
+///
+/// ```
+/// # fn main() -> anyhow::Result<()> {
+/// use pipeline::PipelineConfig;
+/// use pipeline::config::apply_overlay;
+///
+/// let paper = PipelineConfig::preset("minho2016")?;
+/// let overlay = "vision.scan.range_max = 7.0".parse()?;
+/// assert_eq!(apply_overlay(&paper, overlay)?.vision.scan.range_max, 7.0);
+///
+/// let error = apply_overlay(&paper, "vision.scan.range_max = -1".parse()?).unwrap_err();
+/// assert!(error.to_string().starts_with("vision.scan.range_max = -1: must be between"));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PipelineConfig {

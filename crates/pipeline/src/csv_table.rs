@@ -1,4 +1,4 @@
-//! How is a CSV of a recording read and written? By its header's names, each fault with file, line and reason.
+//! How is a CSV file of a recording read and written? By column name; errors name file, line and reason.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 
-/// A CSV file read whole: its rows, with the line each stood on.
+/// A CSV file in memory: its rows with their line numbers.
 pub struct CsvTable {
     path: PathBuf,
     columns: Vec<String>,
     rows: Vec<(u64, csv::StringRecord)>,
 }
 
-/// One row of a table, asked by column name.
+/// One row of a table, read by column name.
 #[derive(Clone, Copy)]
 pub struct CsvRow<'a> {
     table: &'a CsvTable,
@@ -22,8 +22,8 @@ pub struct CsvRow<'a> {
 }
 
 impl CsvTable {
-    /// Reads a file that must have at least the wanted columns, in any order.
-    pub fn read(path: &Path, wanted: &[&str]) -> Result<Self> {
+    /// Reads a file that has at least the named columns, in any order.
+    pub fn read(path: &Path, required: &[&str]) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
@@ -36,7 +36,7 @@ impl CsvTable {
             .iter()
             .map(|name| name.trim_start_matches('\u{feff}').to_owned())
             .collect();
-        for name in wanted {
+        for name in required {
             if !columns.iter().any(|column| column == name) {
                 bail!(
                     "{}: line 1: no column {name} (found {})",
@@ -60,7 +60,7 @@ impl CsvTable {
         })
     }
 
-    /// The rows in the file's order.
+    /// The rows in the order of the file.
     pub fn rows(&self) -> impl Iterator<Item = CsvRow<'_>> {
         self.rows.iter().map(|(line, record)| CsvRow {
             table: self,
@@ -106,22 +106,22 @@ impl<'a> CsvRow<'a> {
         Ok(value)
     }
 
-    /// File and line, for messages.
+    /// File and line, for error messages.
     pub fn location(&self) -> String {
         format!("{}: line {}", self.table.path.display(), self.line)
     }
 }
 
-/// A CSV that appears whole under its name, or not at all.
+/// A CSV file that appears under its name when it is complete, or not at all.
 pub struct CsvWriter {
     path: PathBuf,
-    /// Where it grows until it is whole; none for a pipe or device, which takes lines as they come.
+    /// Hidden file that becomes the named one. None for a pipe or device, which takes lines at once.
     partial: Option<PathBuf>,
     out: BufWriter<File>,
 }
 
 impl CsvWriter {
-    /// Starts the file with its header line. A link is followed; a pipe or device is written straight to.
+    /// Starts the file with its header line. Links are followed; pipes and devices are written directly.
     pub fn create(path: &Path, header: &str) -> Result<Self> {
         let path = path
             .canonicalize()
@@ -137,13 +137,13 @@ impl CsvWriter {
             None => std::fs::OpenOptions::new().write(true).open(&path),
         };
         let file = file.with_context(|| format!("cannot write {}", path.display()))?;
-        let mut written = CsvWriter {
+        let mut writer = CsvWriter {
             path,
             partial,
             out: BufWriter::new(file),
         };
-        written.write_row(format_args!("{header}"))?;
-        Ok(written)
+        writer.write_row(format_args!("{header}"))?;
+        Ok(writer)
     }
 
     /// Adds one line.
@@ -151,7 +151,7 @@ impl CsvWriter {
         writeln!(self.out, "{row}").with_context(|| format!("cannot write {}", self.path.display()))
     }
 
-    /// Gives the file its name.
+    /// Completes the file and gives it its name.
     pub fn finish(mut self) -> Result<()> {
         self.out
             .flush()
@@ -166,14 +166,14 @@ impl CsvWriter {
 
 impl Drop for CsvWriter {
     fn drop(&mut self) {
-        // Gone already where `finish` renamed it; a failure here leaves a hidden .part file and nothing else.
+        // After `finish` there is nothing to remove; a failure leaves only a hidden .part file.
         if let Some(partial) = &self.partial {
             let _ = std::fs::remove_file(partial);
         }
     }
 }
 
-/// Seconds with no more decimals than a stamp has, and at least three.
+/// Seconds with at least three decimals, and as many as the stamp needs.
 pub fn format_seconds(stamp: localize::Stamp) -> String {
     let nanoseconds = stamp.0.unsigned_abs();
     let sign = if stamp.0 < 0 { "-" } else { "" };
@@ -212,7 +212,7 @@ mod tests {
             .nth(1)
             .expect("a row")
             .number("dx_m")
-            .expect_err("a word")
+            .expect_err("not a number")
             .to_string();
         assert!(
             message.contains("line 3") && message.contains("\"fast\""),

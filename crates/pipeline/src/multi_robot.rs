@@ -1,8 +1,8 @@
-//! Several of our robots on one field: how do they play together, each with eyes and a sense of place of its own?
+//! How do several of our robots play on one field, each with its own vision and localization?
 //!
-//! Each robot's simulation senses for that robot; the first one's world holds the ball and the opponents, and every
-//! hundredth of a second all worlds are brought into line. Words travel as the datagrams of `net::team`, and are lost,
-//! late and out of order as the scenario says. The same seed gives the same bits, however many threads there are.
+//! Each robot has its own simulation, which renders its sensors. The first simulation moves the ball and the opponents;
+//! every hundredth of a second the others are synchronised with it. Messages are the datagrams of [`crate::datagram`];
+//! the scenario says how they are lost, delayed and reordered. A seed gives the same bits with any number of threads.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -30,18 +30,18 @@ use crate::score::summary::{RunStatistics, Summary};
 use crate::score::{self, SampleStatistics};
 use crate::simulation::{sample_from_sim, setup_from_sim};
 
-/// The worlds are brought into line this often: in it a robot at 5 m/s moves 5 cm, and goes on as it did.
+/// Period of synchronisation: a robot at 5 m/s moves 5 cm in it.
 const SYNC_PERIOD: Stamp = Stamp(10_000_000);
-/// Chance of the radio, beside the streams that a simulation draws from.
+/// Random stream of the radio; the simulations use lower numbers.
 const RADIO_STREAM: u64 = 9;
-/// A ball nearer than this to some robot is known well by that one alone, metres.
+/// A ball is far if every robot is farther from it than this, metres.
 const FAR_BALL_DISTANCE: f32 = 4.0;
 
-/// Robots that play together.
+/// A simulation of several robots of one team.
 pub struct MultiRobotSimulation {
     players: Vec<SimulatedRobot>,
     radio: RadioChannel,
-    /// Where our robots stand among the others of each world.
+    /// Index of our first teammate among the other robots of each simulation.
     first_teammate: usize,
     now: Stamp,
     duration: f64,
@@ -51,7 +51,7 @@ struct SimulatedRobot {
     sim: Sim,
     pipeline: Pipeline,
     team_link: TeamLink,
-    /// A sample that lies beyond the tick.
+    /// A sample after the current synchronisation.
     pending_sample: Option<Simulated>,
     cycles: Vec<Arc<Cycle>>,
     last_sent: Option<Stamp>,
@@ -62,23 +62,23 @@ struct SimulatedRobot {
     error: Option<anyhow::Error>,
 }
 
-/// How one robot fared.
+/// Results of one robot.
 #[derive(Debug, Serialize)]
 pub struct RobotSummary {
     /// Its number.
     pub robot: usize,
-    /// Its frames and errors.
+    /// Its statistics.
     #[serde(flatten)]
     pub summary: Summary,
-    /// Error of the ball on the field as it knows it by itself, metres, where the ball was far from everybody.
+    /// Error of its own ball on the field, metres, while the ball was far from all robots.
     pub own_far_ball_m: Option<SampleStatistics>,
-    /// The same of the ball that the team agrees on.
+    /// The same for the team's fused ball.
     pub team_far_ball_m: Option<SampleStatistics>,
-    /// Words heard.
+    /// Received team messages.
     pub words: u64,
 }
 
-/// Words that are under way.
+/// Team messages in transit.
 struct RadioChannel {
     config: RadioConfig,
     rng: ChaCha8Rng,
@@ -86,7 +86,7 @@ struct RadioChannel {
 }
 
 impl MultiRobotSimulation {
-    /// Sets up the scenario's squad; `record` writes the first robot's log there and the others' beside it.
+    /// Sets up the scenario's robots. `record`: path of the first robot's log; the others are numbered in the same folder.
     pub fn new(
         (path, scenario): (&Path, &Scenario),
         config: &PipelineConfig,
@@ -200,7 +200,7 @@ impl MultiRobotSimulation {
         Ok(())
     }
 
-    /// Sends the words that are due and delivers those that arrive.
+    /// Sends team messages that are due and delivers those that arrive.
     fn exchange_messages(&mut self) {
         let (now, count) = (self.now, self.players.len());
         for from in 0..count {
@@ -218,7 +218,7 @@ impl MultiRobotSimulation {
         }
         for (to, word) in self.radio.take_arrived(now) {
             let player = &mut self.players[to];
-            // What is refused is counted there.
+            // The link counts refusals.
             if let Ok(report) = player.team_link.receive(&word, now) {
                 player.pipeline.process_sample(Sample::TeamReport(report));
             }
@@ -257,7 +257,7 @@ impl MultiRobotSimulation {
 }
 
 impl SimulatedRobot {
-    /// Senses and thinks until `now`.
+    /// Runs simulation and pipeline until `now`.
     fn advance(&mut self, now: Stamp) {
         loop {
             let sample = match self.pending_sample.take() {
@@ -298,7 +298,7 @@ impl RadioChannel {
         }
     }
 
-    /// What has arrived, in the order of its arrival.
+    /// Messages that have arrived, in the order of arrival.
     fn take_arrived(&mut self, now: Stamp) -> Vec<(usize, Vec<u8>)> {
         self.in_flight
             .sort_by_key(|(arrival, to, _)| (*arrival, *to));
@@ -310,7 +310,7 @@ impl RadioChannel {
     }
 }
 
-/// The scenario as robot `index` lives it: itself as our robot, the others of the squad as mates that are moved.
+/// The scenario of robot `index`: itself as the simulated robot, the others of the team as moved teammates.
 fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
     let first = TeammateConfig {
         start: scenario.start,
@@ -323,7 +323,7 @@ fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
     (own.start, own.mount) = (fellow.start, fellow.mount);
     own.path.clone_from(&fellow.path);
     own.squad.clear();
-    // Sensors err each for itself; the opponents' play is the first one's.
+    // Each robot has its own sensor noise; the opponents' behaviour is that of the first simulation.
     own.seed = scenario.seed.wrapping_add(index as u64);
     if index > 0 {
         own.kidnaps.clear();
@@ -364,7 +364,7 @@ fn log_path(log: &Path, index: usize) -> PathBuf {
     log.with_file_name(name)
 }
 
-/// Prints how everybody fared.
+/// Prints the results of all robots.
 pub fn print(fared: &[RobotSummary]) {
     println!("robot  frames  tracking  position  heading  far ball: own  team  words");
     for robot in fared {
@@ -437,7 +437,7 @@ mod tests {
         for robot in &fared {
             assert!(
                 robot.words > 10,
-                "robot {} heard {}",
+                "robot {} received {}",
                 robot.robot,
                 robot.words
             );
@@ -464,8 +464,8 @@ mod tests {
         let setup = Setup::load(&files.join("robot.toml"), None).expect("a setup");
         let settings = files.join(crate::config::PIPELINE_FILE);
         let config = PipelineConfig::load("default", Some(&settings)).expect("settings");
-        let mut spine = Pipeline::new(&setup, &config).expect("a spine");
-        let verdict = verify(log, |sample| spine.process_sample(sample)).expect("verified");
+        let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
+        let verdict = verify(log, |sample| pipeline.process_sample(sample)).expect("verified");
         assert_eq!((verdict.different, verdict.first_difference), (0, None));
         assert!(verdict.cycles >= 29 && verdict.vision_cycles == verdict.cycles);
     }

@@ -24,6 +24,26 @@ use crate::scan_map_cache::{self, CacheStatus};
 use crate::setup::Setup;
 
 /// The stages in their order, with their state from image to image.
+///
+/// ```
+/// # fn main() -> anyhow::Result<()> {
+/// use std::path::Path;
+///
+/// use pipeline::recording::Recording;
+/// use pipeline::setup::Setup;
+/// use pipeline::{Pipeline, PipelineConfig};
+///
+/// let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
+/// let setup = Setup::load(&folder.join("robot.toml"), None)?;
+/// let mut pipeline = Pipeline::new(&setup, &PipelineConfig::default())?;
+/// for sample in Recording::open(&folder, 0.04)? {
+///     if let Some(cycle) = pipeline.process_sample(sample) {
+///         println!("{:?} {:?}", cycle.estimate.mode, cycle.estimate.pose);
+///     }
+/// }
+/// # Ok(())
+/// # }
+/// ```
 pub struct Pipeline {
     vision: Option<Vision>,
     exposure: Option<AutoExposure>,

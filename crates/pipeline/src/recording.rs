@@ -1,4 +1,4 @@
-//! What does a recording folder hold? Its CSV files and images as stamped samples in the order of time.
+//! What does a recording folder hold? Its CSV files and images as stamped samples, ordered by time.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,13 +13,29 @@ use crate::csv_table::{CsvRow, CsvTable};
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
 use crate::score::detections::GroundTruthObject;
 
-/// A recording folder, its small files read whole and its images read one by one.
+/// A recording folder: an iterator of its samples. Tables are read at once, images one by one.
+///
+/// ```
+/// # fn main() -> anyhow::Result<()> {
+/// use std::path::Path;
+///
+/// use pipeline::recording::Recording;
+/// use pipeline::sample::Sample;
+///
+/// let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
+/// let recording = Recording::open(&folder, 0.04)?;
+/// assert_eq!(recording.frames(), 20);
+/// let images = recording.filter(|sample| matches!(sample, Sample::Image(_)));
+/// assert_eq!(images.count(), 20);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Recording {
-    /// Where it lies.
+    /// Path of the folder.
     pub folder: PathBuf,
-    /// Poses for scoring; empty where nothing is known.
+    /// True poses, for scoring. Empty without truth.csv.
     pub truth: Vec<GroundTruth>,
-    /// Ball and robots where they truly were, for scoring; empty where nothing is known.
+    /// True positions of ball and robots, for scoring. Empty without objects.csv.
     pub objects: BTreeMap<Stamp, Vec<GroundTruthObject>>,
     events: std::vec::IntoIter<RecordedSample>,
     frames: usize,
@@ -30,7 +46,7 @@ struct RecordedSample {
     data: RecordedData,
 }
 
-// Samples of one stamp arrive in this order: what moved before what was seen.
+// Samples of one stamp arrive in this order: motion before images.
 enum RecordedData {
     Odometry(Odometry),
     Compass(Compass),
@@ -51,9 +67,9 @@ impl RecordedData {
 }
 
 impl Recording {
-    /// Reads the folder's tables; a broken one is an error with its line, an absent optional one is not.
+    /// Reads the folder's tables. A malformed table is an error with its line; optional ones may be absent.
     ///
-    /// `point_std`: standard deviation given to line points of someone else's vision, metres.
+    /// `point_std`: standard deviation of line points from another vision system (points.csv has none), metres.
     pub fn open(folder: &Path, point_std: f32) -> Result<Self> {
         let mut events = Vec::new();
         let (images, points) = (folder.join("frames.csv"), folder.join("points.csv"));
@@ -82,10 +98,13 @@ impl Recording {
         let mut truth = read_truth(folder)?;
         let objects = read_objects(folder)?;
         for row in &mut truth {
-            let there = objects.get(&row.stamp).map_or(&[][..], Vec::as_slice);
-            row.ball = there.iter().find(|one| one.is_ball).map(|one| one.at);
-            let robots = there.iter().filter(|one| !one.is_ball);
-            row.robots = robots.map(|one| one.at).collect();
+            let objects = objects.get(&row.stamp).map_or(&[][..], Vec::as_slice);
+            row.ball = objects
+                .iter()
+                .find(|object| object.is_ball)
+                .map(|ball| ball.at);
+            let robots = objects.iter().filter(|object| !object.is_ball);
+            row.robots = robots.map(|robot| robot.at).collect();
         }
         events.extend(truth.iter().map(|truth| RecordedSample {
             stamp: truth.stamp,
@@ -99,7 +118,7 @@ impl Recording {
             let mut last = None;
             for row in table.rows() {
                 let odometry = parse_odometry(row)?;
-                // Each row goes on from the one above it: in another order they mean nothing.
+                // Each row is the motion since the row above, so their order matters.
                 if last.is_some_and(|last| odometry.stamp < last) {
                     bail!("{}: stamp_s goes back in time", row.location());
                 }
@@ -138,7 +157,7 @@ impl Recording {
         })
     }
 
-    /// How many frames it has.
+    /// Number of images (or of sets of line points).
     pub fn frames(&self) -> usize {
         self.frames
     }
@@ -148,8 +167,8 @@ impl Iterator for Recording {
     type Item = Sample;
 
     fn next(&mut self) -> Option<Sample> {
-        let RecordedSample { stamp, data: kind } = self.events.next()?;
-        let content = match kind {
+        let RecordedSample { stamp, data } = self.events.next()?;
+        let content = match data {
             RecordedData::Odometry(odometry) => return Some(Sample::Odometry(odometry)),
             RecordedData::Compass(compass) => return Some(Sample::Compass(compass)),
             RecordedData::Truth(truth) => return Some(Sample::GroundTruth(truth)),
@@ -166,7 +185,7 @@ impl Iterator for Recording {
     }
 }
 
-/// The magnetic fields that compass.csv's headings were made of, where magnetometer.csv has them at the same stamps.
+/// Magnetic fields by stamp, from magnetometer.csv; they belong to the headings of compass.csv at the same stamps.
 fn read_magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
     let Some(table) = read_optional_table(folder, "magnetometer.csv", &["stamp_s", "x", "y"])?
     else {
@@ -177,10 +196,10 @@ fn read_magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
         .collect()
 }
 
-fn read_optional_table(folder: &Path, name: &str, wanted: &[&str]) -> Result<Option<CsvTable>> {
+fn read_optional_table(folder: &Path, name: &str, columns: &[&str]) -> Result<Option<CsvTable>> {
     let path = folder.join(name);
     if path.exists() {
-        CsvTable::read(&path, wanted).map(Some)
+        CsvTable::read(&path, columns).map(Some)
     } else {
         Ok(None)
     }
@@ -188,14 +207,14 @@ fn read_optional_table(folder: &Path, name: &str, wanted: &[&str]) -> Result<Opt
 
 fn parse_stamp(row: CsvRow<'_>) -> Result<Stamp> {
     let seconds = row.number("stamp_s")?;
-    // What fits into nanoseconds: 292 years to both sides.
+    // Nanoseconds in 64 bits hold 292 years to both sides.
     if seconds.abs() > 9e9 {
         bail!("{}: stamp_s = {seconds} is no time", row.location());
     }
     Ok(Stamp::from_seconds(seconds))
 }
 
-/// A row may span a gap, but not one of more than this, metres and radians.
+/// Largest motion of one row, metres and radians; a row may span a gap.
 const MAX_ODOMETRY_STEP: f32 = 100.0;
 
 fn parse_odometry(row: CsvRow<'_>) -> Result<Odometry> {
@@ -226,7 +245,7 @@ fn parse_floats<const N: usize>(row: CsvRow<'_>, columns: [&str; N]) -> Result<[
     Ok(values)
 }
 
-/// Line points of someone else's vision; rows of one stamp are one frame.
+/// Line points of another vision system. Rows of one stamp form one image.
 fn read_points(path: &Path, point_std: f32) -> Result<Vec<RecordedSample>> {
     let mut frames: BTreeMap<Stamp, Vec<LinePoint>> = BTreeMap::new();
     for row in CsvTable::read(path, &["stamp_s", "x_m", "y_m"])?.rows() {
@@ -268,7 +287,7 @@ fn read_truth(folder: &Path) -> Result<Vec<GroundTruth>> {
     Ok(truth)
 }
 
-/// Ball and robots where they truly were: objects.csv, for scoring alone.
+/// True positions of ball and robots from objects.csv, for scoring.
 fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<GroundTruthObject>>> {
     let mut objects: BTreeMap<Stamp, Vec<GroundTruthObject>> = BTreeMap::new();
     let Some(table) =
@@ -281,7 +300,7 @@ fn read_objects(folder: &Path) -> Result<BTreeMap<Stamp, Vec<GroundTruthObject>>
         let is_ball = match row.text("kind")? {
             "ball" => true,
             "robot" => false,
-            // Another recording may know of more than is scored.
+            // Other kinds are not scored.
             _ => continue,
         };
         let visible_px = row

@@ -1,4 +1,4 @@
-//! What does a run leave as tables? poses.csv, line points and objects, one row a find (see the recording folder).
+//! Which tables does a run write? poses.csv, line points and detections, as docs describe them.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use localize::estimate::{Estimate, Mode};
 use crate::csv_table::{CsvWriter, format_seconds};
 use crate::cycle::Cycle;
 
-/// The tables of a run: poses, line points, what was seen; those that were asked for.
+/// The requested tables of a run: poses, line points, detections.
 pub struct CsvOutputs {
     poses: Option<CsvWriter>,
     points: Option<CsvWriter>,
@@ -16,11 +16,11 @@ pub struct CsvOutputs {
 }
 
 impl CsvOutputs {
-    /// Starts those that have a path.
+    /// Starts the tables that have a path.
     pub fn create(
         poses: Option<&Path>,
         points: Option<&Path>,
-        seen: Option<&Path>,
+        detections: Option<&Path>,
     ) -> Result<Self> {
         let start = |path: Option<&Path>, header| {
             path.map(|path| CsvWriter::create(path, header)).transpose()
@@ -30,11 +30,11 @@ impl CsvOutputs {
         Ok(CsvOutputs {
             poses: start(poses, poses_header)?,
             points: start(points, "stamp_s,x_m,y_m")?,
-            detections: start(seen, "stamp_s,kind,x_m,y_m,std_m,score")?,
+            detections: start(detections, "stamp_s,kind,x_m,y_m,std_m,score")?,
         })
     }
 
-    /// Adds a cycle's rows.
+    /// Adds the rows of a cycle.
     pub fn write(&mut self, cycle: &Cycle) -> Result<()> {
         let stamp = format_seconds(cycle.stamp);
         if let Some(file) = &mut self.poses {
@@ -45,16 +45,16 @@ impl CsvOutputs {
                 file.write_row(format_args!("{stamp},{:.5},{:.5}", point.at.x, point.at.y))?;
             }
         }
-        if let (Some(file), Some(seen)) = (&mut self.detections, &cycle.detections) {
-            let ball = seen
+        if let (Some(file), Some(detections)) = (&mut self.detections, &cycle.detections) {
+            let ball = detections
                 .ball
                 .iter()
                 .map(|ball| ("ball", ball.at, ball.covariance, ball.score));
-            let robots = seen
+            let robots = detections
                 .robots
                 .iter()
                 .map(|robot| ("robot", robot.at, robot.covariance, robot.score));
-            let goals = seen
+            let goals = detections
                 .goals
                 .iter()
                 .map(|goal| ("goal", goal.at, goal.covariance, goal.score));
@@ -70,7 +70,7 @@ impl CsvOutputs {
         Ok(())
     }
 
-    /// Gives the files their names.
+    /// Completes the files and gives them their names.
     pub fn finish(self) -> Result<()> {
         self.poses.map_or(Ok(()), CsvWriter::finish)?;
         self.points.map_or(Ok(()), CsvWriter::finish)?;
@@ -78,7 +78,7 @@ impl CsvOutputs {
     }
 }
 
-/// One row a frame; the coordinates stay empty where the robot is lost.
+/// One row per image. Coordinates are empty while the robot is lost.
 fn write_pose(file: &mut CsvWriter, stamp: &str, estimate: &Estimate) -> Result<()> {
     let (mode, points) = (mode_name(estimate.mode), estimate.line_points);
     let Some(pose) = estimate.pose else {
@@ -91,7 +91,7 @@ fn write_pose(file: &mut CsvWriter, stamp: &str, estimate: &Estimate) -> Result<
     ))
 }
 
-/// The mode's name in poses.csv.
+/// Name of a mode in poses.csv.
 pub fn mode_name(mode: Mode) -> &'static str {
     match mode {
         Mode::Tracking => "tracking",

@@ -1,4 +1,4 @@
-//! What does a source yield? Stamped samples, the same from a robot, a simulation, a log or a folder.
+//! What does a source yield? Stamped samples, of the same types from a robot, a simulation, a log or a folder.
 
 use std::fmt::Debug;
 use std::ops::Deref;
@@ -12,77 +12,77 @@ use localize::team::TeamReport;
 use vision::image::{Image, ImageView as Pixels, PixelFormat};
 use vision::process::Detections;
 
-/// Where things truly were.
+/// True poses and positions at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroundTruth {
-    /// When.
+    /// Time.
     pub stamp: Stamp,
-    /// The robot.
+    /// Pose of the robot.
     pub pose: Pose,
     /// The ball, if the source knows it.
     pub ball: Option<At<FieldFrame>>,
     /// Other robots, if the source knows them.
     pub robots: Vec<At<FieldFrame>>,
-    /// Where they head, radians on the field, in their order; empty where the source does not know (a log keeps none).
+    /// Their headings on the field, radians, in the same order. Empty if the source does not know them, as a log.
     pub robot_headings: Vec<f32>,
 }
 
-/// One thing that arrived.
+/// One stamped input of the pipeline.
 #[derive(Debug, Clone)]
 pub enum Sample {
-    /// From the wheels.
+    /// Motion from the wheels.
     Odometry(Odometry),
-    /// From the compass.
+    /// Heading from the compass.
     Compass(Compass),
-    /// From the inertial unit.
+    /// Reading of the inertial unit.
     Imu(Imu),
-    /// What the motors are told.
+    /// Velocity command to the motors.
     Command(VelocityCommand),
-    /// What a team-mate says.
+    /// Message of a team-mate.
     TeamReport(TeamReport),
-    /// For scoring alone; no stage sees it.
+    /// Ground truth, for scoring. No stage reads it.
     GroundTruth(GroundTruth),
-    /// A frame: it ends a cycle.
+    /// An image, which ends a cycle.
     Image(CameraImage),
 }
 
-/// What vision starts from in a cycle.
+/// The input of vision in one cycle.
 #[derive(Debug, Clone)]
 pub struct CameraImage {
-    /// When it was exposed.
+    /// Exposure time.
     pub stamp: Stamp,
-    /// What it shows.
+    /// Pixels, or features that replace them.
     pub content: ImageContent,
 }
 
-/// A frame's content.
+/// Content of an image.
 #[derive(Debug, Clone)]
 pub enum ImageContent {
     /// An image for our own vision.
     Pixels(SourceImage),
-    /// What another vision (or an earlier run) found.
+    /// Features from another vision system or an earlier run.
     Features {
         /// Line points.
         points: Vec<LinePoint>,
-        /// Goals by their colours.
+        /// Coloured goals.
         goals: Vec<GoalObservation>,
     },
-    /// What our own vision found in an earlier run.
+    /// Detections of our own vision in an earlier run.
     Detections(Box<Detections>),
-    /// A frame that could not be read; the cycle runs on without sight.
+    /// An image that could not be read, with the reason; the cycle runs without features.
     Unreadable(String),
 }
 
-/// An image as its source has it.
+/// An image in the format of its source.
 #[derive(Debug, Clone)]
 pub enum SourceImage {
     /// Red, green, blue: from a file, a log or the simulator.
     Rgb(Arc<Image>),
-    /// A camera's own bytes; JPEG is decoded before.
+    /// Bytes in the camera's own format; JPEG is decoded before.
     Raw(RawImage),
 }
 
-/// Bytes of an image that belong to whoever made them, such as a camera's buffer pool.
+/// Bytes of an image that their producer owns, such as the buffer pool of a camera.
 pub trait ImageBytes: Deref<Target = [u8]> + Debug + Send + Sync {}
 
 impl<T: Deref<Target = [u8]> + Debug + Send + Sync> ImageBytes for T {}
@@ -103,36 +103,36 @@ pub struct RawImage {
 }
 
 impl SourceImage {
-    /// Its pixels, for vision.
+    /// The pixels as vision reads them.
     pub fn view(&self) -> Pixels<'_> {
         match self {
             SourceImage::Rgb(image) => image.view(),
-            SourceImage::Raw(frame) => Pixels {
-                width_px: frame.width_px,
-                height_px: frame.height_px,
-                format: frame.format,
-                stride: frame.stride,
-                data: &frame.data,
+            SourceImage::Raw(raw) => Pixels {
+                width_px: raw.width_px,
+                height_px: raw.height_px,
+                format: raw.format,
+                stride: raw.stride,
+                data: &raw.data,
             },
         }
     }
 
-    /// Red, green, blue, as vision takes the camera's bytes; none of a torn frame.
+    /// Red, green, blue, as vision converts them. None if the image is truncated.
     pub fn to_rgb(&self) -> Option<Arc<Image>> {
-        let frame = match self {
+        let view = match self {
             SourceImage::Rgb(image) => return Some(Arc::clone(image)),
             SourceImage::Raw(_) => self.view(),
         };
-        let (width_px, height_px) = (frame.width_px, frame.height_px);
-        frame.check(width_px, height_px).ok()?;
+        let (width_px, height_px) = (view.width_px, view.height_px);
+        view.check(width_px, height_px).ok()?;
         let mut rgb = Vec::with_capacity(3 * width_px * height_px);
-        if frame.format == PixelFormat::Rgb8 {
-            for row in frame.data.chunks(frame.stride).take(height_px) {
+        if view.format == PixelFormat::Rgb8 {
+            for row in view.data.chunks(view.stride).take(height_px) {
                 rgb.extend_from_slice(&row[..3 * width_px]);
             }
         } else {
             for row in 0..height_px {
-                rgb.extend((0..width_px).flat_map(|column| frame.rgb(column, row)));
+                rgb.extend((0..width_px).flat_map(|column| view.rgb(column, row)));
             }
         }
         Some(Arc::new(Image {
@@ -142,7 +142,7 @@ impl SourceImage {
         }))
     }
 
-    /// True if red, green and blue hold all that vision sees: brightness and chroma round on their way there.
+    /// True if RGB holds exactly what vision reads. Conversion from brightness and chroma rounds.
     pub fn is_lossless_in_rgb(&self) -> bool {
         !self.view().format.is_yuv()
     }

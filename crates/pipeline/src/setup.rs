@@ -1,4 +1,4 @@
-//! Which robot, on which field? From robot.toml to what a spine runs on: field, ground map, eyes, localizer.
+//! Which robot, on which field? From robot.toml to the inputs of a pipeline: field, camera, ground map, colours, mask.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,33 +11,33 @@ use vision::calibrate::mask::load_mask;
 use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::{GroundMap, Mount, Profile, optics};
 
-/// A robot and its field, read and checked.
+/// A robot and its field, loaded and checked.
 pub struct Setup {
     /// The robot's file.
     pub robot: RobotConfig,
     /// The field it names.
     pub field: Field,
-    /// Camera and ground map; a recording of line points has none.
+    /// Camera and ground map. None for a recording of line points.
     pub camera: Option<(CameraConfig, Arc<GroundMap>)>,
-    /// Colours learned from labels; without, vision learns them from the images.
+    /// Colours learned from labels. None: vision learns them from the images.
     pub colours: Option<ColourTable>,
-    /// Where the robot does not see itself, one entry a pixel, row by row.
+    /// False where the image shows the robot itself; one entry per pixel, row by row.
     pub mask: Option<Vec<bool>>,
-    /// Height of the mirror above the ground, metres, where its profile says it.
+    /// Height of the mirror above the ground, metres, if its profile is known.
     pub viewpoint_height: Option<f32>,
 }
 
 impl Setup {
-    /// Reads a robot file and what it names.
+    /// Reads a robot file and the files that it names.
     ///
-    /// `map`: a calibrated map to measure with in place of the robot's own.
+    /// `map`: a calibrated ground map that replaces the robot's own.
     pub fn load(robot_file: &Path, map: Option<&Path>) -> Result<Self> {
         let robot = RobotConfig::load(robot_file)?;
         let field = Field::load(&robot.field)?;
         Setup::new(robot_file, robot, field, map)
     }
 
-    /// From a robot that is read already, perhaps on another field than its own; its file is named in errors.
+    /// As [`Setup::load`], from a robot and a field that are loaded already. `robot_file` is named in errors.
     pub fn new(
         robot_file: &Path,
         robot: RobotConfig,
@@ -70,39 +70,39 @@ impl Setup {
     }
 }
 
-/// Where the view of the floor comes from: the mirror half way out.
+/// Height of the viewpoint, metres: of the mirror half way between its inner and outer radius.
 fn profile_viewpoint_height(profile: &Profile) -> f32 {
     let (inner, outer) = profile.radii();
     profile.height_and_slope((inner + outer) / 2.0).0 as f32
 }
 
-/// The saved table, or one learned from labels (those that robot.toml names, or labels.csv beside it).
+/// The saved colour table, or one learned from labels: those of robot.toml, or labels.csv in the same folder.
 fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourTable>> {
     if let Some(saved) = &robot.colours {
         return Ok(Some(ColourTable::load(saved)?));
     }
-    let beside = robot_file.with_file_name("labels.csv");
+    let default = robot_file.with_file_name("labels.csv");
     let Some(path) = robot
         .labels
         .clone()
-        .or_else(|| beside.exists().then_some(beside))
+        .or_else(|| default.exists().then_some(default))
     else {
         return Ok(None);
     };
     let table = ColourTable::learn(&load_labels(&path)?, TableKind::Yuv);
     Ok(Some(table.with_context(|| {
-        format!("{}: has no label", path.display())
+        format!("{}: no label (expected at least one row)", path.display())
     })?))
 }
 
-/// The map a robot measures with: the one given, else its calibrated one, else the one its mirror should have.
+/// The ground map: `map` if given, else the robot's calibrated one, else one traced from the mirror's profile.
 fn load_ground_map(
     robot_file: &Path,
     robot: &RobotConfig,
     camera: &CameraConfig,
-    given: Option<&Path>,
+    map: Option<&Path>,
 ) -> Result<GroundMap> {
-    let calibrated = given
+    let calibrated = map
         .map(PathBuf::from)
         .or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
     let (map, source) = match (calibrated, &robot.mirror) {
@@ -128,7 +128,7 @@ fn load_ground_map(
         camera.width_px,
         camera.height_px
     );
-    let seen = map.x.iter().filter(|x| x.is_finite()).count();
-    ensure!(seen > 0, "{}: no pixel shows ground", source.display());
+    let visible = map.x.iter().filter(|x| x.is_finite()).count();
+    ensure!(visible > 0, "{}: no pixel shows ground", source.display());
     Ok(map)
 }

@@ -1,4 +1,4 @@
-//! A simulated robot as a source: the simulator's samples in the spine's words.
+//! A simulated robot as a source of samples: a scenario that runs until its end, camera commands included.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -19,13 +19,35 @@ use crate::pipeline::Pipeline;
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
 use crate::setup::Setup;
 
-/// Frames that the simulator may be ahead of whoever looks at them: one to look at, one on its way.
+/// Images that the simulator may be ahead of the pipeline: one in process, one in the channel.
 const PREFETCHED_IMAGES: usize = 2;
 
-/// Answers that wait for the simulator: more frames than a camera's delay and `LEAD` together are never under way.
+/// Camera commands that may wait for the simulator: more than a camera's delay and `PREFETCHED_IMAGES` together.
 const MAX_PENDING_COMMANDS: usize = 64;
 
-/// A running scenario.
+/// A running scenario: an iterator of samples, or [`Simulation::run`] with a pipeline.
+///
+/// ```
+/// # fn main() -> anyhow::Result<()> {
+/// use std::ops::ControlFlow;
+/// use std::path::Path;
+///
+/// use pipeline::simulation::Simulation;
+/// use pipeline::{Pipeline, PipelineConfig};
+///
+/// let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
+/// let scenario = config.join("scenarios/tracks_18x12.toml");
+/// let simulation = Simulation::load(&scenario, Some(1), Some(0.2))?;
+/// let mut pipeline = Pipeline::new(&simulation.setup()?, &PipelineConfig::default())?;
+/// let mut cycles = Vec::new();
+/// simulation.run(&mut pipeline, |cycle| {
+///     cycles.push(cycle);
+///     Ok(ControlFlow::Continue(()))
+/// })?;
+/// assert!(cycles.iter().all(|cycle| cycle.inputs.truth.is_some()));
+/// # Ok(())
+/// # }
+/// ```
 pub struct Simulation {
     sim: Sim,
     duration: f64,
@@ -39,58 +61,58 @@ impl Simulation {
         Ok(Simulation { sim, duration })
     }
 
-    /// A scenario with single values in place of its file's, table by table.
+    /// Reads a scenario; the values of `overrides` replace those of its file, table by table.
     pub fn with_overrides(
         scenario: &Path,
-        over: &toml::Table,
+        overrides: &toml::Table,
         seed: Option<u64>,
         duration: Option<f64>,
     ) -> Result<Self> {
-        let (scenario, robot) = load_scenario_with_overrides(scenario, over, seed)?;
+        let (scenario, robot) = load_scenario_with_overrides(scenario, overrides, seed)?;
         let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field))?;
         let duration = duration.unwrap_or(scenario.duration);
         let sim = Sim::new(scenario, robot, field)?;
         Ok(Simulation { sim, duration })
     }
 
-    /// What the simulated robot believes of itself: its file's map, or the one its mirror should have.
+    /// What the robot assumes about itself: the map of its file, or that of its mirror as designed, not as mounted.
     pub fn setup(&self) -> Result<Setup> {
         let mut setup = setup_from_sim(&self.sim)?;
-        // The scenario's film is what the camera starts with.
+        // The camera starts with the exposure and gain of the scenario's sensor.
         setup.robot.exposure = self.sim.robot().exposure.map(|control| {
-            let film = self.sim.image_sensor();
+            let sensor = self.sim.image_sensor();
             CameraControl {
-                exposure: film.exposure,
-                gain: film.gain,
+                exposure: sensor.exposure,
+                gain: sensor.gain,
                 ..control
             }
         });
         Ok(setup)
     }
 
-    /// Has the camera's exposure and gain changed as a real one would: from the frame that the command names on.
+    /// Changes exposure and gain of the camera, from the image on that the command names.
     pub fn command_camera(&mut self, command: ExposureCommand) {
         let setting = command.setting;
         self.sim
             .schedule_exposure(command.from_frame, setting.exposure, setting.gain);
     }
 
-    /// Plays to the end, or until `also` breaks off: each sample goes through the spine, each cycle to `also`, and
-    /// what a cycle commands the camera goes back to it, in force from the frame that the command names.
+    /// Runs to the end, or until `on_cycle` breaks: samples go through the pipeline, cycles to `on_cycle`, and their
+    /// camera commands back to the simulated camera.
     ///
-    /// The simulator runs ahead in a thread of its own as far as the camera's delay lets it: the same samples, sooner.
+    /// The simulator runs ahead in its own thread as far as the camera's delay allows. The samples are the same.
     pub fn run(
         self,
-        spine: &mut Pipeline,
-        mut also: impl FnMut(Cycle) -> Result<ControlFlow<()>>,
+        pipeline: &mut Pipeline,
+        mut on_cycle: impl FnMut(Cycle) -> Result<ControlFlow<()>>,
     ) -> Result<()> {
-        let mut ahead = self.spawn_prefetch(true)?;
-        while let Some(sample) = ahead.next() {
-            let Some(cycle) = spine.process_sample(sample) else {
+        let mut samples = self.spawn_prefetch(true)?;
+        while let Some(sample) = samples.next() {
+            let Some(cycle) = pipeline.process_sample(sample) else {
                 continue;
             };
-            ahead.send_camera_command(cycle.camera_command());
-            if also(cycle)?.is_break() {
+            samples.send_camera_command(cycle.camera_command());
+            if on_cycle(cycle)?.is_break() {
                 break;
             }
         }
@@ -102,43 +124,44 @@ impl Simulation {
         &self.sim
     }
 
-    /// The simulator, to be meddled with between two samples.
+    /// The simulator, to change it between two samples.
     pub fn sim_mut(&mut self) -> &mut Sim {
         &mut self.sim
     }
 
-    /// How long it runs, seconds.
+    /// Length of the run, seconds.
     pub fn duration(&self) -> f64 {
         self.duration
     }
 
-    /// Runs on in a thread of its own, while what it yielded is being looked at; its camera is not commanded.
+    /// Runs ahead in its own thread while its samples are processed. Its camera takes no commands.
     pub fn prefetch(self) -> Result<PrefetchedSimulation> {
         self.spawn_prefetch(false)
     }
 
-    /// `commanded`: waits for what each frame's cycle says to the camera, as far as the camera's delay asks for it.
+    /// `commanded`: waits for the camera command of each image's cycle, as far as the camera's delay requires.
     fn spawn_prefetch(mut self, commanded: bool) -> Result<PrefetchedSimulation> {
         let (sender, samples) = sync_channel(PREFETCHED_IMAGES);
-        let (answers, commands) = sync_channel::<Option<ExposureCommand>>(MAX_PENDING_COMMANDS);
-        // A camera without control is never commanded: nobody needs to be waited for.
+        let (command_sender, commands) =
+            sync_channel::<Option<ExposureCommand>>(MAX_PENDING_COMMANDS);
+        // A camera without exposure control takes no commands, so the simulator never waits.
         let camera = self.sim.robot().exposure.filter(|_| commanded);
         let delay = camera.map(|camera| camera.delay_frames.max(1));
         let run = move || {
-            let (mut parcel, mut taken, mut answered) = (Vec::new(), 0u64, 0u64);
+            let (mut batch, mut images, mut answered) = (Vec::new(), 0u64, 0u64);
             while let Some(sample) = self.next() {
-                let ends = matches!(sample, Sample::Image(_));
-                parcel.push(sample);
-                if !ends {
+                let is_image = matches!(sample, Sample::Image(_));
+                batch.push(sample);
+                if !is_image {
                     continue;
                 }
-                taken += 1;
-                // Nobody listens any more: the run was given up.
-                if sender.send(std::mem::take(&mut parcel)).is_err() {
+                images += 1;
+                // The receiver is gone: the run was aborted.
+                if sender.send(std::mem::take(&mut batch)).is_err() {
                     return;
                 }
-                // The next frame is number `taken`; what was commanded `delay` frames before it is in force there.
-                while delay.is_some_and(|delay| answered + delay <= taken) {
+                // The next image has the number `images`; a command given `delay` images earlier holds for it.
+                while delay.is_some_and(|delay| answered + delay <= images) {
                     let Ok(command) = commands.recv() else { return };
                     answered += 1;
                     command
@@ -146,7 +169,7 @@ impl Simulation {
                         .for_each(|command| self.command_camera(command));
                 }
             }
-            drop(sender.send(parcel));
+            drop(sender.send(batch));
         };
         let thread = std::thread::Builder::new()
             .name("simulator".to_owned())
@@ -154,7 +177,7 @@ impl Simulation {
             .context("cannot start the simulator's thread")?;
         Ok(PrefetchedSimulation {
             samples,
-            camera_commands: answers,
+            camera_commands: command_sender,
             batch: Vec::new().into_iter(),
             thread: Some(thread),
         })
@@ -173,13 +196,13 @@ impl Iterator for Simulation {
     }
 }
 
-/// A scenario and its robot file, with single values in place of the file's.
+/// A scenario and its robot file; the values of `overrides` replace those of the scenario's file.
 pub fn load_scenario_with_overrides(
     path: &Path,
-    over: &toml::Table,
+    overrides: &toml::Table,
     seed: Option<u64>,
 ) -> Result<(Scenario, RobotConfig)> {
-    if over.is_empty() {
+    if overrides.is_empty() {
         let (mut scenario, robot) = Scenario::load(path)?;
         scenario.seed = seed.unwrap_or(scenario.seed);
         return Ok((scenario, robot));
@@ -188,27 +211,28 @@ pub fn load_scenario_with_overrides(
         std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut table: toml::Table =
         toml::from_str(&text).with_context(|| path.display().to_string())?;
-    merge_tables(&mut table, over.clone());
+    merge_tables(&mut table, overrides.clone());
     if let Some(seed) = seed {
-        let seed = i64::try_from(seed).context("a scenario's seed ends at 2^63")?;
+        let seed = i64::try_from(seed)
+            .with_context(|| format!("invalid seed: {seed} (expected less than 2^63)"))?;
         table.insert("seed".to_owned(), seed.into());
     }
     Ok(Scenario::from_table(table, path)?)
 }
 
-/// What the robot of a simulation believes of itself.
+/// What the robot of a simulation assumes about itself.
 pub(crate) fn setup_from_sim(sim: &Sim) -> Result<Setup> {
     let scenario = sim.scenario();
     let mut robot = sim.robot().clone();
     if let Some(field) = &scenario.field {
         robot.field.clone_from(field);
     }
-    // Only where commands go back to the camera may it be commanded.
+    // Exposure control needs a way back to the camera, which only `Simulation::run` has.
     robot.exposure = None;
     Setup::new(&scenario.robot, robot, sim.field().clone(), None)
 }
 
-/// A simulator's sample in the spine's words.
+/// Converts a sample of the simulator.
 pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
     match sample {
         Simulated::Odometry(odometry) => Sample::Odometry(odometry),
@@ -227,32 +251,32 @@ pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
             robot_headings: truth.others.iter().map(|robot| robot.pose.theta).collect(),
         }),
         Simulated::Image(image) => {
-            let picture = Image {
+            let pixels = Image {
                 width_px: image.width_px,
                 height_px: image.height_px,
                 rgb: image.rgb,
             };
             Sample::Image(CameraImage {
                 stamp: image.stamp,
-                content: ImageContent::Pixels(picture.into()),
+                content: ImageContent::Pixels(pixels.into()),
             })
         }
     }
 }
 
-/// A scenario that runs in a thread of its own, a few frames ahead.
+/// A scenario that runs in its own thread, a few images ahead.
 pub struct PrefetchedSimulation {
     samples: Receiver<Vec<Sample>>,
-    /// One answer a frame: what to set the camera to, if anything.
+    /// One message per image: the new camera setting, if it changes.
     camera_commands: SyncSender<Option<ExposureCommand>>,
     batch: std::vec::IntoIter<Sample>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl PrefetchedSimulation {
-    /// Says what a frame's cycle commands; once a frame, in their order.
+    /// Sends the camera command of an image's cycle; once per image, in their order.
     fn send_camera_command(&self, command: Option<ExposureCommand>) {
-        // A simulator that has ended needs no answer.
+        // A simulator that has ended needs no command.
         let _ = self.camera_commands.try_send(command);
     }
 }
@@ -266,7 +290,7 @@ impl Iterator for PrefetchedSimulation {
                 return Some(sample);
             }
             match self.samples.recv() {
-                Ok(parcel) => self.batch = parcel.into_iter(),
+                Ok(batch) => self.batch = batch.into_iter(),
                 Err(_) => break,
             }
         }

@@ -1,4 +1,4 @@
-//! Cycles of arbitrary values to log, and the short ways to log and read them.
+//! Test helpers: cycles of arbitrary values, and functions to log and read them.
 
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ use crate::feed::Pace;
 use crate::log::{Header, LogConfig, LogReader, LogStats, Recorder};
 use crate::sample::GroundTruth;
 
-/// The sample recording's field.
+/// Field of the sample recording.
 pub fn field() -> Field {
     Field::load(&sample_recording().join("field.toml")).expect("a field")
 }
@@ -340,7 +340,7 @@ pub fn read(path: &Path) -> Vec<LoggedCycle> {
         .expect("cycles")
 }
 
-/// The error of a log that cannot be read to its end, as the user sees it.
+/// The error message of a log that cannot be read to its end.
 pub fn read_error(path: &Path) -> String {
     let read = LogReader::open(path).and_then(|log| log.collect::<anyhow::Result<Vec<_>>>());
     format!("{:#}", read.map(|_| ()).expect_err("an error"))

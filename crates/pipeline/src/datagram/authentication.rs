@@ -1,14 +1,14 @@
-//! Who says so? Datagrams with an authentication code under a shared key, and none older than the last.
+//! Who sent a datagram? Authentication codes under a shared key, and protection against replays.
 
 use hmac::{Hmac, Mac};
 use sha2::Sha256;
 
-/// Bytes of the code behind a datagram's content: HMAC-SHA256, its first half.
+/// Length of the code after a datagram's content, bytes: the first half of HMAC-SHA256.
 pub const MAC_BYTES: usize = 16;
-/// Shorter keys are guessed.
+/// Shorter keys can be guessed.
 const MIN_KEY_LENGTH: usize = 8;
 
-/// A key that the speakers share.
+/// A key that all senders share.
 #[derive(Clone)]
 pub struct MacKey(Hmac<Sha256>);
 
@@ -24,28 +24,28 @@ impl std::fmt::Debug for MacKey {
 )]
 #[serde(rename_all = "lowercase")]
 pub enum RejectReason {
-    /// Something else speaks here.
+    /// Not a message of Mirrorball.
     #[error("no message of ours")]
     Foreign,
-    /// Its code is missing or wrong.
+    /// Authentication code missing or wrong.
     #[error("not under our key")]
     Unsealed,
-    /// Of another version.
+    /// Another version of the message.
     #[error("of another version")]
     Version,
-    /// Heard before, or overtaken by a newer one.
+    /// Received before, or older than the latest message.
     #[error("heard before or overtaken")]
     Old,
-    /// A number that nothing on a field has.
+    /// A value that nothing on a field can have.
     #[error("no sensible numbers")]
     Senseless,
-    /// Our own word, come back.
+    /// Our own message.
     #[error("our own")]
     Own,
 }
 
 impl MacKey {
-    /// A key from a phrase; a short one is refused.
+    /// A key from a phrase. Short phrases are refused.
     pub fn new(phrase: &str) -> anyhow::Result<Self> {
         anyhow::ensure!(
             phrase.len() >= MIN_KEY_LENGTH,
@@ -62,7 +62,7 @@ impl MacKey {
     }
 }
 
-/// Puts the code behind a datagram's content, if there is a key.
+/// Appends the code to a datagram's content, if there is a key.
 pub fn append_mac(mut content: Vec<u8>, key: Option<&MacKey>) -> Vec<u8> {
     if let Some(key) = key {
         let code = key.mac(&content);
@@ -71,7 +71,7 @@ pub fn append_mac(mut content: Vec<u8>, key: Option<&MacKey>) -> Vec<u8> {
     content
 }
 
-/// A datagram's content, if its code is right or none is wanted.
+/// Content of a datagram whose code is correct, or of any datagram if there is no key.
 pub fn verify_mac<'a>(datagram: &'a [u8], key: Option<&MacKey>) -> Result<&'a [u8], RejectReason> {
     let Some(key) = key else {
         return Ok(datagram);
@@ -87,16 +87,16 @@ pub fn verify_mac<'a>(datagram: &'a [u8], key: Option<&MacKey>) -> Result<&'a [u
         .map_err(|_wrong| RejectReason::Unsealed)
 }
 
-/// Lets each message of a speaker pass once, and none that was overtaken.
+/// Accepts each message of a sender once, and none that is older than the latest.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ReplayGuard {
     last: Option<(u64, u64, f64)>,
 }
 
 impl ReplayGuard {
-    /// Takes the message `sequence` of a speaker's `session` (larger for each start of the speaker) at `now`, seconds.
+    /// Checks the message `sequence` of a sender's `session` (larger for each start of the sender) at `now`, seconds.
     ///
-    /// A speaker that was silent for `silence` seconds may come back with any session: its clock may have been set.
+    /// After `silence` seconds without a message, any session is accepted: the sender's clock may have been set.
     pub fn accept(
         &mut self,
         session: u64,

@@ -1,4 +1,4 @@
-//! What is said to other programs? The messages of `docs/network.proto`, in protobuf and JSON alike.
+//! Which messages do other programs get? Those of `docs/network.proto`, in protobuf and JSON.
 
 use localize::estimate::Estimate;
 use localize::world::{TeamColour, TrackedObject};
@@ -7,26 +7,26 @@ use serde::{Deserialize, Serialize};
 use crate::cycle::Cycle;
 use crate::log::schema::convert;
 
-/// Version of all messages; raised when a field changes its meaning.
+/// Version of all messages; it is raised when a field changes its meaning.
 pub const VERSION: u32 = 1;
 
-/// What the robot knows at a frame.
+/// State of the robot at one image.
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct State {
     /// [`VERSION`].
     #[prost(uint32)]
     pub version: u32,
-    /// Our number.
+    /// Number of the robot.
     #[prost(uint32)]
     pub robot: u32,
-    /// Counts cycles from 0; a gap is one that was not sent.
+    /// Number of the cycle from 0; a gap is a cycle that was not sent.
     #[prost(uint64)]
     pub sequence: u64,
-    /// When the frame was exposed, by the robot's clock.
+    /// Exposure time of the image by the robot's clock.
     #[prost(sint64)]
     pub stamp_ns: i64,
-    /// Where the robot is; none while it is lost.
+    /// Pose of the robot. None while it is lost.
     #[prost(message, optional)]
     pub pose: Option<Pose>,
     /// The ball.
@@ -35,10 +35,10 @@ pub struct State {
     /// Robots.
     #[prost(message, repeated)]
     pub robots: Vec<ObjectReport>,
-    /// How it is.
+    /// Health of vision and localization.
     #[prost(message, optional)]
     pub health: Option<Health>,
-    /// The ball that the team agrees on.
+    /// The team's fused ball.
     #[prost(message, optional)]
     pub team_ball: Option<ObjectState>,
 }
@@ -59,12 +59,12 @@ pub struct Pose {
     /// Standard deviations of x, y and θ.
     #[prost(float, repeated)]
     pub std: Vec<f32>,
-    /// Is it known in which half the robot is?
+    /// True if the half of the field is known.
     #[prost(bool)]
     pub half_known: bool,
 }
 
-/// A place on the field, metres, with its motion, m/s.
+/// A position on the field, metres, with its velocity, m/s.
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct ObjectState {
@@ -80,28 +80,28 @@ pub struct ObjectState {
     /// m/s.
     #[prost(float)]
     pub velocity_y: f32,
-    /// Covariance of the place: xx, xy, yy, m².
+    /// Covariance of the position: xx, xy, yy, m².
     #[prost(float, repeated)]
     pub covariance: Vec<f32>,
 }
 
-/// An object: where it is seen from the robot, and on the field.
+/// An object in the robot frame and in the field frame.
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct ObjectReport {
-    /// Stays with it while it is followed.
+    /// Number of its track.
     #[prost(uint32)]
     pub id: u32,
     /// Robot frame.
     #[prost(message, optional)]
     pub from_robot: Option<ObjectState>,
-    /// Field frame; none while the robot is lost.
+    /// Field frame. None while the robot is lost.
     #[prost(message, optional)]
     pub on_field: Option<ObjectState>,
-    /// That there is such a thing, 0 to 1.
+    /// Probability that it exists, 0 to 1.
     #[prost(float)]
     pub probability: f32,
-    /// Since it was last seen, seconds.
+    /// Time since it was last detected, seconds.
     #[prost(float)]
     pub unseen: f32,
     /// cyan, magenta or nothing.
@@ -109,20 +109,20 @@ pub struct ObjectReport {
     pub team: String,
 }
 
-/// How the robot's eyes and sense of place are.
+/// Health of vision and localization.
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct Health {
     /// tracking, global or lost, with its reason.
     #[prost(string)]
     pub mode: String,
-    /// Why the frame could not be used; empty if it could.
+    /// Why the image could not be used; empty if it was used.
     #[prost(string)]
     pub fault: String,
     /// Line points.
     #[prost(uint32)]
     pub line_points: u32,
-    /// Share of them on markings.
+    /// Share of the line points on markings.
     #[prost(float)]
     pub inlier_share: f32,
     /// Image to features, milliseconds.
@@ -147,10 +147,10 @@ pub struct Command {
     /// Larger for each command of a session.
     #[prost(uint64)]
     pub sequence: u64,
-    /// It holds for so long after its arrival, milliseconds; then the wheels stop.
+    /// Duration from its arrival, milliseconds; then the wheels stop.
     #[prost(float)]
     pub valid_ms: f32,
-    /// How to drive from now on.
+    /// Velocity from now on.
     #[prost(message, optional)]
     #[serde(default)]
     pub drive: Option<Drive>,
@@ -158,7 +158,7 @@ pub struct Command {
     #[prost(message, optional)]
     #[serde(default)]
     pub kick: Option<Kick>,
-    /// Drive only while the robot knows where it is.
+    /// Drive only while the robot is localized.
     #[prost(bool)]
     #[serde(default)]
     pub needs_pose: bool,
@@ -193,7 +193,7 @@ pub struct Kick {
     pub lofted: bool,
 }
 
-/// A word to the team.
+/// A message to the team.
 #[derive(Clone, PartialEq, prost::Message)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct TeamMessage {
@@ -203,55 +203,55 @@ pub struct TeamMessage {
     /// The team's number: two teams may share a network.
     #[prost(uint32)]
     pub team: u32,
-    /// The speaker's.
+    /// Number of the sender.
     #[prost(uint32)]
     pub robot: u32,
-    /// Larger for each start of the speaker.
+    /// Larger for each start of the sender.
     #[prost(uint64)]
     pub session: u64,
-    /// Larger for each word.
+    /// Larger for each message.
     #[prost(uint64)]
     pub sequence: u64,
-    /// When it was sent, by the speaker's clock.
+    /// Time of sending, by the sender's clock.
     #[prost(sint64)]
     pub sent_ns: i64,
-    /// When what it says was so, by the speaker's clock.
+    /// Time of its content, by the sender's clock.
     #[prost(sint64)]
     pub stamp_ns: i64,
-    /// The last words that the speaker heard, for the clocks.
+    /// The latest messages that the sender received, for clock offsets.
     #[prost(message, repeated)]
     pub echoes: Vec<Echo>,
-    /// Where the speaker is; none while it is lost.
+    /// Pose of the sender. None while it is lost.
     #[prost(message, optional)]
     pub pose: Option<Pose>,
-    /// The ball that it sees itself.
+    /// The ball as the sender tracks it by itself.
     #[prost(message, optional)]
     pub ball: Option<ObjectState>,
-    /// When it last saw it, by its clock.
+    /// Time of its last detection, by the sender's clock.
     #[prost(sint64)]
     pub ball_seen_ns: i64,
-    /// Robots that it sees.
+    /// Robots that it tracks.
     #[prost(message, repeated)]
     pub obstacles: Vec<ObjectState>,
 }
 
-/// When a word of another was heard.
+/// Reception of another robot's message.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct Echo {
-    /// Whose.
+    /// Number of that robot.
     #[prost(uint32)]
     pub robot: u32,
     /// Its `sent_ns`.
     #[prost(sint64)]
     pub sent_ns: i64,
-    /// From hearing it to sending this, nanoseconds.
+    /// Time from its reception to the sending of this message, nanoseconds.
     #[prost(sint64)]
     pub held_ns: i64,
 }
 
 impl State {
-    /// What a cycle says; `sequence`: the cycle's number.
+    /// The message of a cycle. `sequence`: number of the cycle.
     pub fn from_cycle(robot: u32, sequence: u64, cycle: &Cycle) -> Self {
         let estimate = &cycle.estimate;
         let thing = |object: &TrackedObject| ObjectReport::from_object(object, cycle);

@@ -1,6 +1,6 @@
-//! What do datagrams between robots and other programs say? Messages, their authentication, and the team's exchange.
+//! Which datagrams do robots and other programs exchange? Messages, authentication and the team's exchange.
 //!
-//! Functions of data: sockets are the application's.
+//! Functions of data only; sockets belong to the application.
 
 pub mod authentication;
 pub mod message;
@@ -14,36 +14,36 @@ use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 use std::net::{Ipv4Addr, SocketAddrV4};
 
-/// Words among team-mates by UDP multicast.
+/// Settings of team messages by UDP multicast.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TeamLinkConfig {
     /// Multicast group and port.
     pub group: String,
-    /// Address of the network card; the loopback's keeps the words on this machine.
+    /// Address of the network interface; the loopback's keeps messages on this machine.
     pub interface: Ipv4Addr,
     /// The team's number: two teams may share a network.
     pub team: u32,
-    /// Our own number.
+    /// Number of this robot.
     pub robot: u32,
-    /// A phrase that the team shares; words then end with their authentication code.
+    /// A phrase that the team shares; messages then end with an authentication code.
     pub key: Option<String>,
-    /// Words a second.
+    /// Messages per second.
     pub rate: f64,
-    /// A robot that was silent for so many seconds may begin anew with a lower session.
+    /// After this time without a message a robot may restart with a lower session, seconds.
     pub silence: f64,
 }
 
 impl Default for TeamLinkConfig {
     fn default() -> Self {
         TeamLinkConfig {
-            // Administratively scoped: no router hands it on (RFC 2365).
+            // Administratively scoped: routers do not forward it (RFC 2365).
             group: "239.255.77.1:7072".to_owned(),
             interface: Ipv4Addr::LOCALHOST,
             team: 1,
             robot: 1,
             key: None,
-            // 15 words of 300 bytes from each of five robots: 180 kbit/s.
+            // 15 messages of 300 bytes from each of five robots: 180 kbit/s.
             rate: 15.0,
             silence: 2.0,
         }
@@ -51,7 +51,7 @@ impl Default for TeamLinkConfig {
 }
 
 impl TeamLinkConfig {
-    /// Group and port, or why it cannot be used.
+    /// Group and port, or why they cannot be used.
     pub fn address(&self) -> Result<SocketAddrV4> {
         let group: SocketAddrV4 = self
             .group

@@ -1,13 +1,13 @@
-//! What time is it there? A team-mate's clock against ours, from words that go to and fro (as NTP does).
+//! What is the offset of a team-mate's clock? Estimated from round trips of messages, as NTP does.
 
 use std::collections::VecDeque;
 
-/// Exchanges that are remembered: of them the quickest tells best, since what delays a word delays it one way.
+/// Number of stored round trips; the fastest one is used, because delays are asymmetric.
 const MAX_EXCHANGES: usize = 32;
-/// Clocks that jump by more than this were set: what was known of them counts no more, nanoseconds.
+/// A larger jump means that the clock was set; earlier round trips are dropped then, nanoseconds.
 const CLOCK_STEP_NS: i64 = 500_000_000;
 
-/// A team-mate's clock.
+/// Clock of a team-mate.
 #[derive(Debug, Clone, Default)]
 pub struct PeerClock {
     /// Offset and how long the way there and back took; one-way words take "twice as long as can be".
@@ -18,14 +18,14 @@ impl PeerClock {
     /// A word sent at `sent_ns` of theirs was heard at `heard_ns` of ours. `echo`: our own word's sending, by our clock,
     /// and how long they held it.
     pub fn add_exchange(&mut self, sent_ns: i64, heard_ns: i64, echo: Option<(i64, i64)>) {
-        // Clocks of strangers may say anything: nothing here may overflow.
+        // Foreign clocks can hold any value: saturating arithmetic.
         let one_way = heard_ns.saturating_sub(sent_ns);
         let whole =
             echo.map(|(ours_ns, held_ns)| heard_ns.saturating_sub(ours_ns).saturating_sub(held_ns));
         let (offset, way) = match whole {
-            // Half of the way lies behind the word; an impossible way says nothing.
+            // One way takes half of the round trip; a negative round trip is ignored.
             Some(way @ 0..1_000_000_000) => (one_way.saturating_sub(way / 2), way),
-            // Only that the word was under way: some milliseconds on a wireless network.
+            // Without a round trip, only a one-way delay of some milliseconds can be assumed.
             _ => (one_way, CLOCK_STEP_NS),
         };
         if let Some(known) = self.offset_ns()
@@ -39,16 +39,16 @@ impl PeerClock {
         self.exchanges.push_back((offset, way));
     }
 
-    /// What to add to their time to get ours, nanoseconds; none before the first word.
+    /// Our time minus theirs, nanoseconds. None before the first message.
     pub fn offset_ns(&self) -> Option<i64> {
-        // Of equals the smaller offset: a word is late, never early.
+        // Of equals the smaller offset: messages are late, never early.
         self.exchanges
             .iter()
             .min_by_key(|(offset, way)| (*way, *offset))
             .map(|(offset, _)| *offset)
     }
 
-    /// How long the quickest way there and back took, nanoseconds: the offset is known to half of it.
+    /// Shortest round trip, nanoseconds; the offset is known to half of it.
     pub fn round_trip_ns(&self) -> Option<i64> {
         let quickest = self.exchanges.iter().map(|(_, way)| *way).min()?;
         (quickest < CLOCK_STEP_NS).then_some(quickest)
@@ -66,7 +66,7 @@ mod tests {
         let (offset, mut clock) = (-7_123 * MS, PeerClock::default());
         let mut now = 1_000 * MS;
         for k in 0..40_i64 {
-            // There in 2 to 42 ms, held for 30 ms, back in 1 to 31 ms.
+            // Outward 2 to 42 ms, held for 30 ms, back 1 to 31 ms.
             let (there, held, back) = (2 * MS + k % 5 * 10 * MS, 30 * MS, MS + k % 4 * 10 * MS);
             let theirs = now + there + held - offset;
             let heard = now + there + held + back;

@@ -1,4 +1,4 @@
-//! What is said and what is believed to have been said? Words to datagrams and back; a function of what it is given.
+//! How do team messages become datagrams and come back? A function of data: time is an argument.
 
 use std::collections::BTreeMap;
 
@@ -14,21 +14,21 @@ use crate::cycle::Cycle;
 use crate::datagram::authentication::{MacKey, RejectReason, ReplayGuard, append_mac, verify_mac};
 use crate::datagram::message::{self, Echo, ObjectState, TeamMessage, VERSION};
 
-/// Speakers that are remembered; a team has fewer, and a stranger who makes up numbers shall not fill the memory.
+/// Number of remembered senders: more than a team has, and a bound if a stranger makes up numbers.
 const MAX_PEERS: usize = 16;
-/// Robots that are told to the team: the surest ones.
+/// Number of tracked robots in a message: the most probable ones.
 const MAX_OBSTACLES: usize = 16;
 
-/// Datagrams so far.
+/// Counts of datagrams.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct TeamLinkCounts {
-    /// Words taken.
+    /// Accepted messages.
     pub received: u64,
     /// Datagrams refused, by reason.
     pub refused: BTreeMap<RejectReason, u64>,
 }
 
-/// One robot's side of the talk.
+/// One robot's side of the team's exchange.
 #[derive(Debug)]
 pub struct TeamLink {
     team: u32,
@@ -41,7 +41,7 @@ pub struct TeamLink {
     counts: TeamLinkCounts,
 }
 
-/// The last of a team-mate.
+/// The latest message of a team-mate.
 #[derive(Debug, Clone, Default)]
 struct Peer {
     replay_guard: ReplayGuard,
@@ -51,7 +51,7 @@ struct Peer {
 }
 
 impl TeamLink {
-    /// Begins; `session`: larger for each start, nanoseconds since 1970 will do.
+    /// `session`: larger for each start, for example nanoseconds since 1970.
     pub fn new(config: &TeamLinkConfig, session: u64) -> Result<Self> {
         Ok(TeamLink {
             team: config.team,
@@ -65,7 +65,7 @@ impl TeamLink {
         })
     }
 
-    /// The datagram that tells the team of a cycle, sent at `now` of the clock that stamped it.
+    /// The datagram of a cycle, sent at `now` by the clock of its stamps.
     pub fn encode_message(&mut self, cycle: &Cycle, now: Stamp) -> Vec<u8> {
         self.sequence += 1;
         let echo = |(robot, heard): (&u32, &Peer)| Echo {
@@ -97,7 +97,7 @@ impl TeamLink {
         append_mac(word.encode_to_vec(), self.key.as_ref())
     }
 
-    /// What a datagram says that was heard at `now` of our clock.
+    /// The report in a datagram received at `now` by our clock.
     pub fn receive(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, RejectReason> {
         let report = self.decode_message(datagram, now);
         match &report {
@@ -107,12 +107,12 @@ impl TeamLink {
         report
     }
 
-    /// Datagrams so far.
+    /// Counts of datagrams.
     pub fn counts(&self) -> &TeamLinkCounts {
         &self.counts
     }
 
-    /// A team-mate's clock.
+    /// Clock of a team-mate.
     pub fn peer_clock(&self, robot: u32) -> Option<&PeerClock> {
         self.peers.get(&robot).map(|heard| &heard.clock)
     }
@@ -120,7 +120,7 @@ impl TeamLink {
     fn decode_message(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, RejectReason> {
         let content = verify_mac(datagram, self.key.as_ref())?;
         let word = TeamMessage::decode(content).map_err(|_foreign| RejectReason::Foreign)?;
-        // What decodes by chance has no version of ours.
+        // Foreign bytes that decode by chance have no known version.
         if word.version == 0 {
             return Err(RejectReason::Foreign);
         }
@@ -149,7 +149,7 @@ impl TeamLink {
         heard.clock.add_exchange(word.sent_ns, now.0, echo);
         (heard.sent_ns, heard.received_ns) = (word.sent_ns, now.0);
         let offset = heard.clock.offset_ns().unwrap_or(0);
-        // Nothing that was said can be of the future, whatever the clocks think.
+        // A report is never from the future, whatever the clock offset says.
         let ours = |theirs: i64| Stamp(theirs.saturating_add(offset).min(now.0));
         Ok(report_from_message(&word, ours))
     }

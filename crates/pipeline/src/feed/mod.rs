@@ -1,4 +1,4 @@
-//! Who else wants to know? Each cycle goes from the spine to whoever subscribed, and nobody of them can hold it up.
+//! How do observers get cycles? Each subscriber has a bounded queue, so that none can delay the pipeline.
 
 pub mod queue;
 #[cfg(test)]
@@ -15,12 +15,12 @@ pub use queue::{DropCounts, Pace, RecvError};
 
 use crate::cycle::Cycle;
 
-/// Of the cycles that wait for a subscriber, one in so many keeps its image.
+/// Cycles that wait for a subscriber, per image that waits.
 ///
-/// An image is a hundred times as large as the rest of its cycle and ages as fast; what is found in it stays useful.
+/// An image is a hundred times as large as the rest of its cycle, and less useful when it is old.
 const CYCLES_PER_IMAGE: usize = 4;
 
-/// The spine's side: publish a cycle and go on.
+/// The publisher's side. Publishing never blocks.
 ///
 /// Clones publish to the same subscribers; when the last one is dropped, the subscriptions end.
 #[derive(Clone, Default)]
@@ -45,7 +45,7 @@ impl Feed {
         Feed::default()
     }
 
-    /// Hands a cycle to every subscriber, and returns at once: whoever is behind loses the oldest, images first.
+    /// Gives a cycle to every subscriber and returns at once. A full queue drops its oldest entries, images first.
     pub fn publish(&self, cycle: &Arc<Cycle>) {
         let mut state = self.shared.lock();
         let index = state.next_index;
@@ -59,10 +59,10 @@ impl Feed {
         });
     }
 
-    /// Subscribes from the next cycle on.
+    /// Subscribes, starting with the next cycle.
     ///
-    /// `capacity`: cycles that may wait; a quarter of them (at least one) keep their images. With 1 it is always the
-    /// newest cycle that waits.
+    /// `capacity`: cycles that may wait; a quarter of them (at least one) keep their images. With 1, only the newest
+    /// cycle waits.
     pub fn subscribe(&self, capacity: usize) -> Subscription {
         let images = capacity / CYCLES_PER_IMAGE;
         let queue = Arc::new(CycleQueue::new(Pace::Live, images, capacity));
@@ -75,7 +75,7 @@ impl Feed {
 }
 
 impl FeedShared {
-    // A panic elsewhere leaves a list that is still true.
+    // After a panic of another thread the list is still valid.
     fn lock(&self) -> std::sync::MutexGuard<'_, FeedState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -89,24 +89,24 @@ impl Drop for FeedShared {
     }
 }
 
-/// A subscriber's side: take what waits.
+/// The subscriber's side.
 pub struct Subscription {
     queue: Arc<CycleQueue>,
     dropped: [AtomicU64; 2],
 }
 
 impl Subscription {
-    /// The oldest cycle that waits, at once.
+    /// The oldest waiting cycle, without blocking.
     pub fn try_recv(&self) -> Result<Arc<Cycle>, RecvError> {
         self.recv_timeout(Duration::ZERO)
     }
 
-    /// The oldest cycle that waits or comes within `patience`.
-    pub fn recv_timeout(&self, patience: Duration) -> Result<Arc<Cycle>, RecvError> {
-        self.recv_indexed(patience).map(|((_, cycle), _)| cycle)
+    /// The oldest waiting cycle; blocks up to `timeout` for one.
+    pub fn recv_timeout(&self, timeout: Duration) -> Result<Arc<Cycle>, RecvError> {
+        self.recv_indexed(timeout).map(|((_, cycle), _)| cycle)
     }
 
-    /// What this subscriber lost by being slow, as far as it was told by what it received since.
+    /// What this subscriber missed, counted up to the latest cycle that it received.
     pub fn dropped(&self) -> DropCounts {
         let [images, cycles] = &self.dropped;
         DropCounts {
@@ -115,12 +115,9 @@ impl Subscription {
         }
     }
 
-    /// As [`Subscription::recv_timeout`], with the cycle's number and what was dropped before it.
-    pub fn recv_indexed(
-        &self,
-        patience: Duration,
-    ) -> Result<(IndexedCycle, DropCounts), RecvError> {
-        let (entry, dropped) = self.queue.pop_timeout(patience)?;
+    /// As [`Subscription::recv_timeout`], with the cycle's number and the drops before it.
+    pub fn recv_indexed(&self, timeout: Duration) -> Result<(IndexedCycle, DropCounts), RecvError> {
+        let (entry, dropped) = self.queue.pop_timeout(timeout)?;
         let [images, cycles] = &self.dropped;
         images.fetch_add(dropped.images, Ordering::Relaxed);
         cycles.fetch_add(dropped.cycles, Ordering::Relaxed);

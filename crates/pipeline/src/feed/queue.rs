@@ -1,4 +1,4 @@
-//! What waits to be taken? A bounded queue of cycles between the spine and one who watches: it drops or it waits, as told.
+//! How do cycles wait for an observer? In a bounded queue that drops the oldest or blocks the run.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -6,19 +6,19 @@ use std::time::Duration;
 
 use crate::cycle::Cycle;
 
-/// Who waits when the disk is slow?
+/// What happens when a consumer is slower than the run?
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// Nobody: a robot drives on, the log drops the oldest, images first.
+    /// The oldest entries are dropped, images first: a robot does not wait.
     Live,
-    /// The run: a simulation or a recording loses nothing.
+    /// The run waits: a simulation or a recording loses nothing.
     Lockstep,
 }
 
-/// A cycle, and its number since the start of the run (dropped ones count).
+/// A cycle and its number since the start of the run; dropped cycles count.
 pub(crate) type IndexedCycle = (u64, Arc<Cycle>);
 
-/// What was dropped for want of time.
+/// Dropped entries of a full queue.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct DropCounts {
     /// Images; their cycles were kept.
@@ -28,7 +28,7 @@ pub struct DropCounts {
 }
 
 impl DropCounts {
-    /// Nothing was dropped.
+    /// True if nothing was dropped.
     pub fn is_zero(self) -> bool {
         self == DropCounts::default()
     }
@@ -37,7 +37,7 @@ impl DropCounts {
 /// Why there is no cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum RecvError {
-    /// None came in time.
+    /// No cycle arrived in time.
     #[error("no cycle yet")]
     Timeout,
     /// The run has ended.
@@ -53,32 +53,32 @@ struct QueueState {
     closed: bool,
 }
 
-/// The queue itself; one side pushes, the other pops.
+/// A bounded queue; one side pushes, the other pops.
 pub(crate) struct CycleQueue {
     state: Mutex<QueueState>,
     changed: Condvar,
-    run_mode: Pace,
+    pace: Pace,
     max_images: usize,
     max_entries: usize,
 }
 
 impl CycleQueue {
-    /// A queue of at most so many entries, of which at most so many hold an image.
-    pub(crate) fn new(pace: Pace, most_images: usize, most_entries: usize) -> Self {
+    /// A queue of at most `max_entries`, of which at most `max_images` hold an image.
+    pub(crate) fn new(pace: Pace, max_images: usize, max_entries: usize) -> Self {
         CycleQueue {
             state: Mutex::default(),
             changed: Condvar::new(),
-            run_mode: pace,
-            max_images: most_images.max(1),
-            max_entries: most_entries.max(1),
+            pace,
+            max_images: max_images.max(1),
+            max_entries: max_entries.max(1),
         }
     }
 
-    /// Adds an entry: at live pace by dropping the oldest of a full queue, images first; in lockstep by waiting.
+    /// Adds an entry. A full queue drops its oldest entries (live, images first) or blocks (lockstep).
     pub(crate) fn push(&self, entry: IndexedCycle) {
         let mut state = self.lock();
         let has_image = has_image(&entry);
-        if self.run_mode == Pace::Lockstep {
+        if self.pace == Pace::Lockstep {
             let full = |state: &mut QueueState| {
                 let images = state.images >= self.max_images && has_image;
                 !state.closed && (images || state.entries.len() >= self.max_entries)
@@ -93,7 +93,7 @@ impl CycleQueue {
         }
         state.images += usize::from(has_image);
         state.entries.push_back(entry);
-        if self.run_mode == Pace::Live {
+        if self.pace == Pace::Live {
             if state.images > self.max_images {
                 state.drop_oldest_image();
             }
@@ -105,7 +105,7 @@ impl CycleQueue {
         self.changed.notify_all();
     }
 
-    /// The oldest entry and what was dropped since the last call; none when the queue is closed and empty.
+    /// The oldest entry and the drops since the last call. None if the queue is closed and empty.
     pub(crate) fn pop(&self) -> Option<(IndexedCycle, DropCounts)> {
         let waiting = |state: &mut QueueState| state.entries.is_empty() && !state.closed;
         let mut state = self
@@ -118,15 +118,15 @@ impl CycleQueue {
         popped
     }
 
-    /// As [`Queue::pop`], but waits no longer than `patience`.
+    /// As [`CycleQueue::pop`], but blocks no longer than `timeout`.
     pub(crate) fn pop_timeout(
         &self,
-        patience: Duration,
+        timeout: Duration,
     ) -> Result<(IndexedCycle, DropCounts), RecvError> {
         let waiting = |state: &mut QueueState| state.entries.is_empty() && !state.closed;
         let (mut state, _) = self
             .changed
-            .wait_timeout_while(self.lock(), patience, waiting)
+            .wait_timeout_while(self.lock(), timeout, waiting)
             .unwrap_or_else(PoisonError::into_inner);
         let popped = state.pop();
         let nothing = if state.closed {
@@ -139,13 +139,13 @@ impl CycleQueue {
         popped.ok_or(nothing)
     }
 
-    /// Takes no more entries; those that wait are still popped.
+    /// Takes no more entries. Waiting ones can still be popped.
     pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    // A panic of the other side leaves entries and counts that are still true.
+    // After a panic of the other side entries and counts are still valid.
     fn lock(&self) -> MutexGuard<'_, QueueState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }

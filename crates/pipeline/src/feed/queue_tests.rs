@@ -1,4 +1,4 @@
-//! Who waits and what is dropped when whoever takes is slow.
+//! Tests of the queue: blocking and drops with a slow consumer.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Claims about the feed: who gets what, and who waits for whom.
+//! Tests of the feed: delivery, drops and closing.
 
 use std::sync::Arc;
 use std::time::Duration;

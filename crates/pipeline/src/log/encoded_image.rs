@@ -1,4 +1,4 @@
-//! How is an image kept? Exactly (PNG), for looking at (JPEG), or not at all.
+//! How is an image stored? Losslessly (PNG), for viewers (JPEG), or not at all.
 
 use std::io::Cursor;
 
@@ -10,28 +10,28 @@ use serde::{Deserialize, Serialize};
 
 use vision::image::Image;
 
-/// How a log keeps images.
+/// Compression of the images in a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ImageCompression {
-    /// Every bit, so that replay can recompute vision too.
+    /// Lossless, so that replay can recompute vision.
     #[default]
     Png,
     /// A fifth of the size; replay recomputes from the recorded line points.
     Jpeg,
-    /// Left out; replay recomputes from the recorded line points.
+    /// No images; replay recomputes from the recorded line points.
     None,
 }
 
 impl ImageCompression {
-    /// Every mode.
+    /// All modes.
     pub const ALL: [ImageCompression; 3] = [
         ImageCompression::Png,
         ImageCompression::Jpeg,
         ImageCompression::None,
     ];
 
-    /// The `format` of foxglove.CompressedImage and the end of a file's name.
+    /// The `format` of foxglove.CompressedImage and the file name's extension.
     pub fn name(self) -> &'static str {
         match self {
             ImageCompression::Png => "png",
@@ -48,25 +48,25 @@ impl ImageCompression {
     }
 }
 
-/// An image as the log holds it.
+/// An encoded image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EncodedImage {
     /// PNG or JPEG.
     pub compression: ImageCompression,
-    /// The file's bytes.
+    /// Bytes of the file.
     pub bytes: Vec<u8>,
 }
 
 impl EncodedImage {
-    /// Packs an image; none if the mode leaves images out.
+    /// Encodes an image. None if the mode stores no images.
     pub(super) fn new(
-        picture: &Image,
+        source: &Image,
         mode: ImageCompression,
         jpeg_quality: u8,
     ) -> Result<Option<Self>> {
-        let (width_px, height_px) = (picture.width_px, picture.height_px);
-        let about = || format!("cannot pack an image of {width_px} × {height_px} pixels");
-        let mut bytes = Vec::with_capacity(picture.rgb.len());
+        let (width_px, height_px) = (source.width_px, source.height_px);
+        let context = || format!("cannot encode an image of {width_px} × {height_px} pixels");
+        let mut bytes = Vec::with_capacity(source.rgb.len());
         match mode {
             // 1.1 ms for 480 × 480 pixels with sensor noise; the next better setting takes six times as long for 1 %.
             ImageCompression::Png => {
@@ -74,15 +74,15 @@ impl EncodedImage {
                     PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up);
                 let (width, height) = (width_px as u32, height_px as u32);
                 let rgb = ExtendedColorType::Rgb8;
-                let written = encoder.write_image(&picture.rgb, width, height, rgb);
-                written.with_context(about)?;
+                let written = encoder.write_image(&source.rgb, width, height, rgb);
+                written.with_context(context)?;
             }
             ImageCompression::Jpeg => {
-                let size = |size_px| u16::try_from(size_px).with_context(about);
+                let size = |size_px| u16::try_from(size_px).with_context(context);
                 let (width, height) = (size(width_px)?, size(height_px)?);
                 jpeg_encoder::Encoder::new(&mut bytes, jpeg_quality)
-                    .encode(&picture.rgb, width, height, ColorType::Rgb)
-                    .with_context(about)?;
+                    .encode(&source.rgb, width, height, ColorType::Rgb)
+                    .with_context(context)?;
             }
             ImageCompression::None => return Ok(None),
         }
@@ -92,14 +92,14 @@ impl EncodedImage {
         }))
     }
 
-    /// Unpacks the image.
+    /// Decodes the image.
     pub fn decode(&self) -> Result<Image> {
         let format = match self.compression {
             ImageCompression::Jpeg => ImageFormat::Jpeg,
             ImageCompression::Png | ImageCompression::None => ImageFormat::Png,
         };
         let image = image::load(Cursor::new(&self.bytes), format)
-            .context("an image of the log is broken")?;
+            .context("an image of the log is damaged")?;
         let image = image.into_rgb8();
         Ok(Image {
             width_px: image.width() as usize,

@@ -1,4 +1,4 @@
-//! How do other programs get at a log? As a recording folder of images and CSV, whole or not at all.
+//! How do other programs read a log? As a recording folder of images and CSV files.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -11,7 +11,7 @@ use super::mcap_records::LogEnd;
 use super::read::{LogReader, LoggedCycle};
 use crate::csv_table::format_seconds;
 
-/// What an export wrote.
+/// Counts of what an export wrote.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExportSummary {
     /// Images, or frames of line points where the log holds no images.
@@ -22,9 +22,9 @@ pub struct ExportSummary {
     pub end: LogEnd,
 }
 
-/// Writes a log as a recording folder, which appears whole or not at all.
+/// Writes a log as a recording folder, which appears when it is complete, or not at all.
 ///
-/// A log without images gives points.csv in place of frames.csv. A folder that is there must be empty.
+/// A log without images gives points.csv instead of frames.csv. An existing folder must be empty.
 pub fn export(log: LogReader, folder: &Path) -> Result<ExportSummary> {
     let taken = folder.exists()
         && folder
@@ -49,7 +49,7 @@ pub fn export(log: LogReader, folder: &Path) -> Result<ExportSummary> {
             Ok(exported)
         });
     if exported.is_err() {
-        // The error is told already; a part that cannot be removed is its lesser half.
+        // The first error is reported; a partial folder that cannot be removed matters less.
         let _ = std::fs::remove_dir_all(&partial);
     }
     exported
@@ -68,7 +68,7 @@ fn write_recording(mut log: LogReader, folder: &Path) -> Result<ExportSummary> {
     let header = log.header().clone();
     header.write_files(folder)?;
     if !header.files.contains_key("robot.toml") {
-        // A run on line points alone has no camera to tell of.
+        // A run on line points alone has no camera.
         std::fs::write(folder.join("robot.toml"), "field = \"field.toml\"\n")?;
     }
     let mut tables = RecordingTables::create(folder)?;
@@ -79,7 +79,7 @@ fn write_recording(mut log: LogReader, folder: &Path) -> Result<ExportSummary> {
     tables.finish(end)
 }
 
-/// The folder's CSV files, written as the log is read.
+/// The CSV files of the folder, written while the log is read.
 struct RecordingTables {
     folder: PathBuf,
     frames: OptionalCsv,
@@ -177,7 +177,7 @@ impl RecordingTables {
             exported.frames > 0,
             "the log holds neither images nor line points"
         );
-        // Images are what was seen; line points stand in for them alone.
+        // Line points are exported only for logs without images.
         self.points.finish(images == 0)?;
         self.frames.finish(true)?;
         if images == 0 {

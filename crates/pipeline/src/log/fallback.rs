@@ -1,4 +1,4 @@
-//! What does a log say whose cycles we cannot read? Its poses, truth and line points, from the topics that viewers know.
+//! What can be shown of a log of another format? Poses, truth and line points from the topics for viewers.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -14,7 +14,7 @@ use super::read::LoggedCycle;
 use super::schema::{convert, wire};
 use crate::cycle::Cycle;
 
-/// What of each moment is known.
+/// Collects what viewers' topics hold for each stamp.
 #[derive(Default)]
 pub(super) struct FallbackReader {
     cycles: BTreeMap<u64, FallbackCycle>,
@@ -28,23 +28,23 @@ struct FallbackCycle {
 }
 
 impl FallbackReader {
-    /// There was a frame at that time.
+    /// Adds a cycle at that time.
     pub(super) fn add_stamp(&mut self, time: u64) {
         self.cycles.entry(time).or_default();
     }
 
-    /// Takes a message of any topic; those that say nothing of a frame are passed over.
+    /// Takes a message of any topic. Topics without poses or line points are ignored.
     pub(super) fn add_message(&mut self, topic: &str, time: u64, data: &[u8]) {
         match topic {
             "/pose" => {
-                let found = PoseInFrame::decode(data).ok().and_then(|m| m.pose);
+                let pose = PoseInFrame::decode(data).ok().and_then(|m| m.pose);
                 self.cycles.entry(time).or_default().pose =
-                    found.and_then(|pose| planar_pose(&pose));
+                    pose.and_then(|pose| planar_pose(&pose));
             }
             "/truth/pose" => {
-                let found = PoseInFrame::decode(data).ok().and_then(|m| m.pose);
+                let pose = PoseInFrame::decode(data).ok().and_then(|m| m.pose);
                 self.cycles.entry(time).or_default().truth =
-                    found.and_then(|pose| planar_pose(&pose));
+                    pose.and_then(|pose| planar_pose(&pose));
             }
             "/vision/line_points" => {
                 if let Ok(cloud) = PointCloud::decode(data) {
@@ -55,7 +55,7 @@ impl FallbackReader {
         }
     }
 
-    /// A cycle for each moment, with its image where there is one.
+    /// A cycle per stamp, with its image if there is one.
     pub(super) fn into_cycles(
         mut self,
         mut images: HashMap<u64, EncodedImage>,
@@ -65,11 +65,11 @@ impl FallbackReader {
         for time in times {
             self.add_stamp(time);
         }
-        let logged = |(index, (time, moment)): (usize, (u64, FallbackCycle))| {
+        let logged = |(index, (time, fallback)): (usize, (u64, FallbackCycle))| {
             Ok(LoggedCycle {
                 index: index as u64,
                 image: images.remove(&time),
-                cycle: moment.into_cycle(Stamp(i64::try_from(time).unwrap_or(i64::MAX)))?,
+                cycle: fallback.into_cycle(Stamp(i64::try_from(time).unwrap_or(i64::MAX)))?,
             })
         };
         self.cycles.into_iter().enumerate().map(logged).collect()
@@ -77,7 +77,7 @@ impl FallbackReader {
 }
 
 impl FallbackCycle {
-    // By way of the message: what it leaves out comes to rest at its defaults.
+    // Through the message, whose defaults fill the other fields.
     fn into_cycle(self, stamp: Stamp) -> Result<Cycle> {
         let truth = self.truth.map(|pose| wire::GroundTruth {
             stamp_ns: stamp.0,
@@ -117,15 +117,15 @@ impl FallbackCycle {
 }
 
 fn planar_pose(pose: &StockPose) -> Option<wire::Pose> {
-    let (at, turn) = (pose.position.as_ref()?, pose.orientation.as_ref()?);
+    let (at, rotation) = (pose.position.as_ref()?, pose.orientation.as_ref()?);
     Some(wire::Pose {
         x: at.x as f32,
         y: at.y as f32,
-        theta: (2.0 * turn.z.atan2(turn.w)) as f32,
+        theta: (2.0 * rotation.z.atan2(rotation.w)) as f32,
     })
 }
 
-/// x, y and the deviations of a cloud whose every field is a 32-bit float, as ours are.
+/// Line points from a point cloud whose fields are 32-bit floats, as in our logs.
 fn line_points_from_cloud(cloud: &PointCloud) -> Vec<LinePoint> {
     let stride = cloud.point_stride as usize;
     let offset = |name: &str| {

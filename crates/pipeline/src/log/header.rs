@@ -1,4 +1,4 @@
-//! What does a log say of its run before the first cycle? Version, seed and source, and the files it ran with.
+//! What does a log hold before its first cycle? Version, seed, source, and the files of the run.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -26,25 +26,25 @@ pub(super) fn translate_files(mut files: BTreeMap<String, Vec<u8>>) -> BTreeMap<
     files
 }
 
-/// What a log starts with.
+/// The start of a log: metadata and files.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
-    /// The version of mirrorball that wrote it.
+    /// Version of mirrorball that wrote the log.
     pub version: String,
-    /// What ran: a command and its main argument.
+    /// The command with its main argument.
     pub source: String,
-    /// The seed of a simulation.
+    /// Seed of a simulation.
     pub seed: Option<u64>,
-    /// How images are kept.
+    /// Compression of the images.
     pub images: ImageCompression,
-    /// The files it ran with, by their names in a recording folder: robot.toml, field.toml, map.npz, mirror.csv, …
+    /// Files of the run by their names in a recording folder: robot.toml, field.toml, map.npz, mirror.csv, …
     ///
-    /// robot.toml names the others by these names, so that they stand for themselves wherever they are put.
+    /// robot.toml refers to the others by these names, so that they work in any folder.
     pub files: BTreeMap<String, Vec<u8>>,
 }
 
 impl Header {
-    /// The header of a run of this version, still without files.
+    /// A header of this version, without files.
     pub fn new(source: &str, seed: Option<u64>) -> Self {
         Header {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -55,16 +55,16 @@ impl Header {
         }
     }
 
-    /// Adds a file's content under a name.
+    /// Adds a file.
     pub fn with_file(mut self, name: &str, content: impl Into<Vec<u8>>) -> Self {
         self.files.insert(name.to_owned(), content.into());
         self
     }
 
-    /// Adds robot.toml with the files that it names, under the names they have in a recording folder.
+    /// Adds robot.toml and the files that it names, under their names in a recording folder.
     ///
-    /// `map`: what vision measures with, whichever it came from; replay measures with its very bits.
-    /// `colours`: the table it learned from labels, if it did.
+    /// `map`: the ground map in use, from whatever source; replay needs its exact bits.
+    /// `colours`: the colour table, if it was learned from labels.
     pub fn with_robot(
         self,
         robot: &RobotConfig,
@@ -74,48 +74,48 @@ impl Header {
         let read = |path: &Path| {
             std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))
         };
-        let mut own = robot.clone();
+        let mut stored = robot.clone();
         let mut header = self.with_file("field.toml", read(&robot.field)?);
-        own.field = "field.toml".into();
-        if let Some(mirror) = &mut own.mirror {
+        stored.field = "field.toml".into();
+        if let Some(mirror) = &mut stored.mirror {
             header = header.with_file("mirror.csv", read(&mirror.profile)?);
             mirror.profile = "mirror.csv".into();
         }
         if let Some(map) = map {
             header = header.with_file("map.npz", map.to_npz().context("cannot pack the map")?);
         }
-        own.map = map.map(|_| MapConfig {
+        stored.map = map.map(|_| MapConfig {
             file: "map.npz".into(),
         });
-        if let Some(mask) = &mut own.mask {
+        if let Some(mask) = &mut stored.mask {
             header = header.with_file("mask.png", read(mask)?);
             *mask = "mask.png".into();
         }
-        // The labels' images stay where they are; what was learned from them goes along.
-        own.labels = None;
-        own.colours = colours.map(|_| "colours.table".into());
+        // The colour table stands for the labels, whose images are not stored.
+        stored.labels = None;
+        stored.colours = colours.map(|_| "colours.table".into());
         if let Some(colours) = colours {
             header = header.with_file("colours.table", colours.to_bytes());
         }
-        Ok(header.with_file("robot.toml", toml::to_string(&own)?))
+        Ok(header.with_file("robot.toml", toml::to_string(&stored)?))
     }
 
-    /// Why bits may differ from what this program computes, though the log can be read.
+    /// A warning if another version wrote the log, so that recomputed bits may differ.
     pub fn version_mismatch(&self) -> Option<String> {
-        let own = env!("CARGO_PKG_VERSION");
-        (self.version != own).then(|| {
+        let version = env!("CARGO_PKG_VERSION");
+        (self.version != version).then(|| {
             format!(
-                "written by mirrorball {}, this is {own}: what is recomputed may differ",
+                "written by mirrorball {}, this is {version}: recomputed values may differ",
                 self.version
             )
         })
     }
 
-    /// Writes the files into a folder.
+    /// Writes the files to a folder.
     pub fn write_files(&self, folder: &Path) -> Result<()> {
         for (name, content) in &self.files {
             if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\', '\0']) {
-                bail!("the log holds a file {name:?}, which is no plain file name");
+                bail!("invalid file name in the log: {name:?} (expected a plain name)");
             }
             let path = folder.join(name);
             std::fs::write(&path, content)
@@ -124,7 +124,7 @@ impl Header {
         Ok(())
     }
 
-    /// The message with which a live stream greets.
+    /// The first message of a live stream.
     pub fn to_message(&self) -> wire::About {
         let file = |(name, content): (&String, &Vec<u8>)| wire::Attachment {
             name: name.clone(),
@@ -140,7 +140,7 @@ impl Header {
         }
     }
 
-    /// Reads the greeting of the stream at `place`; one of another form is refused.
+    /// Reads the first message of the stream at `place`. Refuses other log formats.
     pub fn from_message(about: wire::About, place: &Path) -> Result<Self> {
         let metadata = about
             .metadata
@@ -156,7 +156,7 @@ impl Header {
         })
     }
 
-    /// The metadata record; the files go as attachments.
+    /// The metadata record; files are attachments.
     pub(crate) fn metadata(&self) -> BTreeMap<String, String> {
         let seed = self.seed.map_or_else(String::new, |seed| seed.to_string());
         [
@@ -170,7 +170,7 @@ impl Header {
         .into()
     }
 
-    /// Reads the metadata record of the log at `path`; one of another form is refused.
+    /// Reads the metadata record of the log at `path`. Refuses other log formats.
     pub(crate) fn from_metadata(values: &BTreeMap<String, String>, path: &Path) -> Result<Self> {
         let value = |key: &str| {
             values.get(key).with_context(|| {
@@ -193,14 +193,16 @@ impl Header {
             source: value("source")?.clone(),
             seed: match seed.as_str() {
                 "" => None,
-                seed => Some(
-                    seed.parse()
-                        .with_context(|| format!("{}: seed {seed:?}", path.display()))?,
-                ),
+                seed => Some(seed.parse().with_context(|| {
+                    format!(
+                        "{}: invalid seed: {seed:?} (expected a whole number)",
+                        path.display()
+                    )
+                })?),
             },
             images: ImageCompression::from_name(images).with_context(|| {
                 format!(
-                    "{}: keeps images as {images:?}, which is unknown",
+                    "{}: unknown image compression: {images:?} (expected png, jpeg or none)",
                     path.display()
                 )
             })?,

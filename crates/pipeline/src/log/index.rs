@@ -1,7 +1,7 @@
-//! Where in a log is which moment? Its chunks by time, found without reading them, each loaded when it is wanted.
+//! Where in a log is a given time? An index of its chunks by time; a chunk is loaded on demand.
 //!
-//! [`super::Log`] reads from front to back; whoever jumps about in a log of any length (the view) asks here. A file
-//! with a summary opens by it alone; one that was cut is walked once, from chunk to chunk by their lengths.
+//! [`super::LogReader`] reads from front to back; the view jumps, so it uses this index. A file with a summary opens
+//! by the summary alone. A truncated file is scanned once, from chunk to chunk by their lengths.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -27,9 +27,9 @@ use super::schema::{
 };
 use crate::config::PIPELINE_FILE;
 
-/// A cut file's topics are sought in so many of its first chunks; ours are all in the first.
+/// The topics of a truncated file are read from this many first chunks; ours are all in the first.
 const TOPIC_SEARCH_CHUNKS: usize = 16;
-/// Before a chunk's compressed records: times, size, checksum, length of the compression's name.
+/// Bytes of the two times at the start of a chunk record.
 const CHUNK_TIMES_BYTES: usize = 16;
 
 /// A chunk of the file.
@@ -37,13 +37,13 @@ const CHUNK_TIMES_BYTES: usize = 16;
 pub struct ChunkInfo {
     pub(super) offset: u64,
     pub(super) length: u64,
-    /// Of its first message.
+    /// Time of its first message.
     pub start: Stamp,
-    /// Of its last message.
+    /// Time of its last message.
     pub end: Stamp,
 }
 
-/// A log of which any moment can be loaded.
+/// A log with random access.
 pub struct LogIndex {
     path: PathBuf,
     header: Header,
@@ -51,14 +51,14 @@ pub struct LogIndex {
     topics: Mutex<HashMap<u16, String>>,
     end: LogEnd,
     warnings: Vec<String>,
-    /// Its cycles can be read; else what its other topics say stands in.
+    /// False if only the topics for viewers can be read.
     cycles_readable: bool,
 }
 
 impl LogIndex {
-    /// Opens a log of any version; what it lacks is told by [`Index::missing`].
+    /// Opens a log of any version; [`LogIndex::warnings`] lists what it lacks.
     ///
-    /// What is no MCAP file is refused, and one without a single whole chunk.
+    /// Refuses files that are not MCAP and files without a complete chunk.
     pub fn open(path: &Path) -> Result<Self> {
         let mut missing = Vec::new();
         let header = read_header(path, &mut missing)?;
@@ -100,15 +100,15 @@ impl LogIndex {
             cycles_readable: true,
         };
         let first = index.chunks.len().min(TOPIC_SEARCH_CHUNKS);
-        let own = (0..first).any(|part| index.chunk_has_readable_cycle(part));
+        let cycles_readable = (0..first).any(|part| index.chunk_has_readable_cycle(part));
         Ok(LogIndex {
-            cycles_readable: own,
+            cycles_readable,
             ..index
         }
         .with_topic_warnings())
     }
 
-    /// True if a chunk holds a cycle in our form; a broken chunk is told when somebody wants what is in it.
+    /// True if a chunk holds a cycle in our format. A damaged chunk is reported when it is loaded.
     fn chunk_has_readable_cycle(&self, part: usize) -> bool {
         let records = self.read_chunk_messages(part).unwrap_or_default();
         records
@@ -133,7 +133,7 @@ impl LogIndex {
         self
     }
 
-    /// What the log says of its run; empty where it is not one of ours.
+    /// The log's metadata and files; empty if the log is not one of Mirrorball.
     pub fn header(&self) -> &Header {
         &self.header
     }

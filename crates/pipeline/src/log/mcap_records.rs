@@ -1,5 +1,5 @@
-//! Which records does an MCAP file hold? One after the other, a chunk in memory at a time, a killed file to its last
-//! whole chunk.
+//! Which records does an MCAP file hold? Read one by one, with one chunk in memory; a killed file up to its last
+//! complete chunk.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -12,22 +12,22 @@ use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-/// No record of ours comes near this; a longer one is a broken length, and is not allocated.
+/// Longer records are taken as a damaged length and not allocated; ours are far shorter.
 pub(super) const MAX_RECORD_BYTES: u64 = 256 * 1024 * 1024;
-/// Before a record's content: what it is, and its length.
+/// Opcode and length before a record's content.
 pub(super) const RECORD_HEADER_BYTES: usize = 9;
 
-/// A part of the file that cannot be read; the reader stands behind it.
+/// An unreadable part of the file; reading continues after it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DamagedRange {
-    /// Where the part starts, bytes from the file's start.
+    /// Start of the part, bytes from the start of the file.
     pub(super) offset: u64,
     /// What is wrong with it.
     pub(super) reason: String,
 }
 
 impl DamagedRange {
-    /// The error that a reader gives for it.
+    /// The error for readers that cannot skip it.
     pub(super) fn to_error(&self, path: &Path) -> anyhow::Error {
         anyhow!(
             "{} is damaged at byte {}: {}; `mirrorball recover` saves what can be read",
@@ -41,13 +41,13 @@ impl DamagedRange {
 /// How a file ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LogEnd {
-    /// With its index and summary, as a writer that was closed leaves it.
+    /// With index and summary: the writer was closed.
     Complete,
-    /// In the middle: its writer was killed, or it was not copied whole.
+    /// Without summary: the writer was killed, or the copy is incomplete.
     Truncated,
 }
 
-/// The records of an MCAP file, those of chunks unpacked, up to the end of its data section.
+/// The records of an MCAP file up to the end of its data section, chunks decompressed.
 pub(super) struct RecordReader {
     path: PathBuf,
     file: BufReader<File>,
@@ -57,7 +57,7 @@ pub(super) struct RecordReader {
 }
 
 impl RecordReader {
-    /// Opens a file; anything but MCAP is refused.
+    /// Opens an MCAP file.
     pub(super) fn open(path: &Path) -> Result<Self> {
         let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
         let mut file = BufReader::new(file);
@@ -77,12 +77,12 @@ impl RecordReader {
         })
     }
 
-    /// How the file ended; none while there is more to read.
+    /// How the file ended. None while there is more to read.
     pub(super) fn end(&self) -> Option<LogEnd> {
         self.end
     }
 
-    /// The next record; none at the end; a damaged part as an error, after which reading may go on.
+    /// The next record, None at the end. After an error for a damaged part, reading can continue.
     pub(super) fn next_record(&mut self) -> Result<Option<Record<'static>>, DamagedRange> {
         loop {
             if let Some(record) = self.chunk.pop_front() {
@@ -112,7 +112,7 @@ impl RecordReader {
         }
     }
 
-    // One record's kind and bytes; none where the file ends before it does.
+    // Opcode and bytes of a record. None if the file ends within it.
     fn read_record(&mut self) -> Result<Option<(u8, Vec<u8>)>, DamagedRange> {
         let mut prefix = [0; RECORD_HEADER_BYTES];
         if !self.fill(&mut prefix)? {

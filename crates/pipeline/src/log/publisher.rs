@@ -1,4 +1,4 @@
-//! Which messages does a cycle become? The same for a log and for whoever watches live.
+//! Which messages does a cycle become? The same ones in a log and in a live stream.
 
 use anyhow::Result;
 use localize::estimate::Mode;
@@ -10,17 +10,17 @@ use crate::cycle::Cycle;
 use crate::feed::DropCounts;
 use crate::sample::SourceImage;
 
-/// Turns cycles into messages, and remembers what it said last.
+/// Converts cycles to messages, with notes when the mode changes.
 pub struct CyclePublisher {
     pub(super) topics: Topics,
     images: ImageCompression,
     jpeg_quality: u8,
-    /// Of the cycle before.
+    /// Mode of the previous cycle.
     last_mode: Option<Mode>,
 }
 
 impl CyclePublisher {
-    /// `jpeg_quality`: 1 to 100, of JPEG images.
+    /// `jpeg_quality`: 1 to 100.
     pub fn new(topics: Topics, images: ImageCompression, jpeg_quality: u8) -> Self {
         CyclePublisher {
             topics,
@@ -30,7 +30,7 @@ impl CyclePublisher {
         }
     }
 
-    /// The field, for viewers to draw.
+    /// Publishes the field's lines, for viewers.
     pub fn publish_field(&self, field: &Field, stamp: Stamp) {
         let (points, lines) = (
             scene::field_points(field, stamp),
@@ -40,7 +40,7 @@ impl CyclePublisher {
         self.topics.scene.log_at(&lines, stamp);
     }
 
-    /// A cycle on all its topics; says whether its image was among them.
+    /// Publishes a cycle on all topics. True if its image was published.
     pub fn publish_cycle(&mut self, index: u64, cycle: &Cycle) -> Result<bool> {
         let stamp = cycle.stamp;
         self.publish_inputs(cycle);
@@ -58,21 +58,21 @@ impl CyclePublisher {
         }
         self.publish_results(cycle);
         self.log_state_changes(cycle);
-        // Last, so that whoever reads it has its image already.
+        // Last, so that a reader has the image already.
         self.topics
             .cycle
             .log_at(&convert::cycle_to_wire(index, cycle, image_name), stamp);
         Ok(has_image)
     }
 
-    /// The image as viewers get it; one that PNG would not keep exactly is not called exact, and becomes JPEG.
-    fn encode_image(&self, picture: &SourceImage) -> Result<Option<EncodedImage>> {
+    /// Encodes an image. PNG implies exact pixels, so images that RGB cannot hold exactly become JPEG.
+    fn encode_image(&self, source: &SourceImage) -> Result<Option<EncodedImage>> {
         let mode = match self.images {
             ImageCompression::None => return Ok(None),
-            ImageCompression::Png if !picture.is_lossless_in_rgb() => ImageCompression::Jpeg,
+            ImageCompression::Png if !source.is_lossless_in_rgb() => ImageCompression::Jpeg,
             mode => mode,
         };
-        match picture.to_rgb() {
+        match source.to_rgb() {
             Some(image) => EncodedImage::new(&image, mode, self.jpeg_quality),
             None => Ok(None),
         }
@@ -111,22 +111,26 @@ impl CyclePublisher {
         if let Some(annotations) = image_annotations::image_annotations(cycle) {
             topics.annotations.log_at(&annotations, stamp);
         }
-        if let Some(seen) = &cycle.detections {
+        if let Some(detections) = &cycle.detections {
             let sensors = wire::Sensors {
-                line_points: seen.line_points.len() as u32,
-                refused: seen.rejected_candidates.len() as u32,
-                carpet_share: seen.carpet_share,
-                colours_learned: seen.colours_learned,
-                carpet_end: seen.carpet_end.clone(),
-                windows: convert::windows_to_wire(&seen.virtual_sensors),
+                line_points: detections.line_points.len() as u32,
+                refused: detections.rejected_candidates.len() as u32,
+                carpet_share: detections.carpet_share,
+                colours_learned: detections.colours_learned,
+                carpet_end: detections.carpet_end.clone(),
+                windows: convert::windows_to_wire(&detections.virtual_sensors),
                 exposure: cycle.exposure.as_ref().map(convert::exposure_to_wire),
             };
             topics.sensors.log_at(&sensors, stamp);
-            if let Some(ball) = &seen.ball {
+            if let Some(ball) = &detections.ball {
                 topics.ball.log_at(&convert::ball_to_wire(ball), stamp);
             }
-            // Also when there are none: else a viewer would go on showing those that left.
-            let robots = seen.robots.iter().map(convert::robot_to_wire).collect();
+            // An empty list too, or a viewer would keep showing the last robots.
+            let robots = detections
+                .robots
+                .iter()
+                .map(convert::robot_to_wire)
+                .collect();
             topics.robots.log_at(&wire::Robots { robots }, stamp);
         }
         topics
@@ -154,29 +158,29 @@ impl CyclePublisher {
         topics.scene.log_at(&scene::cycle_scene(cycle), stamp);
     }
 
-    /// A line for people about what was lost, and to whom.
-    pub fn log_dropped(&self, whose: &str, dropped: DropCounts, stamp: Stamp) {
+    /// Logs a warning about dropped cycles; `consumer` was too slow.
+    pub fn log_dropped(&self, consumer: &str, dropped: DropCounts, stamp: Stamp) {
         if !dropped.is_zero() {
             let DropCounts { images, cycles } = dropped;
-            let text = format!("{whose} is slow: dropped {images} images, {cycles} cycles");
+            let text = format!("{consumer} is slow: dropped {images} images, {cycles} cycles");
             self.topics.log_message(stamp, Level::Warning, text);
         }
     }
 
-    /// A line for people about what went wrong here.
-    pub fn log_error(&self, fault: &str, stamp: Stamp) {
+    /// Logs an error.
+    pub fn log_error(&self, error: &str, stamp: Stamp) {
         self.topics
-            .log_message(stamp, Level::Error, fault.to_owned());
+            .log_message(stamp, Level::Error, error.to_owned());
     }
 
-    /// A line for people when the robot gets lost, finds itself, or cannot use a frame.
+    /// Logs changes of the mode, unusable images and uncontrolled light changes.
     fn log_state_changes(&mut self, cycle: &Cycle) {
         let (stamp, estimate) = (cycle.stamp, &cycle.estimate);
         if let Some(fault) = &cycle.fault {
             self.topics
                 .log_message(stamp, Level::Warning, format!("frame not used: {fault}"));
         }
-        if cycle.exposure.is_some_and(|reading| reading.warning) {
+        if cycle.exposure.is_some_and(|status| status.warning) {
             let text = "the light changed, and this camera's exposure cannot be controlled";
             self.topics
                 .log_message(stamp, Level::Warning, text.to_owned());

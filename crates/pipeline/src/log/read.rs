@@ -1,4 +1,4 @@
-//! What did a log record? Its header, then cycle after cycle in the order of their writing, one in memory at a time.
+//! What did a log record? Its header, then its cycles in the order of writing, one in memory at a time.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -17,12 +17,42 @@ use super::schema::{
 use crate::cycle::Cycle;
 use crate::sample::{CameraImage, ImageContent, Sample};
 
-/// A log that is being read; iterate for its cycles.
+/// An open log: an iterator of its cycles.
+///
+/// ```
+/// # fn main() -> anyhow::Result<()> {
+/// use std::path::Path;
+/// use std::sync::Arc;
+///
+/// use pipeline::log::{LogConfig, LogReader, start_log};
+/// use pipeline::recording::Recording;
+/// use pipeline::setup::Setup;
+/// use pipeline::{Pipeline, PipelineConfig};
+///
+/// let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence");
+/// let (setup, config) = (Setup::load(&folder.join("robot.toml"), None)?, PipelineConfig::default());
+/// let out = tempfile::tempdir()?;
+/// let path = out.path().join("run.mcap");
+/// let mut recorder = start_log(&path, "example", None, (&setup, &config), &LogConfig::default())?;
+/// let mut pipeline = Pipeline::new(&setup, &config)?;
+/// for cycle in Recording::open(&folder, 0.04)?.filter_map(|sample| pipeline.process_sample(sample)) {
+///     recorder.record_cycle(Arc::new(cycle))?;
+/// }
+/// assert_eq!(recorder.finish()?.cycles, 20);
+///
+/// let log = LogReader::open(&path)?;
+/// assert!(log.header().files.contains_key("pipeline.toml"));
+/// for logged in log {
+///     println!("{:?}", logged?.cycle.estimate.pose);
+/// }
+/// # Ok(())
+/// # }
+/// ```
 pub struct LogReader {
     path: PathBuf,
     header: Header,
     stream: RecordReader,
-    /// What the reader met first behind the header.
+    /// The first record after the header.
     pending_record: Option<Record<'static>>,
     topics: HashMap<u16, TopicKind>,
     assembler: CycleAssembler,
@@ -30,19 +60,19 @@ pub struct LogReader {
     failed: bool,
 }
 
-/// What the messages of a topic are to a reader.
+/// What the messages of a topic hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TopicKind {
     /// Everything of a cycle but its image.
     Cycle,
     /// The image of the cycle that follows.
     Image,
-    /// For viewers: the cycle says it too.
+    /// Data for viewers that the cycle holds too.
     Other,
 }
 
 impl TopicKind {
-    /// What a topic of that name is.
+    /// The kind of a topic by its name.
     pub fn from_name(name: &str) -> Self {
         match name {
             CYCLE_TOPIC => TopicKind::Cycle,
@@ -52,14 +82,14 @@ impl TopicKind {
     }
 }
 
-/// Puts cycles together from messages, those of a log and those of a live stream alike.
+/// Assembles cycles from the messages of a log or a live stream.
 #[derive(Default)]
 pub struct CycleAssembler {
     image: Option<(u64, EncodedImage)>,
 }
 
 impl CycleAssembler {
-    /// Takes a message; a cycle's is the last of its cycle.
+    /// Takes a message. The message of the cycle itself is the last one of each cycle.
     pub fn push_message(
         &mut self,
         topic: TopicKind,
@@ -77,7 +107,7 @@ impl CycleAssembler {
     fn assemble_cycle(&mut self, log_time: u64, data: &[u8]) -> Result<LoggedCycle> {
         let message = wire::Cycle::decode(data)?;
         let index = message.index;
-        // A recovered log may have lost an image with the chunk before its cycle's, a slow viewer either.
+        // A recovered log may lack the image's chunk, and a slow viewer the image.
         let image = self
             .image
             .take()
@@ -92,21 +122,21 @@ impl CycleAssembler {
     }
 }
 
-/// A cycle as it was recorded.
+/// A recorded cycle.
 #[derive(Debug, Clone)]
 pub struct LoggedCycle {
-    /// Counts from 0; a gap is a cycle that was dropped.
+    /// Number from 0; a gap is a dropped cycle.
     pub index: u64,
-    /// The cycle; its image is beside it, still packed.
+    /// The cycle, without its image.
     pub cycle: Cycle,
-    /// The image as the log holds it.
+    /// The image, still encoded.
     pub image: Option<EncodedImage>,
 }
 
 impl LogReader {
     /// Opens a log and reads its header.
     ///
-    /// What is no MCAP file, no log of ours, or a log of another form is refused.
+    /// Refuses files that are not MCAP, not a log of Mirrorball, or of another log format.
     pub fn open(path: &Path) -> Result<Self> {
         let mut stream = RecordReader::open(path)?;
         let mut about = None;
@@ -147,12 +177,12 @@ impl LogReader {
         })
     }
 
-    /// What the log says of its run.
+    /// The log's metadata and files.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// How the log ended; none while there is more to read.
+    /// How the log ended. None while there is more to read.
     pub fn end(&self) -> Option<LogEnd> {
         self.stream.end()
     }
@@ -196,14 +226,14 @@ impl LogReader {
 impl Iterator for LogReader {
     type Item = Result<LoggedCycle>;
 
-    /// The next cycle; after an error there is none.
+    /// The next cycle. An error ends the iteration.
     fn next(&mut self) -> Option<Self::Item> {
         if self.failed {
             return None;
         }
         let next = self.read_next().with_context(|| match self.last_stamp {
             Some(until) => format!(
-                "{}: behind the cycle at {} s",
+                "{}: after the cycle at {} s",
                 self.path.display(),
                 until.seconds()
             ),
@@ -215,20 +245,20 @@ impl Iterator for LogReader {
 }
 
 impl LoggedCycle {
-    /// The samples that led to the cycle, the frame last.
+    /// The samples of the cycle, the image last.
     ///
-    /// With `sight` the frame is the image if the log holds it exactly; else, and without, what was found in it stands in.
-    pub fn samples(&self, sight: bool) -> Result<Vec<Sample>> {
+    /// With `pixels`, the image holds its pixels if the log stored them losslessly. Otherwise it holds the detections.
+    pub fn samples(&self, pixels: bool) -> Result<Vec<Sample>> {
         let mut samples = self.cycle.inputs.sorted_samples();
         let exact = self
             .image
             .as_ref()
-            .filter(|image| sight && image.compression == ImageCompression::Png);
+            .filter(|image| pixels && image.compression == ImageCompression::Png);
         let content = match (exact, &self.cycle.fault) {
             (Some(image), _) => ImageContent::Pixels(image.decode()?.into()),
             (None, Some(fault)) => ImageContent::Unreadable(fault.clone()),
             (None, None) => match &self.cycle.detections {
-                Some(seen) => ImageContent::Detections(Box::new(seen.clone())),
+                Some(detections) => ImageContent::Detections(Box::new(detections.clone())),
                 None => ImageContent::Features {
                     points: self.cycle.line_points.clone(),
                     goals: Vec::new(),

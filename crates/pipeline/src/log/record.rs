@@ -1,32 +1,20 @@
-//! How does a cycle get to the disk without holding up the robot? Through a bounded queue, by a thread of its own.
+//! How does a cycle get to the disk without delaying the robot? Through a bounded queue and a writer thread.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
 use anyhow::{Result, anyhow, bail};
 use localize::{Field, Stamp};
 
-use super::LogConfig;
+use super::config::LogConfig;
 use super::header::Header;
-use super::writer::LogWriter;
+use super::note_queue::NoteQueue;
+use super::writer::{LogStats, LogWriter};
 use crate::cycle::Cycle;
-use crate::feed::DropCounts;
 use crate::feed::Pace;
 use crate::feed::queue::CycleQueue;
-
-/// What a recorder wrote.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct LogStats {
-    /// Cycles.
-    pub cycles: u64,
-    /// Images.
-    pub images: u64,
-    /// What a slow disk cost.
-    pub dropped: DropCounts,
-}
 
 /// Writes the cycles of one run into one log.
 pub struct Recorder {
@@ -40,9 +28,9 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts a log at `path`, replacing one that is there, and its writer thread.
+    /// Starts a log at `path` and its writer thread. Replaces an existing file.
     ///
-    /// What `header` says of images is set from `config`.
+    /// The image compression in `header` is set from `config`.
     pub fn create(
         path: &Path,
         header: &Header,
@@ -53,7 +41,7 @@ impl Recorder {
         Recorder::create_with(path, header, field, (pace, config), || ())
     }
 
-    /// As [`Recorder::create`]; `prepare` runs first in the writer's thread, to set its priority.
+    /// As [`Recorder::create`]; `prepare` runs first in the writer thread, to set its priority.
     pub fn create_with(
         path: &Path,
         header: &Header,
@@ -68,16 +56,16 @@ impl Recorder {
             config.queue_images,
             config.queue_cycles,
         ));
-        let fault = Arc::new(OnceLock::new());
-        let safe = writer.flushed_cycles();
-        let (end, failed) = (CloseOnDrop(queue.clone()), fault.clone());
+        let write_error = Arc::new(OnceLock::new());
+        let flushed_cycles = writer.flushed_cycles();
+        let (end, failed) = (CloseOnDrop(queue.clone()), write_error.clone());
         let run = move || {
             prepare();
-            let done = writer.run(&end.0).and_then(|()| writer.close());
-            if let Err(error) = &done {
+            let result = writer.run(&end.0).and_then(|()| writer.close());
+            if let Err(error) = &result {
                 failed.get_or_init(|| format!("{error:#}"));
             }
-            done
+            result
         };
         let thread = std::thread::Builder::new()
             .name("log".to_owned())
@@ -86,14 +74,14 @@ impl Recorder {
             queue,
             next_index: 0,
             writer: Some(thread),
-            write_error: fault,
-            flushed_cycles: safe,
+            write_error,
+            flushed_cycles,
             notes,
             path: path.to_owned(),
         })
     }
 
-    /// Takes a cycle; fails once the log could not be written.
+    /// Takes a cycle. Fails once a write has failed.
     pub fn record_cycle(&mut self, cycle: Arc<Cycle>) -> Result<()> {
         let index = self.next_index;
         self.next_index += 1;
@@ -101,17 +89,17 @@ impl Recorder {
         self.check()
     }
 
-    /// Takes a line for people, which goes into the log with the next cycle.
+    /// Takes a note, which goes into the log with the next cycle.
     pub fn note(&self, stamp: Stamp, text: &str) {
         self.notes.push(stamp, text);
     }
 
-    /// Cycles that are safe from a kill.
+    /// Number of cycles that are on the disk.
     pub fn flushed_cycles(&self) -> u64 {
         self.flushed_cycles.load(Ordering::Relaxed)
     }
 
-    /// Writes what waits, then index and summary.
+    /// Writes waiting cycles, then index and summary.
     pub fn finish(mut self) -> Result<LogStats> {
         self.join()
     }
@@ -119,7 +107,7 @@ impl Recorder {
     fn check(&self) -> Result<()> {
         self.write_error
             .get()
-            .map_or(Ok(()), |fault| Err(anyhow!("{fault}")))
+            .map_or(Ok(()), |error| Err(anyhow!("{error}")))
     }
 
     fn join(&mut self) -> Result<LogStats> {
@@ -137,41 +125,16 @@ impl Recorder {
     }
 }
 
-/// Notes that may wait for the next cycle; beyond it the oldest are dropped.
-const NOTES_MAX: usize = 256;
-
-/// Lines for people that wait for the writer.
-#[derive(Debug, Clone, Default)]
-pub(super) struct NoteQueue {
-    queue: Arc<Mutex<VecDeque<(Stamp, String)>>>,
-}
-
-impl NoteQueue {
-    fn push(&self, stamp: Stamp, text: &str) {
-        let mut waiting = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        if waiting.len() == NOTES_MAX {
-            waiting.pop_front();
-        }
-        waiting.push_back((stamp, text.to_owned()));
-    }
-
-    /// The oldest, if there is one.
-    pub(super) fn pop(&self) -> Option<(Stamp, String)> {
-        let mut waiting = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
-        waiting.pop_front()
-    }
-}
-
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // A run that failed still leaves a whole log; the failure that ends it is the one to be told.
+        // A failed run still leaves a complete log. The error of the run is reported, not that of the log.
         if self.writer.is_some() {
             let _ = self.join();
         }
     }
 }
 
-/// Closes the queue when the writer ends, however it ends: nobody waits for a writer that is gone.
+/// Closes the queue when the writer thread ends, even by a panic, so that the run does not wait for it.
 struct CloseOnDrop(Arc<CycleQueue>);
 
 impl Drop for CloseOnDrop {

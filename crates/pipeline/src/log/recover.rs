@@ -1,4 +1,4 @@
-//! What can be saved of a killed or damaged log? Every whole record, in a file with index and summary.
+//! What can be recovered from a killed or damaged log? Every complete record, in a file with index and summary.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
@@ -12,20 +12,20 @@ use mcap::{Attachment, WriteOptions, Writer};
 
 use super::mcap_records::{DamagedRange, LogEnd, RecordReader};
 
-/// What was saved.
+/// Result of a recovery.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecoverySummary {
-    /// Messages of all topics.
+    /// Recovered messages of all topics.
     pub messages: u64,
-    /// The latest message's time; none if there is no message.
+    /// Time of the latest message. None if there is no message.
     pub until: Option<Stamp>,
-    /// Parts of the file that could not be read, each with its reason.
+    /// Unreadable parts of the file, each with its reason.
     pub lost: Vec<String>,
-    /// True if nothing was wrong with the log in the first place.
+    /// True if the log was complete and undamaged.
     pub was_whole: bool,
 }
 
-/// Writes all that can be read of the log `from` into a proper log `to`, which appears whole or not at all.
+/// Copies all readable records of the log `from` to a log `to`, which appears when it is complete, or not at all.
 pub fn recover(from: &Path, to: &Path) -> Result<RecoverySummary> {
     let same = from
         .canonicalize()
@@ -46,7 +46,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<RecoverySummary> {
             Ok(recovered)
         });
     if saved.is_err() {
-        // The error is told already; a part that cannot be removed is its lesser half.
+        // The first error is reported; a partial file that cannot be removed matters less.
         let _ = std::fs::remove_file(&partial);
     }
     saved.with_context(|| format!("cannot write {}", to.display()))

@@ -1,17 +1,19 @@
-//! What does a log of this run begin with? Robot, field, map, settings and seed, so that it can be run again.
+//! How does a log of a run start? With robot, field, map, settings and seed, so that the run can be repeated.
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
 
+use super::config::LogConfig;
+use super::header::Header;
+use super::record::Recorder;
 use crate::config::{PIPELINE_FILE, PipelineConfig};
 use crate::feed::Pace;
-use crate::log::{Header, LogConfig, Recorder};
 use crate::setup::Setup;
 
-/// Starts the log of a run that waits for its log: a simulation or a recording, nothing is dropped.
+/// Starts the log of a run that waits for its writer, such as a simulation: no cycle is dropped.
 ///
-/// `source`: the command and its main argument.
+/// `source`: the command with its main argument.
 pub fn start_log(
     path: &Path,
     source: &str,

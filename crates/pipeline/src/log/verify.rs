@@ -43,17 +43,17 @@ pub struct VerificationReport {
     pub end: LogEnd,
 }
 
-/// Computes every cycle of a log again and compares it bit for bit.
+/// Recomputes every cycle of a log and compares it bit by bit.
 ///
-/// `take` is a fresh spine built from the log's own files: a sample in, after a frame a cycle out. Vision is computed
-/// again as long as every image is there exactly; after a dropped one its memory of the light may be another.
+/// `process` is a fresh pipeline built from the log's own files: samples in, a cycle after each image. Vision is
+/// recomputed until an image is missing or lossy; after that its colour model may differ.
 pub fn verify(
     mut log: LogReader,
-    mut take: impl FnMut(Sample) -> Option<Cycle>,
+    mut process: impl FnMut(Sample) -> Option<Cycle>,
 ) -> Result<VerificationReport> {
-    let (mut cycles, mut seen, mut different, mut unverified) = (0, 0, 0, 0);
+    let (mut cycles, mut vision_cycles, mut different, mut unverified) = (0, 0, 0, 0);
     let (mut first, mut gap) = (None, None);
-    let mut sight = log.header().images == ImageCompression::Png;
+    let mut pixels = log.header().images == ImageCompression::Png;
     for logged in log.by_ref() {
         let logged = logged?;
         if gap.is_some() || logged.index != cycles {
@@ -61,16 +61,16 @@ pub fn verify(
             unverified += 1;
             continue;
         }
-        sight &= logged.image.is_some() || logged.cycle.detections.is_none();
+        pixels &= logged.image.is_some() || logged.cycle.detections.is_none();
         let mut computed = None;
-        for sample in logged.samples(sight)? {
-            computed = take(sample);
+        for sample in logged.samples(pixels)? {
+            computed = process(sample);
         }
         let Some(computed) = computed else {
-            bail!("a frame of the log gave no cycle")
+            bail!("an image of the log gave no cycle")
         };
         cycles += 1;
-        seen += u64::from(sight && computed.detections.is_some());
+        vision_cycles += u64::from(pixels && computed.detections.is_some());
         if let Some(difference) = first_difference(&logged.cycle, &computed) {
             different += 1;
             first.get_or_insert(difference);
@@ -79,7 +79,7 @@ pub fn verify(
     let end = log.end().unwrap_or(LogEnd::Truncated);
     Ok(VerificationReport {
         cycles,
-        vision_cycles: seen,
+        vision_cycles,
         different,
         first_difference: first,
         gap,
@@ -88,24 +88,24 @@ pub fn verify(
     })
 }
 
-/// The first difference in what was computed, in the order of the stages; timings are no part of it.
+/// The first difference between two cycles, in the order of the stages. Timings are not compared.
 ///
-/// What vision saw is compared where both cycles hold it.
+/// Detections are compared if both cycles hold them.
 pub(super) fn first_difference(recorded: &Cycle, computed: &Cycle) -> Option<Difference> {
-    let difference = |what: &str, recorded: String, computed: String, stamp: Stamp| {
+    let difference = |quantity: &str, recorded: String, computed: String, stamp: Stamp| {
         Some(Difference {
             stamp,
-            quantity: what.to_owned(),
+            quantity: quantity.to_owned(),
             recorded,
             computed,
         })
     };
     let stamp = recorded.stamp;
-    // One message holds every value of a cycle, and its bytes every bit.
+    // The message of a cycle holds every value with every bit.
     let [ours, theirs] = [recorded, computed].map(|cycle| convert::cycle_to_wire(0, cycle, ""));
-    for (what, a, b) in comparable_values(&ours, &theirs) {
+    for (quantity, a, b) in comparable_values(&ours, &theirs) {
         if a.0 != b.0 {
-            return difference(what, a.1, b.1, stamp);
+            return difference(quantity, a.1, b.1, stamp);
         }
     }
     None
@@ -127,21 +127,21 @@ fn comparable_values(
         ("fault", text(&a.fault), text(&b.fault)),
     ];
     if let (Some(a), Some(b)) = (&a.seen, &b.seen) {
-        let brief = |seen: &wire::Detections| {
+        let brief = |detections: &wire::Detections| {
             let wire::Detections {
                 points,
                 refused_reason,
                 carpet_share,
                 ..
-            } = seen;
-            let told = format!(
+            } = detections;
+            let summary = format!(
                 "{} points, {} refused, carpet {carpet_share}",
                 points.x.len(),
                 refused_reason.len()
             );
-            (seen.encode_to_vec(), told)
+            (detections.encode_to_vec(), summary)
         };
-        parts.push(("what was seen", brief(a), brief(b)));
+        parts.push(("detections", brief(a), brief(b)));
     }
     let brief =
         |points: &wire::LinePoints| (points.encode_to_vec(), format!("{} points", points.x.len()));

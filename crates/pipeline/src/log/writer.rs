@@ -1,4 +1,4 @@
-//! What does a log's thread do? It writes the cycles that wait, and flushes them so often that a kill costs little.
+//! What does a log's thread do? It writes waiting cycles and flushes often, so that a kill loses little.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,20 +8,31 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use localize::Field;
 
-use super::LogConfig;
+use super::config::LogConfig;
 use super::header::Header;
+use super::note_queue::NoteQueue;
 use super::publisher::CyclePublisher;
-use super::record::{LogStats, NoteQueue};
 use super::schema::{Level, PROJECT_NAME, Sink};
-use crate::feed::Pace;
 use crate::feed::queue::CycleQueue;
+use crate::feed::{DropCounts, Pace};
 
-/// The thread's side of a recorder.
+/// Counts of what a recorder wrote.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct LogStats {
+    /// Written cycles.
+    pub cycles: u64,
+    /// Written images.
+    pub images: u64,
+    /// Drops because of a slow disk.
+    pub dropped: DropCounts,
+}
+
+/// The writer thread's side of a recorder.
 pub(super) struct LogWriter {
     sink: Sink,
     messages: CyclePublisher,
     period: Duration,
-    /// Until it is drawn, at the first cycle's time.
+    /// Published with the stamp of the first cycle; None after that.
     pending_field: Option<Field>,
     notes: NoteQueue,
     stats: LogStats,
@@ -39,13 +50,13 @@ impl LogWriter {
     ) -> Result<Self> {
         if !(1..=100).contains(&config.jpeg_quality) {
             bail!(
-                "[log] jpeg_quality = {}: must be 1 to 100",
+                "invalid [log] jpeg_quality: {} (expected 1 to 100)",
                 config.jpeg_quality
             );
         }
         let period = Duration::try_from_secs_f32(config.flush_period).with_context(|| {
             format!(
-                "[log] flush_period = {}: must be seconds",
+                "invalid [log] flush_period: {} (expected seconds >= 0)",
                 config.flush_period
             )
         })?;
@@ -77,12 +88,12 @@ impl LogWriter {
         })
     }
 
-    /// Where the number of cycles stands that are safe from a kill.
+    /// The number of cycles on the disk, shared with the recorder.
     pub(super) fn flushed_cycles(&self) -> Arc<AtomicU64> {
         self.flushed_cycles.clone()
     }
 
-    /// Writes what the queue holds until it is closed.
+    /// Writes cycles from the queue until it is closed.
     pub(super) fn run(&mut self, queue: &CycleQueue) -> Result<()> {
         let mut flushed = Instant::now();
         while let Some(((index, cycle), dropped)) = queue.pop() {
@@ -97,12 +108,12 @@ impl LogWriter {
             let LogStats {
                 cycles,
                 images,
-                dropped: lost,
+                dropped: total,
             } = &mut self.stats;
             *cycles += 1;
             *images += u64::from(has_image);
-            lost.images += dropped.images;
-            lost.cycles += dropped.cycles;
+            total.images += dropped.images;
+            total.cycles += dropped.cycles;
             if flushed.elapsed() >= self.period {
                 self.sink.flush()?;
                 self.flushed_cycles

@@ -1,6 +1,6 @@
-//! Did the eyes see what is there, and is what they saw there? Line points, ball, robots and goal posts against truth.
+//! How complete and how correct are detections? Line points, ball, robots and goal posts against ground truth.
 //!
-//! A frame's own lean bends its map; points are compared where they lie with the lean that matching estimated.
+//! Points are compared after correction by the tilt that matching estimated for the image.
 
 use localize::frames::{At, FieldFrame, RobotFrame};
 use localize::tilt::ground_from_map;
@@ -12,38 +12,38 @@ use vision::{Detections, GroundMap, overlay};
 
 use crate::score::visibility::{self, Body, BodyOutline};
 
-/// A thing whose place is known.
+/// An object whose true position is known.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundTruthObject {
-    /// Ball, or else robot.
+    /// True for the ball, false for a robot.
     pub is_ball: bool,
-    /// On the field.
+    /// Position on the field.
     pub at: At<FieldFrame>,
-    /// Where it heads, radians on the field, where that is known: a square of the simulator's robots; else it is round.
+    /// Heading on the field, radians. If known, the robot is square as in the simulator; else it is round.
     pub heading: Option<f32>,
-    /// Pixels that show it, where that is known.
+    /// Number of pixels that show it, if known.
     pub visible_px: Option<f32>,
 }
 
-/// What a frame is scored by.
+/// Ground truth for the score of one image.
 pub struct GroundTruthScene<'a> {
-    /// Where the robot was.
+    /// True pose of the robot.
     pub pose: Pose,
-    /// Its lean (a, b) as estimated, radians.
+    /// Its estimated tilt (a, b), radians.
     pub tilt: [f32; 2],
     /// Height of the mirror above the ground, metres.
     pub viewpoint_height: f32,
-    /// Field, with its markings.
+    /// The field with its markings.
     pub field: &'a Field,
-    /// What a pixel shows.
+    /// The ground map.
     pub map: &'a GroundMap,
-    /// Sectors without sight: middle and whole width, radians, robot frame.
+    /// Covered sectors of the view: centre and full width, radians, robot frame.
     pub occluded_sectors: &'a [(f32, f32)],
-    /// Ball and robots; none where nobody knows what is there.
+    /// Ball and robots. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
 }
 
-/// What `--json` prints of the eyes.
+/// Detection results as `--json` prints them.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct DetectionSummary {
     /// Line points within 5 m, and the share of them within max(5 cm, 2 pixels) of a marking.
@@ -52,59 +52,59 @@ pub struct DetectionSummary {
     pub points_right: f64,
     /// Share of the points within 4 m that lie within 10 cm of a marking.
     pub points_near_right: f64,
-    /// Share of the visible length of markings within 4 m that has a right line point within a quarter of a metre.
+    /// Share of the visible markings within 4 m that have a correct line point within 0.25 m.
     pub markings_sampled: f64,
-    /// Frames with the ball on the carpet within 6 m, more than half visible, and those in which it was found.
+    /// Images with the ball on the carpet within 6 m, more than half visible, and those in which it was detected.
     pub balls: usize,
     /// See `balls`.
     pub balls_found: usize,
-    /// Frames in which something else was taken for the ball.
+    /// Images with a false ball.
     pub balls_false: usize,
-    /// Robots within 4 m, nothing before them in more than half of their directions, and those that were found.
+    /// Robots within 4 m with more than half of their directions unoccluded, and those that were detected.
     pub robots: usize,
     /// See `robots`.
     pub robots_found: usize,
-    /// Of those found, the share whose nearest visible edge is right to 10 cm.
+    /// Share of the detected ones whose nearest visible edge is within 10 cm of the truth.
     pub robot_edges_right: f64,
-    /// Robots found within 4 m where there is none.
+    /// False robots within 4 m.
     pub robots_false: usize,
-    /// Goal posts found, and those of them within half a metre of a true one.
+    /// Detected goal posts, and those within 0.5 m of a true one.
     pub posts: usize,
     /// See `posts`.
     pub posts_right: usize,
 }
 
-/// One thing that could be seen or was believed to be, and whether that was right.
+/// One visible object or one detection, and whether it was detected or correct.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScoredItem {
-    /// What.
+    /// Its kind.
     pub kind: ScoredKind,
-    /// How far from the robot, metres; of what was taken for something, where that lies.
+    /// Distance from the robot, metres; of a false detection, the detected distance.
     pub range: f32,
-    /// Right, or found.
+    /// Correct, or detected.
     pub correct: bool,
 }
 
-/// What a note is about.
+/// Kinds of scored items.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ScoredKind {
-    /// A line point; right within max(5 cm, 2 pixels) of a marking.
+    /// A line point; correct within max(5 cm, 2 pixels) of a marking.
     Point,
-    /// Five centimetres of marking; right with a right point within a quarter of a metre.
+    /// Five centimetres of marking; detected if a correct point lies within 0.25 m.
     Marking,
     /// The ball, more than half visible.
     Ball,
     /// Another robot.
     Robot,
-    /// A robot that was found; right if its nearest edge is to 10 cm.
+    /// A detected robot; correct if its nearest edge is within 10 cm.
     Edge,
-    /// Something else that was taken for the ball; never right.
+    /// A false ball.
     FalseBall,
-    /// Something else that was taken for a robot; never right.
+    /// A false robot.
     FalseRobot,
 }
 
-/// Collects frames.
+/// Statistics of detections over many images.
 #[derive(Default)]
 pub struct DetectionStatistics {
     summary: DetectionSummary,
@@ -118,24 +118,24 @@ pub struct DetectionStatistics {
 
 /// Markings are cut into pieces of this length, metres.
 const SEGMENT_LENGTH: f32 = 0.05;
-/// A piece is sampled if a right point lies this near, metres: between spirals of one another lies less at 4 m.
+/// A piece is detected if a correct point is this near, metres; spirals at 4 m are closer together.
 const SEGMENT_RADIUS: f32 = 0.25;
 /// Markings nearer than this are under the robot, metres.
 const MIN_MARKING_RANGE: f32 = 0.4;
-/// Markings farther than this are not looked for, metres.
+/// Markings farther than this are not scored, metres.
 const MAX_MARKING_RANGE: f32 = 6.0;
-/// A find this near to the true ball, metres and share of its distance, is a find.
+/// A detection this near to the true ball is correct, metres and share of the distance.
 const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
-/// A find whose middle is this near to a robot's is a find of it, metres: as wide as a robot.
+/// A detection belongs to a robot if their centres are this near, metres: a robot's width.
 const ROBOT_TOLERANCE: f32 = 0.5;
 
 impl DetectionStatistics {
-    /// Scores one frame.
+    /// Scores one image.
     pub fn add_image(&mut self, seen: &Detections, scene: &GroundTruthScene<'_>) {
         self.add_image_with(seen, scene, &mut |_| {});
     }
 
-    /// Scores one frame, thing by thing.
+    /// Scores one image, item by item.
     pub fn add_image_with(
         &mut self,
         seen: &Detections,
@@ -182,7 +182,7 @@ impl DetectionStatistics {
                 .iter()
                 .map(|marking| overlay::marking_distance(marking, on_field))
                 .fold(f32::INFINITY, f32::min);
-            // Edges are placed to half a pixel, so a pixel is twice the standard deviation.
+            // The standard deviation of an edge is half a pixel.
             let pixel = 2.0 * point.point.std_radial.max(point.point.std_tangential);
             let right = off <= (2.0 * pixel).max(0.05);
             if right {
@@ -278,7 +278,7 @@ impl DetectionStatistics {
         let bodies = scene.robot_bodies();
         let truths: Vec<At<RobotFrame>> = bodies.iter().map(|body| body.at).collect();
         let sights = visibility::body_visibilities(&bodies, scene.occluded_sectors);
-        // What stands behind others is no miss, and no false find either.
+        // A hidden robot counts neither as missed nor as false.
         let visible = truths
             .iter()
             .zip(sights)
@@ -325,7 +325,7 @@ impl DetectionStatistics {
         }
     }
 
-    /// All frames in numbers; none if no frame was added.
+    /// Results of all images. None if no image was added.
     pub fn summary(self) -> Option<DetectionSummary> {
         let share = |part: usize, all: usize| part as f64 / all.max(1) as f64;
         (self.marking_segments > 0).then(|| DetectionSummary {
@@ -339,7 +339,7 @@ impl DetectionStatistics {
 }
 
 impl DetectionSummary {
-    /// In a few lines for people.
+    /// Prints the results as text.
     pub fn print(&self) {
         println!(
             "line points: {:.1} % of {} right (5 m); {:.1} % within 10 cm (4 m); {:.0} % of the markings sampled (4 m)",
@@ -365,7 +365,7 @@ impl DetectionSummary {
         }
         if self.posts > 0 {
             println!(
-                "goal posts: {} of {} found are some",
+                "goal posts: {} of {} detections are correct",
                 self.posts_right, self.posts
             );
         }
@@ -396,7 +396,7 @@ impl GroundTruthScene<'_> {
         robots.map(body).collect()
     }
 
-    /// Does a robot stand before this place, or is it covered?
+    /// True if a robot or a covered sector hides this point.
     fn is_occluded(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
         let covered = visibility::is_in_sectors(at.y.atan2(at.x), self.occluded_sectors);
@@ -413,7 +413,7 @@ impl GroundTruthScene<'_> {
                 })
     }
 
-    /// Is more than half of the ball visible, on the carpet? Where nobody counted its pixels, directions are counted.
+    /// True if more than half of the ball is visible, on the carpet. Counts directions if its pixels are unknown.
     fn is_ball_mostly_visible(&self, ball: &GroundTruthObject, at: At<RobotFrame>) -> bool {
         let (half_length, half_width) = self.field.carpet_half_extent();
         if ball.at.x.abs() > half_length || ball.at.y.abs() > half_width {

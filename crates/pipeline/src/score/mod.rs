@@ -1,4 +1,4 @@
-//! How far from the truth? Errors of estimated poses, summarised.
+//! How large are the errors of estimated poses? Errors against ground truth, and their statistics.
 
 pub mod detections;
 pub mod summary;
@@ -11,23 +11,23 @@ use serde::Serialize;
 use crate::cycle::Cycle;
 use crate::sample::GroundTruth;
 
-/// Truth is interpolated between rows no further apart than this, seconds.
+/// Longest gap of truth rows for interpolation, seconds.
 const MAX_INTERPOLATION_GAP: f64 = 0.25;
 
-/// One frame's error.
+/// Pose error of one image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseError {
     /// Distance, metres.
     pub position: f32,
-    /// Along the field, metres.
+    /// Error along the field's x axis, metres.
     pub x: f32,
-    /// Across the field, metres.
+    /// Error along the field's y axis, metres.
     pub y: f32,
-    /// On the circle, radians.
+    /// Heading error, wrapped, radians.
     pub heading: f32,
 }
 
-/// The error of an estimate against the truth at its stamp; none where the truth says nothing about that time.
+/// The error of an estimate against the truth at its stamp. None if there is no truth for that time.
 pub fn pose_error(truth: &[GroundTruth], stamp: Stamp, estimate: Pose) -> Option<PoseError> {
     let wanted = true_pose_at(truth, stamp)?;
     let (x, y) = (estimate.x - wanted.x, estimate.y - wanted.y);
@@ -39,7 +39,7 @@ pub fn pose_error(truth: &[GroundTruth], stamp: Stamp, estimate: Pose) -> Option
     })
 }
 
-/// The error of a cycle whose source says the truth with every frame.
+/// The error of a cycle against the truth among its inputs.
 pub fn cycle_error(cycle: &Cycle) -> Option<PoseError> {
     let truth = cycle.inputs.truth.as_ref()?;
     pose_error(
@@ -57,7 +57,7 @@ pub fn true_pose_at(truth: &[GroundTruth], stamp: Stamp) -> Option<Pose> {
         return Some(row.pose);
     }
     let earlier = truth.get(after.checked_sub(1)?)?;
-    // A stamp that was rounded differently in the two files is the same moment.
+    // Stamps may be rounded differently in the two files.
     if stamp - earlier.stamp < 1e-3 {
         return Some(earlier.pose);
     }
@@ -76,20 +76,20 @@ pub fn true_pose_at(truth: &[GroundTruth], stamp: Stamp) -> Option<Pose> {
     ))
 }
 
-/// A list of magnitudes in four numbers.
+/// Four statistics of a list of magnitudes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SampleStatistics {
     /// Arithmetic mean.
     pub mean: f64,
-    /// Half lie below.
+    /// Median.
     pub median: f64,
-    /// 95 % lie below.
+    /// 95th percentile.
     pub p95: f64,
     /// The largest.
     pub max: f64,
 }
 
-/// Summarises magnitudes; none of an empty list.
+/// Computes the statistics. None of an empty list.
 pub fn sample_statistics(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! How did it go? Errors, finds and times of a run, for people and for programs.
+//! What are the results of a run? Errors, detections and durations, as text and as data.
 
 use serde::Serialize;
 use vision::exposure::ExposureStatus;
@@ -10,33 +10,33 @@ use crate::score::{self, PoseError, SampleStatistics};
 
 /// A ball farther than this is not counted as missed, metres.
 const BALL_RANGE: f32 = 6.0;
-/// A find this near to the true ball, metres and share of its distance, is a find.
+/// A detection this near to the true ball is correct, metres and share of the distance.
 const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
 
-/// What `--json` prints of a run.
+/// Results of a run as `--json` prints them.
 #[derive(Debug, Clone, Serialize)]
 pub struct Summary {
-    /// Frames in all.
+    /// Number of images.
     pub frames: usize,
-    /// Frames whose pose was carried on.
+    /// Images in mode tracking.
     pub tracking: usize,
-    /// Frames whose pose was found on the whole field.
+    /// Images in mode global.
     pub global: usize,
-    /// Frames without a pose.
+    /// Images in mode lost.
     pub lost: usize,
-    /// Frames that could not be read.
+    /// Images that could not be used.
     pub unreadable: usize,
-    /// Line points a frame, median.
+    /// Line points per image, median.
     pub line_points: f64,
-    /// Frames that truth says something about.
+    /// Images with ground truth.
     pub scored: usize,
-    /// Distance from the true position, metres.
+    /// Position error, metres.
     pub position_error_m: Option<SampleStatistics>,
-    /// Magnitude of the heading's error, radians.
+    /// Magnitude of the heading error, radians.
     pub heading_error_rad: Option<SampleStatistics>,
-    /// The ball, where truth knows it.
+    /// Ball results, if the truth holds the ball.
     pub ball: Option<BallSummary>,
-    /// How exposure followed the light, where it was commanded.
+    /// Exposure control, if it was active.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureSummary>,
     /// Image to features, milliseconds, median.
@@ -45,29 +45,29 @@ pub struct Summary {
     pub localize_ms: f64,
 }
 
-/// How well the ball was found.
+/// Results of ball detection.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct BallSummary {
-    /// Frames with the ball within range (hidden or not).
+    /// Images with the ball within range, hidden or not.
     pub within_range: usize,
-    /// Of these, frames where it was found where it is.
+    /// Of these, images with a correct detection.
     pub found: usize,
-    /// Frames where something else was taken for it.
+    /// Images with a false detection.
     pub false_finds: usize,
-    /// Median distance of the finds from the ball, metres.
+    /// Median error of correct detections, metres.
     pub error_m: f64,
 }
 
-/// How exposure followed the light.
+/// Results of exposure control.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct ExposureSummary {
-    /// Searches for the best setting that came to an end.
+    /// Completed searches for the best setting.
     pub searches: usize,
-    /// The longest of them: frames from its first command to the first frame that was found well exposed.
+    /// Longest search: images from its first command to the first well-exposed image.
     pub longest_frames: usize,
 }
 
-/// Collects a run, cycle by cycle.
+/// Statistics of a run, collected cycle by cycle.
 #[derive(Default)]
 pub struct RunStatistics {
     modes: [usize; 3],
@@ -78,14 +78,14 @@ pub struct RunStatistics {
     ball: BallSummary,
     ball_errors: Vec<f64>,
     exposure: ExposureSummary,
-    /// The frame in which exposure began to be sought.
+    /// Image at which the current exposure search began.
     search_began: Option<usize>,
     see_ms: Vec<f64>,
     localize_ms: Vec<f64>,
 }
 
 impl RunStatistics {
-    /// Counts one cycle; the error is against truth, where truth is known.
+    /// Adds a cycle, with its error if the truth is known.
     pub fn add_cycle(&mut self, cycle: &Cycle, error: Option<PoseError>) {
         self.modes[cycle.estimate.mode as usize] += 1;
         self.unreadable += usize::from(cycle.fault.is_some());
@@ -131,7 +131,7 @@ impl RunStatistics {
         self.ball.false_finds += usize::from(found.is_some() && hit.is_none());
     }
 
-    /// The run in numbers.
+    /// The results.
     pub fn summary(self) -> Summary {
         let median =
             |values: Vec<f64>| score::sample_statistics(values).map_or(0.0, |spread| spread.median);
@@ -158,14 +158,14 @@ impl RunStatistics {
     }
 }
 
-/// A number of things: `1 frame`, `2 frames`.
+/// A count with its noun: `1 frame`, `2 frames`.
 pub fn pluralize(count: usize, thing: &str) -> String {
     let plural = if count == 1 { "" } else { "s" };
     format!("{count} {thing}{plural}")
 }
 
 impl Summary {
-    /// The run in a few lines for people.
+    /// Prints the results as text.
     pub fn print(&self) {
         let unreadable = match self.unreadable {
             0 => String::new(),

@@ -1,18 +1,18 @@
-//! What of a thing can be seen? The share of the directions it spans in which nothing stands before it.
+//! How much of an object is visible? The share of its directions in which nothing is in front of it.
 //!
-//! The eyes see the first obstacle of each direction; what is hidden behind another robot or a covered sector cannot count.
+//! Vision finds the first obstacle of each direction, so hidden objects do not count.
 
 use std::f32::consts::TAU;
 
 use localize::frames::{At, RobotFrame, wrap_angle};
 
-/// Directions that are looked at: a quarter of a degree is 2 cm at 4 m.
+/// Number of directions; a quarter of a degree is 2 cm at 4 m.
 const DIRECTIONS: usize = 1440;
 
-/// Something upright on the ground as seen from above.
+/// An upright object on the ground, seen from above.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
-    /// Its middle.
+    /// Its centre.
     pub at: At<RobotFrame>,
     /// Its outline.
     pub outline: BodyOutline,
@@ -27,17 +27,17 @@ pub enum BodyOutline {
     Square(f32, f32),
 }
 
-/// What of a body can be seen.
+/// The visible part of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Visibility {
-    /// Share of its directions in which nothing is before it.
+    /// Share of its directions in which nothing is in front of it.
     pub visible_fraction: f32,
-    /// The nearest point that can be seen, metres; infinite if none can.
+    /// Distance of the nearest visible point, metres; infinite if none is.
     pub nearest_distance: f32,
 }
 
 impl Body {
-    /// How far a ray from the robot goes until it meets the body; none if it passes it.
+    /// Length of a ray from the robot to the body. None if it misses.
     fn ray_distance(&self, [x, y]: [f32; 2]) -> Option<f32> {
         match self.outline {
             BodyOutline::Circle(radius) => {
@@ -52,7 +52,7 @@ impl Body {
                 let (to, towards) = (in_body(self.at.x, self.at.y), in_body(x, y));
                 let (mut enters, mut leaves) = (0.0f32, f32::INFINITY);
                 for (to, towards) in to.into_iter().zip(towards) {
-                    // A ray along a side still has some slant.
+                    // Avoids a division by zero for a ray parallel to a side.
                     let towards = towards.abs().max(1e-6).copysign(towards);
                     let sides = [(to - half) / towards, (to + half) / towards];
                     enters = enters.max(sides[0].min(sides[1]));
@@ -64,7 +64,7 @@ impl Body {
     }
 }
 
-/// What can be seen of each body among all of them; `covered`: sectors without sight, middle and whole width, radians.
+/// The visible part of each body. `covered`: covered sectors, centre and full width, radians.
 pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibility> {
     let mut spans = vec![(0u32, 0u32); bodies.len()];
     let mut nearest = vec![f32::INFINITY; bodies.len()];
@@ -101,7 +101,7 @@ pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibil
         .collect()
 }
 
-/// Is a direction (radians, robot frame) inside a covered sector?
+/// True if a direction (radians, robot frame) lies in a covered sector.
 pub fn is_in_sectors(angle: f32, covered: &[(f32, f32)]) -> bool {
     let inside = |&(middle, width): &(f32, f32)| wrap_angle(angle - middle).abs() <= width / 2.0;
     covered.iter().any(inside)

@@ -1,4 +1,4 @@
-//! Did the disk take it? A buffered file that remembers the system's first refusal, which the SDK's writer forgets.
+//! Did a write fail? A buffered file that keeps the first error, which the SDK's writer discards.
 
 use std::fs::File;
 use std::io::{BufWriter, Result, Seek, SeekFrom, Write};
@@ -13,7 +13,7 @@ pub(crate) struct LogFile {
 }
 
 impl LogFile {
-    /// Creates the file or empties it; the first failure to write it is put into `fault`.
+    /// Creates or truncates the file. The first write error goes to `fault`.
     pub(crate) fn create(path: &Path, fault: Arc<OnceLock<String>>) -> Result<Self> {
         let file = BufWriter::new(File::create(path)?);
         Ok(LogFile {
@@ -23,7 +23,7 @@ impl LogFile {
         })
     }
 
-    /// Hands everything to the system.
+    /// Flushes the buffer to the system.
     pub(crate) fn finish(&mut self) -> Result<()> {
         self.flush()
     }

@@ -1,4 +1,4 @@
-//! What does a viewer draw over the image? Line points, refused runs, and a line about the pose.
+//! What does a viewer draw over the image? Line points, rejected candidates, and a text about the pose.
 
 use foxglove::messages::{
     ImageAnnotations, Point2, PointsAnnotation, TextAnnotation, points_annotation,
@@ -12,11 +12,11 @@ const POINT: [f64; 4] = [1.0, 0.1, 0.6, 1.0];
 const REFUSED: [f64; 4] = [1.0, 0.8, 0.0, 0.7];
 const TEXT: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
 
-/// What was found and refused in a cycle's image; none if it had no image.
+/// Line points and rejected candidates of a cycle's image. None without an image.
 pub(crate) fn image_annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
     let seen = cycle.detections.as_ref()?;
     let stamp = timestamp(cycle.stamp);
-    // Viewers count from the corner of the first pixel, we from its centre.
+    // Viewers count from the corner of the first pixel, Mirrorball from its centre.
     let point = |[u, v]: [f32; 2]| Point2 {
         x: f64::from(u) + 0.5,
         y: f64::from(v) + 0.5,

@@ -1,6 +1,6 @@
 //! Which topics does a log have, in which schemas? The one place that knows foxglove's SDK.
 //!
-//! A channel is logged to once; whatever sinks its context has (a file, viewers) get the message.
+//! Each message is logged once; all sinks of the context (a file, viewers) get it.
 
 pub(crate) mod convert;
 pub(crate) mod file;
@@ -8,6 +8,7 @@ pub(crate) mod image_annotations;
 pub(crate) mod scene;
 pub mod wire;
 mod wire_detections;
+mod wire_geometry;
 mod wire_world;
 
 use std::collections::BTreeMap;
@@ -34,13 +35,13 @@ use file::LogFile;
 use super::encoded_image::{EncodedImage, ImageCompression};
 use crate::feed::Pace;
 
-/// The form of what our own topics and records hold; a log of another form is refused.
+/// Format of our own topics and records; other formats are refused.
 pub(crate) const FORMAT_VERSION: u32 = 2;
-/// The name of the metadata record that makes an MCAP file a log of ours.
+/// Name of the metadata record that marks an MCAP file as a log of Mirrorball.
 pub const PROJECT_NAME: &str = "mirrorball";
 /// Topic of [`wire::Cycle`], all that replay needs.
 pub const CYCLE_TOPIC: &str = "/cycle";
-/// Topic of [`wire::About`], with which a live stream greets whoever subscribes.
+/// Topic of [`wire::About`], the first message of a live stream.
 pub const ABOUT_TOPIC: &str = "/about";
 /// Topic of the images.
 pub const IMAGE_TOPIC: &str = "/camera/image";

@@ -1,4 +1,4 @@
-//! What does a viewer draw on the ground? Field lines, poses and what stands around, in foxglove's messages.
+//! What does a viewer draw on the ground? Field lines, poses and objects, in foxglove's messages.
 
 use foxglove::messages::packed_element_field::NumericType;
 use foxglove::messages::{
@@ -19,14 +19,14 @@ use crate::cycle::Cycle;
 const FIELD_FRAME: &str = "field";
 /// Name of the robot's frame in viewers.
 const ROBOT_FRAME: &str = "robot";
-/// Markings as points: one each so many metres, a third of a line's width in the league.
+/// Distance of points along markings, metres: a third of a line's width in the league.
 const LINE_STEP: f32 = 0.04;
 /// Diameter of a size 5 ball, metres.
 const BALL_DIAMETER: f64 = 0.22;
-/// The league's largest robot, metres.
+/// Size of the league's largest robot, metres.
 const ROBOT_SIDE: f64 = 0.52;
 const ROBOT_HEIGHT: f64 = 0.8;
-/// What moves is drawn for so long after its last message, seconds.
+/// Moving objects are drawn this long after their last message, seconds.
 const LIFETIME_S: f64 = 0.5;
 
 const WHITE: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
@@ -42,7 +42,7 @@ pub(crate) fn color([r, g, b, a]: [f64; 4]) -> Option<Color> {
     Some(Color { r, g, b, a })
 }
 
-/// The field's markings as points of their centre lines: viewers that draw no scene draw these.
+/// The field's markings as points of their centre lines, for viewers without scenes.
 pub(crate) fn field_points(field: &Field, stamp: Stamp) -> PointCloud {
     let points = field
         .markings
@@ -90,7 +90,7 @@ pub(crate) fn field_scene(field: &Field, stamp: Stamp) -> SceneUpdate {
     }
 }
 
-/// Where the robot takes itself to be, and where it and all else truly are.
+/// The estimated pose, the tracked objects and the ground truth.
 pub(crate) fn cycle_scene(cycle: &Cycle) -> SceneUpdate {
     let mut entities = Vec::new();
     if let Some(pose) = cycle.estimate.pose {
@@ -194,7 +194,7 @@ pub(crate) fn pose_in_frame(pose: Pose, stamp: Stamp) -> PoseInFrame {
     }
 }
 
-/// Poses that explain what is seen too.
+/// Other poses that explain the line points.
 pub(crate) fn poses_in_frame(poses: impl Iterator<Item = Pose>, stamp: Stamp) -> PosesInFrame {
     PosesInFrame {
         timestamp: timestamp(stamp),
@@ -203,7 +203,7 @@ pub(crate) fn poses_in_frame(poses: impl Iterator<Item = Pose>, stamp: Stamp) ->
     }
 }
 
-/// Where viewers find the robot's frame in the field's.
+/// Transform of the robot's frame in the field's frame.
 pub(crate) fn robot_transform(pose: Pose, stamp: Stamp) -> FrameTransforms {
     let transform = FrameTransform {
         timestamp: timestamp(stamp),

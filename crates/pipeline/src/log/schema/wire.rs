@@ -1,8 +1,8 @@
-//! What bytes does a cycle become? Our own protobuf messages, for what no foxglove schema holds exactly.
+//! How is a cycle encoded? In our own protobuf messages, because no foxglove schema holds every bit.
 //!
 //! Each message derives its bytes (prost) and its schema (foxglove) from one struct: both number the fields in order
 //! of declaration. Single floats are marked `required`, since proto3 would drop −0.0 as a default, and replay compares
-//! bits. Whoever changes a message raises [`super::FORMAT`].
+//! bits. A change of a message raises [`super::FORMAT_VERSION`].
 
 use foxglove::Encode;
 use prost::bytes::Bytes;
@@ -10,20 +10,10 @@ use prost::bytes::Bytes;
 pub(crate) use super::wire_detections::{
     Ball, Detections, Exposure, Goal, Robot, Robots, Sensors, Windows,
 };
+pub(crate) use super::wire_geometry::{LinePoints, Pose};
 pub(crate) use super::wire_world::{
     Object, OnField, SharedBall, TeamReport, TeamView, Teammate, WorldView,
 };
-
-/// A pose, metres and radians, field_from_robot.
-#[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct Pose {
-    #[prost(float, required)]
-    pub(crate) x: f32,
-    #[prost(float, required)]
-    pub(crate) y: f32,
-    #[prost(float, required)]
-    pub(crate) theta: f32,
-}
 
 /// `localize::sample::Odometry`: motion since the previous one, robot frame.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
@@ -82,19 +72,6 @@ pub(crate) struct Imu {
     pub(crate) rate_y: f32,
     #[prost(float, required)]
     pub(crate) rate_z: f32,
-}
-
-/// Line points in the robot frame, metres; one entry a point in each list.
-#[derive(Clone, PartialEq, prost::Message, Encode)]
-pub(crate) struct LinePoints {
-    #[prost(float, repeated)]
-    pub(crate) x: Vec<f32>,
-    #[prost(float, repeated)]
-    pub(crate) y: Vec<f32>,
-    #[prost(float, repeated)]
-    pub(crate) std_radial: Vec<f32>,
-    #[prost(float, repeated)]
-    pub(crate) std_tangential: Vec<f32>,
 }
 
 /// `localize::global_search::branch_and_bound::Hypothesis`: a pose that explains the points too; covariance row by row.
@@ -169,7 +146,7 @@ pub(crate) struct GroundTruth {
     pub(crate) robots_y: Vec<f32>,
 }
 
-/// One turn of the spine with every bit that replay recomputes from or compares with.
+/// One cycle of the pipeline, with every bit that replay needs or compares.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Cycle {
     /// Counts from 0; a gap is a cycle that was dropped.

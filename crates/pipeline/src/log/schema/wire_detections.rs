@@ -1,8 +1,8 @@
-//! What bytes does a sight become? The part of [`super::wire`] that vision fills.
+//! Messages of detections: the part of `wire` that vision fills.
 
 use foxglove::Encode;
 
-use super::wire::LinePoints;
+use super::wire_geometry::LinePoints;
 
 /// `vision::objects::ball::Ball`: robot frame, metres; covariance xx, xy, yy, m².
 #[derive(Clone, PartialEq, prost::Message, Encode)]

@@ -1,8 +1,8 @@
-//! What bytes do world and team become? The part of [`super::wire`] that the world model and the team fill.
+//! Messages of world and team: the part of `wire` that the world model and the team fill.
 
 use foxglove::Encode;
 
-use super::wire::Pose;
+use super::wire_geometry::Pose;
 
 /// `localize::world::OnField`: field frame; position in metres, velocity in m/s, covariance row by row.
 #[derive(Clone, PartialEq, prost::Message, Encode)]

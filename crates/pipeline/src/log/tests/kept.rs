@@ -152,7 +152,7 @@ fn a_log_without_images_exports_line_points() {
     assert!(!out.join("frames.csv").exists() && !out.join("frames").exists());
 }
 
-/// The samples' run through the spine: recorded, and computed again from what the log alone holds.
+/// Records a run on the sample recording, and recomputes it from the log alone.
 fn record_and_verify(images: ImageCompression) -> VerificationReport {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");
@@ -167,9 +167,9 @@ fn record_and_verify(images: ImageCompression) -> VerificationReport {
     };
     let mut recorder = Recorder::create(&path, &header, &setup.field, Pace::Lockstep, &config)
         .expect("a recorder");
-    let mut spine = Pipeline::new(&setup, &PipelineConfig::default()).expect("a spine");
+    let mut pipeline = Pipeline::new(&setup, &PipelineConfig::default()).expect("a pipeline");
     for sample in Recording::open(&sample_recording(), 0.04).expect("a recording") {
-        if let Some(cycle) = spine.process_sample(sample) {
+        if let Some(cycle) = pipeline.process_sample(sample) {
             recorder.record_cycle(Arc::new(cycle)).expect("taken");
         }
     }
@@ -177,8 +177,8 @@ fn record_and_verify(images: ImageCompression) -> VerificationReport {
     let log = LogReader::open(&path).expect("a log");
     log.header().write_files(folder.path()).expect("files");
     let setup = Setup::load(&folder.path().join("robot.toml"), None).expect("the log's own setup");
-    let mut spine = Pipeline::new(&setup, &PipelineConfig::default()).expect("a spine");
-    verify(log, |sample| spine.process_sample(sample)).expect("a verdict")
+    let mut pipeline = Pipeline::new(&setup, &PipelineConfig::default()).expect("a pipeline");
+    verify(log, |sample| pipeline.process_sample(sample)).expect("a verdict")
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! How does a sight become its message and come back?
+//! How do detections become their message and come back?
 
 use anyhow::{Context, Result};
 use localize::frames::At;
@@ -11,11 +11,12 @@ use vision::objects::robots::RobotDetection;
 use vision::process::Detections;
 
 use super::super::wire;
+use super::geometry::{line_points_from_wire, line_points_to_wire, same_length};
+use super::names::names;
 use super::sensors::{windows_from_wire, windows_to_wire};
-use super::{line_points_from_wire, line_points_to_wire, names, same_length};
 
 names!(refusal_name, refusal_named: RejectionReason {
-    NoAdjacentCarpet = "no carpet beside",
+    NoAdjacentCarpet = "no adjacent carpet" | "no carpet beside",
     TooNarrow = "too narrow",
     TooWide = "too wide",
     TooFaint = "too faint",

@@ -7,18 +7,19 @@ use localize::global_search::branch_and_bound::Hypothesis;
 use localize::omni::Twist;
 
 use super::super::wire;
-use super::{matrix, names, pair, pose_from_wire, pose_to_wire};
+use super::geometry::{matrix, pair, pose_from_wire, pose_to_wire};
+use super::names::names;
 
 names!(mode_name, mode_named: Mode { Tracking = "tracking", Global = "global", Lost = "lost" });
 names!(reason_name, reason_named: Reason {
     FewPoints = "few points",
     PoorMatch = "poor match",
-    BetterAlternative = "rival",
-    CompassConflict = "compass contradicts",
-    DeadReckoningTimeout = "blind",
-    NoMatch = "nothing fits",
+    BetterAlternative = "better alternative" | "rival",
+    CompassConflict = "compass conflict" | "compass contradicts",
+    DeadReckoningTimeout = "dead reckoning timeout" | "blind",
+    NoMatch = "no match" | "nothing fits",
     Ambiguous = "ambiguous",
-    OutOfOrder = "from the past",
+    OutOfOrder = "out of order" | "from the past",
     Searching = "searching",
 });
 pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
@@ -124,7 +125,7 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
     })
 }
 
-/// The estimate's mode and reason in words.
+/// The estimate's mode and reason as text.
 pub fn mode_and_reason(estimate: &Estimate) -> String {
     let mode = mode_name(estimate.mode);
     estimate.reason.map_or_else(

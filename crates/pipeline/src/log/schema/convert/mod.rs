@@ -1,23 +1,27 @@
-//! How does a cycle become its message and come back? Bit for bit; every field is named, so that none is forgotten.
+//! How does a cycle become its message and come back? Bit by bit; every field is named, so that none is forgotten.
 
 mod detections;
 mod estimate;
+mod geometry;
+mod names;
 mod sensors;
 mod team;
 mod world;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
+use localize::Stamp;
 use localize::frames::At;
 use localize::omni::Twist;
-use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
-use localize::{Pose, Stamp};
-use nalgebra::Matrix3;
+use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 
 pub(crate) use detections::{
     ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire,
 };
 pub use estimate::mode_and_reason;
 pub(crate) use estimate::{estimate_from_wire, estimate_to_wire};
+use geometry::{
+    line_points_from_wire, line_points_to_wire, pose_from_wire, pose_to_wire, same_length,
+};
 use sensors::exposure_from_wire;
 pub(crate) use sensors::{exposure_to_wire, windows_to_wire};
 pub(crate) use team::team_to_wire;
@@ -26,23 +30,7 @@ use super::wire;
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::sample::GroundTruth;
 
-/// Gives the values of an enum their names in the log, both ways; a value without a name does not compile.
-macro_rules! names {
-    ($to:ident, $from:ident: $type:ident { $($value:ident = $name:literal),+ $(,)? }) => {
-        fn $to(value: $type) -> &'static str {
-            match value { $($type::$value => $name),+ }
-        }
-        fn $from(name: &str) -> anyhow::Result<$type> {
-            Ok(match name {
-                $($name => $type::$value,)+
-                _ => anyhow::bail!(concat!("the log names an unknown ", stringify!($type), ": {}"), name),
-            })
-        }
-    };
-}
-use names;
-
-/// The message of a cycle; `image`: what stands on /camera/image for it.
+/// The message of a cycle. `image`: format of its message on /camera/image.
 pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cycle {
     let Cycle {
         stamp,
@@ -208,18 +196,6 @@ pub(crate) fn imu_to_wire(
     }
 }
 
-fn pose_to_wire(pose: Pose) -> wire::Pose {
-    wire::Pose {
-        x: pose.x,
-        y: pose.y,
-        theta: pose.theta,
-    }
-}
-
-fn pose_from_wire(pose: &wire::Pose) -> Pose {
-    Pose::new(pose.x, pose.y, pose.theta)
-}
-
 fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
     let GroundTruth {
         stamp,
@@ -258,59 +234,4 @@ fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
             .collect(),
         robot_headings: Vec::new(),
     })
-}
-
-fn line_points_to_wire<'a>(points: impl Iterator<Item = &'a LinePoint>) -> wire::LinePoints {
-    let mut lists = wire::LinePoints::default();
-    for &LinePoint {
-        at,
-        std_radial,
-        std_tangential,
-    } in points
-    {
-        lists.x.push(at.x);
-        lists.y.push(at.y);
-        lists.std_radial.push(std_radial);
-        lists.std_tangential.push(std_tangential);
-    }
-    lists
-}
-
-fn line_points_from_wire(lists: wire::LinePoints) -> Result<Vec<LinePoint>> {
-    let wire::LinePoints {
-        x,
-        y,
-        std_radial,
-        std_tangential,
-    } = lists;
-    same_length(
-        "line points",
-        &[x.len(), y.len(), std_radial.len(), std_tangential.len()],
-    )?;
-    let point = |index: usize| LinePoint {
-        at: At::new(x[index], y[index]),
-        std_radial: std_radial[index],
-        std_tangential: std_tangential[index],
-    };
-    Ok((0..x.len()).map(point).collect())
-}
-
-fn matrix(values: &[f32]) -> Result<Matrix3<f32>> {
-    let values: &[f32; 9] = values
-        .try_into()
-        .context("a covariance of the log has not 9 entries")?;
-    Ok(Matrix3::from_row_slice(values))
-}
-
-fn pair(values: &[f32]) -> Result<[f32; 2]> {
-    values
-        .try_into()
-        .context("a pair of the log has not 2 entries")
-}
-
-fn same_length(what: &str, lengths: &[usize]) -> Result<()> {
-    if lengths.iter().any(|length| *length != lengths[0]) {
-        bail!("the log's lists of {what} differ in length: {lengths:?}");
-    }
-    Ok(())
 }

@@ -1,4 +1,4 @@
-//! How do the virtual sensors' readings and the exposure's become their messages and come back?
+//! How do readings of virtual sensors and exposure become their messages and come back?
 
 use anyhow::{Context, Result};
 use localize::robot::CameraSetting;
@@ -6,7 +6,7 @@ use vision::exposure::{ExposureCommand, ExposureStatus};
 use vision::objects::virtual_sensors::{Bumper, VirtualSensorReadings};
 
 use super::super::wire;
-use super::same_length;
+use super::geometry::same_length;
 
 pub(crate) fn windows_to_wire(readings: &VirtualSensorReadings) -> wire::Windows {
     let VirtualSensorReadings {

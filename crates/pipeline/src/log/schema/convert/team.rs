@@ -1,4 +1,4 @@
-//! How do the team's words become their messages and come back?
+//! How do team views become their messages and come back?
 
 use anyhow::{Context, Result, bail};
 use localize::Stamp;
@@ -6,7 +6,7 @@ use localize::frames::At;
 use localize::team::{ReportedBall, TeamBall, TeamReport, TeamView, Teammate};
 
 use super::super::wire;
-use super::{pose_from_wire, pose_to_wire, same_length};
+use super::geometry::{pose_from_wire, pose_to_wire, same_length};
 
 pub(super) fn team_report_to_wire(report: &TeamReport) -> wire::TeamReport {
     let TeamReport {

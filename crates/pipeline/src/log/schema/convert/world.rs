@@ -1,4 +1,4 @@
-//! How does the world around the robot become its message and come back?
+//! How does the world model's view become its message and come back?
 
 use anyhow::{Context, Result};
 use localize::Stamp;
@@ -7,7 +7,7 @@ use localize::world::{FieldState, TeamColour, TrackedObject, WorldView};
 use nalgebra::Matrix4;
 
 use super::super::wire;
-use super::names;
+use super::names::names;
 
 names!(team_name, team_named: TeamColour { Cyan = "cyan", Magenta = "magenta" });
 

@@ -1,12 +1,13 @@
+//! Are all settings bounded, and are bad ones refused with file and line?
+
 use localize::config::{
     Bound, LOCALIZE_BOUNDS, TEAM_BOUNDS, WORLD_BOUNDS, check_bounds, unbounded_settings,
 };
 use localize::presets::PRESETS;
 use localize::sensors::compass_calibration::CompassCalibration;
+use pipeline::PipelineConfig;
 use toml::{Table, Value};
 use vision::config::{ImageRect, VISION_BOUNDS};
-
-use super::*;
 
 /// The sections with their bounds.
 const SECTIONS: [(&str, &[Bound]); 4] = [

@@ -1,0 +1,27 @@
+//! Messages of poses and line points: parts of several other messages.
+
+use foxglove::Encode;
+
+/// A pose, metres and radians, field_from_robot.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Pose {
+    #[prost(float, required)]
+    pub(crate) x: f32,
+    #[prost(float, required)]
+    pub(crate) y: f32,
+    #[prost(float, required)]
+    pub(crate) theta: f32,
+}
+
+/// Line points in the robot frame, metres; one entry a point in each list.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct LinePoints {
+    #[prost(float, repeated)]
+    pub(crate) x: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) y: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) std_radial: Vec<f32>,
+    #[prost(float, repeated)]
+    pub(crate) std_tangential: Vec<f32>,
+}
