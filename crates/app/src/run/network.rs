@@ -33,8 +33,8 @@ pub(super) fn load_config(
     live: Option<std::net::SocketAddr>,
     number: u32,
 ) -> Result<NetworkConfig> {
-    let own = robot.join(NETWORK_FILE);
-    let file = file.or_else(|| own.exists().then_some(&own));
+    let default_file = robot.join(NETWORK_FILE);
+    let file = file.or_else(|| default_file.exists().then_some(&default_file));
     let mut config = file.map_or_else(|| Ok(NetworkConfig::default()), NetworkConfig::load)?;
     if let (Some(team), Some(file)) = (&config.team, file) {
         ensure!(

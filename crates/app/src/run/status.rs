@@ -4,6 +4,7 @@ use std::io::IsTerminal;
 
 use hw::{DeviceEvent, HealthReport, HealthState};
 use localize::Stamp;
+use localize::estimate::Mode;
 use serde::Serialize;
 
 use super::latency::{LatencyHistogram, LatencySummary};
@@ -98,6 +99,14 @@ pub(crate) struct RunOutcome {
     pub log: Option<LogSummary>,
 }
 
+/// Numbers of cycles by mode.
+#[derive(Default)]
+struct ModeCounts {
+    tracking: u64,
+    global: u64,
+    lost: u64,
+}
+
 /// Collects statistics of a run and prints its messages.
 pub(crate) struct RunStatus {
     started: Stamp,
@@ -107,7 +116,7 @@ pub(crate) struct RunStatus {
     line_shown: bool,
     frames: u64,
     cycles_without_image: u64,
-    modes: [u64; 3],
+    modes: ModeCounts,
     latency: LatencyHistogram,
     arrival: LatencyHistogram,
     vision_time: LatencyHistogram,
@@ -130,7 +139,7 @@ impl RunStatus {
             line_shown: false,
             frames: 0,
             cycles_without_image: 0,
-            modes: [0; 3],
+            modes: ModeCounts::default(),
             latency: LatencyHistogram::default(),
             arrival: LatencyHistogram::default(),
             vision_time: LatencyHistogram::default(),
@@ -149,7 +158,11 @@ impl RunStatus {
 
     /// Counts a cycle; `received` and `published`: when the pipeline received its image, and when its pose was published.
     pub(crate) fn count_cycle(&mut self, cycle: &Cycle, received: Stamp, published: Stamp) {
-        self.modes[cycle.estimate.mode as usize] += 1;
+        match cycle.estimate.mode {
+            Mode::Tracking => self.modes.tracking += 1,
+            Mode::Global => self.modes.global += 1,
+            Mode::Lost => self.modes.lost += 1,
+        }
         if cycle.detections.is_none() {
             self.cycles_without_image += 1;
             return;
@@ -273,7 +286,11 @@ impl RunStatus {
     /// The report of the run.
     pub(crate) fn into_report(mut self, outcome: RunOutcome) -> RunReport {
         self.clear_status_line();
-        let [tracking, global, lost] = self.modes;
+        let ModeCounts {
+            tracking,
+            global,
+            lost,
+        } = self.modes;
         RunReport {
             seconds: self.elapsed(),
             frames: self.frames,

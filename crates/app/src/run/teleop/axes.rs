@@ -6,10 +6,10 @@ use localize::omni::Twist;
 const YAW_RATE_PER_SPEED: f32 = 2.0;
 
 /// The velocity for deflections forward, left and counter-clockwise (−1 to 1) at a top speed (m/s).
-pub(super) fn twist_from_axes([x, y, turn]: [f32; 3], speed: f32) -> Twist {
+pub(super) fn twist_from_axes([x, y, yaw]: [f32; 3], speed: f32) -> Twist {
     Twist {
         x: x * speed,
         y: y * speed,
-        theta: turn * speed * YAW_RATE_PER_SPEED,
+        theta: yaw * speed * YAW_RATE_PER_SPEED,
     }
 }
