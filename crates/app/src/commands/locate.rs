@@ -6,8 +6,8 @@ use anyhow::Result;
 
 use crate::commands::arguments::{self, UsageError};
 use crate::interrupt;
-use pipeline::csv_table::format_seconds;
 use pipeline::PipelineConfig;
+use pipeline::csv_table::format_seconds;
 use pipeline::result_files::CsvOutputs;
 use pipeline::run::{RecordingOptions, RecordingRun, ensure_usable};
 

@@ -19,13 +19,13 @@ use crate::view::{self, AfterRun};
 use crate::virtual_hardware;
 use pipeline::config::apply_overlay;
 use pipeline::csv_table::{CsvWriter, format_seconds};
-use pipeline::{Cycle, PipelineConfig};
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::multi_robot;
 use pipeline::result_files::CsvOutputs;
 use pipeline::run::{RunScores, ScenarioOptions, ScenarioRun};
 #[cfg(feature = "view")]
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, PipelineConfig};
 
 /// Run a scenario headless, as fast as possible.
 #[derive(clap::Args)]

@@ -168,7 +168,14 @@ impl DeviceMonitor {
             // Equal readings are correct for wheels at rest: the stamp makes each reading unique.
             let at_rest = sample.dx == 0.0 && sample.dy == 0.0 && sample.dtheta == 0.0;
             let unique = if at_rest { sample.stamp.0 as u32 } else { 0 };
-            let reading = [bits(sample.dx), bits(sample.dy), bits(sample.dtheta), unique, 0, 0];
+            let reading = [
+                bits(sample.dx),
+                bits(sample.dy),
+                bits(sample.dtheta),
+                unique,
+                0,
+                0,
+            ];
             wheels.record(sample.stamp, reading);
         }
         for sample in &cycle.inputs.compass {

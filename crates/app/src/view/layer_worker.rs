@@ -135,7 +135,10 @@ fn run_worker(mailbox: &(Mutex<Mailbox>, Condvar), wake: &impl Fn()) {
     loop {
         let mut guard = lock(&mailbox.0);
         while guard.job.is_none() && !guard.closed {
-            guard = mailbox.1.wait(guard).unwrap_or_else(PoisonError::into_inner);
+            guard = mailbox
+                .1
+                .wait(guard)
+                .unwrap_or_else(PoisonError::into_inner);
         }
         if guard.closed {
             return;
@@ -246,7 +249,8 @@ impl LayerRenderer {
         let Some((_, vision)) = &mut self.vision else {
             return Err("vision is not initialised".to_owned());
         };
-        vision.process_lines(&image.view())
+        vision
+            .process_lines(&image.view())
             .map_err(|error| error.to_string())?;
         let model = *vision.carpet_model().ok_or("no carpet colour learned")?;
         if self.carpet_model != Some(model) {
@@ -304,8 +308,8 @@ fn birds_eye_pixels(scene: &StaticScene) -> Vec<u32> {
                 BIRDS_EYE_HALF_EXTENT - (row as f32 + 0.5) * step,
                 BIRDS_EYE_HALF_EXTENT - (column as f32 + 0.5) * step,
             );
-            let found = camera.inverse.project(&camera.map, ground);
-            pixels.push(found.map_or(u32::MAX, |[u, v]| {
+            let pixel = camera.inverse.project(&camera.map, ground);
+            pixels.push(pixel.map_or(u32::MAX, |[u, v]| {
                 v.round() as u32 * camera.map.width_px as u32 + u.round() as u32
             }));
         }

@@ -288,8 +288,8 @@ impl Session {
             self.playback.playing = false;
         }
         self.playback.time = at;
-        let found = self.source.seek(at);
-        self.set_shown(found);
+        let result = self.source.seek(at);
+        self.set_shown(result);
     }
 
     /// Shows the cycle at `time`.
@@ -300,8 +300,8 @@ impl Session {
             self.playback.playing = false;
         }
         self.playback.time = time;
-        let found = self.source.seek(time);
-        self.set_shown(found);
+        let result = self.source.seek(time);
+        self.set_shown(result);
     }
 
     /// Steps `by` cycles (negative: back) and pauses.
@@ -320,20 +320,20 @@ impl Session {
             self.playback.playing = true;
             return;
         }
-        let found = self.source.step(by);
-        if matches!(found, Ok(Some(_))) {
-            self.set_shown(found);
+        let result = self.source.step(by);
+        if matches!(result, Ok(Some(_))) {
+            self.set_shown(result);
             self.playback.time = self.shown_time().unwrap_or(self.playback.time);
         } else {
-            self.last_error = found
+            self.last_error = result
                 .err()
                 .map(|error| format!("{error:#}"))
                 .or(self.last_error.take());
         }
     }
 
-    fn set_shown(&mut self, found: Result<Option<DecodedCycle>>) {
-        match found {
+    fn set_shown(&mut self, result: Result<Option<DecodedCycle>>) {
+        match result {
             Ok(Some(shown)) => {
                 let same = self
                     .shown
