@@ -159,7 +159,7 @@ def test_equal_seeds_give_equal_rows_on_any_thread_count(tmp_path: Path) -> None
 def test_invalid_experiments_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text(SMALL_EXPERIMENT.format(root=ROOT).replace('["default"]', '["defualt"]', 1))
     done = evaluate(tmp_path / "bad.toml", "--out", tmp_path)
-    assert done.returncode == 1 and 'there is no preset "defualt"' in done.stderr and "drives" in done.stderr
+    assert done.returncode == 1 and 'unknown preset: "defualt"' in done.stderr and "drives" in done.stderr
     assert evaluate("nobody1999", "--out", tmp_path).returncode == 1
     assert evaluate("lima2001", "--out", tmp_path, "--only", "nothing").returncode == 2
 

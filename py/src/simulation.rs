@@ -4,7 +4,8 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use pipeline::cycle::{PipelineConfig, apply_overlay};
+use pipeline::PipelineConfig;
+use pipeline::config::apply_overlay;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::run::{Progress, ScenarioOptions, ScenarioRun};
 use pyo3::exceptions::PyValueError;
@@ -144,7 +145,7 @@ fn insert(table: &mut toml::Table, key: &str, value: toml::Value) {
             return insert(table, outer, inner.into());
         }
     };
-    pipeline::cycle::merge_tables(table, one);
+    pipeline::config::merge_tables(table, one);
 }
 
 fn to_toml(value: &Bound<'_, PyAny>, key: &str) -> PyResult<toml::Value> {

@@ -170,8 +170,9 @@ impl CompassConfig {
         else {
             return sample.heading.is_finite().then_some(sample.heading);
         };
-        let (heading, strength) = calibration.heading(field);
-        ((strength - 1.0).abs() <= self.strength_tolerance).then_some(heading)
+        let magnetic = calibration.heading(field);
+        ((magnetic.relative_strength - 1.0).abs() <= self.strength_tolerance)
+            .then_some(magnetic.heading)
     }
 }
 

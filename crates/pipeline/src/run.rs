@@ -12,7 +12,9 @@ use serde::Serialize;
 use sim::scenario::Scenario;
 use vision::config::ObjectConfig;
 
-use crate::cycle::{Cycle, Pipeline, PipelineConfig};
+use crate::config::PipelineConfig;
+use crate::cycle::Cycle;
+use crate::pipeline::Pipeline;
 use crate::log::{LogConfig, Recorder, start_log};
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
 use crate::recording::Recording;

@@ -17,7 +17,7 @@ use pipeline::run::{RecordingOptions, RecordingRun, ensure_usable};
 /// odometry.csv, compass.csv and truth.csv. Writes poses.csv into it.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball locate samples/sequence --out poses.csv --json")]
-pub struct Args {
+pub(crate) struct Args {
     /// The recording folder.
     dir: PathBuf,
     /// Calibrated map (npz) in place of the robot's own.
@@ -35,16 +35,16 @@ pub struct Args {
     /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
-    /// Change settings of vision and localisation by a TOML overlay.
+    /// Override settings of vision and localization by a TOML file.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
 }
 
 /// Standard deviation assumed for line points of external vision, which come without one, metres.
-pub const EXTERNAL_POINT_STD: f32 = 0.04;
+pub(crate) const EXTERNAL_POINT_STD: f32 = 0.04;
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     if !args.dir.is_dir() {
         return Err(UsageError(format!("{} is not a folder", args.dir.display())).into());
     }

@@ -32,13 +32,13 @@ use pipeline::{Cycle, PipelineConfig};
 #[command(
     after_help = "Example: mirrorball sim config/scenarios/game_18x12.toml --seed 7 --record game.mcap"
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// The scenario (TOML).
     scenario: PathBuf,
     /// Seed, in place of the scenario's; the same seed gives the same run, bit for bit.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Seconds to simulate, in place of the scenario's.
+    /// Seconds to simulate; overrides the scenario's.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Record everything into a log (MCAP).
@@ -47,7 +47,7 @@ pub struct Args {
     /// Image compression in the log; `replay --verify` recomputes vision from png only.
     #[arg(long, value_parser = arguments::image_mode(), default_value = ImageCompression::default().name(), requires = "record")]
     images: ImageCompression,
-    /// Write the estimated poses (as `locate` does).
+    /// Write the estimated poses in the format of `locate`.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     /// Write the true poses: stamp_s,x_m,y_m,theta_rad.
@@ -66,22 +66,22 @@ pub struct Args {
     /// Protocol of the virtual base: our board's, or a VESC per wheel by UART or by an slcan adapter.
     #[arg(long, value_name = "BUS", value_parser = ["board", "vesc-uart", "vesc-slcan"], default_value = "board", requires = "hardware")]
     base: String,
-    /// Format of the virtual camera's images.
+    /// Pixel format of the virtual camera.
     #[arg(long, value_name = "FORMAT", value_parser = ["RGB3", "YUYV"], default_value = "RGB3", requires = "hardware")]
     format: String,
-    /// Images per second of the virtual camera, in place of the scenario's.
+    /// Images per second of the virtual camera; overrides the scenario's.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u16).range(1..=1000), requires = "hardware")]
     rate: Option<u16>,
     /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
-    /// Change settings of vision and localisation by a TOML overlay.
+    /// Override settings of vision and localization by a TOML file.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Change a value of the scenario, as path.speed=2.0; may be given several times.
+    /// Override a value of the scenario, as path.speed=2.0; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Change a setting, as localize.matching.steps_max=20; may be given several times.
+    /// Override a setting, as localize.matching.steps_max=20; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set_config: Vec<String>,
     /// Show the run in a window, at most in real time; closing the window does not change the run.
@@ -116,7 +116,7 @@ fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     arguments::ensure_distinct_outputs([
         args.record.as_deref(),
         args.out.as_deref(),

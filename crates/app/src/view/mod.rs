@@ -32,14 +32,14 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail, ensure};
 use layout::PanelLayout;
 use session::Session;
-pub use window::{AfterRun, run_with_window};
+pub(crate) use window::{AfterRun, run_with_window};
 
 /// Show a log, a simulation or a robot's live stream in a window.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball view game.mcap\n         mirrorball view config/scenarios/demo.toml\n         mirrorball view 192.168.1.11:8765\n\nPress `?` in the window for its shortcuts."
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// A log (.mcap), a scenario (.toml), or host:port of a robot's live stream.
     source: Option<PathBuf>,
     /// Time to show first, seconds.
@@ -87,7 +87,7 @@ struct Outcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     for seconds in [args.at, args.leave_after].into_iter().flatten() {
         ensure!(
             seconds.is_finite(),
@@ -119,7 +119,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 }
 
 /// Shows a log, and recomputes its run for comparison with the recorded one.
-pub fn show_recomputed(log: &Path) -> Result<()> {
+pub(crate) fn show_recomputed(log: &Path) -> Result<()> {
     window::require_display()?;
     let mut session = Session::open(log)?;
     let config = session.source_config.clone();

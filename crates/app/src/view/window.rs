@@ -29,8 +29,6 @@ const STORAGE_KEY: &str = "view";
 const SIZE: [f32; 2] = [1280.0, 800.0];
 /// Nice value of the view's threads (0 to 19; higher yields more processor time to others).
 const NICE: i32 = 10;
-/// Freed memory kept for the next frames, bytes: textures, meshes and the software renderer's buffers.
-const KEPT_BYTES: i32 = 64 << 20;
 /// Frames drawn with a cycle before the screenshot is taken: layers are rendered by then.
 const SCREENSHOT_DELAY_FRAMES: u32 = 12;
 
@@ -73,7 +71,7 @@ pub(crate) fn run_window(session: Session, options: WindowOptions) -> Result<Out
     rayon::broadcast(|_| ());
     // Failure is harmless: the view then runs at normal priority.
     let _ = rustix::process::setpriority_process(None, NICE);
-    hw::realtime::retain_freed_memory(KEPT_BYTES);
+    crate::memory::retain_freed_memory(crate::memory::WINDOW_RETAINED_BYTES);
     let native_options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title(format!("Mirrorball: {}", session.title))
@@ -209,7 +207,7 @@ const FEED_CAPACITY: usize = 16;
 
 /// What the window does when its run has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AfterRun {
+pub(crate) enum AfterRun {
     /// Stays open until the user closes it or presses Ctrl-C.
     KeepOpen,
     /// Closes with the run.
@@ -219,7 +217,7 @@ pub enum AfterRun {
 /// Runs `drive` in a separate thread and shows the cycles it publishes to its feed in a window.
 ///
 /// Closing the window does not end `drive`. An error of `drive` closes the window.
-pub fn run_with_window(
+pub(crate) fn run_with_window(
     name: &str,
     (setup, config): (Setup, PipelineConfig),
     after: AfterRun,

@@ -10,14 +10,14 @@ use localize::Field;
 use localize::config::LocalizeConfig;
 use localize::filter::FilterKind;
 use localize::robot::RobotConfig;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::simulation::SimError;
 use recording::{RecordedDrive, record_drive};
 use score::{ScoreSums, run_dead_reckoning, run_localizer};
 
 /// What happens on a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Course {
     /// Waypoints at up to 2 m/s, wheels 3 % smaller than believed.
@@ -53,7 +53,7 @@ impl Course {
 }
 
 /// Who says where the robot is?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimator {
     /// The joint filter with every witness.
