@@ -11,9 +11,9 @@ use super::metric::{Metric, PoseTolerance};
 use super::output::{CsvRows, csv_quote};
 use crate::interrupt;
 use pipeline::config::apply_overlay;
-use pipeline::{Cycle, Pipeline, PipelineConfig};
 use pipeline::result_files::mode_name;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Position error from which a tracked pose without a reason for doubt is an undetected failure, metres.
 const UNDETECTED_FAILURE_ERROR: f32 = 0.5;

@@ -15,7 +15,6 @@ use super::output::{CsvRows, csv_quote};
 use crate::commands::locate::EXTERNAL_POINT_STD;
 use crate::interrupt;
 use pipeline::config::apply_overlay;
-use pipeline::{Cycle, Pipeline, PipelineConfig};
 use pipeline::recording::Recording;
 use pipeline::score;
 use pipeline::score::detections::{
@@ -23,6 +22,7 @@ use pipeline::score::detections::{
 };
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Length of the segments that the intervals of proportions are computed from, seconds: after it the scene has changed.
 const SEGMENT_S: f64 = 1.0;

@@ -9,7 +9,8 @@ use vision::colour::colour_table::ColourTable;
 
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
-use super::source::live::{CycleInbox, LiveSource};
+use super::source::inbox::CycleInbox;
+use super::source::live::LiveSource;
 use super::source::log::LogPlayer;
 use super::source::metrics_reader::MetricsReader;
 use super::source::recompute::Recompute;

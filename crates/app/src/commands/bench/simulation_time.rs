@@ -15,11 +15,11 @@ use sim::world::RobotState;
 use vision::Profile;
 
 use super::measure::{BenchFigure, REPEATS, median_ms};
-use pipeline::{Pipeline, PipelineConfig};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Figures of `measure_rendering`.
 pub(super) const RENDERING_NAMES: &[&str] = &["render_480_nine_robots"];

@@ -9,11 +9,11 @@ use vision::{Mount, Profile, Vision, optics};
 
 use super::measure::{BenchFigure, REPEATS, median_ms};
 use super::simulation_time::DemoScene;
-use pipeline::{Pipeline, PipelineConfig};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::score::sample_statistics;
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Figures of `measure_vision`.
 pub(super) const NAMES: &[&str] = &[

@@ -10,9 +10,9 @@ use crate::net::NetworkConfig;
 use crate::run::network::NETWORK_FILE;
 use crate::run::raw_image::raw_image;
 use crate::run::robot_folder::RobotPaths;
-use pipeline::{Pipeline, PipelineConfig};
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
 /// Minimum number of line points of a camera on a field.
 const LINE_POINTS_MIN: usize = 15;

@@ -7,11 +7,11 @@ use eframe::egui::{
     TextureOptions, Ui, Vec2,
 };
 use localize::Stamp;
-use serde::{Deserialize, Serialize};
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
 
 use super::camera_drawing::{self, CameraCanvas};
+use super::camera_layers::CameraLayers;
 use crate::view::brush::{Brush, Tool};
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX, LayerSelection};
 use crate::view::palette;
@@ -20,58 +20,6 @@ use crate::view::session::Session;
 use crate::view::source::rgb_image;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
-
-/// Layers drawn over the image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
-pub(crate) struct CameraLayers {
-    /// Camera image.
-    pub(crate) image: bool,
-    /// Colour class of every pixel.
-    pub(crate) classes: bool,
-    /// Pixels that vision samples, in the colours of their classes.
-    pub(crate) scan_pixels: bool,
-    /// Line points.
-    pub(crate) line_points: bool,
-    /// Rejected line point candidates.
-    pub(crate) rejected_candidates: bool,
-    /// Ball.
-    pub(crate) ball: bool,
-    /// Robots.
-    pub(crate) robots: bool,
-    /// Goals and posts.
-    pub(crate) goals: bool,
-    /// Boundary of the carpet.
-    pub(crate) carpet_end: bool,
-    /// Virtual sensor windows.
-    pub(crate) virtual_sensors: bool,
-    /// Masked pixels, and pixels that show no ground.
-    pub(crate) mask: bool,
-    /// Field lines projected at the estimated pose.
-    pub(crate) field_lines: bool,
-    /// Range rings and bearing rays on the ground.
-    pub(crate) grid: bool,
-}
-
-impl Default for CameraLayers {
-    fn default() -> Self {
-        CameraLayers {
-            image: true,
-            classes: false,
-            scan_pixels: false,
-            line_points: true,
-            rejected_candidates: true,
-            ball: true,
-            robots: true,
-            goals: true,
-            carpet_end: false,
-            virtual_sensors: false,
-            mask: false,
-            field_lines: true,
-            grid: false,
-        }
-    }
-}
 
 /// State of the panel.
 #[derive(Default)]

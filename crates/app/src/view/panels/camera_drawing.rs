@@ -10,7 +10,7 @@ use vision::config::ImageRect;
 use vision::lines::detection::RejectionReason;
 use vision::objects::goals::GoalKind;
 
-use super::camera::CameraLayers;
+use super::camera_layers::CameraLayers;
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;

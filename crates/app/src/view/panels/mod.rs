@@ -3,6 +3,7 @@
 pub(crate) mod calibration;
 pub(crate) mod camera;
 pub(crate) mod camera_drawing;
+pub(crate) mod camera_layers;
 pub(crate) mod field;
 pub(crate) mod field_drawing;
 pub(crate) mod health;

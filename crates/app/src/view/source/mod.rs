@@ -1,11 +1,13 @@
 //! Sources of cycles: a log, the view's own simulation, a run in this process, or a remote robot.
 
+pub(crate) mod inbox;
 pub(crate) mod live;
 pub(crate) mod log;
 pub(crate) mod metrics_reader;
 pub(crate) mod recompute;
 pub(crate) mod remote;
 pub(crate) mod sim_worker;
+pub(crate) mod stop_guard;
 
 use std::sync::Arc;
 

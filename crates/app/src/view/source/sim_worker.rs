@@ -13,7 +13,7 @@ use sim::image_sensor::FilmConfig;
 use sim::scenario::FaultKind;
 
 use super::DecodedCycle;
-use super::live::CycleInbox;
+use super::inbox::CycleInbox;
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 use pipeline::{Pipeline, PipelineConfig};
