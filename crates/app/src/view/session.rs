@@ -6,16 +6,18 @@ use std::sync::Arc;
 use anyhow::Result;
 use localize::robot::BaseConfig;
 use vision::colour::colour_table::ColourTable;
+use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
+use super::source::decoded_cycle::DecodedCycle;
 use super::source::inbox::CycleInbox;
 use super::source::live::LiveSource;
 use super::source::log::LogPlayer;
 use super::source::metrics_reader::MetricsReader;
 use super::source::recompute::Recompute;
 use super::source::sim_worker::{SimWorker, SourceRequest};
-use super::source::{DecodedCycle, Source, remote};
+use super::source::{Source, remote};
 use super::static_scene::StaticScene;
 use super::time_series::{CycleMetrics, TimeSeries};
 use pipeline::PipelineConfig;
@@ -399,6 +401,18 @@ impl Session {
             Ok(recompute) => self.recompute = Some(recompute),
             Err(error) => self.last_error = Some(format!("{error:#}")),
         }
+    }
+
+    /// Name of the colour class rendered at a pixel; None if the class layer is not rendered.
+    pub(crate) fn class_at(&self, u: usize, v: usize) -> Option<&str> {
+        let layers = &self.rendered_layers;
+        let width = layers.classes.as_ref()?.size[0];
+        let class = ColourClass(*layers.class_indices.as_ref()?.get(v * width + u)?);
+        let robot_table = self.scene.as_ref().and_then(|s| s.colour_table.as_ref());
+        let table = self.colour_table.as_deref().or(robot_table);
+        table
+            .and_then(|table| table.name(class))
+            .or_else(|| CLASS_NAMES.get(usize::from(class.0)).copied())
     }
 
     /// The shown cycle as a job for the layer worker.

@@ -18,7 +18,7 @@ use crate::view::calibration_job::{CalibrationJob, CalibrationMethod, MapCalibra
 use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::settings;
-use crate::view::source::rgb_image;
+use crate::view::source::decoded_cycle::rgb_image;
 use pipeline::config::PIPELINE_FILE;
 use pipeline::log::Header;
 

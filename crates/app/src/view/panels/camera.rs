@@ -7,17 +7,15 @@ use eframe::egui::{
     TextureOptions, Ui, Vec2,
 };
 use localize::Stamp;
-use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
 
 use super::camera_drawing::{self, CameraCanvas};
 use super::camera_layers::CameraLayers;
 use crate::view::brush::{Brush, Tool};
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX, LayerSelection};
-use crate::view::palette;
 use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
 use crate::view::session::Session;
-use crate::view::source::rgb_image;
+use crate::view::source::decoded_cycle::rgb_image;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
 
@@ -286,7 +284,7 @@ impl CameraPanel {
                 let rgb = image.view().rgb(u, v);
                 let [y, cb, cr] = rgb_to_yuv(rgb);
                 parts.push(format!("({u}, {v})  YUV {y} {cb} {cr}  RGB {rgb:?}"));
-                if let Some(class) = self.class_at(session, u, v) {
+                if let Some(class) = session.class_at(u, v) {
                     parts.push(class.to_owned());
                 }
             }
@@ -311,14 +309,6 @@ impl CameraPanel {
             None => parts.push("no ground".to_owned()),
         }
         ui.label(RichText::new(parts.join("   ")).monospace());
-    }
-
-    fn class_at(&self, session: &Session, u: usize, v: usize) -> Option<&'static str> {
-        let painted = session.rendered_layers.classes.as_ref()?;
-        let colour = *painted.pixels.get(v * painted.size[0] + u)?;
-        let found =
-            (0..CLASS_NAMES.len()).find(|&c| palette::class_colour(ColourClass(c as u8)) == colour);
-        found.map(|class| CLASS_NAMES[class])
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::DecodedCycle;
+use super::decoded_cycle::DecodedCycle;
 use super::stop_guard::StopGuard;
 use pipeline::feed::{RecvError, Subscription};
 

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use super::DecodedCycle;
+use super::decoded_cycle::DecodedCycle;
 use super::inbox::CycleInbox;
 use super::sim_worker::SimWorker;
 use super::stop_guard::StopGuard;

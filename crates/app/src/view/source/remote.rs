@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
-use super::DecodedCycle;
+use super::decoded_cycle::DecodedCycle;
 use super::inbox::CycleInbox;
 use super::stop_guard::StopGuard;
 use crate::stream::{StreamClient, StreamEvent};
