@@ -91,7 +91,7 @@ impl Brush {
                 if self
                     .labelled_images
                     .iter()
-                    .all(|(known, _)| *known != stamp)
+                    .all(|(labelled, _)| *labelled != stamp)
                 {
                     self.labelled_images.push((stamp, image.clone()));
                 }

@@ -126,7 +126,7 @@ mod tests {
                 if let Some([fu, fv]) = inverse.project(&map, ground) {
                     found += 1;
                     let error = (fu - u as f32).hypot(fv - v as f32);
-                    assert!(error < 0.5, "({u}, {v}) came back as ({fu}, {fv})");
+                    assert!(error < 0.5, "({u}, {v}) was projected to ({fu}, {fv})");
                 }
             }
         }

@@ -15,7 +15,7 @@ use vision::image::{Image, rgb_to_yuv};
 use vision::process::Vision;
 
 use super::palette;
-use super::source::rgb_image;
+use super::source::decoded_cycle::rgb_image;
 use super::static_scene::StaticScene;
 use pipeline::Cycle;
 
@@ -66,6 +66,8 @@ pub(crate) struct RenderedLayers {
     /// The cycle they show.
     pub(crate) cycle: Option<Arc<Cycle>>,
     pub(crate) classes: Option<Arc<ColorImage>>,
+    /// Class of every pixel of `classes`.
+    pub(crate) class_indices: Option<Arc<Vec<u8>>>,
     pub(crate) scan_pixels: Option<Arc<ColorImage>>,
     pub(crate) birds_eye: Option<Arc<ColorImage>>,
     pub(crate) virtual_sensors: Option<Arc<Vec<(&'static str, ImageRect)>>>,
@@ -179,7 +181,11 @@ impl LayerRenderer {
         {
             if job.selection.classes || job.selection.scan_pixels || job.selection.virtual_sensors {
                 match self.render_classes(job, image) {
-                    Ok((classes, scan)) => (layers.classes, layers.scan_pixels) = (classes, scan),
+                    Ok(rendered) => {
+                        layers.classes = rendered.classes;
+                        layers.class_indices = rendered.class_indices;
+                        layers.scan_pixels = rendered.scan_pixels;
+                    }
                     Err(error) => layers.error = Some(error),
                 }
                 let vision = self
@@ -227,7 +233,7 @@ impl LayerRenderer {
     }
 
     /// Renders the classes of all pixels, and of the sampled pixels.
-    fn render_classes(&mut self, job: &LayerJob, image: &Image) -> Result<(Layer, Layer), String> {
+    fn render_classes(&mut self, job: &LayerJob, image: &Image) -> Result<ClassLayers, String> {
         let scene = &job.scene;
         let camera = scene.camera.as_ref().ok_or("no camera")?;
         if self
@@ -271,9 +277,9 @@ impl LayerRenderer {
             }
             scan = Some(Arc::new(layer));
         }
-        let classes = job.selection.classes.then(|| {
+        let class_indices = job.selection.classes.then(|| -> Vec<u8> {
             let cells = &mut self.class_cache;
-            let pixels = image.rgb.chunks_exact(3).map(|rgb| {
+            let indices = image.rgb.chunks_exact(3).map(|rgb| {
                 let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(|channel| usize::from(channel >> 2));
                 let cell = &mut cells[r << 12 | g << 6 | b];
                 if *cell == u8::MAX {
@@ -283,16 +289,29 @@ impl LayerRenderer {
                         None => model.classify(middle, colours, ball).0,
                     };
                 }
-                palette::class_colour(ColourClass(*cell))
+                *cell
             });
-            let size = [image.width_px, image.height_px];
-            Arc::new(ColorImage::new(size, pixels.collect()))
+            indices.collect()
         });
-        Ok((classes, scan))
+        let classes = class_indices.as_ref().map(|indices| {
+            let colour = |&class: &u8| palette::class_colour(ColourClass(class));
+            let size = [image.width_px, image.height_px];
+            Arc::new(ColorImage::new(size, indices.iter().map(colour).collect()))
+        });
+        Ok(ClassLayers {
+            classes,
+            class_indices: class_indices.map(Arc::new),
+            scan_pixels: scan,
+        })
     }
 }
 
-type Layer = Option<Arc<ColorImage>>;
+/// The class layers of one image; None if not selected.
+struct ClassLayers {
+    classes: Option<Arc<ColorImage>>,
+    class_indices: Option<Arc<Vec<u8>>>,
+    scan_pixels: Option<Arc<ColorImage>>,
+}
 
 /// Image pixel index of each bird's-eye pixel; `u32::MAX` if not visible.
 fn birds_eye_pixels(scene: &StaticScene) -> Vec<u32> {
@@ -308,8 +327,8 @@ fn birds_eye_pixels(scene: &StaticScene) -> Vec<u32> {
                 BIRDS_EYE_HALF_EXTENT - (row as f32 + 0.5) * step,
                 BIRDS_EYE_HALF_EXTENT - (column as f32 + 0.5) * step,
             );
-            let found = camera.inverse.project(&camera.map, ground);
-            pixels.push(found.map_or(u32::MAX, |[u, v]| {
+            let pixel = camera.inverse.project(&camera.map, ground);
+            pixels.push(pixel.map_or(u32::MAX, |[u, v]| {
                 v.round() as u32 * camera.map.width_px as u32 + u.round() as u32
             }));
         }

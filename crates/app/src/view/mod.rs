@@ -73,19 +73,6 @@ enum Task {
     Health,
 }
 
-/// Output of `--json`.
-#[derive(serde::Serialize)]
-struct Outcome {
-    frames: u64,
-    seconds: f64,
-    frames_per_s: f64,
-    cycles: u64,
-    dropped_cycles: u64,
-    /// The last error.
-    #[serde(skip)]
-    error: Option<String>,
-}
-
 /// Runs the command.
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     for seconds in [args.at, args.leave_after].into_iter().flatten() {

@@ -9,7 +9,7 @@ use vision::image::Image;
 
 use super::session::Session;
 use super::settings;
-use super::source::rgb_image;
+use super::source::decoded_cycle::rgb_image;
 use super::time_series::Quantity;
 use pipeline::PipelineConfig;
 

@@ -6,15 +6,18 @@ use std::sync::Arc;
 use anyhow::Result;
 use localize::robot::BaseConfig;
 use vision::colour::colour_table::ColourTable;
+use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
-use super::source::live::{CycleInbox, LiveSource};
+use super::source::decoded_cycle::DecodedCycle;
+use super::source::inbox::CycleInbox;
+use super::source::live::LiveSource;
 use super::source::log::LogPlayer;
 use super::source::metrics_reader::MetricsReader;
 use super::source::recompute::Recompute;
 use super::source::sim_worker::{SimWorker, SourceRequest};
-use super::source::{DecodedCycle, Source, remote};
+use super::source::{Source, remote};
 use super::static_scene::StaticScene;
 use super::time_series::{CycleMetrics, TimeSeries};
 use pipeline::PipelineConfig;
@@ -288,8 +291,8 @@ impl Session {
             self.playback.playing = false;
         }
         self.playback.time = at;
-        let found = self.source.seek(at);
-        self.set_shown(found);
+        let result = self.source.seek(at);
+        self.set_shown(result);
     }
 
     /// Shows the cycle at `time`.
@@ -300,8 +303,8 @@ impl Session {
             self.playback.playing = false;
         }
         self.playback.time = time;
-        let found = self.source.seek(time);
-        self.set_shown(found);
+        let result = self.source.seek(time);
+        self.set_shown(result);
     }
 
     /// Steps `by` cycles (negative: back) and pauses.
@@ -320,20 +323,20 @@ impl Session {
             self.playback.playing = true;
             return;
         }
-        let found = self.source.step(by);
-        if matches!(found, Ok(Some(_))) {
-            self.set_shown(found);
+        let result = self.source.step(by);
+        if matches!(result, Ok(Some(_))) {
+            self.set_shown(result);
             self.playback.time = self.shown_time().unwrap_or(self.playback.time);
         } else {
-            self.last_error = found
+            self.last_error = result
                 .err()
                 .map(|error| format!("{error:#}"))
                 .or(self.last_error.take());
         }
     }
 
-    fn set_shown(&mut self, found: Result<Option<DecodedCycle>>) {
-        match found {
+    fn set_shown(&mut self, result: Result<Option<DecodedCycle>>) {
+        match result {
             Ok(Some(shown)) => {
                 let same = self
                     .shown
@@ -398,6 +401,18 @@ impl Session {
             Ok(recompute) => self.recompute = Some(recompute),
             Err(error) => self.last_error = Some(format!("{error:#}")),
         }
+    }
+
+    /// Name of the colour class rendered at a pixel; None if the class layer is not rendered.
+    pub(crate) fn class_at(&self, u: usize, v: usize) -> Option<&str> {
+        let layers = &self.rendered_layers;
+        let width = layers.classes.as_ref()?.size[0];
+        let class = ColourClass(*layers.class_indices.as_ref()?.get(v * width + u)?);
+        let robot_table = self.scene.as_ref().and_then(|s| s.colour_table.as_ref());
+        let table = self.colour_table.as_deref().or(robot_table);
+        table
+            .and_then(|table| table.name(class))
+            .or_else(|| CLASS_NAMES.get(usize::from(class.0)).copied())
     }
 
     /// The shown cycle as a job for the layer worker.

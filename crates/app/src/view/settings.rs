@@ -164,15 +164,15 @@ fn choices(schema: &Json) -> Vec<String> {
         return texts(values);
     }
     let variants = schema.get("oneOf").and_then(Json::as_array);
-    let mut found = Vec::new();
+    let mut names = Vec::new();
     for variant in variants.into_iter().flatten() {
-        found.extend(
+        names.extend(
             variant
                 .get("const")
                 .and_then(Json::as_str)
                 .map(str::to_owned),
         );
-        found.extend(
+        names.extend(
             variant
                 .get("enum")
                 .and_then(Json::as_array)
@@ -180,7 +180,7 @@ fn choices(schema: &Json) -> Vec<String> {
                 .flat_map(texts),
         );
     }
-    found
+    names
 }
 
 /// The unit from the key's suffix, else from the doc comment.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use eframe::egui::{self, Key, KeyboardShortcut, Modifiers, Ui};
+use eframe::egui::{self, Key, Ui};
 use egui_tiles::Tree;
 
 use super::accessibility::AccessibleLabel;
@@ -13,8 +13,9 @@ use super::layer_worker::{LayerSelection, LayerWorker};
 use super::layout::{self, LAYOUTS, PanelLayout};
 use super::panels::{PANES, Pane, PaneBehavior, Panels};
 use super::session::Session;
+use super::shortcuts::{self, Action};
 use super::source::Source;
-use super::{palette, report, shortcuts};
+use super::{palette, report};
 
 /// Repaint interval while nothing plays.
 const IDLE_REPAINT_INTERVAL: Duration = Duration::from_millis(100);
@@ -74,7 +75,7 @@ impl View {
     }
 
     /// Rearranges the panels.
-    pub(crate) fn set_layout(&mut self, layout: PanelLayout) {
+    fn set_layout(&mut self, layout: PanelLayout) {
         self.layout = layout;
         self.tree = layout::build_tree(layout);
     }
@@ -115,7 +116,9 @@ impl View {
         self.frame_rate.record_frame(now);
         self.session.update(passed);
         self.update_layers(ui.ctx());
-        shortcuts::handle_shortcuts(ui, self);
+        for action in shortcuts::pressed_actions(ui.ctx()) {
+            self.apply_action(ui.ctx(), action);
+        }
         egui::Panel::top("bar").show(ui, |ui| self.menu_bar(ui));
         // The window is cleared in the panel colour. A second fill would cost a software renderer 20 % of a frame.
         let frame = egui::Frame::central_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
@@ -141,6 +144,43 @@ impl View {
         } else {
             IDLE_REPAINT_INTERVAL
         });
+    }
+
+    /// Applies the action of a shortcut.
+    fn apply_action(&mut self, ctx: &egui::Context, action: Action) {
+        let session = &mut self.session;
+        let camera = &mut self.panels.camera;
+        match action {
+            Action::SaveScreenshot => self.save_screenshot(ctx),
+            Action::SaveReport => self.save_report(ctx),
+            Action::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
+            Action::ToggleHelp => self.help_open = !self.help_open,
+            Action::TogglePlayback => session.toggle_playback(),
+            Action::SeekBy(seconds) => session.seek(session.playback.time + seconds),
+            Action::Step(cycles) => session.step(cycles),
+            Action::SeekToStart => {
+                if let Some((start, _)) = session.source.span() {
+                    session.seek(start);
+                }
+            }
+            Action::SeekToEnd => {
+                if let Some((_, end)) = session.source.span() {
+                    session.seek(end);
+                    session.playback.playing = matches!(session.source, Source::Live(_));
+                }
+            }
+            Action::AddMark => session.add_mark(""),
+            Action::ScaleSpeed(factor) => session.set_speed(session.playback.speed * factor),
+            Action::ToggleClasses => camera.layers.classes = !camera.layers.classes,
+            Action::ToggleFieldLines => camera.layers.field_lines = !camera.layers.field_lines,
+            Action::ToggleGrid => camera.layers.grid = !camera.layers.grid,
+            Action::ToggleBirdsEye => camera.birds_eye = !camera.birds_eye,
+            Action::ToggleTheme => ctx.set_theme(match ctx.theme() {
+                egui::Theme::Dark => egui::Theme::Light,
+                egui::Theme::Light => egui::Theme::Dark,
+            }),
+            Action::SetLayout(layout) => self.set_layout(layout),
+        }
     }
 
     /// Submits the visible layers to the layer worker, and takes its results.
@@ -274,13 +314,13 @@ impl View {
     }
 
     /// Saves a screenshot in the working directory.
-    pub(crate) fn save_screenshot(&mut self, ctx: &egui::Context) {
+    fn save_screenshot(&mut self, ctx: &egui::Context) {
         let name = format!("mirrorball_{:.3}s.png", self.session.playback.time);
         self.request_screenshot(ctx, ScreenshotTarget::File(name.into()));
     }
 
     /// Saves a report in the working directory.
-    pub(crate) fn save_report(&mut self, ctx: &egui::Context) {
+    fn save_report(&mut self, ctx: &egui::Context) {
         let name = format!("mirrorball_report_{:.3}s", self.session.playback.time);
         self.request_screenshot(ctx, ScreenshotTarget::Report(name.into()));
     }
@@ -322,9 +362,4 @@ impl View {
             }
         }
     }
-}
-
-/// A key combined with Ctrl (Command on macOS).
-pub(crate) const fn command_shortcut(key: Key) -> KeyboardShortcut {
-    KeyboardShortcut::new(Modifiers::COMMAND, key)
 }

@@ -1,9 +1,8 @@
 //! Keyboard shortcuts: from pressed keys to actions, and the window that lists them.
 
-use eframe::egui::{self, Key, Modifiers, Ui};
+use eframe::egui::{self, Key, KeyboardShortcut, Modifiers};
 
-use super::layout::LAYOUTS;
-use super::shell::{View, command_shortcut};
+use super::layout::{LAYOUTS, PanelLayout};
 
 /// Step of Shift with an arrow key, seconds.
 const SEEK_STEP: f64 = 1.0;
@@ -32,46 +31,97 @@ const SHORTCUTS: [(&str, &str); 17] = [
     ("? or F1", "show this list"),
 ];
 
-/// Applies the pressed shortcuts. A focused text field takes all keys but the Ctrl shortcuts.
-pub(crate) fn handle_shortcuts(ui: &mut Ui, view: &mut View) {
-    let ctx = ui.ctx().clone();
+/// What a shortcut asks of the view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Action {
+    /// Save a screenshot.
+    SaveScreenshot,
+    /// Save a report.
+    SaveReport,
+    /// Close the window.
+    Quit,
+    /// Open or close the list of shortcuts.
+    ToggleHelp,
+    /// Toggle between playing and pause.
+    TogglePlayback,
+    /// Seek by this many seconds.
+    SeekBy(f64),
+    /// Step by this many cycles.
+    Step(i64),
+    /// Go to the first shown time.
+    SeekToStart,
+    /// Go to the last shown time.
+    SeekToEnd,
+    /// Mark the shown time.
+    AddMark,
+    /// Multiply the playback speed.
+    ScaleSpeed(f64),
+    /// Toggle the camera layer of colour classes.
+    ToggleClasses,
+    /// Toggle the camera layer of field lines.
+    ToggleFieldLines,
+    /// Toggle the camera layer of the ground grid.
+    ToggleGrid,
+    /// Toggle the bird's-eye view.
+    ToggleBirdsEye,
+    /// Switch between the dark and the light theme.
+    ToggleTheme,
+    /// Arrange the panels.
+    SetLayout(PanelLayout),
+}
+
+/// The actions of the pressed shortcuts. A focused text field takes all keys but the Ctrl shortcuts.
+pub(crate) fn pressed_actions(ctx: &egui::Context) -> Vec<Action> {
     let command = |key| ctx.input_mut(|input| input.consume_shortcut(&command_shortcut(key)));
-    if command(Key::S) {
-        view.save_screenshot(&ctx);
-    }
-    if command(Key::R) {
-        view.save_report(&ctx);
-    }
-    if command(Key::Q) {
-        ctx.send_viewport_cmd(egui::ViewportCommand::Close);
+    let mut actions = Vec::new();
+    for (key, action) in [
+        (Key::S, Action::SaveScreenshot),
+        (Key::R, Action::SaveReport),
+        (Key::Q, Action::Quit),
+    ] {
+        if command(key) {
+            actions.push(action);
+        }
     }
     if ctx.egui_wants_keyboard_input() {
-        return;
+        return actions;
     }
-    let plain = |key| ctx.input_mut(|input| input.consume_key(Modifiers::NONE, key));
-    let shifted = |key| ctx.input_mut(|input| input.consume_key(Modifiers::SHIFT, key));
     // The question mark needs Shift on some keyboards only, so any modifiers are accepted.
-    let asked = ctx.input(|input| input.key_pressed(Key::Questionmark));
-    if asked || plain(Key::F1) {
-        view.help_open = !view.help_open;
+    let question_mark = ctx.input(|input| input.key_pressed(Key::Questionmark));
+    let plain = |key| ctx.input_mut(|input| input.consume_key(Modifiers::NONE, key));
+    if question_mark || plain(Key::F1) {
+        actions.push(Action::ToggleHelp);
     }
-    handle_playback_keys(view, &plain, &shifted);
-    let shows = &mut view.panels.camera.layers;
-    for (key, shown) in [
-        (Key::C, &mut shows.classes),
-        (Key::L, &mut shows.field_lines),
-        (Key::G, &mut shows.grid),
+    if plain(Key::Space) {
+        actions.push(Action::TogglePlayback);
+    }
+    // With Shift before without: `consume_key` ignores an additional Shift.
+    let shifted = |key| ctx.input_mut(|input| input.consume_key(Modifiers::SHIFT, key));
+    for (key, seconds, cycles) in [
+        (Key::ArrowLeft, -SEEK_STEP, -1),
+        (Key::ArrowRight, SEEK_STEP, 1),
     ] {
-        *shown ^= plain(key);
+        if shifted(key) {
+            actions.push(Action::SeekBy(seconds));
+        } else if plain(key) {
+            actions.push(Action::Step(cycles));
+        }
     }
-    view.panels.camera.birds_eye ^= plain(Key::B);
-    if plain(Key::T) {
-        let dark = ctx.theme() == egui::Theme::Dark;
-        ctx.set_theme(if dark {
-            egui::Theme::Light
-        } else {
-            egui::Theme::Dark
-        });
+    for (key, action) in [
+        (Key::Home, Action::SeekToStart),
+        (Key::End, Action::SeekToEnd),
+        (Key::M, Action::AddMark),
+        (Key::OpenBracket, Action::ScaleSpeed(0.5)),
+        (Key::CloseBracket, Action::ScaleSpeed(2.0)),
+        (Key::C, Action::ToggleClasses),
+        (Key::L, Action::ToggleFieldLines),
+        (Key::G, Action::ToggleGrid),
+        (Key::B, Action::ToggleBirdsEye),
+        (Key::T, Action::ToggleTheme),
+    ] {
+        if plain(key) {
+            actions.push(action);
+        }
     }
     let numbers = [
         Key::Num1,
@@ -81,46 +131,17 @@ pub(crate) fn handle_shortcuts(ui: &mut Ui, view: &mut View) {
         Key::Num5,
         Key::Num6,
     ];
-    for (key, (preset, _)) in numbers.into_iter().zip(LAYOUTS) {
+    for (key, (layout, _)) in numbers.into_iter().zip(LAYOUTS) {
         if plain(key) {
-            view.set_layout(preset);
+            actions.push(Action::SetLayout(layout));
         }
     }
+    actions
 }
 
-fn handle_playback_keys(
-    view: &mut View,
-    plain: &impl Fn(Key) -> bool,
-    shifted: &impl Fn(Key) -> bool,
-) {
-    let session = &mut view.session;
-    if plain(Key::Space) {
-        session.toggle_playback();
-    }
-    for (key, by) in [(Key::ArrowLeft, -1), (Key::ArrowRight, 1)] {
-        if shifted(key) {
-            session.seek(session.playback.time + by as f64 * SEEK_STEP);
-        } else if plain(key) {
-            session.step(by);
-        }
-    }
-    if let Some((start, end)) = session.source.span() {
-        if plain(Key::Home) {
-            session.seek(start);
-        }
-        if plain(Key::End) {
-            session.seek(end);
-            session.playback.playing = matches!(session.source, super::source::Source::Live(_));
-        }
-    }
-    if plain(Key::M) {
-        session.add_mark("");
-    }
-    for (key, factor) in [(Key::OpenBracket, 0.5), (Key::CloseBracket, 2.0)] {
-        if plain(key) {
-            session.set_speed(session.playback.speed * factor);
-        }
-    }
+/// A key combined with Ctrl (Command on macOS).
+const fn command_shortcut(key: Key) -> KeyboardShortcut {
+    KeyboardShortcut::new(Modifiers::COMMAND, key)
 }
 
 /// Draws the window that lists the shortcuts.

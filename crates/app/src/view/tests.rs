@@ -12,7 +12,7 @@ use localize::Pose;
 use super::layout::PanelLayout;
 use super::session::Session;
 use super::shell::View;
-use super::source::live::CycleInbox;
+use super::source::inbox::CycleInbox;
 use super::source::sim_worker::{SimWorker, SourceRequest};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};

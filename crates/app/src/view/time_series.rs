@@ -5,7 +5,7 @@ use localize::frames::wrap_angle;
 use localize::robot::BaseConfig;
 use vision::image::Image;
 
-use super::source::rgb_image;
+use super::source::decoded_cycle::rgb_image;
 use pipeline::Cycle;
 
 /// Capacity. When it is reached, every other sample is dropped and the stride of new samples doubles.

@@ -10,13 +10,13 @@ use eframe::egui;
 use egui_tiles::Tree;
 use serde::{Deserialize, Serialize};
 
-use super::Outcome;
 use super::layout::PanelLayout;
-use super::panels::{Pane, camera, field, plots};
+use super::panels::camera_layers::CameraLayers;
+use super::panels::{Pane, field, plots};
 use super::session::Session;
 use super::shell::{ScreenshotTarget, View};
-use super::source::live::{CycleInbox, LiveSource};
-use super::source::remote;
+use super::source::inbox::{CycleInbox, forward_feed};
+use super::source::live::LiveSource;
 use pipeline::PipelineConfig;
 use pipeline::feed::Feed;
 use pipeline::setup::Setup;
@@ -45,12 +45,25 @@ pub(crate) struct WindowOptions {
     pub(crate) close_requested: Arc<AtomicBool>,
 }
 
+/// Output of `--json`.
+#[derive(serde::Serialize)]
+pub(crate) struct Outcome {
+    pub(crate) frames: u64,
+    pub(crate) seconds: f64,
+    pub(crate) frames_per_s: f64,
+    pub(crate) cycles: u64,
+    pub(crate) dropped_cycles: u64,
+    /// The last error.
+    #[serde(skip)]
+    pub(crate) error: Option<String>,
+}
+
 /// State saved between sessions.
 #[derive(Serialize, Deserialize)]
 struct SavedState {
     layout: PanelLayout,
     tree: Tree<Pane>,
-    camera: camera::CameraLayers,
+    camera: CameraLayers,
     field: field::FieldLayers,
     plots: plots::PlotsPanel,
 }
@@ -228,7 +241,7 @@ pub(crate) fn run_with_window(
     let options = WindowOptions::default();
     let close_requested = options.close_requested.clone();
     let inbox = CycleInbox::default();
-    let guard = remote::forward_feed(feed.subscribe(FEED_CAPACITY), inbox.clone())?;
+    let guard = forward_feed(feed.subscribe(FEED_CAPACITY), inbox.clone())?;
     std::thread::scope(|scope| {
         let driver = std::thread::Builder::new()
             .name("drive".to_owned())

@@ -1,4 +1,4 @@
-//! What do this camera's colours and pixels mean? Labels and mask painted on its images, map calibrations and their residuals.
+//! Calibration panel: colour labels, mask, virtual sensor windows, ground map calibration and its residuals.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -18,14 +18,14 @@ use crate::view::calibration_job::{CalibrationJob, CalibrationMethod, MapCalibra
 use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::settings;
-use crate::view::source::rgb_image;
+use crate::view::source::decoded_cycle::rgb_image;
 use pipeline::config::PIPELINE_FILE;
 use pipeline::log::Header;
 
-/// Images of a turning robot that the mask is found from, at most: spread over what is at hand.
+/// Images for the mask at most; when exceeded, every other one is dropped.
 const MASK_IMAGES: usize = 60;
 
-/// The panel's memory.
+/// State of the panel.
 pub(crate) struct CalibrationPanel {
     method: CalibrationMethod,
     dir: String,
@@ -33,11 +33,11 @@ pub(crate) struct CalibrationPanel {
     job: Option<CalibrationJob>,
     result: Option<MapCalibration>,
     output_dir: String,
-    /// Images gathered for the mask.
+    /// Images collected for the mask.
     mask_images: Vec<Image>,
     collecting: bool,
     last_collected: Option<localize::Stamp>,
-    /// What came of the last step; true if it went well.
+    /// Result of the last action; true if it succeeded.
     message: Option<(bool, String)>,
 }
 
@@ -69,8 +69,8 @@ impl CalibrationPanel {
     ) {
         self.collect_mask_image(session);
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            if let Some((well, word)) = &self.message {
-                ui.colored_label(if *well { palette::GREEN } else { palette::VERMILION }, word);
+            if let Some((ok, text)) = &self.message {
+                ui.colored_label(if *ok { palette::GREEN } else { palette::VERMILION }, text);
             }
             egui::CollapsingHeader::new("Colours")
                 .default_open(true)
@@ -86,17 +86,17 @@ impl CalibrationPanel {
             egui::CollapsingHeader::new("Write the configuration")
                 .default_open(true)
                 .show(ui, |ui| {
-                    ui.label("A folder with robot.toml, field.toml, map.npz (masked pixels show no ground), the colour table, the labels with their images, and settings.");
+                    ui.label("Writes a folder with robot.toml, field.toml, map.npz (masked pixels show no ground), the colour table, the labels with their images, and the settings.");
                     ui.horizontal(|ui| {
                         ui.add(egui::TextEdit::singleline(&mut self.output_dir).desired_width(180.0)).with_accessible_label("Folder to write");
                         if ui.button("Write").clicked() {
-                            let written = self.write_robot_folder(session, brush, parameters);
-                            self.set_message(written.map(|()| format!("written: {}", self.output_dir)));
+                            let result = self.write_robot_folder(session, brush, parameters);
+                            self.set_message(result.map(|()| format!("wrote {}", self.output_dir)));
                         }
                     });
                 });
         });
-        // A table takes a moment to learn: not while the pointer still paints.
+        // Learning a colour table is slow: wait until the stroke ends.
         if brush.dirty && !ui.input(|input| input.pointer.any_down()) {
             apply_labels(session, brush);
         }
@@ -104,17 +104,17 @@ impl CalibrationPanel {
 
     fn set_message(&mut self, result: Result<String>) {
         self.message = Some(match result {
-            Ok(word) => (true, word),
+            Ok(text) => (true, text),
             Err(error) => (false, format!("{error:#}")),
         });
     }
 
     fn mask(&mut self, ui: &mut Ui, session: &mut Session, brush: &mut Brush) {
-        // Painting goes on from the robot's own mask.
+        // Painting starts from the robot's own mask.
         if brush.mask.is_none()
-            && let Some(stage) = &session.scene
+            && let Some(scene) = &session.scene
         {
-            brush.mask = stage.mask.as_deref().cloned();
+            brush.mask = scene.mask.as_deref().cloned();
         }
         ui.horizontal_wrapped(|ui| {
             ui.selectable_value(&mut brush.tool, Tool::Mask, "Paint own parts");
@@ -122,28 +122,35 @@ impl CalibrationPanel {
             if ui.button("Clear mask").clicked() {
                 (brush.mask, brush.dirty) = (None, true);
             }
-            let masked = brush.mask.iter().flatten().filter(|&&sees| !sees).count();
-            ui.label(format!("{masked} pixels masked (layer Mask shows them)"));
+            let masked = brush
+                .mask
+                .iter()
+                .flatten()
+                .filter(|&&visible| !visible)
+                .count();
+            ui.label(format!(
+                "{masked} pixels masked (shown by the camera layer Mask)"
+            ));
         });
-        ui.label("Or let the robot turn in place, and find what stays the same:");
+        ui.label("Or rotate the robot in place, and find the pixels that do not change:");
         ui.horizontal(|ui| {
-            ui.toggle_value(&mut self.collecting, "Gather images");
+            ui.toggle_value(&mut self.collecting, "Collect images");
             ui.label(format!("{} images", self.mask_images.len()));
-            if ui.button("Find the mask").clicked() {
-                let found = find_mask(session, &self.mask_images);
-                self.set_message(found.map(|mask| {
-                    let own = mask.iter().filter(|&&sees| !sees).count();
+            if ui.button("Compute mask").clicked() {
+                let mask = find_mask(session, &self.mask_images);
+                self.set_message(mask.map(|mask| {
+                    let own = mask.iter().filter(|&&visible| !visible).count();
                     (brush.mask, brush.dirty) = (Some(mask), true);
-                    format!("{own} pixels are the robot's own")
+                    format!("{own} pixels masked")
                 }));
             }
-            if ui.button("Drop images").clicked() {
+            if ui.button("Discard images").clicked() {
                 self.mask_images.clear();
             }
         });
     }
 
-    /// Keeps the shown images while gathering; of many, every other one.
+    /// Adds the shown image while collecting; halves the images when there are too many.
     fn collect_mask_image(&mut self, session: &Session) {
         let Some(now) = session.shown.as_ref().filter(|_| self.collecting) else {
             return;
@@ -166,15 +173,15 @@ impl CalibrationPanel {
 
     fn map(&mut self, ui: &mut Ui) {
         ui.horizontal_wrapped(|ui| {
-            for (kind, name) in [
-                (CalibrationMethod::Strip, "Strip of bars"),
+            for (method, name) in [
+                (CalibrationMethod::Strip, "Bar strip"),
                 (
                     CalibrationMethod::StripWithProfile,
-                    "Strip, profile trusted",
+                    "Bar strip, fixed profile",
                 ),
                 (CalibrationMethod::Lines, "Drive over the field"),
             ] {
-                ui.selectable_value(&mut self.method, kind, name);
+                ui.selectable_value(&mut self.method, method, name);
             }
         });
         ui.horizontal(|ui| {
@@ -186,20 +193,21 @@ impl CalibrationPanel {
                 .with_accessible_label("map");
         });
         let idle = self.job.is_none();
-        let button = egui::Button::new(if idle { "Calibrate" } else { "Calibrating" });
+        let button = egui::Button::new(if idle { "Calibrate" } else { "Calibrating…" });
         if ui.add_enabled(idle, button).clicked() {
             let (dir, out) = (PathBuf::from(&self.dir), PathBuf::from(&self.map_path));
             match CalibrationJob::start(self.method, dir, out) {
-                Ok(running) => self.job = Some(running),
+                Ok(job) => self.job = Some(job),
                 Err(error) => self.set_message(Err(error.into())),
             }
         }
-        if let Some(found) = self.job.as_ref().and_then(CalibrationJob::poll) {
+        if let Some(result) = self.job.as_ref().and_then(CalibrationJob::poll) {
             self.job = None;
-            match found {
-                Ok(found) => {
-                    self.message = Some((true, format!("map written: {}", found.0.map.display())));
-                    self.result = Some(found);
+            match result {
+                Ok(calibration) => {
+                    self.message =
+                        Some((true, format!("wrote map {}", calibration.0.map.display())));
+                    self.result = Some(calibration);
                 }
                 Err(error) => self.set_message(Err(error)),
             }
@@ -218,21 +226,20 @@ impl CalibrationPanel {
         brush: &Brush,
         parameters: &ParametersPanel,
     ) -> Result<()> {
-        let folder = Path::new(&self.output_dir);
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("cannot create {}", folder.display()))?;
-        let stage = session
+        let dir = Path::new(&self.output_dir);
+        std::fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
+        let scene = session
             .scene
             .as_ref()
-            .context("there is no robot to write")?;
-        let mut map = stage.camera.as_ref().map(|eye| (*eye.map).clone());
+            .context("no robot configuration to write")?;
+        let mut map = scene.camera.as_ref().map(|camera| (*camera.map).clone());
         if let (Some(map), Some(mask)) = (&mut map, &brush.mask) {
             ensure!(
                 mask.len() == map.x.len(),
-                "the mask was painted on images of another size"
+                "mask and ground map differ in size"
             );
-            for (pixel, sees) in mask.iter().enumerate() {
-                if !sees {
+            for (pixel, visible) in mask.iter().enumerate() {
+                if !visible {
                     (map.x[pixel], map.y[pixel]) = (f32::NAN, f32::NAN);
                 }
             }
@@ -240,52 +247,52 @@ impl CalibrationPanel {
         let table = session
             .colour_table
             .as_deref()
-            .or(stage.colour_table.as_ref());
-        let header = Header::new("view", None).with_robot(&stage.robot, map.as_ref(), table)?;
+            .or(scene.colour_table.as_ref());
+        let header = Header::new("view", None).with_robot(&scene.robot, map.as_ref(), table)?;
         let overlay = settings::diff_overlay(&Default::default(), parameters.config());
         header
             .with_file(PIPELINE_FILE, overlay.to_string())
-            .write_files(folder)?;
+            .write_files(dir)?;
         if !brush.labels.is_empty() {
-            write_labels(folder, brush)?;
+            write_labels(dir, brush)?;
         }
         Ok(())
     }
 }
 
-/// The labels as `labels.csv` with the images they are in.
-fn write_labels(folder: &Path, brush: &Brush) -> Result<()> {
+/// Writes the labels as `labels.csv`, with their images.
+fn write_labels(dir: &Path, brush: &Brush) -> Result<()> {
     for (number, (_, image)) in brush.labelled_images.iter().enumerate() {
-        image.save(&folder.join(format!("label_{number}.png")))?;
+        image.save(&dir.join(format!("label_{number}.png")))?;
     }
     let mut text = "file,u,v,class\n".to_owned();
-    for ((stamp, [u, v]), stroke) in &brush.labels {
+    for ((stamp, [u, v]), label) in &brush.labels {
         let place = brush
             .labelled_images
             .iter()
-            .position(|(known, _)| known == stamp);
+            .position(|(labelled, _)| labelled == stamp);
         let Some(number) = place else { continue };
-        text += &format!("label_{number}.png,{u},{v},{}\n", CLASS_NAMES[stroke.class]);
+        text += &format!("label_{number}.png,{u},{v},{}\n", CLASS_NAMES[label.class]);
     }
-    let path = folder.join("labels.csv");
+    let path = dir.join("labels.csv");
     std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn find_mask(session: &Session, images: &[Image]) -> Result<Vec<bool>> {
-    let stage = session.scene.as_ref().context("no camera")?;
-    let eye = stage.camera.as_ref().context("no camera")?;
-    Ok(calibrate_mask(&eye.config, images)?)
+    let scene = session.scene.as_ref().context("no camera")?;
+    let camera = scene.camera.as_ref().context("no camera")?;
+    Ok(calibrate_mask(&camera.config, images)?)
 }
 
-/// Classes to paint with, and what was painted.
+/// Draws the class tools and the label counts.
 fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
-    ui.label("Choose a class, paint on the camera's image, and watch the layer Classes.");
+    ui.label("Choose a class and paint on the camera image. The layer Classes shows the result.");
     ui.horizontal_wrapped(|ui| {
-        ui.selectable_value(&mut brush.tool, Tool::Pan, "Hand");
+        ui.selectable_value(&mut brush.tool, Tool::Pan, "Pan");
         for (class, name) in CLASS_NAMES.iter().enumerate() {
             let colour = palette::class_colour(ColourClass(class as u8));
             let text = RichText::new(format!("# {name}")).color(colour);
-            // Black and white vanish on one theme or the other.
+            // Black and white are invisible in one of the themes.
             let text = match *name {
                 "black" | "white" => RichText::new(*name),
                 _ => text,
@@ -295,36 +302,36 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
     });
     ui.horizontal(|ui| {
         ui.add(egui::Slider::new(&mut brush.radius_px, 0..=40).text("brush, pixels"));
-        if ui.button("Forget labels").clicked() {
+        if ui.button("Delete labels").clicked() {
             brush.clear_labels();
         }
     });
     let mut counts = [0usize; CLASS_NAMES.len()];
-    for stroke in brush.labels.values() {
-        counts[stroke.class] += 1;
+    for label in brush.labels.values() {
+        counts[label.class] += 1;
     }
-    let told = counts
+    let label_counts = counts
         .iter()
         .zip(CLASS_NAMES)
         .filter(|(count, _)| **count > 0);
-    let told: Vec<String> = told
+    let label_counts: Vec<String> = label_counts
         .map(|(count, name)| format!("{name} {count}"))
         .collect();
-    if told.is_empty() {
+    if label_counts.is_empty() {
         let own = session
             .scene
             .as_ref()
-            .is_some_and(|stage| stage.colour_table.is_some());
+            .is_some_and(|scene| scene.colour_table.is_some());
         ui.weak(if own {
-            "No labels painted: the robot's own colour table is in use."
+            "No labels: the robot's colour table is used."
         } else {
-            "No labels: the carpet's colour is learned from the images themselves."
+            "No labels: the carpet colour is learned from the images."
         });
     } else {
         let images = brush.labelled_images.len();
         ui.label(format!(
             "labelled pixels in {images} images: {}",
-            told.join(", ")
+            label_counts.join(", ")
         ));
     }
     if let Some(fault) = &session.rendered_layers.error {
@@ -332,18 +339,18 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
     }
 }
 
-/// The virtual sensors' windows: laid out by the map until somebody moves one.
+/// Edits the windows of the virtual sensors. Windows that are not set are laid out by the ground map.
 fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut ParametersPanel) {
-    let laid = session
+    let layout = session
         .rendered_layers
         .virtual_sensors
         .clone()
         .unwrap_or_default();
     ui.horizontal_wrapped(|ui| {
-        let take = egui::Button::new("Take as laid out");
-        if ui.add_enabled(!laid.is_empty(), take).clicked() {
+        let button = egui::Button::new("Copy current layout");
+        if ui.add_enabled(!layout.is_empty(), button).clicked() {
             let of = |kind: &str| -> Vec<ImageRect> {
-                let named = laid.iter().filter(|(name, _)| *name == kind);
+                let named = layout.iter().filter(|(name, _)| *name == kind);
                 named.map(|(_, window)| *window).collect()
             };
             parameters.edit_config(session, |config| {
@@ -354,7 +361,7 @@ fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut P
                 windows.lens = of("lens").first().copied();
             });
         }
-        if ui.button("Lay out anew").clicked() {
+        if ui.button("Reset layout").clicked() {
             parameters.edit_config(session, |config| {
                 let windows = &mut config.vision.virtual_sensors;
                 (windows.bumpers, windows.goals) = (Vec::new(), Vec::new());
@@ -362,8 +369,8 @@ fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut P
             });
         }
     });
-    if laid.is_empty() {
-        ui.weak("The camera's layer Windows shows them, and makes them known here.");
+    if layout.is_empty() {
+        ui.weak("Switch on the camera layer Windows to compute the layout.");
     }
     let mut windows = parameters.config().vision.virtual_sensors.clone();
     let mut changed = false;
@@ -400,7 +407,7 @@ fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut P
     }
 }
 
-/// Takes what was painted into the session, once a stroke has ended.
+/// Applies labels and mask to the session once a stroke has ended.
 fn apply_labels(session: &mut Session, brush: &mut Brush) {
     brush.dirty = false;
     session.colour_table = brush.learn_colour_table().map(Arc::new);
@@ -423,7 +430,7 @@ fn show_residuals(
     if let (Some(rms), Some(share)) = (outcome.rms_m, outcome.inlier_share) {
         let (cm, percent) = (100.0 * rms, 100.0 * share);
         ui.label(format!(
-            "residual {cm:.2} cm, {percent:.0} % of the points on markings"
+            "residual {cm:.2} cm, {percent:.0} % of the line points are inliers"
         ));
     }
     let bars = images
@@ -445,7 +452,7 @@ fn show_residuals(
                 ui.label(&image.name);
                 match &image.left_out {
                     Some(reason) => {
-                        ui.colored_label(palette::ORANGE, format!("left out: {reason}"));
+                        ui.colored_label(palette::ORANGE, format!("excluded: {reason}"));
                     }
                     None => {
                         ui.monospace(format!("{} points, {:.2} px", image.points, image.rms_px));

@@ -1,4 +1,4 @@
-//! What does the robot see, and what does it make of it? The image with everything that was found or refused in it.
+//! Camera panel: the image, or the bird's-eye view, with detections, rejected candidates and pixel layers.
 
 use std::sync::Arc;
 
@@ -7,78 +7,24 @@ use eframe::egui::{
     TextureOptions, Ui, Vec2,
 };
 use localize::Stamp;
-use serde::{Deserialize, Serialize};
-use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
 
 use super::camera_drawing::{self, CameraCanvas};
+use super::camera_layers::CameraLayers;
 use crate::view::brush::{Brush, Tool};
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX, LayerSelection};
-use crate::view::palette;
 use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
 use crate::view::session::Session;
-use crate::view::source::rgb_image;
+use crate::view::source::decoded_cycle::rgb_image;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
 
-/// What is drawn over the image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
-pub(crate) struct CameraLayers {
-    /// The image itself.
-    pub(crate) image: bool,
-    /// The class of every pixel.
-    pub(crate) classes: bool,
-    /// The pixels that vision reads, in their classes' colours.
-    pub(crate) scan_pixels: bool,
-    /// Line points.
-    pub(crate) line_points: bool,
-    /// Runs that were refused.
-    pub(crate) rejected_candidates: bool,
-    /// The ball.
-    pub(crate) ball: bool,
-    /// Robots.
-    pub(crate) robots: bool,
-    /// Goals and posts.
-    pub(crate) goals: bool,
-    /// Where the carpet ends.
-    pub(crate) carpet_end: bool,
-    /// Virtual sensor windows.
-    pub(crate) virtual_sensors: bool,
-    /// What is masked, and what shows no ground.
-    pub(crate) mask: bool,
-    /// The field's lines at the estimated pose.
-    pub(crate) field_lines: bool,
-    /// Rings and rays on the ground.
-    pub(crate) grid: bool,
-}
-
-impl Default for CameraLayers {
-    fn default() -> Self {
-        CameraLayers {
-            image: true,
-            classes: false,
-            scan_pixels: false,
-            line_points: true,
-            rejected_candidates: true,
-            ball: true,
-            robots: true,
-            goals: true,
-            carpet_end: false,
-            virtual_sensors: false,
-            mask: false,
-            field_lines: true,
-            grid: false,
-        }
-    }
-}
-
-/// The panel's memory.
+/// State of the panel.
 #[derive(Default)]
 pub(crate) struct CameraPanel {
-    /// What is drawn.
+    /// Visible layers.
     pub(crate) layers: CameraLayers,
-    /// The floor from above in place of the camera's image.
+    /// Show the bird's-eye view instead of the camera image.
     pub(crate) birds_eye: bool,
     pan_zoom: PanZoom,
     image: Option<(Stamp, TextureHandle)>,
@@ -86,13 +32,13 @@ pub(crate) struct CameraPanel {
     scan_texture: LayerTexture,
     birds_eye_texture: LayerTexture,
     mask: LayerTexture,
-    /// The mask as a picture, and what it was made of.
+    /// Rendered mask, and the key of its inputs.
     mask_image: Option<(MaskKey, Arc<ColorImage>)>,
 }
 
 type MaskKey = (u64, Option<*const StaticScene>);
 
-/// A painted layer on its way to the screen.
+/// Texture of a rendered layer.
 #[derive(Default)]
 struct LayerTexture {
     source: Option<Arc<ColorImage>>,
@@ -101,14 +47,14 @@ struct LayerTexture {
 
 impl LayerTexture {
     fn update(&mut self, ui: &Ui, name: &str, image: &Arc<ColorImage>) -> egui::TextureId {
-        let known = self
+        let current = self
             .source
             .as_ref()
             .is_some_and(|of| Arc::ptr_eq(of, image));
         let handle = self
             .handle
             .get_or_insert_with(|| ui.load_texture(name, image.clone(), TextureOptions::NEAREST));
-        if !known {
+        if !current {
             handle.set(image.clone(), TextureOptions::NEAREST);
             self.source = Some(image.clone());
         }
@@ -117,7 +63,7 @@ impl LayerTexture {
 }
 
 impl CameraPanel {
-    /// Which layers are to be painted.
+    /// The layers to render.
     pub(crate) fn layer_selection(&self) -> LayerSelection {
         LayerSelection {
             classes: self.layers.classes && !self.birds_eye,
@@ -135,23 +81,26 @@ impl CameraPanel {
             ui.weak("No cycle yet.");
             return;
         };
-        // A picture and what is painted of it are of one cycle, though the painter may be a little behind.
-        let painted = session.rendered_layers.cycle.as_ref();
-        let painted = painted.filter(|_| self.layer_selection() != LayerSelection::default());
-        let cycle = painted.unwrap_or(&now.cycle);
+        // Image and layers must show the same cycle, and rendering may lag behind.
+        let rendered_cycle = session.rendered_layers.cycle.as_ref();
+        let rendered_cycle =
+            rendered_cycle.filter(|_| self.layer_selection() != LayerSelection::default());
+        let cycle = rendered_cycle.unwrap_or(&now.cycle);
         let image = rgb_image(cycle).cloned();
         let size = match (&image, &session.scene) {
             _ if self.birds_eye => Vec2::splat(BIRDS_EYE_SIDE_PX as f32),
             (Some(image), _) => Vec2::new(image.width_px as f32, image.height_px as f32),
-            (None, Some(stage)) => match &stage.camera {
-                Some(eye) => Vec2::new(eye.map.width_px as f32, eye.map.height_px as f32),
+            (None, Some(scene)) => match &scene.camera {
+                Some(camera) => Vec2::new(camera.map.width_px as f32, camera.map.height_px as f32),
                 None => {
-                    ui.weak("This source has no camera: its line points come from elsewhere.");
+                    ui.weak(
+                        "This source has no camera: its line points come from an external vision.",
+                    );
                     return;
                 }
             },
             (None, None) => {
-                ui.weak("No image, and no camera to draw into.");
+                ui.weak("No image and no camera configuration.");
                 return;
             }
         };
@@ -162,20 +111,20 @@ impl CameraPanel {
         );
         let (response, painter) = ui.allocate_painter(area, Sense::click_and_drag());
         let painting = brush.tool != Tool::Pan && !self.birds_eye;
-        let placed = self.pan_zoom.handle_input(ui, &response, size, !painting);
+        let transform = self.pan_zoom.handle_input(ui, &response, size, !painting);
         let painter = painter.with_clip_rect(response.rect);
         let covered = if image.is_some() && self.layers.image && !self.birds_eye {
-            placed.screen_rect(size)
+            transform.screen_rect(size)
         } else {
             Rect::NOTHING
         };
         fill_around(&painter, response.rect, covered, Color32::BLACK);
-        self.draw_layers(ui, &painter, session, cycle, (&placed, size));
-        if let Some(stage) = &session.scene {
-            let drawing = CameraCanvas {
+        self.draw_layers(ui, &painter, session, cycle, (&transform, size));
+        if let Some(scene) = &session.scene {
+            let canvas = CameraCanvas {
                 painter: &painter,
-                transform: placed,
-                scene: stage,
+                transform,
+                scene,
                 cycle,
                 layers: &self.layers,
                 virtual_sensors: session
@@ -185,16 +134,16 @@ impl CameraPanel {
                     .map_or(&[], Vec::as_slice),
             };
             if self.birds_eye {
-                camera_drawing::draw_birds_eye_overlay(&drawing);
+                camera_drawing::draw_birds_eye_overlay(&canvas);
             } else {
-                camera_drawing::draw_image_overlay(&drawing);
+                camera_drawing::draw_image_overlay(&canvas);
             }
         }
         if image.is_none() {
             painter.text(
                 response.rect.center_top() + Vec2::new(0.0, 8.0),
                 Align2::CENTER_TOP,
-                no_image(cycle),
+                missing_image_text(cycle),
                 FontId::proportional(15.0),
                 Color32::WHITE,
             );
@@ -203,49 +152,54 @@ impl CameraPanel {
             && (response.dragged() || response.clicked())
             && let (Some(pointer), Some(image)) = (response.interact_pointer_pos(), &image)
         {
-            brush.paint(cycle.stamp, image, placed.from_screen(pointer));
+            brush.paint(cycle.stamp, image, transform.from_screen(pointer));
         }
         if let Some(pointer) = response.hover_pos() {
             if painting {
-                let radius = (f32::from(brush.radius_px) + 0.5) * placed.scale;
+                let radius = (f32::from(brush.radius_px) + 0.5) * transform.scale;
                 painter.circle_stroke(pointer, radius, (1.0, Color32::WHITE));
             }
-            self.show_pixel_info(ui, session, image.as_deref(), placed.from_screen(pointer));
+            self.show_pixel_info(
+                ui,
+                session,
+                image.as_deref(),
+                transform.from_screen(pointer),
+            );
         } else {
             ui.weak(
-                "Point at a pixel to read it. Scroll zooms, drag pans, double-click shows all.",
+                "Point at a pixel to inspect it. Scroll zooms, drag pans, double-click resets.",
             );
         }
     }
 
     fn switches(&mut self, ui: &mut Ui) {
-        let shows = &mut self.layers;
+        let layers = &mut self.layers;
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("Layers", |ui| {
                 for (name, shown) in [
-                    ("Image", &mut shows.image),
-                    ("Classes", &mut shows.classes),
-                    ("Scan lines", &mut shows.scan_pixels),
-                    ("Line points", &mut shows.line_points),
-                    ("Refused points", &mut shows.rejected_candidates),
-                    ("Ball", &mut shows.ball),
-                    ("Robots", &mut shows.robots),
-                    ("Goals", &mut shows.goals),
-                    ("Carpet's end", &mut shows.carpet_end),
-                    ("Windows", &mut shows.virtual_sensors),
-                    ("Mask", &mut shows.mask),
-                    ("Field lines", &mut shows.field_lines),
-                    ("Ground grid", &mut shows.grid),
+                    ("Image", &mut layers.image),
+                    ("Classes", &mut layers.classes),
+                    ("Scan lines", &mut layers.scan_pixels),
+                    ("Line points", &mut layers.line_points),
+                    ("Rejected points", &mut layers.rejected_candidates),
+                    ("Ball", &mut layers.ball),
+                    ("Robots", &mut layers.robots),
+                    ("Goals", &mut layers.goals),
+                    ("Carpet boundary", &mut layers.carpet_end),
+                    ("Windows", &mut layers.virtual_sensors),
+                    ("Mask", &mut layers.mask),
+                    ("Field lines", &mut layers.field_lines),
+                    ("Ground grid", &mut layers.grid),
                 ] {
                     ui.checkbox(shown, name);
                 }
             });
             ui.toggle_value(&mut self.birds_eye, "Bird's-eye");
-            ui.toggle_value(&mut shows.classes, "Classes");
-            ui.toggle_value(&mut shows.scan_pixels, "Scan lines");
-            ui.toggle_value(&mut shows.virtual_sensors, "Windows");
-            ui.toggle_value(&mut shows.field_lines, "Field lines");
-            ui.menu_button("Key", camera_drawing::show_legend);
+            ui.toggle_value(&mut layers.classes, "Classes");
+            ui.toggle_value(&mut layers.scan_pixels, "Scan lines");
+            ui.toggle_value(&mut layers.virtual_sensors, "Windows");
+            ui.toggle_value(&mut layers.field_lines, "Field lines");
+            ui.menu_button("Legend", camera_drawing::show_legend);
         });
     }
 
@@ -255,13 +209,13 @@ impl CameraPanel {
         painter: &egui::Painter,
         session: &Session,
         cycle: &Cycle,
-        (placed, size): (&ScreenTransform, Vec2),
+        (transform, size): (&ScreenTransform, Vec2),
     ) {
-        let rect = placed.screen_rect(size);
+        let rect = transform.screen_rect(size);
         let uv = Rect::from_min_max(Pos2::ZERO, Pos2::new(1.0, 1.0));
-        let painted = &session.rendered_layers;
+        let rendered = &session.rendered_layers;
         if self.birds_eye {
-            if let Some(floor) = &painted.birds_eye {
+            if let Some(floor) = &rendered.birds_eye {
                 let id = self.birds_eye_texture.update(ui, "floor", floor);
                 painter.image(id, rect, uv, Color32::WHITE);
             }
@@ -271,12 +225,12 @@ impl CameraPanel {
             let id = self.upload(ui, cycle.stamp, image);
             painter.image(id, rect, uv, Color32::WHITE);
         }
-        if let (true, Some(classes)) = (self.layers.classes, &painted.classes) {
+        if let (true, Some(classes)) = (self.layers.classes, &rendered.classes) {
             let id = self.classes.update(ui, "classes", classes);
             let tint = if self.layers.image { 190 } else { 255 };
             painter.image(id, rect, uv, Color32::from_white_alpha(tint));
         }
-        if let (true, Some(scan)) = (self.layers.scan_pixels, &painted.scan_pixels) {
+        if let (true, Some(scan)) = (self.layers.scan_pixels, &rendered.scan_pixels) {
             let id = self.scan_texture.update(ui, "scan", scan);
             painter.image(id, rect, uv, Color32::WHITE);
         }
@@ -296,23 +250,23 @@ impl CameraPanel {
     fn upload(&mut self, ui: &Ui, stamp: Stamp, image: &Image) -> egui::TextureId {
         if let Some((of, handle)) = &mut self.image {
             if *of != stamp {
-                handle.set(colours(image), TextureOptions::NEAREST);
+                handle.set(to_color_image(image), TextureOptions::NEAREST);
                 *of = stamp;
             }
             return handle.id();
         }
-        let handle = ui.load_texture("camera", colours(image), TextureOptions::NEAREST);
+        let handle = ui.load_texture("camera", to_color_image(image), TextureOptions::NEAREST);
         let id = handle.id();
         self.image = Some((stamp, handle));
         id
     }
 
-    /// What is there: colour, class, ground.
+    /// Shows a pixel's colour, class and ground point.
     fn show_pixel_info(&self, ui: &mut Ui, session: &Session, image: Option<&Image>, at: Vec2) {
-        let (Some(stage), Some(now)) = (&session.scene, &session.shown) else {
+        let (Some(scene), Some(now)) = (&session.scene, &session.shown) else {
             return;
         };
-        let mut words = Vec::new();
+        let mut parts = Vec::new();
         let ground = if self.birds_eye {
             let step = 2.0 * BIRDS_EYE_HALF_EXTENT / BIRDS_EYE_SIDE_PX as f32;
             Some(localize::At::new(
@@ -329,17 +283,18 @@ impl CameraPanel {
                 let (u, v) = (column as usize, row as usize);
                 let rgb = image.view().rgb(u, v);
                 let [y, cb, cr] = rgb_to_yuv(rgb);
-                words.push(format!("({u}, {v})  YUV {y} {cb} {cr}  RGB {rgb:?}"));
-                if let Some(class) = self.class_at(session, u, v) {
-                    words.push(class.to_owned());
+                parts.push(format!("({u}, {v})  YUV {y} {cb} {cr}  RGB {rgb:?}"));
+                if let Some(class) = session.class_at(u, v) {
+                    parts.push(class.to_owned());
                 }
             }
-            let eye = stage.camera.as_ref();
-            eye.and_then(|eye| inside.then(|| eye.map.at(column as usize, row as usize))?)
+            let camera = scene.camera.as_ref();
+            camera
+                .and_then(|camera| inside.then(|| camera.map.at(column as usize, row as usize))?)
         };
         match ground {
             Some(ground) => {
-                words.push(format!(
+                parts.push(format!(
                     "ground {:.2}, {:.2} m, {:.2} m away at {:.0}°",
                     ground.x,
                     ground.y,
@@ -348,45 +303,37 @@ impl CameraPanel {
                 ));
                 if let Some(pose) = now.cycle.estimate.pose {
                     let at = pose * ground;
-                    words.push(format!("field {:.2}, {:.2} m", at.x, at.y));
+                    parts.push(format!("field {:.2}, {:.2} m", at.x, at.y));
                 }
             }
-            None => words.push("no ground".to_owned()),
+            None => parts.push("no ground".to_owned()),
         }
-        ui.label(RichText::new(words.join("   ")).monospace());
-    }
-
-    fn class_at(&self, session: &Session, u: usize, v: usize) -> Option<&'static str> {
-        let painted = session.rendered_layers.classes.as_ref()?;
-        let colour = *painted.pixels.get(v * painted.size[0] + u)?;
-        let found =
-            (0..CLASS_NAMES.len()).find(|&c| palette::class_colour(ColourClass(c as u8)) == colour);
-        found.map(|class| CLASS_NAMES[class])
+        ui.label(RichText::new(parts.join("   ")).monospace());
     }
 }
 
-fn colours(image: &Image) -> ColorImage {
+fn to_color_image(image: &Image) -> ColorImage {
     ColorImage::from_rgb([image.width_px, image.height_px], &image.rgb)
 }
 
-fn no_image(cycle: &Cycle) -> String {
+fn missing_image_text(cycle: &Cycle) -> String {
     match &cycle.fault {
         Some(fault) => format!("no image: {fault}"),
         None => "no image in this cycle".to_owned(),
     }
 }
 
-/// What is masked (crossed out in purple) and what shows no ground (darkened).
+/// Image of the masked pixels (purple) and the pixels that show no ground (darkened).
 fn render_mask(session: &Session) -> Option<ColorImage> {
-    let stage = session.scene.as_ref()?;
-    let eye = stage.camera.as_ref()?;
-    let (width, height) = (eye.map.width_px, eye.map.height_px);
-    let mask = session.mask.as_ref().or(stage.mask.as_ref());
+    let scene = session.scene.as_ref()?;
+    let camera = scene.camera.as_ref()?;
+    let (width, height) = (camera.map.width_px, camera.map.height_px);
+    let mask = session.mask.as_ref().or(scene.mask.as_ref());
     let pixel = |at: usize| {
         let masked = mask.is_some_and(|mask| mask.get(at) == Some(&false));
         if masked {
             Color32::from_rgba_unmultiplied(204, 121, 167, 170)
-        } else if !eye.map.x[at].is_finite() {
+        } else if !camera.map.x[at].is_finite() {
             Color32::from_black_alpha(150)
         } else {
             Color32::TRANSPARENT

@@ -1,4 +1,4 @@
-//! Which marks lie over the camera's image? Points, objects and projected lines, as shapes that stay sharp when enlarged.
+//! Vector marks over the camera image and the bird's-eye view: points, objects and projected lines.
 
 use std::f32::consts::TAU;
 
@@ -10,40 +10,41 @@ use vision::config::ImageRect;
 use vision::lines::detection::RejectionReason;
 use vision::objects::goals::GoalKind;
 
-use super::camera::CameraLayers;
+use super::camera_layers::CameraLayers;
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
 
-/// Rings of the ground grid, metres.
+/// Ranges of the ground grid's rings, metres.
 const RINGS: [f32; 7] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0];
-/// Steps around a ring, and rays.
+/// Segments of a ring.
 const RING_STEPS: usize = 96;
+/// Bearing rays of the ground grid.
 const RAYS: usize = 12;
 
-/// What drawing needs.
+/// Inputs of the drawing functions.
 pub(crate) struct CameraCanvas<'a> {
     pub(crate) painter: &'a Painter,
     pub(crate) transform: ScreenTransform,
     pub(crate) scene: &'a StaticScene,
     pub(crate) cycle: &'a Cycle,
     pub(crate) layers: &'a CameraLayers,
-    /// The virtual sensors' windows with their names.
+    /// Names and windows of the virtual sensors.
     pub(crate) virtual_sensors: &'a [(&'static str, ImageRect)],
 }
 
 impl CameraCanvas<'_> {
-    /// The middle of a pixel on the screen.
+    /// Screen position of a pixel's centre.
     fn to_screen(&self, [u, v]: [f32; 2]) -> Pos2 {
         self.transform.to_screen(u + 0.5, v + 0.5)
     }
 
-    /// A ground point on the screen, in the camera's image.
+    /// Screen position of a ground point in the camera image; None if it is not visible.
     fn project_to_screen(&self, at: At<RobotFrame>) -> Option<Pos2> {
-        let eye = self.scene.camera.as_ref()?;
-        let pixel = eye.project(at, self.cycle.estimate.tilt)?;
+        let camera = self.scene.camera.as_ref()?;
+        let pixel = camera.project(at, self.cycle.estimate.tilt)?;
         Some(self.to_screen(pixel))
     }
 
@@ -56,8 +57,9 @@ impl CameraCanvas<'_> {
 
     fn draw_x(&self, at: Pos2, arm: f32, colour: Color32) {
         let stroke = Stroke::new(1.2, colour);
-        for way in [Vec2::new(arm, arm), Vec2::new(arm, -arm)] {
-            self.painter.line_segment([at - way, at + way], stroke);
+        for diagonal in [Vec2::new(arm, arm), Vec2::new(arm, -arm)] {
+            self.painter
+                .line_segment([at - diagonal, at + diagonal], stroke);
         }
     }
 
@@ -72,74 +74,74 @@ impl CameraCanvas<'_> {
     }
 }
 
-/// Everything over the camera's own image.
-pub(crate) fn draw_image_overlay(drawing: &CameraCanvas<'_>) {
-    let shows = drawing.layers;
-    if shows.grid {
-        grid(drawing);
+/// Draws the marks over the camera image.
+pub(crate) fn draw_image_overlay(canvas: &CameraCanvas<'_>) {
+    let layers = canvas.layers;
+    if layers.grid {
+        grid(canvas);
     }
-    if shows.field_lines
-        && let Some(pose) = drawing.cycle.estimate.pose
+    if layers.field_lines
+        && let Some(pose) = canvas.cycle.estimate.pose
     {
         let stroke = Stroke::new(1.4, palette::PROJECTED_LINE);
-        for [from, to] in drawing
+        for [from, to] in canvas
             .scene
-            .project_markings(pose, drawing.cycle.estimate.tilt)
+            .project_markings(pose, canvas.cycle.estimate.tilt)
         {
-            let ends = [drawing.to_screen(from), drawing.to_screen(to)];
-            drawing.painter.line_segment(ends, stroke);
+            let ends = [canvas.to_screen(from), canvas.to_screen(to)];
+            canvas.painter.line_segment(ends, stroke);
         }
     }
-    if shows.virtual_sensors {
-        draw_virtual_sensors(drawing);
+    if layers.virtual_sensors {
+        draw_virtual_sensors(canvas);
     }
-    let Some(seen) = &drawing.cycle.detections else {
-        if shows.line_points {
-            // Line points of another vision have no pixel of their own.
-            for point in &drawing.cycle.line_points {
-                if let Some(at) = drawing.project_to_screen(point.at) {
-                    drawing.draw_plus(at, 3.0, palette::LINE_POINT);
+    let Some(detections) = &canvas.cycle.detections else {
+        if layers.line_points {
+            // Line points of an external vision have no pixel position.
+            for point in &canvas.cycle.line_points {
+                if let Some(at) = canvas.project_to_screen(point.at) {
+                    canvas.draw_plus(at, 3.0, palette::LINE_POINT);
                 }
             }
         }
         return;
     };
-    if shows.carpet_end {
-        carpet_end(drawing, &seen.carpet_end);
+    if layers.carpet_end {
+        carpet_end(canvas, &detections.carpet_end);
     }
-    if shows.rejected_candidates {
-        for refused in &seen.rejected_candidates {
-            let (colour, _) = palette::rejection_style(refused.reason);
-            drawing.draw_x(drawing.to_screen(refused.position_px), 2.5, colour);
+    if layers.rejected_candidates {
+        for candidate in &detections.rejected_candidates {
+            let (colour, _) = palette::rejection_style(candidate.reason);
+            canvas.draw_x(canvas.to_screen(candidate.position_px), 2.5, colour);
         }
     }
-    if shows.line_points {
-        for point in &seen.line_points {
-            drawing.draw_plus(
-                drawing.to_screen(point.position_px),
+    if layers.line_points {
+        for point in &detections.line_points {
+            canvas.draw_plus(
+                canvas.to_screen(point.position_px),
                 3.0,
                 palette::LINE_POINT,
             );
         }
     }
-    objects(drawing);
+    objects(canvas);
 }
 
-fn objects(drawing: &CameraCanvas<'_>) {
-    let (shows, painter) = (drawing.layers, drawing.painter);
-    let Some(seen) = &drawing.cycle.detections else {
+fn objects(canvas: &CameraCanvas<'_>) {
+    let (layers, painter) = (canvas.layers, canvas.painter);
+    let Some(detections) = &canvas.cycle.detections else {
         return;
     };
-    if let (true, Some(ball)) = (shows.ball, &seen.ball) {
-        let at = drawing.to_screen(ball.position_px);
+    if let (true, Some(ball)) = (layers.ball, &detections.ball) {
+        let at = canvas.to_screen(ball.position_px);
         painter.circle_stroke(at, 9.0, (2.5, palette::BALL));
         let air = if ball.on_ground { "" } else { ", in the air" };
         let text = format!("ball {:.1} m{air}", ball.at.distance());
-        drawing.label(at, text, palette::BALL);
+        canvas.label(at, text, palette::BALL);
     }
-    if shows.robots {
-        for robot in &seen.robots {
-            let at = drawing.to_screen(robot.position_px);
+    if layers.robots {
+        for robot in &detections.robots {
+            let at = canvas.to_screen(robot.position_px);
             let half = Vec2::splat(7.0);
             let square = eframe::egui::Rect::from_min_max(at - half, at + half);
             painter.rect_stroke(
@@ -154,92 +156,92 @@ fn objects(drawing: &CameraCanvas<'_>) {
                 None => "",
             };
             let text = format!("robot{team} {:.1} m", robot.at.distance());
-            drawing.label(at, text, palette::ROBOT);
+            canvas.label(at, text, palette::ROBOT);
         }
     }
-    if shows.goals {
-        for goal in &seen.goals {
-            let at = drawing.to_screen(goal.position_px);
-            drawing.draw_plus(at, 8.0, palette::GOAL);
+    if layers.goals {
+        for goal in &detections.goals {
+            let at = canvas.to_screen(goal.position_px);
+            canvas.draw_plus(at, 8.0, palette::GOAL);
             let kind = match goal.kind {
                 GoalKind::Blue => "blue goal",
                 GoalKind::Yellow => "yellow goal",
                 GoalKind::Post => "post",
             };
-            drawing.label(at, kind.to_owned(), palette::GOAL);
+            canvas.label(at, kind.to_owned(), palette::GOAL);
         }
     }
 }
 
-/// Everything over the floor from above: the same marks where the map puts them.
-pub(crate) fn draw_birds_eye_overlay(drawing: &CameraCanvas<'_>) {
+/// Draws the marks over the bird's-eye view.
+pub(crate) fn draw_birds_eye_overlay(canvas: &CameraCanvas<'_>) {
     let per_metre = BIRDS_EYE_SIDE_PX as f32 / (2.0 * BIRDS_EYE_HALF_EXTENT);
-    let place = |at: At<RobotFrame>| {
-        drawing.transform.to_screen(
+    let to_screen = |at: At<RobotFrame>| {
+        canvas.transform.to_screen(
             (BIRDS_EYE_HALF_EXTENT - at.y) * per_metre,
             (BIRDS_EYE_HALF_EXTENT - at.x) * per_metre,
         )
     };
-    let shows = drawing.layers;
-    let scale = per_metre * drawing.transform.scale;
-    if shows.grid {
+    let layers = canvas.layers;
+    let scale = per_metre * canvas.transform.scale;
+    if layers.grid {
         for ring in RINGS {
             let stroke = Stroke::new(1.0, palette::PROJECTED_LINE.gamma_multiply(0.6));
-            drawing
+            canvas
                 .painter
-                .circle_stroke(place(At::new(0.0, 0.0)), ring * scale, stroke);
+                .circle_stroke(to_screen(At::new(0.0, 0.0)), ring * scale, stroke);
         }
     }
-    if let (true, Some(pose)) = (shows.field_lines, drawing.cycle.estimate.pose) {
+    if let (true, Some(pose)) = (layers.field_lines, canvas.cycle.estimate.pose) {
         let robot_from_field = pose.inverse();
         let stroke = Stroke::new(1.4, palette::PROJECTED_LINE);
-        for [from, to] in super::field_drawing::marking_segments(&drawing.scene.field) {
-            let ends = [from, to].map(|at| place(robot_from_field * at));
-            drawing.painter.line_segment(ends, stroke);
+        for [from, to] in super::field_drawing::marking_segments(&canvas.scene.field) {
+            let ends = [from, to].map(|at| to_screen(robot_from_field * at));
+            canvas.painter.line_segment(ends, stroke);
         }
     }
-    if shows.line_points {
-        for point in &drawing.cycle.line_points {
-            drawing.draw_plus(place(point.at), 3.0, palette::LINE_POINT);
+    if layers.line_points {
+        for point in &canvas.cycle.line_points {
+            canvas.draw_plus(to_screen(point.at), 3.0, palette::LINE_POINT);
         }
     }
-    let Some(seen) = &drawing.cycle.detections else {
+    let Some(detections) = &canvas.cycle.detections else {
         return;
     };
-    if let (true, Some(ball)) = (shows.ball, &seen.ball) {
-        drawing
+    if let (true, Some(ball)) = (layers.ball, &detections.ball) {
+        canvas
             .painter
-            .circle_stroke(place(ball.at), 0.11 * scale, (2.0, palette::BALL));
+            .circle_stroke(to_screen(ball.at), 0.11 * scale, (2.0, palette::BALL));
     }
-    if shows.robots {
-        for robot in &seen.robots {
-            drawing
+    if layers.robots {
+        for robot in &detections.robots {
+            canvas
                 .painter
-                .circle_stroke(place(robot.at), 0.25 * scale, (2.0, palette::ROBOT));
+                .circle_stroke(to_screen(robot.at), 0.25 * scale, (2.0, palette::ROBOT));
         }
     }
 }
 
-/// The virtual sensors' windows; those that say yes are drawn thick.
-fn draw_virtual_sensors(drawing: &CameraCanvas<'_>) {
-    let readings = drawing
+/// Draws the windows of the virtual sensors; active ones are highlighted.
+fn draw_virtual_sensors(canvas: &CameraCanvas<'_>) {
+    let readings = canvas
         .cycle
         .detections
         .as_ref()
-        .map(|seen| &seen.virtual_sensors);
+        .map(|detections| &detections.virtual_sensors);
     let mut bumpers = readings
-        .map(|found| found.bumpers.iter())
+        .map(|readings| readings.bumpers.iter())
         .into_iter()
         .flatten();
-    for (name, window) in drawing.virtual_sensors {
-        let says = match *name {
+    for (name, window) in canvas.virtual_sensors {
+        let active = match *name {
             "bumper" => bumpers.next().is_some_and(|bumper| bumper.hit),
-            "kick" => readings.is_some_and(|found| found.kick),
-            "ball" => readings.is_some_and(|found| found.ball_px.is_some()),
-            "lens" => readings.is_some_and(|found| found.lens_centred == Some(true)),
-            _ => readings.is_some_and(|found| {
+            "kick" => readings.is_some_and(|readings| readings.kick),
+            "ball" => readings.is_some_and(|readings| readings.ball_px.is_some()),
+            "lens" => readings.is_some_and(|readings| readings.lens_centred == Some(true)),
+            _ => readings.is_some_and(|readings| {
                 let inside = |goal: Option<[f32; 2]>| goal.is_some_and(|at| window.contains(at));
-                inside(found.blue_goal_px) || inside(found.yellow_goal_px)
+                inside(readings.blue_goal_px) || inside(readings.yellow_goal_px)
             }),
         };
         let (left, top) = (window.left_px, window.top_px);
@@ -247,18 +249,16 @@ fn draw_virtual_sensors(drawing: &CameraCanvas<'_>) {
             [left, top],
             [left + window.width_px, top + window.height_px],
         ];
-        let [from, to] = corners.map(|[u, v]| drawing.transform.to_screen(u, v));
+        let [from, to] = corners.map(|[u, v]| canvas.transform.to_screen(u, v));
         let rect = eframe::egui::Rect::from_two_pos(from, to);
-        let (width, colour) = if says {
+        let (width, colour) = if active {
             (3.0, palette::YELLOW)
         } else {
             (1.2, palette::SKY)
         };
         let kind = eframe::egui::StrokeKind::Middle;
-        drawing
-            .painter
-            .rect_stroke(rect, 0.0, (width, colour), kind);
-        drawing.painter.text(
+        canvas.painter.rect_stroke(rect, 0.0, (width, colour), kind);
+        canvas.painter.text(
             rect.left_top(),
             Align2::LEFT_BOTTOM,
             *name,
@@ -268,14 +268,14 @@ fn draw_virtual_sensors(drawing: &CameraCanvas<'_>) {
     }
 }
 
-fn grid(drawing: &CameraCanvas<'_>) {
+fn grid(canvas: &CameraCanvas<'_>) {
     let stroke = Stroke::new(1.0, palette::PROJECTED_LINE.gamma_multiply(0.6));
     let join = |points: &mut dyn Iterator<Item = At<RobotFrame>>| {
         let mut last = None;
         for at in points {
-            let here = drawing.project_to_screen(at);
+            let here = canvas.project_to_screen(at);
             if let (Some(from), Some(to)) = (last, here) {
-                drawing.painter.add(Shape::line_segment([from, to], stroke));
+                canvas.painter.add(Shape::line_segment([from, to], stroke));
             }
             last = here;
         }
@@ -284,8 +284,8 @@ fn grid(drawing: &CameraCanvas<'_>) {
     for ring in RINGS {
         let angle = |step: usize| TAU * step as f32 / RING_STEPS as f32;
         join(&mut (0..=RING_STEPS).map(|step| polar(ring, angle(step))));
-        if let Some(at) = drawing.project_to_screen(polar(ring, 0.0)) {
-            drawing.label(at, format!("{ring:.0} m"), palette::PROJECTED_LINE);
+        if let Some(at) = canvas.project_to_screen(polar(ring, 0.0)) {
+            canvas.label(at, format!("{ring:.0} m"), palette::PROJECTED_LINE);
         }
     }
     for ray in 0..RAYS {
@@ -294,38 +294,38 @@ fn grid(drawing: &CameraCanvas<'_>) {
     }
 }
 
-fn carpet_end(drawing: &CameraCanvas<'_>, ends: &[f32]) {
-    let Some(eye) = &drawing.scene.camera else {
+fn carpet_end(canvas: &CameraCanvas<'_>, ends: &[f32]) {
+    let Some(camera) = &canvas.scene.camera else {
         return;
     };
-    let [cu, cv] = eye.config.centre_px;
+    let [cu, cv] = camera.config.centre_px;
     for (ray, &end) in ends.iter().enumerate() {
         let angle = TAU * ray as f32 / ends.len() as f32;
-        // Outward from the axis, first pixel that shows ground beyond the end.
+        // Outward from the mirror axis: the first pixel that shows ground beyond the boundary.
         let (cos, sin) = (angle.cos(), angle.sin());
-        let rim = eye
+        let rim = camera
             .config
             .outer_radius_px
-            .unwrap_or(eye.map.width_px as f32 / 2.0);
-        let found = (0..rim as usize).find_map(|step| {
+            .unwrap_or(camera.map.width_px as f32 / 2.0);
+        let boundary_px = (0..rim as usize).find_map(|step| {
             let at = [cu + step as f32 * cos, cv - step as f32 * sin];
             let inside = at[0] >= 0.0 && at[1] >= 0.0;
-            let ground = inside.then(|| eye.map.at(at[0] as usize, at[1] as usize))??;
+            let ground = inside.then(|| camera.map.at(at[0] as usize, at[1] as usize))??;
             (ground.distance() >= end).then_some(at)
         });
-        if let Some(at) = found {
-            drawing
+        if let Some(at) = boundary_px {
+            canvas
                 .painter
-                .circle_filled(drawing.to_screen(at), 1.8, palette::ORANGE);
+                .circle_filled(canvas.to_screen(at), 1.8, palette::ORANGE);
         }
     }
 }
 
-/// What the signs mean.
+/// Draws the legend of the marks and colours.
 pub(crate) fn show_legend(ui: &mut Ui) {
-    let row = |ui: &mut Ui, sign: &str, colour: Color32, text: &str| {
+    let row = |ui: &mut Ui, symbol: &str, colour: Color32, text: &str| {
         ui.horizontal(|ui| {
-            ui.colored_label(colour, sign);
+            ui.colored_label(colour, symbol);
             ui.label(text);
         });
     };
@@ -339,7 +339,7 @@ pub(crate) fn show_legend(ui: &mut Ui) {
         RejectionReason::BeyondCarpet,
     ] {
         let (colour, text) = palette::rejection_style(reason);
-        row(ui, "x", colour, &format!("refused: {text}"));
+        row(ui, "x", colour, &format!("rejected: {text}"));
     }
     row(
         ui,

@@ -1,4 +1,4 @@
-//! Where does the robot take itself to be, and what stands around it? The field from above; what is dragged is kidnapped.
+//! Field panel: pose estimate, ground truth, objects and layers from above. Dragging moves the simulation's objects.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use localize::frames::FieldFrame;
 use localize::{At, Pose};
 use serde::{Deserialize, Serialize};
 
-use super::field_drawing::{self as marks, FieldTransform};
+use super::field_drawing::{self as drawing, FieldTransform};
 use crate::view::layer_worker::LayerSelection;
 use crate::view::palette;
 use crate::view::panzoom::{PanZoom, fill_around};
@@ -19,24 +19,24 @@ use crate::view::source::sim_worker::SourceRequest;
 use crate::view::static_scene::StaticScene;
 use pipeline::Cycle;
 
-/// What can be caught with the pointer is this near, points.
+/// Least pick radius of the pointer, points.
 const PICK_RADIUS: f32 = 18.0;
-/// Scrolling a caught robot turns it: degrees a scrolled point.
+/// Rotation of a dragged robot, degrees per scrolled point.
 const TURN_DEG_PER_SCROLL_POINT: f32 = 0.5;
 
-/// What lies on the carpet.
+/// Background of the field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub(crate) enum FieldBackground {
-    /// The carpet alone.
+    /// Plain carpet.
     #[default]
     Carpet,
     /// Distance to the nearest marking.
     DistanceField,
-    /// Mean distance of this frame's points, were the robot there.
+    /// Mean distance of the cycle's line points to the markings, over assumed robot positions.
     ErrorLandscape,
 }
 
-/// What is drawn.
+/// Visible layers.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct FieldLayers {
@@ -49,7 +49,7 @@ pub(crate) struct FieldLayers {
     pub(crate) particles: bool,
     pub(crate) objects: bool,
     pub(crate) recomputed: bool,
-    /// Seconds of the trail.
+    /// Length of the trail, seconds.
     pub(crate) trail_s: f64,
 }
 
@@ -70,7 +70,7 @@ impl Default for FieldLayers {
     }
 }
 
-/// What the pointer holds.
+/// The object that the pointer drags.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum DraggedObject {
     Robot(Pose),
@@ -78,21 +78,21 @@ enum DraggedObject {
     OtherRobot(usize),
 }
 
-/// The panel's memory.
+/// State of the panel.
 #[derive(Default)]
 pub(crate) struct FieldPanel {
-    /// What is drawn.
+    /// Visible layers.
     pub(crate) layers: FieldLayers,
     pan_zoom: PanZoom,
     dragged: Option<DraggedObject>,
     measuring: bool,
-    /// From and to.
+    /// Start and end of the measured distance.
     measurement: Option<[At<FieldFrame>; 2]>,
     layer: Option<(Arc<ColorImage>, TextureHandle)>,
 }
 
 impl FieldPanel {
-    /// Which layers are to be painted.
+    /// The layers to render.
     pub(crate) fn layer_selection(&self) -> LayerSelection {
         LayerSelection {
             distance_field: self.layers.background == FieldBackground::DistanceField,
@@ -104,11 +104,11 @@ impl FieldPanel {
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &Session) {
         self.switches(ui, session);
-        let Some(stage) = session.scene.clone() else {
-            ui.weak("The source does not say on which field it is.");
+        let Some(scene) = session.scene.clone() else {
+            ui.weak("This source has no field configuration.");
             return;
         };
-        let half = marks::view_half_extent(&stage.field);
+        let half = drawing::view_half_extent(&scene.field);
         let line = ui.text_style_height(&egui::TextStyle::Body) + 6.0;
         let area = Vec2::new(
             ui.available_width().max(1.0),
@@ -118,14 +118,14 @@ impl FieldPanel {
         let before = FieldTransform::new(self.pan_zoom.transform(response.rect, 2.0 * half), half);
         self.start_drag(&response, session, &before);
         let pans = self.dragged.is_none() && !self.measuring;
-        let placed = self.pan_zoom.handle_input(ui, &response, 2.0 * half, pans);
-        let screen = FieldTransform::new(placed, half);
+        let transform = self.pan_zoom.handle_input(ui, &response, 2.0 * half, pans);
+        let screen = FieldTransform::new(transform, half);
         self.update_drag(ui, &response, session, &screen);
         let painter = painter.with_clip_rect(response.rect);
-        let carpet = marks::carpet_rect(&screen, &stage.field);
+        let carpet = drawing::carpet_rect(&screen, &scene.field);
         fill_around(&painter, response.rect, carpet, palette::FLOOR);
-        let layer = self.draw_background(ui, &painter, session, (&stage, &screen));
-        marks::draw_field(&painter, &screen, &stage.field, !layer);
+        let has_layer = self.draw_background(ui, &painter, session, (&scene, &screen));
+        drawing::draw_field(&painter, &screen, &scene.field, !has_layer);
         self.draw_trails(&painter, &screen, session);
         if let Some(now) = &session.shown {
             self.draw_estimate(&painter, &screen, &now.cycle, &now.particles);
@@ -146,32 +146,34 @@ impl FieldPanel {
                 ui.label(format!("{:.2}, {:.2} m{}", at.x, at.y, self.length()));
             }
             None if session.source.simulation().is_some() => {
-                ui.weak("Drag a robot or the ball to put it elsewhere; scroll while dragging turns a robot.");
+                ui.weak(
+                    "Drag a robot or the ball to move it. Scroll while dragging to rotate a robot.",
+                );
             }
             None => {
-                ui.weak("Scroll zooms, drag pans, double-click shows all.");
+                ui.weak("Scroll zooms, drag pans, double-click resets.");
             }
         }
     }
 
     fn switches(&mut self, ui: &mut Ui, session: &Session) {
-        let shows = &mut self.layers;
+        let layers = &mut self.layers;
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("Layers", |ui| {
                 for (name, shown) in [
-                    ("Line points", &mut shows.line_points),
-                    ("Trail", &mut shows.trail),
-                    ("Truth", &mut shows.truth),
-                    ("Covariance", &mut shows.covariance),
-                    ("Hypotheses", &mut shows.hypotheses),
-                    ("Particles", &mut shows.particles),
-                    ("Ball and robots", &mut shows.objects),
-                    ("Recomputed run", &mut shows.recomputed),
+                    ("Line points", &mut layers.line_points),
+                    ("Trail", &mut layers.trail),
+                    ("Truth", &mut layers.truth),
+                    ("Covariance", &mut layers.covariance),
+                    ("Hypotheses", &mut layers.hypotheses),
+                    ("Particles", &mut layers.particles),
+                    ("Ball and robots", &mut layers.objects),
+                    ("Recomputed run", &mut layers.recomputed),
                 ] {
                     ui.checkbox(shown, name);
                 }
                 ui.add(
-                    egui::Slider::new(&mut shows.trail_s, 1.0..=600.0)
+                    egui::Slider::new(&mut layers.trail_s, 1.0..=600.0)
                         .logarithmic(true)
                         .suffix(" s")
                         .text("trail"),
@@ -182,43 +184,43 @@ impl FieldPanel {
                 ("Distance field", FieldBackground::DistanceField),
                 ("Error landscape", FieldBackground::ErrorLandscape),
             ] {
-                ui.selectable_value(&mut shows.background, ground, name);
+                ui.selectable_value(&mut layers.background, ground, name);
             }
             if ui.toggle_value(&mut self.measuring, "Measure").clicked() {
                 self.measurement = None;
             }
             if session.recompute.is_some() {
-                ui.toggle_value(&mut shows.recomputed, "Recomputed");
+                ui.toggle_value(&mut layers.recomputed, "Recomputed");
             }
         });
     }
 
-    /// The layer on the carpet; true if there is one.
+    /// Draws the background layer; false if there is none.
     fn draw_background(
         &mut self,
         ui: &Ui,
         painter: &egui::Painter,
         session: &Session,
-        (stage, screen): (&StaticScene, &FieldTransform),
+        (scene, screen): (&StaticScene, &FieldTransform),
     ) -> bool {
-        let painted = &session.rendered_layers;
+        let rendered = &session.rendered_layers;
         let image = match self.layers.background {
             FieldBackground::Carpet => None,
-            FieldBackground::DistanceField => painted.distance_field.as_ref(),
-            FieldBackground::ErrorLandscape => painted.error_landscape.as_ref(),
+            FieldBackground::DistanceField => rendered.distance_field.as_ref(),
+            FieldBackground::ErrorLandscape => rendered.error_landscape.as_ref(),
         };
         let Some(image) = image else {
             return false;
         };
-        let (known, handle) = self.layer.get_or_insert_with(|| {
+        let (cached, handle) = self.layer.get_or_insert_with(|| {
             let handle = ui.load_texture("ground", image.clone(), TextureOptions::LINEAR);
             (image.clone(), handle)
         });
-        if !Arc::ptr_eq(known, image) {
+        if !Arc::ptr_eq(cached, image) {
             handle.set(image.clone(), TextureOptions::LINEAR);
-            *known = image.clone();
+            *cached = image.clone();
         }
-        let (half_x, half_y) = stage.field.carpet_half_extent();
+        let (half_x, half_y) = scene.field.carpet_half_extent();
         let rect = Rect::from_two_pos(
             screen.to_screen(At::new(-half_x, half_y)),
             screen.to_screen(At::new(half_x, -half_y)),
@@ -234,27 +236,27 @@ impl FieldPanel {
         }
         let at = session.shown_time().unwrap_or(session.playback.time);
         let recent = session.series.between(at - self.layers.trail_s, at);
-        // The one sample beyond the end is the future.
+        // `between` returns one sample after `at`, which must not be drawn.
         let past = recent.iter().filter(|sample| sample.time <= at);
         if self.layers.truth {
             let places = past.clone().map(|sample| sample.truth);
             let stroke = Stroke::new(3.0, palette::TRUTH.gamma_multiply(0.7));
-            marks::draw_trail(painter, screen, places, stroke);
+            drawing::draw_trail(painter, screen, places, stroke);
         }
         let places = past.map(|sample| sample.pose);
-        marks::draw_trail(painter, screen, places, Stroke::new(1.6, palette::ESTIMATE));
+        drawing::draw_trail(painter, screen, places, Stroke::new(1.6, palette::ESTIMATE));
         if let (true, Some(recompute)) = (self.layers.recomputed, &session.recompute) {
-            let again = recompute.series.between(at - self.layers.trail_s, at);
-            let places = again.iter().filter(|s| s.time <= at).map(|s| s.pose);
-            marks::draw_trail(painter, screen, places, Stroke::new(1.6, palette::PURPLE));
+            let recomputed = recompute.series.between(at - self.layers.trail_s, at);
+            let places = recomputed.iter().filter(|s| s.time <= at).map(|s| s.pose);
+            drawing::draw_trail(painter, screen, places, Stroke::new(1.6, palette::PURPLE));
             if let Some(last) = recompute.series.at(at).filter(|s| s.pose[0].is_finite()) {
                 let pose = Pose::new(last.pose[0], last.pose[1], last.pose[2]);
-                marks::draw_robot(painter, screen, pose, palette::PURPLE, 1.6);
+                drawing::draw_robot(painter, screen, pose, palette::PURPLE, 1.6);
             }
         }
     }
 
-    /// What the robot believes of its place.
+    /// Draws the estimate: particles, hypotheses, pose, velocity and covariance.
     fn draw_estimate(
         &self,
         painter: &egui::Painter,
@@ -271,9 +273,9 @@ impl FieldPanel {
         if self.layers.hypotheses {
             for other in &estimate.runners_up {
                 let colour = palette::PURPLE;
-                marks::draw_robot(painter, screen, other.pose, colour, 1.2);
+                drawing::draw_robot(painter, screen, other.pose, colour, 1.2);
                 let text = format!("{:.0} %", 100.0 * other.probability);
-                marks::draw_text(
+                drawing::draw_text(
                     painter,
                     screen.to_screen(other.pose.origin()),
                     &text,
@@ -283,7 +285,7 @@ impl FieldPanel {
         }
         let truth = cycle.inputs.truth.as_ref().filter(|_| self.layers.truth);
         if let Some(truth) = truth {
-            marks::draw_robot(painter, screen, truth.pose, palette::TRUTH, 3.0);
+            drawing::draw_robot(painter, screen, truth.pose, palette::TRUTH, 3.0);
         }
         let Some(pose) = estimate.pose else {
             return;
@@ -293,14 +295,14 @@ impl FieldPanel {
                 painter.circle_filled(screen.to_screen(pose * point.at), 1.8, palette::LINE_POINT);
             }
         }
-        marks::draw_robot(painter, screen, pose, palette::ESTIMATE, 2.2);
+        drawing::draw_robot(painter, screen, pose, palette::ESTIMATE, 2.2);
         if let Some([vx, vy]) = odometry_velocity(cycle) {
             let (sin, cos) = pose.theta.sin_cos();
             let along = [cos * vx - sin * vy, sin * vx + cos * vy];
-            marks::draw_velocity(painter, screen, pose.origin(), along, palette::ESTIMATE);
+            drawing::draw_velocity(painter, screen, pose.origin(), along, palette::ESTIMATE);
         }
         if self.layers.covariance {
-            marks::draw_covariance(
+            drawing::draw_covariance(
                 painter,
                 screen,
                 pose,
@@ -310,7 +312,7 @@ impl FieldPanel {
         }
     }
 
-    /// Ball and robots: as they truly are (rims), and as the robot sees them (filled).
+    /// Draws ball and robots: ground truth as circles, detections as discs.
     fn draw_objects(&self, painter: &egui::Painter, screen: &FieldTransform, cycle: &Cycle) {
         if !self.layers.objects {
             return;
@@ -318,47 +320,47 @@ impl FieldPanel {
         let scale = screen.scale();
         if let Some(truth) = cycle.inputs.truth.as_ref().filter(|_| self.layers.truth) {
             for other in &truth.robots {
-                let radius = marks::ROBOT_RADIUS * scale;
+                let radius = drawing::ROBOT_RADIUS * scale;
                 painter.circle_stroke(screen.to_screen(*other), radius, (1.5, palette::GREY));
             }
             if let Some(ball) = truth.ball {
-                let radius = (marks::BALL_RADIUS * scale).max(4.0);
+                let radius = (drawing::BALL_RADIUS * scale).max(4.0);
                 painter.circle_stroke(screen.to_screen(ball), radius, (1.5, palette::BALL));
             }
         }
-        let (Some(pose), Some(seen)) = (cycle.estimate.pose, &cycle.detections) else {
+        let (Some(pose), Some(detections)) = (cycle.estimate.pose, &cycle.detections) else {
             return;
         };
-        for robot in &seen.robots {
-            let radius = (0.6 * marks::ROBOT_RADIUS * scale).max(3.0);
+        for robot in &detections.robots {
+            let radius = (0.6 * drawing::ROBOT_RADIUS * scale).max(3.0);
             painter.circle_filled(screen.to_screen(pose * robot.at), radius, palette::ROBOT);
         }
-        if let Some(ball) = &seen.ball {
-            let radius = (marks::BALL_RADIUS * scale).max(3.0);
+        if let Some(ball) = &detections.ball {
+            let radius = (drawing::BALL_RADIUS * scale).max(3.0);
             painter.circle_filled(screen.to_screen(pose * ball.at), radius, palette::BALL);
         }
     }
 
-    /// What is followed from frame to frame, with its velocity a second long, and the team-mates that were heard.
+    /// Draws the tracked objects' velocities (length: one second), the team ball and the teammates.
     fn draw_tracks(&self, painter: &egui::Painter, screen: &FieldTransform, cycle: &Cycle) {
         if !self.layers.objects {
             return;
         }
         for robot in cycle.world.robots.iter().filter_map(|robot| robot.on_field) {
-            marks::draw_velocity(painter, screen, robot.at, robot.velocity, palette::ROBOT);
+            drawing::draw_velocity(painter, screen, robot.at, robot.velocity, palette::ROBOT);
         }
         if let Some(ball) = cycle.world.ball.and_then(|ball| ball.on_field) {
-            marks::draw_velocity(painter, screen, ball.at, ball.velocity, palette::BALL);
+            drawing::draw_velocity(painter, screen, ball.at, ball.velocity, palette::BALL);
         }
         if let Some(ball) = &cycle.team.ball {
-            let radius = (2.0 * marks::BALL_RADIUS * screen.scale()).max(7.0);
+            let radius = (2.0 * drawing::BALL_RADIUS * screen.scale()).max(7.0);
             painter.circle_stroke(screen.to_screen(ball.at), radius, (1.0, palette::BALL));
         }
         for mate in &cycle.team.teammates {
             if let Some(pose) = mate.pose {
-                marks::draw_robot(painter, screen, pose, palette::GREEN, 1.6);
+                drawing::draw_robot(painter, screen, pose, palette::GREEN, 1.6);
                 let text = format!("{} ({:.1} s ago)", mate.robot, mate.age);
-                marks::draw_text(
+                drawing::draw_text(
                     painter,
                     screen.to_screen(pose.origin()),
                     &text,
@@ -375,32 +377,32 @@ impl FieldPanel {
         let (Some(pointer), Some(now)) = (response.interact_pointer_pos(), &session.shown) else {
             return;
         };
-        // Where it was pressed, not where the drag was first noticed.
+        // Use the press position: egui reports a drag only after some movement.
         let pressed = pointer - response.drag_delta();
         let Some(truth) = &now.cycle.inputs.truth else {
             return;
         };
-        let near = |at: At<FieldFrame>, radius: f32| {
+        let distance_if_near = |at: At<FieldFrame>, radius: f32| {
             let distance = screen.to_screen(at).distance(pressed);
             (distance < (radius * screen.scale()).max(PICK_RADIUS)).then_some(distance)
         };
-        let robot = near(truth.pose.origin(), marks::ROBOT_RADIUS)
+        let robot = distance_if_near(truth.pose.origin(), drawing::ROBOT_RADIUS)
             .map(|distance| (distance, DraggedObject::Robot(truth.pose)));
         let ball = truth
             .ball
-            .and_then(|at| near(at, marks::BALL_RADIUS))
+            .and_then(|at| distance_if_near(at, drawing::BALL_RADIUS))
             .map(|distance| (distance, DraggedObject::Ball));
         let others = truth.robots.iter().enumerate().filter_map(|(number, at)| {
-            near(*at, marks::ROBOT_RADIUS)
+            distance_if_near(*at, drawing::ROBOT_RADIUS)
                 .map(|distance| (distance, DraggedObject::OtherRobot(number)))
         });
         let nearest = robot.into_iter().chain(ball).chain(others);
         self.dragged = nearest
             .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|(_, held)| held);
+            .map(|(_, object)| object);
     }
 
-    /// Moves what is held, or the tape measure.
+    /// Moves the dragged object or the measured distance.
     fn update_drag(
         &mut self,
         ui: &Ui,
@@ -421,14 +423,14 @@ impl FieldPanel {
             }
             return;
         }
-        let (Some(held), Some(worker)) = (&mut self.dragged, session.source.simulation()) else {
+        let (Some(object), Some(worker)) = (&mut self.dragged, session.source.simulation()) else {
             return;
         };
-        match held {
+        match object {
             DraggedObject::Robot(pose) => {
-                let turn =
+                let rotation_deg =
                     ui.input(|input| input.smooth_scroll_delta().y) * TURN_DEG_PER_SCROLL_POINT;
-                *pose = Pose::new(at.x, at.y, pose.theta + turn.to_radians());
+                *pose = Pose::new(at.x, at.y, pose.theta + rotation_deg.to_radians());
                 worker.request(SourceRequest::Kidnap(*pose));
             }
             DraggedObject::Ball => worker.request(SourceRequest::PlaceBall(at, [0.0; 2])),
@@ -449,7 +451,7 @@ impl FieldPanel {
             let ends = [from, to].map(|at| screen.to_screen(at));
             painter.line_segment(ends, Stroke::new(2.0, Color32::WHITE));
             let text = format!("{:.2} m", from.distance_to(to));
-            marks::draw_text(painter, ends[1], &text, Color32::WHITE);
+            drawing::draw_text(painter, ends[1], &text, Color32::WHITE);
         }
     }
 
@@ -470,10 +472,10 @@ impl FieldPanel {
             return "no cycle yet".to_owned();
         };
         let estimate = &now.cycle.estimate;
-        let mut words = pipeline::log::mode_and_reason(estimate);
+        let mut text = pipeline::log::mode_and_reason(estimate);
         if let Some(pose) = estimate.pose {
             let std = |axis: usize| 100.0 * estimate.covariance[(axis, axis)].max(0.0).sqrt();
-            words += &format!(
+            text += &format!(
                 "\n{:.2} m, {:.2} m, {:.1}°   ± {:.1} cm, {:.1} cm, {:.1}°",
                 pose.x,
                 pose.y,
@@ -484,14 +486,14 @@ impl FieldPanel {
             );
             if let Some(truth) = &now.cycle.inputs.truth {
                 let error = pose.origin().distance_to(truth.pose.origin());
-                words += &format!("\noff the truth by {:.1} cm", 100.0 * error);
+                text += &format!("\nposition error {:.1} cm", 100.0 * error);
             }
         }
-        words
+        text
     }
 }
 
-/// How fast odometry says the robot goes, robot frame, m/s.
+/// Velocity from the cycle's odometry, robot frame, m/s.
 fn odometry_velocity(cycle: &Cycle) -> Option<[f32; 2]> {
     let (first, rest) = cycle.inputs.odometry.split_first()?;
     let span = (rest.last()?.stamp - first.stamp) as f32;

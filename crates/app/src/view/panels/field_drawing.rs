@@ -1,4 +1,4 @@
-//! How is a field drawn from above? Markings, poses with their uncertainty, paths and whoever stands around.
+//! Draws a field from above: markings, goals, robots, covariances, velocities and trails.
 
 use std::f32::consts::TAU;
 
@@ -11,54 +11,54 @@ use nalgebra::{Matrix2, Matrix3, SymmetricEigen};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
 
-/// Steps of an arc, a full turn.
+/// Segments of a full circle.
 const ARC_STEPS: f32 = 72.0;
-/// Steps of an ellipse.
+/// Segments of an ellipse.
 const ELLIPSE_STEPS: usize = 48;
-/// The ellipse that holds 95 % of a plane's normal distribution, standard deviations.
+/// Radius of the 95 % region of a bivariate normal distribution, standard deviations.
 const SIGMAS_95_2D: f32 = 2.448;
-/// Rim of floor around the carpet, metres: goals and whoever is behind them.
+/// Floor shown around the carpet, metres: room for the goals.
 const RIM: f32 = 0.8;
 /// Radius of a robot, metres.
 pub(crate) const ROBOT_RADIUS: f32 = 0.25;
 /// Radius of a ball, metres.
 pub(crate) const BALL_RADIUS: f32 = 0.11;
 
-/// A field on the screen: x to the right, y up.
+/// Transform between field and screen; the field's x axis points right, its y axis up.
 #[derive(Clone, Copy)]
 pub(crate) struct FieldTransform {
     pub(crate) transform: ScreenTransform,
     half_extent: Vec2,
 }
 
-/// Half of what is drawn of a field, metres.
+/// Half of the drawn extent of a field, metres.
 pub(crate) fn view_half_extent(field: &Field) -> Vec2 {
     let (x, y) = field.carpet_half_extent();
     Vec2::new(x + RIM, y + RIM)
 }
 
 impl FieldTransform {
-    /// `placed`: a picture of twice `half`, in metres.
-    pub(crate) fn new(placed: ScreenTransform, half: Vec2) -> Self {
+    /// `transform` places a picture of size `2 half`, in metres.
+    pub(crate) fn new(transform: ScreenTransform, half: Vec2) -> Self {
         FieldTransform {
-            transform: placed,
+            transform,
             half_extent: half,
         }
     }
 
-    /// Where a point of the field is on the screen.
+    /// Screen position of a field point.
     pub(crate) fn to_screen(&self, at: At<FieldFrame>) -> Pos2 {
         self.transform
             .to_screen(at.x + self.half_extent.x, self.half_extent.y - at.y)
     }
 
-    /// Which point of the field is there.
+    /// Field point at a screen position.
     pub(crate) fn to_field(&self, at: Pos2) -> At<FieldFrame> {
         let place = self.transform.from_screen(at);
         At::new(place.x - self.half_extent.x, self.half_extent.y - place.y)
     }
 
-    /// Points a metre.
+    /// Screen points per metre.
     pub(crate) fn scale(&self) -> f32 {
         self.transform.scale
     }
@@ -68,13 +68,12 @@ impl FieldTransform {
     }
 }
 
-/// Pieces of the markings' centre lines; arcs as short straight ones, spots as crosses.
+/// Segments of the markings' centre lines; arcs become chords, spots become crosses.
 pub(crate) fn marking_segments(field: &Field) -> Vec<[At<FieldFrame>; 2]> {
-    let mut pieces = Vec::new();
+    let mut segments = Vec::new();
     for marking in &field.markings {
         match *marking {
-            // A bird's-eye view may cut a long line: short pieces keep what is in view.
-            Marking::Line { from, to } => pieces.push([from, to]),
+            Marking::Line { from, to } => segments.push([from, to]),
             Marking::Arc {
                 centre,
                 radius,
@@ -82,16 +81,16 @@ pub(crate) fn marking_segments(field: &Field) -> Vec<[At<FieldFrame>; 2]> {
                 sweep,
             } => {
                 let points = arc(centre, radius, start, sweep);
-                pieces.extend(points.windows(2).map(|pair| [pair[0], pair[1]]));
+                segments.extend(points.windows(2).map(|pair| [pair[0], pair[1]]));
             }
             Marking::Spot { centre, radius } => {
                 let arm = |x: f32, y: f32| At::new(centre.x + x * radius, centre.y + y * radius);
-                pieces.push([arm(-1.0, 0.0), arm(1.0, 0.0)]);
-                pieces.push([arm(0.0, -1.0), arm(0.0, 1.0)]);
+                segments.push([arm(-1.0, 0.0), arm(1.0, 0.0)]);
+                segments.push([arm(0.0, -1.0), arm(0.0, 1.0)]);
             }
         }
     }
-    pieces
+    segments
 }
 
 fn arc(centre: At<FieldFrame>, radius: f32, start: f32, sweep: f32) -> Vec<At<FieldFrame>> {
@@ -107,7 +106,7 @@ fn arc(centre: At<FieldFrame>, radius: f32, start: f32, sweep: f32) -> Vec<At<Fi
         .collect()
 }
 
-/// Where the carpet is on the screen.
+/// Screen area of the carpet.
 pub(crate) fn carpet_rect(screen: &FieldTransform, field: &Field) -> Rect {
     let (half_x, half_y) = field.carpet_half_extent();
     let [from, to] =
@@ -115,7 +114,7 @@ pub(crate) fn carpet_rect(screen: &FieldTransform, field: &Field) -> Rect {
     Rect::from_two_pos(from, to)
 }
 
-/// Carpet, markings and goals. Without `with_carpet` a layer lies there already.
+/// Draws carpet, markings and goals. Pass false for `with_carpet` if a background layer is already drawn.
 pub(crate) fn draw_field(
     painter: &Painter,
     screen: &FieldTransform,
@@ -166,7 +165,7 @@ pub(crate) fn draw_field(
     }
 }
 
-/// A robot: a disc's rim with a nose.
+/// Draws a robot as a circle with a line along its heading.
 pub(crate) fn draw_robot(
     painter: &Painter,
     screen: &FieldTransform,
@@ -182,7 +181,7 @@ pub(crate) fn draw_robot(
     painter.line_segment([middle, middle + nose], stroke);
 }
 
-/// The ellipse that holds 95 % of a position's distribution, and a wedge for the heading's.
+/// Draws the 95 % ellipse of the position, and two rays at ± 2.448 σ of the heading (98.6 %).
 pub(crate) fn draw_covariance(
     painter: &Painter,
     screen: &FieldTransform,
@@ -215,14 +214,14 @@ pub(crate) fn draw_covariance(
     painter.add(Shape::closed_line(points, Stroke::new(1.5, colour)));
     let spread = SIGMAS_95_2D * covariance[(2, 2)].max(0.0).sqrt();
     let middle = screen.to_screen(pose.origin());
-    for way in [-1.0, 1.0] {
-        let ray = Vec2::angled(-(pose.theta + way * spread.min(TAU / 2.0)));
+    for sign in [-1.0, 1.0] {
+        let ray = Vec2::angled(-(pose.theta + sign * spread.min(TAU / 2.0)));
         let end = middle + ray * (1.0 * screen.scale()).max(20.0);
         painter.line_segment([middle, end], Stroke::new(1.0, colour.gamma_multiply(0.6)));
     }
 }
 
-/// An arrow from a place along a velocity, a second long.
+/// Draws a velocity as an arrow; its length is the distance of one second.
 pub(crate) fn draw_velocity(
     painter: &Painter,
     screen: &FieldTransform,
@@ -236,7 +235,7 @@ pub(crate) fn draw_velocity(
     }
 }
 
-/// A path of places; a leap of more than a metre starts a new one.
+/// Draws a trail of poses; a jump of more than 1 m starts a new line.
 pub(crate) fn draw_trail(
     painter: &Painter,
     screen: &FieldTransform,
@@ -246,20 +245,20 @@ pub(crate) fn draw_trail(
     let mut points: Vec<Pos2> = Vec::new();
     let mut last: Option<[f32; 3]> = None;
     for place in places {
-        let known = place[0].is_finite();
-        let leaps = last.is_some_and(|last| (last[0] - place[0]).hypot(last[1] - place[1]) > 1.0);
-        if !known || leaps {
+        let is_known = place[0].is_finite();
+        let jumps = last.is_some_and(|last| (last[0] - place[0]).hypot(last[1] - place[1]) > 1.0);
+        if !is_known || jumps {
             screen.path(painter, std::mem::take(&mut points), stroke);
         }
-        if known {
+        if is_known {
             points.push(screen.to_screen(At::new(place[0], place[1])));
         }
-        last = known.then_some(place);
+        last = is_known.then_some(place);
     }
     screen.path(painter, points, stroke);
 }
 
-/// Words beside a place.
+/// Draws a text next to a position.
 pub(crate) fn draw_text(painter: &Painter, at: Pos2, text: &str, colour: Color32) {
     painter.text(
         at + Vec2::new(8.0, -8.0),

@@ -1,4 +1,4 @@
-//! How is each device? Rate, age and errors, in a table for a glance; and what the view itself costs and loses.
+//! Health panel: state, rate, age and errors of each device, dropped cycles and stage times.
 
 use eframe::egui::{self, Color32, Ui};
 
@@ -6,7 +6,7 @@ use crate::view::device_monitor::DeviceState;
 use crate::view::palette;
 use crate::view::session::Session;
 
-/// Rates are counted over so many seconds.
+/// Averaging window of the rates, seconds.
 const WINDOW: f64 = 2.0;
 
 /// Draws the panel.
@@ -53,25 +53,25 @@ pub(crate) fn show(ui: &mut Ui, session: &Session) {
             });
         ui.separator();
         ui.label(format!(
-            "{} cycles counted; {} did not get to the view in time (the robot does not wait for it)",
+            "{} cycles received, {} dropped by the view (the robot does not wait for it)",
             devices.cycles, devices.dropped
         ));
         if session.log_path().is_some() {
-            ui.weak("Of a log: what was played since the last leap; rates from the whole log.");
+            ui.weak("Log: counts since the last seek, rates from the whole log.");
         }
-        let faults = session.series.samples().iter().filter(|s| s.fault);
-        let count = faults.clone().count();
+        let faulty = session.series.samples().iter().filter(|s| s.fault);
+        let count = faulty.clone().count();
         if count > 0 {
-            let first = faults.clone().next().map_or(0.0, |sample| sample.time);
+            let first = faulty.clone().next().map_or(0.0, |sample| sample.time);
             ui.colored_label(
                 palette::ORANGE,
-                format!("{count} frames of this run could not be used, the first at {first:.2} s"),
+                format!("{count} images of this run could not be used, the first at {first:.2} s"),
             );
         }
         if let Some(now) = &session.shown {
             let timings = &now.cycle.timings;
             ui.label(format!(
-                "this cycle: see {:.2} ms, localize {:.2} ms",
+                "this cycle: vision {:.2} ms, localization {:.2} ms",
                 timings.see_ms, timings.localize_ms
             ));
         }

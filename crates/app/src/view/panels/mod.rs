@@ -1,8 +1,9 @@
-//! What does each panel show? They draw what the session holds and say what was asked for; they compute nothing.
+//! The panels: they draw the session's state and pass the user's input to it.
 
 pub(crate) mod calibration;
 pub(crate) mod camera;
 pub(crate) mod camera_drawing;
+pub(crate) mod camera_layers;
 pub(crate) mod field;
 pub(crate) mod field_drawing;
 pub(crate) mod health;
@@ -17,28 +18,28 @@ use serde::{Deserialize, Serialize};
 use super::brush::Brush;
 use super::session::Session;
 
-/// A panel.
+/// A panel of the view.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Pane {
-    /// What the robot sees.
+    /// Camera image and detections.
     Camera,
-    /// Where it takes itself to be.
+    /// Field, pose estimate and objects.
     Field,
-    /// How it went.
+    /// Metrics over time.
     Plots,
-    /// When.
+    /// Playback, marks and modes.
     Timeline,
-    /// What is done to a simulation.
+    /// Controls of the simulation.
     Simulator,
-    /// Colours, mask, windows, map.
+    /// Colours, mask, virtual sensor windows and ground map.
     Calibration,
-    /// Every setting.
+    /// All settings.
     Parameters,
-    /// The devices.
+    /// State of the devices.
     Health,
 }
 
-/// All of them, in the order of the menu.
+/// All panels, in menu order.
 pub(crate) const PANES: [Pane; 8] = [
     Pane::Camera,
     Pane::Field,
@@ -51,7 +52,7 @@ pub(crate) const PANES: [Pane; 8] = [
 ];
 
 impl Pane {
-    /// Its name.
+    /// Title of its tab and menu entry.
     pub(crate) fn title(self) -> &'static str {
         match self {
             Pane::Camera => "Camera",
@@ -66,7 +67,7 @@ impl Pane {
     }
 }
 
-/// What each panel remembers.
+/// State of all panels.
 pub(crate) struct Panels {
     pub(crate) camera: camera::CameraPanel,
     pub(crate) field: field::FieldPanel,
@@ -93,7 +94,7 @@ impl Default for Panels {
     }
 }
 
-/// The tiles' way to the panels.
+/// Draws the panels in their tiles.
 pub(crate) struct PaneBehavior<'a> {
     pub(crate) session: &'a mut Session,
     pub(crate) panels: &'a mut Panels,
@@ -136,7 +137,7 @@ impl egui_tiles::Behavior<Pane> for PaneBehavior<'_> {
 
     fn simplification_options(&self) -> egui_tiles::SimplificationOptions {
         egui_tiles::SimplificationOptions {
-            // Each panel keeps its name, and can be closed and dragged.
+            // A single panel keeps its tab, so that it can be closed and dragged.
             all_panes_must_have_tabs: true,
             ..egui_tiles::SimplificationOptions::default()
         }

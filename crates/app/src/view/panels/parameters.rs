@@ -1,4 +1,4 @@
-//! How is vision and localisation set? Every value with its unit and meaning; what differs from the default is marked.
+//! Parameters panel: all settings of vision and localization with unit and meaning. Changed values are marked.
 
 use std::path::Path;
 
@@ -12,25 +12,25 @@ use crate::view::settings::{self, Setting};
 use crate::view::source::sim_worker::SourceRequest;
 use pipeline::PipelineConfig;
 
-/// Room for a setting's name, points.
+/// Width of the name column, points.
 const NAME_WIDTH: f32 = 170.0;
 
-/// The panel's memory.
+/// State of the panel.
 pub(crate) struct ParametersPanel {
     all: Vec<Setting>,
-    /// What runs: a simulation with it, layers are painted by it, a log can be computed again with it.
+    /// Settings in use: for the simulation, the rendered layers, and a recomputed log.
     config: PipelineConfig,
-    /// What is typed, perhaps not fit to run.
+    /// Edited settings, perhaps invalid.
     edited_table: toml::Table,
-    /// Of the source whose settings these are.
+    /// Title of the source that the settings belong to.
     source_name: Option<String>,
-    /// Only settings whose name or meaning holds this are shown.
+    /// Show only settings whose name or description contains this text.
     filter: String,
-    /// Only those that differ from the default.
+    /// Show only settings that differ from the default.
     only_changed: bool,
-    /// The overlay's file.
+    /// Path of the overlay file.
     file: String,
-    /// What came of the last edit, saving or loading; true if it went well.
+    /// Result of the last edit, save or load; true if it succeeded.
     message: Option<(bool, String)>,
 }
 
@@ -51,12 +51,12 @@ impl Default for ParametersPanel {
 }
 
 impl ParametersPanel {
-    /// The settings in force.
+    /// The settings in use.
     pub(crate) fn config(&self) -> &PipelineConfig {
         &self.config
     }
 
-    /// Takes the settings of a source that was opened.
+    /// Takes over the settings of a newly opened source.
     pub(crate) fn sync_with_session(&mut self, session: &Session) {
         if self.source_name.as_ref() != Some(&session.title) {
             self.source_name = Some(session.title.clone());
@@ -69,7 +69,7 @@ impl ParametersPanel {
         self.config = config;
     }
 
-    /// Puts settings in force: a simulation takes them between two cycles, layers are painted by them.
+    /// Applies settings to the simulation, which takes them between two cycles, and to the rendered layers.
     pub(crate) fn apply_config(&mut self, session: &mut Session, config: PipelineConfig) {
         self.set_config(config);
         session.revision += 1;
@@ -82,20 +82,20 @@ impl ParametersPanel {
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.sync_with_session(session);
         self.actions(ui, session);
-        if let Some((well, word)) = &self.message {
+        if let Some((ok, text)) = &self.message {
             ui.colored_label(
-                if *well {
+                if *ok {
                     palette::GREEN
                 } else {
                     palette::VERMILION
                 },
-                word,
+                text,
             );
         }
         if let Some(worker) = session.source.simulation()
-            && let Some(refused) = worker.status().error
+            && let Some(error) = worker.status().error
         {
-            ui.colored_label(palette::VERMILION, refused);
+            ui.colored_label(palette::VERMILION, error);
         }
         ui.horizontal(|ui| {
             ui.label("Search");
@@ -126,7 +126,7 @@ impl ParametersPanel {
             });
             if session.log_path().is_some() {
                 let hint =
-                    "Computes the whole log once more with these settings, beside the recorded run";
+                    "Recomputes the whole log with these settings, for comparison with the recorded run";
                 if ui.button("Recompute log").on_hover_text(hint).clicked() {
                     session.start_recompute(&self.config);
                 }
@@ -137,7 +137,7 @@ impl ParametersPanel {
             ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(140.0))
                 .with_accessible_label("Configuration file");
             let hint =
-                "Writes what differs from the defaults; run, sim and locate take it as --config";
+                "Writes the settings that differ from the defaults, for --config of run, sim and locate";
             if ui.button("Save overlay").on_hover_text(hint).clicked() {
                 self.message = Some(self.save_overlay());
             }
@@ -161,12 +161,12 @@ impl ParametersPanel {
             .filter(|setting| settings::get(&overlay, &setting.path).is_some())
             .count();
         match std::fs::write(&self.file, overlay.to_string()) {
-            Ok(()) => (true, format!("{count} settings saved in {}", self.file)),
+            Ok(()) => (true, format!("wrote {count} settings to {}", self.file)),
             Err(error) => (false, format!("cannot write {}: {error}", self.file)),
         }
     }
 
-    /// Changes settings by hand of another panel; what does not work is said here.
+    /// Changes settings on behalf of another panel; errors are shown in this panel.
     pub(crate) fn edit_config(
         &mut self,
         session: &mut Session,
@@ -180,13 +180,13 @@ impl ParametersPanel {
         }
     }
 
-    /// Tries a value; one that does not work is not taken, and said.
+    /// Applies a value if it is valid; otherwise shows the error.
     fn set_value(&mut self, session: &mut Session, path: &[String], value: toml::Value) {
         match value.as_str() {
             Some(settings::NOT_SET) => settings::remove(&mut self.edited_table, path),
             _ => settings::set(&mut self.edited_table, path, value),
         }
-        let checked = self
+        let result = self
             .edited_table
             .clone()
             .try_into::<PipelineConfig>()
@@ -195,8 +195,8 @@ impl ParametersPanel {
                 config.check()?;
                 Ok(config)
             })
-            .with_context(|| format!("{} is not taken", path.join(".")));
-        match checked {
+            .with_context(|| format!("invalid value for {}", path.join(".")));
+        match result {
             Ok(config) => {
                 self.apply_config(session, config);
                 self.message = None;
@@ -205,28 +205,28 @@ impl ParametersPanel {
         }
     }
 
-    /// All rows; the one that was changed.
+    /// Draws the rows; returns the changed setting.
     fn table(&self, ui: &mut Ui) -> Option<(Vec<String>, toml::Value)> {
-        let needle = self.filter.to_lowercase();
+        let filter = self.filter.to_lowercase();
         let mut changed = None;
         let mut section = String::new();
         for setting in &self.all {
             let name = setting.name();
-            let told = needle.is_empty()
-                || name.to_lowercase().contains(&needle)
-                || setting.help.to_lowercase().contains(&needle);
+            let matches = filter.is_empty()
+                || name.to_lowercase().contains(&filter)
+                || setting.help.to_lowercase().contains(&filter);
             let unset = toml::Value::from(settings::NOT_SET);
             let value = settings::get(&self.edited_table, &setting.path).unwrap_or(&unset);
             let differs = settings::round_to_f32(value) != setting.default;
-            if !told || (self.only_changed && !differs) {
+            if !matches || (self.only_changed && !differs) {
                 continue;
             }
-            let (last, before) = (setting.path.last(), setting.path.split_last());
-            let own = before.map_or(String::new(), |(_, before)| before.join("."));
-            if own != section {
+            let (last, parents) = (setting.path.last(), setting.path.split_last());
+            let parent = parents.map_or(String::new(), |(_, parents)| parents.join("."));
+            if parent != section {
                 ui.add_space(4.0);
-                ui.strong(&own);
-                section = own;
+                ui.strong(&parent);
+                section = parent;
             }
             ui.horizontal(|ui| {
                 let mark = if differs { "*" } else { " " };
@@ -268,7 +268,7 @@ fn accent(ui: &Ui) -> Color32 {
     }
 }
 
-/// Edits one value; the new one if it was changed.
+/// Edits a value; returns the new one if it changed.
 fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::Value> {
     match value {
         toml::Value::Boolean(on) => {
@@ -314,13 +314,13 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
             }
             changed.then_some(toml::Value::Array(values))
         }
-        // Windows of the image: Calibration moves them.
+        // Image windows are edited in the Calibration panel.
         toml::Value::Array(values) => {
-            ui.monospace(format!("{} given", values.len()));
+            ui.monospace(format!("{} set", values.len()));
             None
         }
         toml::Value::Table(_) => {
-            ui.monospace("given");
+            ui.monospace("set");
             None
         }
         other => {
@@ -331,7 +331,7 @@ fn editor(ui: &mut Ui, setting: &Setting, value: &toml::Value) -> Option<toml::V
 }
 
 fn drag(ui: &mut Ui, name: &str, number: f64) -> Option<f64> {
-    // Shown as a person would write it.
+    // Show the shortest decimal of the f32 value.
     let mut short: f64 = format!("{:?}", number as f32).parse().unwrap_or(number);
     let speed = (short.abs() * 0.01).max(0.001);
     let drag = egui::DragValue::new(&mut short)

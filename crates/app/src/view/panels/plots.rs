@@ -1,4 +1,4 @@
-//! How did it go over time? Curves of the whole run, tied to the timeline by one cursor.
+//! Plots panel: metrics over time, with the timeline's cursor.
 
 use eframe::egui::{self, Color32, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoint, PlotPoints, VLine};
@@ -8,17 +8,17 @@ use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::time_series::{CycleMetrics, Quantity, TimeSeries};
 
-/// Least height of one plot, points.
+/// Least height of a plot, points.
 const PLOT_HEIGHT_MIN: f32 = 80.0;
 
-/// One plot: its name, its unit and its curves.
+/// A plot: its name, unit and curves.
 struct PlotSpec {
     name: &'static str,
     unit: &'static str,
     curves: &'static [(&'static str, Quantity, Color32, f32)],
 }
 
-/// All that can be plotted; the last number brings SI into the unit.
+/// All plots. The last number of a curve converts its quantity to the plot's unit.
 const PLOTS: [PlotSpec; 12] = [
     PlotSpec {
         name: "Error",
@@ -54,7 +54,7 @@ const PLOTS: [PlotSpec; 12] = [
         unit: "points, %",
         curves: &[
             ("points", Quantity::LinePoints, palette::SKY, 1.0),
-            ("refused", Quantity::RejectedCandidates, palette::GREY, 1.0),
+            ("rejected", Quantity::RejectedCandidates, palette::GREY, 1.0),
             ("inliers", Quantity::InlierShare, palette::GREEN, 100.0),
         ],
     },
@@ -64,13 +64,13 @@ const PLOTS: [PlotSpec; 12] = [
         curves: &[("image", Quantity::Entropy, palette::SKY, 1.0)],
     },
     PlotSpec {
-        name: "Exposure",
-        unit: "of 255",
+        name: "Brightness",
+        unit: "0 to 255",
         curves: &[("brightness", Quantity::Brightness, palette::YELLOW, 1.0)],
     },
     PlotSpec {
-        name: "Camera",
-        unit: "its own",
+        name: "Exposure and gain",
+        unit: "camera units",
         curves: &[
             ("exposure", Quantity::ExposureTime, palette::ORANGE, 1.0),
             ("gain", Quantity::Gain, palette::SKY, 1.0),
@@ -80,9 +80,14 @@ const PLOTS: [PlotSpec; 12] = [
         name: "Stage times",
         unit: "ms",
         curves: &[
-            ("see", Quantity::VisionTime, palette::ORANGE, 1.0),
-            ("localize", Quantity::LocalizationTime, palette::SKY, 1.0),
-            ("between frames", Quantity::CyclePeriod, palette::GREY, 1.0),
+            ("vision", Quantity::VisionTime, palette::ORANGE, 1.0),
+            (
+                "localization",
+                Quantity::LocalizationTime,
+                palette::SKY,
+                1.0,
+            ),
+            ("cycle period", Quantity::CyclePeriod, palette::GREY, 1.0),
         ],
     },
     PlotSpec {
@@ -106,18 +111,18 @@ const PLOTS: [PlotSpec; 12] = [
         curves: &[
             ("x", Quantity::AccelerationX, palette::ORANGE, 1.0),
             ("y", Quantity::AccelerationY, palette::SKY, 1.0),
-            ("turn", Quantity::YawRate, palette::PURPLE, 0.1),
+            ("yaw rate", Quantity::YawRate, palette::PURPLE, 0.1),
         ],
     },
 ];
 
-/// The panel's memory.
+/// State of the panel.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct PlotsPanel {
-    /// Names of the plots that are shown.
+    /// Names of the shown plots.
     pub(crate) shown: Vec<String>,
-    /// Seconds about the cursor; 0 is the whole run.
+    /// Time range around the cursor, seconds; 0 shows the whole run.
     pub(crate) window_s: f64,
 }
 
@@ -133,16 +138,16 @@ impl Default for PlotsPanel {
 }
 
 impl PlotsPanel {
-    /// Draws the panel; a click moves the timeline.
+    /// Draws the panel; a click seeks to its time.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("Curves", |ui| {
-                for group in &PLOTS {
-                    let mut shown = self.shown.iter().any(|name| name == group.name);
-                    if ui.checkbox(&mut shown, group.name).changed() {
-                        self.shown.retain(|name| name != group.name);
+                for spec in &PLOTS {
+                    let mut shown = self.shown.iter().any(|name| name == spec.name);
+                    if ui.checkbox(&mut shown, spec.name).changed() {
+                        self.shown.retain(|name| name != spec.name);
                         if shown {
-                            self.shown.push(group.name.to_owned());
+                            self.shown.push(spec.name.to_owned());
                         }
                     }
                 }
@@ -167,7 +172,7 @@ impl PlotsPanel {
         let span = self.visible_range(span, session.playback.time);
         let shown: Vec<&PlotSpec> = PLOTS
             .iter()
-            .filter(|group| self.shown.iter().any(|name| name == group.name))
+            .filter(|spec| self.shown.iter().any(|name| name == spec.name))
             .collect();
         let rows = shown.len().max(1) as f32;
         let height = (ui.available_height() / rows - 24.0).max(PLOT_HEIGHT_MIN);
@@ -175,8 +180,8 @@ impl PlotsPanel {
         egui::ScrollArea::vertical()
             .auto_shrink(false)
             .show(ui, |ui| {
-                for group in shown {
-                    clicked = draw_plot(ui, group, session, span, height).or(clicked);
+                for spec in shown {
+                    clicked = draw_plot(ui, spec, session, span, height).or(clicked);
                 }
             });
         if let Some(time) = clicked {
@@ -184,7 +189,7 @@ impl PlotsPanel {
         }
     }
 
-    /// The part of the run that is shown.
+    /// The visible time range, seconds.
     fn visible_range(&self, (start, end): (f64, f64), at: f64) -> (f64, f64) {
         if self.window_s <= 0.0 || end - start <= self.window_s {
             return (start, end.max(start + 0.1));
@@ -194,24 +199,24 @@ impl PlotsPanel {
     }
 }
 
-/// One plot; the time that was clicked at.
+/// Draws a plot; returns the clicked time.
 fn draw_plot(
     ui: &mut Ui,
-    group: &PlotSpec,
+    spec: &PlotSpec,
     session: &Session,
     (from, to): (f64, f64),
     height: f32,
 ) -> Option<f64> {
     let at = session.playback.time;
     let cursor = ui.visuals().strong_text_color();
-    let again = session
+    let recomputed = session
         .recompute
         .as_ref()
         .map(|recompute| &recompute.series);
-    // More of them than the screen has columns would be drawn over one another.
+    // More points than screen columns would overlap.
     let points_max = (ui.available_width() * ui.pixels_per_point()).max(PLOT_HEIGHT_MIN) as usize;
-    ui.small(format!("{} ({})", group.name, group.unit));
-    let plot = Plot::new(group.name)
+    ui.small(format!("{} ({})", spec.name, spec.unit));
+    let plot = Plot::new(spec.name)
         .height(height)
         .allow_zoom(false)
         .allow_drag(false)
@@ -223,7 +228,7 @@ fn draw_plot(
     let drawn = plot.show(ui, |plot| {
         plot.set_plot_bounds_x(from..=to);
         plot.set_auto_bounds([false, true]);
-        for &(name, quantity, colour, scale) in group.curves {
+        for &(name, quantity, colour, scale) in spec.curves {
             let points = decimate_min_max(&session.series, (from, to), quantity, scale, points_max);
             if points.is_empty() {
                 continue;
@@ -233,8 +238,8 @@ fn draw_plot(
                     .color(colour)
                     .width(1.4),
             );
-            if let Some(again) = again {
-                let points = decimate_min_max(again, (from, to), quantity, scale, points_max);
+            if let Some(recomputed) = recomputed {
+                let points = decimate_min_max(recomputed, (from, to), quantity, scale, points_max);
                 let line = Line::new(format!("{name}, recomputed"), PlotPoints::Owned(points));
                 plot.line(
                     line.color(colour)
@@ -258,7 +263,7 @@ fn draw_plot(
         .map(|time| time.clamp(from, to))
 }
 
-/// The curve's points, at most so many: of more samples each share's least and most.
+/// The curve's points, at most about `points_max`: minimum and maximum of equal chunks of samples.
 fn decimate_min_max(
     series: &TimeSeries,
     (from, to): (f64, f64),
@@ -268,18 +273,18 @@ fn decimate_min_max(
 ) -> Vec<PlotPoint> {
     let samples = series.between(from, to);
     let value = |sample: &CycleMetrics| sample.value(quantity) * scale;
-    let known = samples.iter().filter(|sample| value(sample).is_finite());
+    let finite = samples.iter().filter(|sample| value(sample).is_finite());
     if samples.len() <= points_max {
-        return known
+        return finite
             .map(|sample| PlotPoint::new(sample.time, value(sample)))
             .collect();
     }
     let share = samples.len().div_ceil(points_max / 2);
     let mut points = Vec::with_capacity(points_max);
     for chunk in samples.chunks(share) {
-        let known = chunk.iter().filter(|sample| value(sample).is_finite());
-        let least = known.clone().min_by(|a, b| value(a).total_cmp(&value(b)));
-        let most = known.max_by(|a, b| value(a).total_cmp(&value(b)));
+        let finite = chunk.iter().filter(|sample| value(sample).is_finite());
+        let least = finite.clone().min_by(|a, b| value(a).total_cmp(&value(b)));
+        let most = finite.max_by(|a, b| value(a).total_cmp(&value(b)));
         if let (Some(least), Some(most)) = (least, most) {
             let mut pair = [least, most];
             pair.sort_by(|a, b| a.time.total_cmp(&b.time));

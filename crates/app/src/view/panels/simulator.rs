@@ -1,4 +1,4 @@
-//! What is done to the simulation? Kidnaps, pushes and kicks, light, camera, occlusion, faults, seed and scenario.
+//! Simulator panel: scenario, seed, kidnaps, pushes, kicks, light, camera, occlusion, faults and manual driving.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::source::sim_worker::{SimWorker, SourceRequest};
 
-/// Sensors that may be made to fail.
+/// Sensor faults that can be switched on.
 const FAULTS: [(FaultKind, &str); 7] = [
     (FaultKind::FramesDropped, "Frames dropped"),
     (FaultKind::FramesFrozen, "Frames frozen"),
@@ -22,13 +22,13 @@ const FAULTS: [(FaultKind, &str); 7] = [
     (FaultKind::WheelStuck, "Wheel stuck"),
     (FaultKind::ImuSilent, "IMU silent"),
 ];
-/// Where scenarios are sought, from the working folder.
+/// Folder of the scenarios, relative to the working directory.
 const SCENARIO_DIR: &str = "config/scenarios";
-/// Top speed when driving by hand, m/s and rad/s.
+/// Speed (m/s) and yaw rate (rad/s) of manual driving.
 const MANUAL_SPEED: f32 = 2.0;
 const MANUAL_YAW_RATE: f32 = 2.0;
 
-/// The panel's memory.
+/// State of the panel.
 pub(crate) struct SimulatorPanel {
     kidnap_pose: [f32; 3],
     impulse: f32,
@@ -42,7 +42,7 @@ pub(crate) struct SimulatorPanel {
     manual_drive: bool,
     seed: Option<u64>,
     scenarios: Option<Vec<PathBuf>>,
-    /// A scenario that is to be opened.
+    /// Scenario that the user chose to open.
     pub(crate) open_request: Option<PathBuf>,
 }
 
@@ -74,9 +74,7 @@ impl SimulatorPanel {
             .show(ui, |ui| {
                 self.scenario(ui, session);
                 let Some(worker) = session.source.simulation() else {
-                    ui.weak(
-                        "These controls move a simulation of the view's own: choose a scenario.",
-                    );
+                    ui.weak("No simulation is running. Choose a scenario.");
                     return;
                 };
                 let status = worker.status();
@@ -84,12 +82,12 @@ impl SimulatorPanel {
                     "{:.1} of {:.0} s, seed {}",
                     status.time, status.duration, status.seed
                 ));
-                if let Some(refused) = &status.error {
-                    ui.colored_label(palette::VERMILION, refused);
+                if let Some(error) = &status.error {
+                    ui.colored_label(palette::VERMILION, error);
                 }
                 let paused = status.paused;
                 ui.horizontal(|ui| {
-                    let name = if paused { "Go on" } else { "Pause" };
+                    let name = if paused { "Resume" } else { "Pause" };
                     if ui.button(name).clicked() {
                         worker.request(SourceRequest::Pause(!paused));
                     }
@@ -116,19 +114,21 @@ impl SimulatorPanel {
     fn scenario(&mut self, ui: &mut Ui, session: &Session) {
         let scenarios = self.scenarios.get_or_insert_with(|| {
             let files = std::fs::read_dir(SCENARIO_DIR).into_iter().flatten();
-            let mut found: Vec<PathBuf> = files
+            let mut scenarios: Vec<PathBuf> = files
                 .filter_map(|entry| Some(entry.ok()?.path()))
                 .filter(|path| path.extension().is_some_and(|end| end == "toml"))
                 .collect();
-            found.sort();
-            found
+            scenarios.sort();
+            scenarios
         });
         let short = |path: &Path| {
             path.file_stem()
                 .map_or(String::new(), |stem| stem.to_string_lossy().into_owned())
         };
-        let own = session.source.simulation();
-        let current = own.map_or("choose one".to_owned(), |worker| short(&worker.scenario));
+        let worker = session.source.simulation();
+        let current = worker.map_or("choose a scenario".to_owned(), |worker| {
+            short(&worker.scenario)
+        });
         ui.horizontal(|ui| {
             ui.label("Scenario");
             egui::ComboBox::from_id_salt("scenario")
@@ -154,16 +154,16 @@ impl SimulatorPanel {
                     .prefix("x ")
                     .suffix(" m"),
             )
-            .with_accessible_label("kidnapped to x");
+            .with_accessible_label("kidnap x");
             ui.add(
                 egui::DragValue::new(y)
                     .speed(0.05)
                     .prefix("y ")
                     .suffix(" m"),
             )
-            .with_accessible_label("kidnapped to y");
+            .with_accessible_label("kidnap y");
             ui.add(egui::DragValue::new(degrees).suffix("°"))
-                .with_accessible_label("kidnapped to heading");
+                .with_accessible_label("kidnap heading");
             if ui.button("Kidnap").clicked() {
                 worker.request(SourceRequest::Kidnap(Pose::new(
                     *x,
@@ -174,7 +174,7 @@ impl SimulatorPanel {
         });
         ui.horizontal_wrapped(|ui| {
             ui.add(egui::DragValue::new(&mut self.impulse).suffix(" N s"))
-                .with_accessible_label("strength of the push");
+                .with_accessible_label("impulse of the push");
             ui.add(egui::DragValue::new(&mut self.impulse_deg).suffix("°"))
                 .with_accessible_label("direction of the push");
             if ui.button("Push").clicked() {
@@ -208,32 +208,37 @@ impl SimulatorPanel {
         });
     }
 
-    fn light(&mut self, ui: &mut Ui, worker: &SimWorker, film: sim::image_sensor::FilmConfig) {
-        let mut own = self.light.is_some();
+    fn light(
+        &mut self,
+        ui: &mut Ui,
+        worker: &SimWorker,
+        image_sensor: sim::image_sensor::FilmConfig,
+    ) {
+        let mut manual = self.light.is_some();
         ui.horizontal(|ui| {
-            let switched = ui.checkbox(&mut own, "Light by hand").changed();
-            if switched {
-                self.light = own.then_some(1.0);
+            let toggled = ui.checkbox(&mut manual, "Manual light").changed();
+            if toggled {
+                self.light = manual.then_some(1.0);
             }
             if let Some(level) = &mut self.light {
                 let slider = egui::Slider::new(level, 0.02..=4.0).logarithmic(true);
-                if ui.add(slider).with_accessible_label("light").changed() || switched {
+                if ui.add(slider).with_accessible_label("light").changed() || toggled {
                     worker.request(SourceRequest::SetLightLevel(Some(*level)));
                 }
-            } else if switched {
+            } else if toggled {
                 worker.request(SourceRequest::SetLightLevel(None));
             }
         });
-        let mut changed = film;
+        let mut edited = image_sensor;
         ui.horizontal_wrapped(|ui| {
-            let exposure = egui::Slider::new(&mut changed.exposure, 0.05..=8.0);
+            let exposure = egui::Slider::new(&mut edited.exposure, 0.05..=8.0);
             ui.add(exposure.logarithmic(true).text("exposure"));
-            let gain = egui::Slider::new(&mut changed.gain, 0.25..=8.0);
+            let gain = egui::Slider::new(&mut edited.gain, 0.25..=8.0);
             ui.add(gain.logarithmic(true).text("gain"));
         });
         ui.horizontal_wrapped(|ui| {
             ui.label("white balance");
-            for (gain, channel) in changed
+            for (gain, channel) in edited
                 .white_balance
                 .iter_mut()
                 .zip(["red", "green", "blue"])
@@ -242,20 +247,20 @@ impl SimulatorPanel {
                     .with_accessible_label(channel);
             }
         });
-        if changed != film {
-            worker.request(SourceRequest::SetImageSensor(changed));
+        if edited != image_sensor {
+            worker.request(SourceRequest::SetImageSensor(edited));
         }
         ui.horizontal(|ui| {
-            let mut hangs = self.occlusion.is_some();
-            let mut changed = ui.checkbox(&mut hangs, "Occlusion").changed();
+            let mut enabled = self.occlusion.is_some();
+            let mut changed = ui.checkbox(&mut enabled, "Occlusion").changed();
             if changed {
-                self.occlusion = hangs.then_some((0.0, 90.0));
+                self.occlusion = enabled.then_some((0.0, 90.0));
             }
-            if let Some((middle, width)) = &mut self.occlusion {
-                let middle = egui::DragValue::new(middle).suffix("°").prefix("at ");
+            if let Some((centre, width)) = &mut self.occlusion {
+                let centre = egui::DragValue::new(centre).suffix("°").prefix("at ");
                 changed |= ui
-                    .add(middle)
-                    .with_accessible_label("middle of the occlusion")
+                    .add(centre)
+                    .with_accessible_label("centre of the occlusion")
                     .changed();
                 let width = egui::DragValue::new(width).suffix("°").prefix("wide ");
                 changed |= ui
@@ -272,9 +277,9 @@ impl SimulatorPanel {
     fn fault_controls(&mut self, ui: &mut Ui, worker: &SimWorker) {
         ui.strong("Faults");
         ui.horizontal_wrapped(|ui| {
-            for ((kind, name), fails) in FAULTS.into_iter().zip(&mut self.faults) {
-                if ui.checkbox(fails, name).changed() {
-                    worker.request(SourceRequest::SetFault(kind, self.wheel, *fails));
+            for ((kind, name), active) in FAULTS.into_iter().zip(&mut self.faults) {
+                if ui.checkbox(active, name).changed() {
+                    worker.request(SourceRequest::SetFault(kind, self.wheel, *active));
                 }
             }
             ui.add(
@@ -286,18 +291,19 @@ impl SimulatorPanel {
         });
     }
 
-    /// Drives with W, A, S, D and Q, E while switched on.
+    /// Drives the robot with W, A, S, D, Q and E while switched on.
     fn manual_drive_controls(&mut self, ui: &mut Ui, worker: &SimWorker) {
-        let text = "Drive by hand (W A S D, turn with Q E)";
-        let switched = ui.checkbox(&mut self.manual_drive, text).changed();
-        if switched && !self.manual_drive {
+        let text = "Manual drive (W A S D, rotate with Q E)";
+        let toggled = ui.checkbox(&mut self.manual_drive, text).changed();
+        if toggled && !self.manual_drive {
             worker.request(SourceRequest::Drive(None));
         }
         if !self.manual_drive || ui.ctx().egui_wants_keyboard_input() {
             return;
         }
-        let held = |key| ui.input(|input| input.key_down(key));
-        let axis = |more, less| f32::from(u8::from(held(more))) - f32::from(u8::from(held(less)));
+        let pressed = |key| ui.input(|input| input.key_down(key));
+        let axis =
+            |more, less| f32::from(u8::from(pressed(more))) - f32::from(u8::from(pressed(less)));
         worker.request(SourceRequest::Drive(Some(Twist {
             x: MANUAL_SPEED * axis(egui::Key::W, egui::Key::S),
             y: MANUAL_SPEED * axis(egui::Key::A, egui::Key::D),

@@ -1,4 +1,4 @@
-//! Which moment is shown? Play, step, seek, marks, and the run's modes at a glance; logs of any length.
+//! Timeline panel: playback, marks, and the modes and errors of the whole run.
 
 use eframe::egui::{self, Align2, Color32, FontId, Pos2, Rect, Sense, Stroke, Ui, Vec2};
 use localize::estimate::Mode;
@@ -9,15 +9,15 @@ use crate::view::session::Session;
 use crate::view::source::Source;
 use crate::view::time_series::TimeSeries;
 
-/// Height of the bar, points.
+/// Height of the timeline bar, points.
 const BAR_HEIGHT: f32 = 34.0;
-/// Speeds to choose from.
+/// Selectable playback speeds.
 const SPEEDS: [f64; 8] = [0.1, 0.25, 0.5, 1.0, 2.0, 4.0, 10.0, 50.0];
 
-/// The panel's memory.
+/// State of the panel.
 #[derive(Default)]
 pub(crate) struct TimelinePanel {
-    /// The text of the next mark.
+    /// Text of the next mark.
     mark_text: String,
 }
 
@@ -26,8 +26,8 @@ impl TimelinePanel {
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.buttons(ui, session);
         bar(ui, session);
-        if let Some(fault) = &session.last_error {
-            ui.colored_label(palette::VERMILION, fault);
+        if let Some(error) = &session.last_error {
+            ui.colored_label(palette::VERMILION, error);
         }
         show_recompute_summary(ui, session);
         egui::ScrollArea::vertical()
@@ -46,7 +46,7 @@ impl TimelinePanel {
             let playing = session.playback.playing;
             if ui
                 .button("|<")
-                .on_hover_text("To the start (Home)")
+                .on_hover_text("Go to the start (Home)")
                 .clicked()
                 && let Some((start, _)) = session.source.span()
             {
@@ -54,7 +54,7 @@ impl TimelinePanel {
             }
             if ui
                 .button("<")
-                .on_hover_text("A cycle back (Left)")
+                .on_hover_text("Previous cycle (Left)")
                 .clicked()
             {
                 session.step(-1);
@@ -63,13 +63,13 @@ impl TimelinePanel {
             if ui.button(name).on_hover_text("Space").clicked() {
                 session.toggle_playback();
             }
-            if ui.button(">").on_hover_text("A cycle on (Right)").clicked() {
+            if ui.button(">").on_hover_text("Next cycle (Right)").clicked() {
                 session.step(1);
             }
             let to_end = if live { "Now" } else { ">|" };
             if ui
                 .button(to_end)
-                .on_hover_text("To the end (End)")
+                .on_hover_text("Go to the end (End)")
                 .clicked()
             {
                 if live {
@@ -98,9 +98,9 @@ impl TimelinePanel {
 fn speed(ui: &mut Ui, session: &mut Session) {
     let before = session.playback.speed;
     let owned = session.source.simulation().is_some();
-    let watched = matches!(session.source, Source::Live(_)) && !owned;
-    // What somebody else drives goes at its own speed.
-    ui.add_enabled_ui(!watched, |ui| {
+    let external = matches!(session.source, Source::Live(_)) && !owned;
+    // The view cannot change the speed of a run that it does not own.
+    ui.add_enabled_ui(!external, |ui| {
         egui::ComboBox::from_id_salt("speed")
             .width(60.0)
             .selected_text(format!("{before} x"))
@@ -118,7 +118,7 @@ fn speed(ui: &mut Ui, session: &mut Session) {
     }
 }
 
-/// The run as a bar: its modes, its errors, its marks, and the moment shown.
+/// Draws the timeline bar: modes, errors, marks and the shown time.
 fn bar(ui: &mut Ui, session: &mut Session) {
     let size = Vec2::new(ui.available_width().max(1.0), BAR_HEIGHT);
     let (response, painter) = ui.allocate_painter(size, Sense::click_and_drag());
@@ -153,7 +153,7 @@ fn bar(ui: &mut Ui, session: &mut Session) {
     }
 }
 
-/// Lower third: the mode. Above: the position error, half a metre high at most.
+/// Draws the mode in the lower third, and the position error above it (full height: 0.5 m).
 fn modes(painter: &egui::Painter, rect: Rect, series: &TimeSeries, place: &impl Fn(f64) -> f32) {
     let samples = series.samples();
     let columns = rect.width().max(1.0) as usize;
@@ -188,21 +188,17 @@ fn modes(painter: &egui::Painter, rect: Rect, series: &TimeSeries, place: &impl 
     }
 }
 
-/// How the run computed once more compares.
+/// Shows how the recomputed run compares with the recorded one.
 fn show_recompute_summary(ui: &mut Ui, session: &mut Session) {
     let Some(recompute) = &session.recompute else {
         return;
     };
-    let mut forget = false;
+    let mut discard = false;
     ui.horizontal_wrapped(|ui| {
         let cm = |error: Option<f32>| {
             error.map_or("unknown".to_owned(), |e| format!("{:.2} cm", 100.0 * e))
         };
-        let state = if recompute.done {
-            ""
-        } else {
-            "computing again: "
-        };
+        let state = if recompute.done { "" } else { "recomputing: " };
         ui.colored_label(
             palette::PURPLE,
             format!(
@@ -214,26 +210,26 @@ fn show_recompute_summary(ui: &mut Ui, session: &mut Session) {
                 if recompute.vision_recomputed {
                     ""
                 } else {
-                    " (from the recorded line points: the log holds no exact images)"
+                    " (from the recorded line points: the log has no lossless images)"
                 }
             ),
         );
-        if let Some(fault) = &recompute.error {
-            ui.colored_label(palette::VERMILION, fault);
+        if let Some(error) = &recompute.error {
+            ui.colored_label(palette::VERMILION, error);
         }
-        forget = ui.button("Forget").clicked();
+        discard = ui.button("Discard").clicked();
     });
-    if forget {
+    if discard {
         session.recompute = None;
     }
 }
 
 fn marks(ui: &mut Ui, session: &mut Session) {
-    let (mut go, mut remove) = (None, None);
+    let (mut seek_to, mut remove) = (None, None);
     for (number, mark) in session.marks.iter().enumerate() {
         ui.horizontal(|ui| {
             if ui.link(format!("{:.3} s", mark.time)).clicked() {
-                go = Some(mark.time);
+                seek_to = Some(mark.time);
             }
             ui.label(&mark.text);
             if ui.small_button("Remove").clicked() {
@@ -241,7 +237,7 @@ fn marks(ui: &mut Ui, session: &mut Session) {
             }
         });
     }
-    if let Some(time) = go {
+    if let Some(time) = seek_to {
         session.seek(time);
     }
     if let Some(number) = remove {

@@ -1,68 +1,17 @@
 //! A live source with a bounded history of its last cycles, for pausing and stepping back.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
-use super::DecodedCycle;
-use super::remote::StopGuard;
+use super::decoded_cycle::DecodedCycle;
+use super::inbox::CycleInbox;
 use super::sim_worker::SimWorker;
+use super::stop_guard::StopGuard;
 
-/// Cycles queued for the view; a further one drops the oldest.
-const INBOX_CAPACITY: usize = 32;
 /// Cycles kept for stepping back.
 const HISTORY_CAPACITY: usize = 1800;
 /// The newest of these keep their images: about 140 MB at 480 × 480 pixels.
 const HISTORY_IMAGES: usize = 200;
-
-/// Queue between the delivering thread and the view; the sender never waits.
-#[derive(Clone, Default)]
-pub(crate) struct CycleInbox(Arc<Mutex<InboxState>>);
-
-#[derive(Default)]
-struct InboxState {
-    cycles: VecDeque<DecodedCycle>,
-    dropped: u64,
-    status: Option<String>,
-    on_cycle: Option<Box<dyn Fn() + Send>>,
-}
-
-impl CycleInbox {
-    /// Adds a cycle; drops the oldest one if the queue is full.
-    pub(crate) fn push(&self, shown: DecodedCycle) {
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if state.cycles.len() >= INBOX_CAPACITY {
-            state.cycles.pop_front();
-            state.dropped += 1;
-        }
-        state.cycles.push_back(shown);
-        if let Some(wake) = &state.on_cycle {
-            wake();
-        }
-    }
-
-    /// Sets the source's problem; None if it works.
-    pub(crate) fn set_status(&self, status: Option<String>) {
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        state.status = status;
-        if let Some(wake) = &state.on_cycle {
-            wake();
-        }
-    }
-
-    /// Registers a callback for every new cycle.
-    pub(crate) fn set_on_cycle(&self, wake: impl Fn() + Send + 'static) {
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        state.on_cycle = Some(Box::new(wake));
-    }
-
-    /// Takes the queued cycles, the number dropped since the last call, and the source's problem.
-    fn drain(&self) -> (VecDeque<DecodedCycle>, u64, Option<String>) {
-        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let dropped = std::mem::take(&mut state.dropped);
-        let status = state.status.clone();
-        (std::mem::take(&mut state.cycles), dropped, status)
-    }
-}
 
 /// A live source and its history.
 pub(crate) struct LiveSource {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use localize::Stamp;
 
-use super::DecodedCycle;
+use super::decoded_cycle::DecodedCycle;
 use pipeline::log::{LogIndex, LoggedCycle};
 use pipeline::setup::Setup;
 

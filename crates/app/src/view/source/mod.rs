@@ -1,48 +1,16 @@
 //! Sources of cycles: a log, the view's own simulation, a run in this process, or a remote robot.
 
+pub(crate) mod decoded_cycle;
+pub(crate) mod inbox;
 pub(crate) mod live;
 pub(crate) mod log;
 pub(crate) mod metrics_reader;
 pub(crate) mod recompute;
 pub(crate) mod remote;
 pub(crate) mod sim_worker;
+pub(crate) mod stop_guard;
 
-use std::sync::Arc;
-
-use localize::Pose;
-use vision::image::Image;
-
-use pipeline::Cycle;
-use pipeline::sample::SourceImage;
-
-/// A cycle with its image decoded.
-#[derive(Debug, Clone)]
-pub(crate) struct DecodedCycle {
-    /// Inputs and results.
-    pub(crate) cycle: Arc<Cycle>,
-    /// Particles of the global search; empty if it is not running or the source does not provide them.
-    pub(crate) particles: Vec<Pose>,
-}
-
-impl DecodedCycle {
-    /// Converts a raw camera image to RGB, in the delivering thread.
-    pub(crate) fn new(mut cycle: Arc<Cycle>, particles: Vec<Pose>) -> Self {
-        if let Some(SourceImage::Raw(_)) = &cycle.inputs.image {
-            let cycle = Arc::make_mut(&mut cycle);
-            let rgb = cycle.inputs.image.as_ref().and_then(SourceImage::to_rgb);
-            cycle.inputs.image = rgb.map(SourceImage::Rgb);
-        }
-        DecodedCycle { cycle, particles }
-    }
-}
-
-/// The RGB image of a cycle.
-pub(crate) fn rgb_image(cycle: &Cycle) -> Option<&Arc<Image>> {
-    match &cycle.inputs.image {
-        Some(SourceImage::Rgb(image)) => Some(image),
-        _ => None,
-    }
-}
+use decoded_cycle::DecodedCycle;
 
 /// A source of cycles.
 pub(crate) enum Source {

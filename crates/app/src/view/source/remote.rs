@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 
-use super::DecodedCycle;
-use super::live::CycleInbox;
+use super::decoded_cycle::DecodedCycle;
+use super::inbox::CycleInbox;
+use super::stop_guard::StopGuard;
 use crate::stream::{StreamClient, StreamEvent};
-use pipeline::feed::{RecvError, Subscription};
 use pipeline::log::{Header, LoggedCycle};
 use pipeline::setup::Setup;
 
@@ -19,15 +19,6 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Interval between reconnection attempts.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
-
-/// Stops its thread when dropped.
-pub(crate) struct StopGuard(Arc<AtomicBool>);
-
-impl Drop for StopGuard {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
 
 /// A connected robot.
 pub(crate) struct RemoteRobot {
@@ -59,16 +50,16 @@ pub(crate) fn connect(address: &str, inbox: CycleInbox) -> Result<RemoteRobot> {
         tempfile::tempdir().context("cannot create a temporary folder for the robot's files")?;
     header.write_files(folder.path())?;
     let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    let (stopped, address) = (stop.clone(), address.to_owned());
+    let (guard, stop) = StopGuard::new();
+    let address = address.to_owned();
     std::thread::Builder::new()
         .name("watch".to_owned())
-        .spawn(move || receive_cycles(client, &address, &inbox, &stopped))?;
+        .spawn(move || receive_cycles(client, &address, &inbox, &stop))?;
     Ok(RemoteRobot {
         header,
         setup,
         folder,
-        guard: StopGuard(stop),
+        guard,
     })
 }
 
@@ -108,28 +99,4 @@ fn decode(logged: LoggedCycle) -> DecodedCycle {
         cycle: Arc::new(cycle),
         particles: Vec::new(),
     }
-}
-
-/// Forwards the cycles of a run in this process to the inbox until the run ends.
-pub(crate) fn forward_feed(
-    subscription: Subscription,
-    inbox: CycleInbox,
-) -> std::io::Result<StopGuard> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let stopped = stop.clone();
-    std::thread::Builder::new()
-        .name("watch".to_owned())
-        .spawn(move || {
-            while !stopped.load(Ordering::Relaxed) {
-                match subscription.recv_timeout(POLL_INTERVAL) {
-                    Ok(cycle) => inbox.push(DecodedCycle::new(cycle, Vec::new())),
-                    Err(RecvError::Timeout) => {}
-                    Err(RecvError::Closed) => {
-                        inbox.set_status(Some("the run has ended".to_owned()));
-                        return;
-                    }
-                }
-            }
-        })?;
-    Ok(StopGuard(stop))
 }

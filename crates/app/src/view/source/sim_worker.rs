@@ -12,8 +12,8 @@ use localize::omni::Twist;
 use sim::image_sensor::FilmConfig;
 use sim::scenario::FaultKind;
 
-use super::DecodedCycle;
-use super::live::CycleInbox;
+use super::decoded_cycle::DecodedCycle;
+use super::inbox::CycleInbox;
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
 use pipeline::{Pipeline, PipelineConfig};
