@@ -1,19 +1,25 @@
-//! Any datagram to the gate of commands. `tools/fuzz 60 commands`
+//! Fuzzes the filter of remote commands with datagrams. Run: `tools/fuzz 60 commands`
 #![no_main]
 
 use app::net::CommandConfig;
-use app::net::commands::Gate;
+use app::net::commands::CommandFilter;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let config = CommandConfig {
         key: None,
         ..CommandConfig::default()
     };
-    let Ok(mut gate) = Gate::new(&config) else { return };
-    if let Ok(order) = gate.pass(bytes, 0.0) {
-        assert!(order.valid.as_millis() <= 100);
-        assert!(order.drive.is_none_or(|drive| drive.x.abs() <= config.speed_max));
-        // The same again is a copy.
-        assert!(gate.pass(bytes, 0.0).is_err());
+    let Ok(mut filter) = CommandFilter::new(&config) else {
+        return;
+    };
+    if let Ok(command) = filter.accept(bytes, 0.0) {
+        assert!(command.valid_for.as_millis() <= 100);
+        assert!(
+            command
+                .drive
+                .is_none_or(|drive| drive.x.abs() <= config.speed_max)
+        );
+        // The same datagram again is a replay.
+        assert!(filter.accept(bytes, 0.0).is_err());
     }
 });

@@ -1,17 +1,19 @@
-//! Any datagram to the team's talk. `tools/fuzz 60 team`
+//! Fuzzes the receiver of team messages with datagrams. Run: `tools/fuzz 60 team`
 #![no_main]
 
-use pipeline::datagram::LinkConfig;
-use pipeline::datagram::Talk;
 use localize::Stamp;
 use localize::team::{TeamConfig, TeamModel};
+use pipeline::datagram::{TeamLink, TeamLinkConfig};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
-    let Ok(mut talk) = Talk::new(&LinkConfig::default(), 1) else { return };
-    if let Ok(report) = talk.hear(bytes, Stamp(0)) {
-        assert!(report.robot != LinkConfig::default().robot && report.stamp <= Stamp(0));
-        assert!(talk.hear(bytes, Stamp(0)).is_err());
+    let config = TeamLinkConfig::default();
+    let Ok(mut link) = TeamLink::new(&config, 1) else {
+        return;
+    };
+    if let Ok(report) = link.receive(bytes, Stamp(0)) {
+        assert!(report.robot != config.robot && report.stamp <= Stamp(0));
+        assert!(link.receive(bytes, Stamp(0)).is_err());
         let mut team = TeamModel::new(TeamConfig::default());
-        team.hear(&report);
+        team.receive(&report);
     }
 });
