@@ -8,10 +8,11 @@ use super::environment::Environment;
 use super::ground::Ground;
 use super::light_buffer::LightBuffer;
 use super::rays::{RayRange, SortedRays, Tile};
+use super::scene::Scene;
 use super::solids::{
     DrawContext, LightDirection, Outline, Panel, Primitive, Shadow, Solid, Sphere, Underbody,
 };
-use super::{Scene, linear};
+use crate::image_sensor::linear_from_srgb;
 use crate::light::LightConfig;
 use crate::scenario::TeamColour;
 use crate::world::{OTHER_HALF_SIDE, RobotState};
@@ -411,4 +412,9 @@ fn own_solids(body: &BodyConfig, camera_height: f32) -> Vec<Solid> {
         }
     }
     solids
+}
+
+/// Linear colours of an sRGB triple.
+fn linear(colour: [u8; 3]) -> [f32; 3] {
+    colour.map(linear_from_srgb)
 }

@@ -6,10 +6,10 @@ mod ground;
 mod light_buffer;
 mod markings;
 mod rays;
+mod scene;
 mod solids;
 
 use localize::field::Field;
-use localize::frames::{At, FieldFrame, Pose};
 use localize::robot::BodyConfig;
 use localize::robot::CameraConfig;
 use rand::SeedableRng;
@@ -17,29 +17,15 @@ use rand_chacha::ChaCha8Rng;
 use vision::optics::ray_tracing::{OpticsError, trace_rays};
 use vision::{Mount, Profile};
 
-use crate::image_sensor::{FilmConfig, ImageSensor, Pcg, RUN_PIXELS, Rgbx, linear_from_srgb};
+pub use scene::Scene;
+
+use crate::image_sensor::{FilmConfig, ImageSensor, Pcg, RUN_PIXELS, Rgbx};
 use crate::light::LightConfig;
-use crate::world::RobotState;
 use draw_list::{DrawList, OwnBody};
 use environment::Environment;
 use ground::{Ground, Scratch};
 use light_buffer::LightBuffer;
 use rays::{SortedRays, Tile};
-
-/// What moves: where everything is at the time of an image.
-#[derive(Debug, Clone, Copy)]
-pub struct Scene<'a> {
-    /// Our robot.
-    pub pose: Pose,
-    /// The others.
-    pub robots: &'a [RobotState],
-    /// Where the ball touches the ground, its diameter (metres), and its colour (sRGB).
-    pub ball: Option<(At<FieldFrame>, f32, [u8; 3])>,
-    /// Light: red, green, blue, relative to white light of level 1.
-    pub light_colour: [f32; 3],
-    /// Black sectors: middle and whole width, radians, robot frame.
-    pub occlusions: &'a [(f32, f32)],
-}
 
 /// What never moves: optics, field, hall, and the light on the floor.
 #[derive(Debug, Clone, Copy)]
@@ -213,11 +199,6 @@ fn draw_occlusion(
             }
         }
     }
-}
-
-/// Linear colours of an sRGB triple.
-fn linear(colour: [u8; 3]) -> [f32; 3] {
-    colour.map(linear_from_srgb)
 }
 
 #[cfg(test)]

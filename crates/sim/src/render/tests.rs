@@ -3,6 +3,8 @@ use std::path::Path;
 use super::*;
 use crate::image_sensor::linear_from_srgb;
 use crate::scenario::TeamColour;
+use crate::world::RobotState;
+use localize::frames::{At, Pose};
 use localize::robot::RobotConfig;
 use vision::RayTable;
 
