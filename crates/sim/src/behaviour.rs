@@ -234,9 +234,9 @@ impl TeamBehaviour {
 }
 
 impl RobotBehaviour {
-    fn new(stands: bool, keeper: bool) -> Self {
+    fn new(stationary: bool, keeper: bool) -> Self {
         RobotBehaviour {
-            stationary: stands,
+            stationary,
             keeper,
             home_position: Vector2::zeros(),
             home_time_left: 0.0,

@@ -13,7 +13,7 @@ pub use load::ScenarioError;
 use crate::image_sensor::FilmConfig;
 use crate::light::LightConfig;
 
-/// A scenario file. Lengths in metres, times in seconds after the start, angles as their names say.
+/// A scenario file. Lengths in metres, times in seconds from the start, angles in the unit of their names.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {

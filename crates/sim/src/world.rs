@@ -360,7 +360,7 @@ fn insert_field(physics: &mut PhysicsWorld, field: &Field, restitution: f32) {
             }
         }
     }
-    // A field with walls has them where its size ends; others have the hall's barrier a little beyond the carpet.
+    // Walls stand on the boundary of a field that has them; other fields have a barrier outside the carpet.
     let (gap, (half_x, half_y)) = match field.config.walls {
         true => (0.0, (field.config.length / 2.0, field.config.width / 2.0)),
         false => (BARRIER_GAP, field.carpet_half_extent()),

@@ -232,7 +232,7 @@ impl DrawListBuilder<'_> {
                 cos: 1.0,
                 sin: 0.0,
             };
-            let mut stand = |y: f32, bottom: f32, top: f32, outline: Outline| {
+            let mut add_beam = |y: f32, bottom: f32, top: f32, outline: Outline| {
                 self.add_solid(Solid {
                     x: line,
                     y,
@@ -246,10 +246,10 @@ impl DrawListBuilder<'_> {
             if goal.post > 0.0 {
                 for across in [1.0, -1.0] {
                     let y = across * (goal.width / 2.0 + half_post);
-                    stand(y, 0.0, goal.height, beam([half_post, half_post]));
+                    add_beam(y, 0.0, goal.height, beam([half_post, half_post]));
                 }
                 let bar = beam([half_post, goal.width / 2.0 + goal.post]);
-                stand(0.0, goal.height, goal.height + goal.post, bar);
+                add_beam(0.0, goal.height, goal.height + goal.post, bar);
             }
             if goal.depth > 0.0 {
                 let back = line + side * goal.depth;

@@ -180,10 +180,10 @@ fn painted_markings(field: &Field) -> Vec<Marking> {
     }
     let (half_x, half_y) = (field.length / 2.0, field.width / 2.0);
     let mouth = field.config.goal.width / 2.0;
-    let stands = |a: f32, b: f32, half: f32| a == b && a.abs() == half;
+    let is_wall = |a: f32, b: f32, half: f32| a == b && a.abs() == half;
     let paint = |marking: &Marking| match *marking {
-        Marking::Line { from, to } if stands(from.y, to.y, half_y) => None,
-        Marking::Line { from, to } if stands(from.x, to.x, half_x) => Some(Marking::Line {
+        Marking::Line { from, to } if is_wall(from.y, to.y, half_y) => None,
+        Marking::Line { from, to } if is_wall(from.x, to.x, half_x) => Some(Marking::Line {
             from: At::new(from.x, -mouth),
             to: At::new(to.x, mouth),
         }),
