@@ -1,4 +1,4 @@
-"""Do logs become the tables that they hold? A recorded game, and tables made up where a game has no such thing."""
+"""Tables, metrics and reports of a recorded game, and of synthetic tables for what a game lacks."""
 
 import json
 import runpy
@@ -29,7 +29,7 @@ from mirrorball.analysis import (
 from mirrorball.analysis.video import overlays, write_png, write_video
 
 
-def test_a_cycle_table_says_what_the_run_itself_said(game: Path) -> None:
+def test_cycle_table_matches_the_run_summary(game: Path) -> None:
     done = subprocess.run(
         [PROGRAM, "sim", ROOT / "config/scenarios/demo.toml", "--seed", "3", "--duration", "2", "--json"],
         capture_output=True, text=True, check=True,
@@ -44,38 +44,38 @@ def test_a_cycle_table_says_what_the_run_itself_said(game: Path) -> None:
     assert (found["nees"] > 0.0).all() and found["std_x_m"].between(1e-5, 0.1).all()
 
 
-def test_topics_points_and_pieces_agree(game: Path) -> None:
+def test_streamed_pieces_equal_the_whole_table(game: Path) -> None:
     log = Log(game)
-    assert log.whole and log.about["seed"] == "3" and {"robot.toml", "field.toml"} <= log.files().keys()
-    assert len(table(log, "/odometry")) == log.counts["/odometry"]
+    assert log.complete and log.about["seed"] == "3" and {"robot.toml", "field.toml"} <= log.files().keys()
+    assert len(table(log, "/odometry")) == log.message_counts["/odometry"]
     whole = cycles(log)
     pieces = list(stream(log, "/cycle", rows=25))
     assert [len(piece) for piece in pieces] == [25, 25, 10]
     pd.testing.assert_frame_equal(pd.concat(pieces, ignore_index=True), whole)
     assert len(points(log)) == whole["line_points"].sum()
     late = table(log, "/compass", start_s=1.0)
-    assert late["stamp_s"].min() >= 1.0 and len(late) < log.counts["/compass"]
+    assert late["stamp_s"].min() >= 1.0 and len(late) < log.message_counts["/compass"]
     with pytest.raises(KeyError, match="no topic /nothing"):
         table(log, "/nothing")
 
 
-def test_parquet_holds_the_same_table(game: Path, tmp_path: Path) -> None:
+def test_parquet_round_trip_equals_the_cycle_table(game: Path, tmp_path: Path) -> None:
     written = write_parquet(game, folder=tmp_path, topics=["/cycle", "/imu"])
     assert [path.name for path in written] == ["cycle.parquet", "imu.parquet"]
     pd.testing.assert_frame_equal(pd.read_parquet(written[0]), cycles(game), check_dtype=False)
 
 
-def test_a_cut_log_is_read_to_its_last_whole_chunk(game: Path, tmp_path: Path) -> None:
+def test_truncated_log_is_read_to_its_last_complete_chunk(game: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(game.read_bytes()[: game.stat().st_size // 2])
     log = Log(cut)
     found = cycles(log)
-    assert not log.whole and log.about["seed"] == "3" and 10 < len(found) < 60
+    assert not log.complete and log.about["seed"] == "3" and 10 < len(found) < 60
     assert found["x_m"].tolist() == cycles(game)["x_m"].tolist()[: len(found)]
     assert "robot.toml" in log.files()
 
 
-def test_what_is_no_log_is_refused_by_name(tmp_path: Path) -> None:
+def test_non_mcap_file_raises_log_error(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no log at all, but longer than a magic number\n" * 9)
     with pytest.raises(LogError, match=r"notes\.txt is no MCAP file"):
         Log(tmp_path / "notes.txt")
@@ -83,7 +83,7 @@ def test_what_is_no_log_is_refused_by_name(tmp_path: Path) -> None:
         Log(tmp_path / "none.mcap")
 
 
-def test_light_is_measured_on_the_images(game: Path) -> None:
+def test_exposure_statistics_match_the_images(game: Path) -> None:
     found = exposure(game, every=20)
     assert len(found) == 3
     stamp, image = next(Log(game).images())
@@ -92,14 +92,14 @@ def test_light_is_measured_on_the_images(game: Path) -> None:
     assert found["entropy"].between(5.0, 3.0 * np.log(256.0)).all()
 
 
-def made_up(count: int = 10) -> pd.DataFrame:
+def synthetic_cycles(count: int = 10) -> pd.DataFrame:
     stamp = np.arange(count) / 30.0
     return pd.DataFrame({"stamp_s": stamp, "index": np.arange(count), "mode": "tracking", "reason": "", "fault": "",
                          "x_m": stamp, "y_m": 0.0, "theta_rad": 0.0})  # fmt: skip
 
 
-def test_whatever_is_missing_is_listed() -> None:
-    run = made_up(12)
+def test_dropouts_list_dropped_gap_unreadable_and_lost() -> None:
+    run = synthetic_cycles(12)
     run.loc[2, "fault"] = "torn"
     run.loc[4:6, ["mode", "reason"]] = ["lost", "Blind"]
     run = run.drop(index=9)
@@ -109,11 +109,11 @@ def test_whatever_is_missing_is_listed() -> None:
     assert found["kind"].tolist() == ["unusable", "lost", "dropped", "gap"]
     assert found["detail"].tolist() == ["torn", "Blind", "1 cycles", "0.233 s between frames"]
     assert (found.loc[1, "start_s"], found.loc[1, "stop_s"]) == (run.loc[4, "stamp_s"], run.loc[6, "stamp_s"])
-    assert dropouts(made_up()).empty
+    assert dropouts(synthetic_cycles()).empty
 
 
-def test_two_runs_are_compared_where_their_stamps_agree() -> None:
-    one, two = made_up(10), made_up(10).iloc[3:].reset_index(drop=True)
+def test_difference_joins_runs_by_stamp() -> None:
+    one, two = synthetic_cycles(10), synthetic_cycles(10).iloc[3:].reset_index(drop=True)
     two["y_m"] += 0.03
     two["theta_rad"] += 2.0 * np.pi - 0.01
     both = difference(one, two)
@@ -121,7 +121,7 @@ def test_two_runs_are_compared_where_their_stamps_agree() -> None:
     assert both["apart_m"].to_numpy() == pytest.approx(0.03) and both["apart_rad"].to_numpy() == pytest.approx(0.01)
 
 
-def test_reports_are_one_page(game: Path, tmp_path: Path) -> None:
+def test_reports_are_self_contained_html(game: Path, tmp_path: Path) -> None:
     written = report(game, folder=tmp_path / "one", images_every=30)
     text = written.page.read_text()
     assert text.count("<img") == 4 and "position error" in text and "http" not in text
@@ -129,7 +129,7 @@ def test_reports_are_one_page(game: Path, tmp_path: Path) -> None:
     assert "0.00 cm" in both.page.read_text() and "game (2)" in both.page.read_text()
 
 
-def test_overlays_add_what_was_found(game: Path, tmp_path: Path) -> None:
+def test_annotated_images_differ_from_raw_images(game: Path, tmp_path: Path) -> None:
     stamp, shown = next(overlays(game, scale=2))
     _, image = next(Log(game).images())
     plain = np.repeat(np.repeat(image, 2, axis=0), 2, axis=1)
@@ -143,7 +143,7 @@ def test_overlays_add_what_was_found(game: Path, tmp_path: Path) -> None:
         write_video(game, tmp_path / "game.gif")
 
 
-def test_the_example_studies_a_log(game: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.argv", ["study_a_log.py", str(game), str(tmp_path / "page")])
-    cells = runpy.run_path(str(ROOT / "py/examples/study_a_log.py"))
+def test_log_example_runs(game: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["analyse_log.py", str(game), str(tmp_path / "page")])
+    cells = runpy.run_path(str(ROOT / "py/examples/analyse_log.py"))
     assert len(cells["run"]) == 60 and (tmp_path / "page/index.html").is_file()

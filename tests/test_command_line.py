@@ -1,4 +1,4 @@
-"""Does the executable run Python, and design mirrors for those who do not write it?"""
+"""Scripts and mirror design by the executable."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_script_gets_the_carried_package_its_arguments_and_the_environment(tmp_path: Path) -> None:
+def test_script_imports_embedded_package_with_argv_and_venv(tmp_path: Path) -> None:
     (tmp_path / "neighbour.py").write_text("word = 'here'\n")
     script = written(
         tmp_path,
@@ -60,7 +60,7 @@ def test_a_script_gets_the_carried_package_its_arguments_and_the_environment(tmp
         ("import atexit; atexit.register(lambda: print('bye', flush=False))\n", 0, ""),
     ],
 )
-def test_the_end_of_a_script_is_the_end_of_the_command(text: str, code: int, words: str, tmp_path: Path) -> None:
+def test_script_exit_status_becomes_command_exit_status(text: str, code: int, words: str, tmp_path: Path) -> None:
     if words == "if not parts":
         text, words = text, "at least one part"
     done = mirrorball("script", written(tmp_path, text))
@@ -69,7 +69,7 @@ def test_the_end_of_a_script_is_the_end_of_the_command(text: str, code: int, wor
         assert done.stdout == "bye\n"
 
 
-def test_interrupting_a_script_ends_it_quietly(tmp_path: Path) -> None:
+def test_sigint_ends_script_without_traceback(tmp_path: Path) -> None:
     script = written(tmp_path, "import time\nprint('up', flush=True)\ntime.sleep(60)\n")
     with subprocess.Popen([PROGRAM, "script", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                           env={**os.environ, "VIRTUAL_ENV": sys.prefix}) as running:  # fmt: skip
@@ -82,7 +82,7 @@ def test_interrupting_a_script_ends_it_quietly(tmp_path: Path) -> None:
     assert time.monotonic() - begin < 30
 
 
-def test_an_environment_that_is_none_is_named(tmp_path: Path) -> None:
+def test_missing_interpreter_is_reported_with_its_path(tmp_path: Path) -> None:
     script = written(tmp_path, "")
     for done in (mirrorball("script", "--python", tmp_path, script), mirrorball("script", script, VIRTUAL_ENV=str(tmp_path))):
         assert done.returncode == 1 and str(tmp_path) in done.stderr and "no interpreter" in done.stderr
@@ -91,7 +91,7 @@ def test_an_environment_that_is_none_is_named(tmp_path: Path) -> None:
     assert mirrorball("script").returncode == 2
 
 
-def test_an_environment_of_another_python_is_refused(tmp_path: Path) -> None:
+def test_venv_of_other_python_version_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/python3").touch()
     (tmp_path / "pyvenv.cfg").write_text("version = 3.4.10\n")
@@ -99,7 +99,7 @@ def test_an_environment_of_another_python_is_refused(tmp_path: Path) -> None:
     assert done.returncode == 1 and "Python 3.4.10" in done.stderr
 
 
-def test_design_writes_a_profile_and_says_what_it_is(tmp_path: Path) -> None:
+def test_mirror_design_writes_profile_csv_and_summary(tmp_path: Path) -> None:
     done = mirrorball("mirror", "design", ROOT / "config/mirrors/lima2001.toml", "--out", tmp_path / "m.csv", "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -123,7 +123,7 @@ def test_report_render_and_export_write_their_files(tmp_path: Path) -> None:
         assert Path(entry["file"]).is_file() and 0.0 < entry["deviation_m"] < 1.1e-5
 
 
-def test_wishes_are_answered_on_the_command_line(tmp_path: Path) -> None:
+def test_requirements_are_optimised_on_the_command_line(tmp_path: Path) -> None:
     done = mirrorball("mirror", "design", ROOT / "config/mirrors/wishes.toml", "--out", tmp_path / "m.csv", "--json")
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -131,7 +131,7 @@ def test_wishes_are_answered_on_the_command_line(tmp_path: Path) -> None:
     assert np.isfinite(result["smallest_curvature_radius_m"]) and result["smallest_curvature_radius_m"] >= 0.0039
 
 
-def test_a_wrong_design_is_told_in_one_line(tmp_path: Path) -> None:
+def test_invalid_design_file_gives_one_line_error(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text("apex = 0.2\n")
     done = mirrorball("mirror", "design", tmp_path / "bad.toml")
     assert done.returncode == 1
@@ -139,14 +139,14 @@ def test_a_wrong_design_is_told_in_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["lima2001", "sphere_cone_1999", "nubot2013", "minho_like"])
-def test_examples_draw_their_picture(name: str, tmp_path: Path) -> None:
+def test_mirror_examples_write_an_image(name: str, tmp_path: Path) -> None:
     done = mirrorball("script", ROOT / f"py/examples/{name}.py", "--out", tmp_path / "picture.png")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "picture.png").stat().st_size > 50_000
 
 
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
-def test_a_report_that_is_ended_leaves_nothing_and_says_so_in_a_line(tmp_path: Path, asked: signal.Signals) -> None:
+def test_interrupted_report_leaves_no_files(tmp_path: Path, asked: signal.Signals) -> None:
     out = tmp_path / "report"
     command: list[str | Path] = [PROGRAM, "mirror", "report", "lima2001", "--mirrors", "100000", "--out", out]
     environment = {**os.environ, "VIRTUAL_ENV": sys.prefix}

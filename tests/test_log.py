@@ -1,4 +1,4 @@
-"""Do other people's tools read our logs? Written by `mirrorball sim --record`, read by Python's mcap and by Rerun."""
+"""Logs of `mirrorball sim --record`, read by other tools: Python's mcap and Rerun."""
 
 import os
 import shutil
@@ -67,7 +67,7 @@ def test_every_topic_has_its_schema_and_messages(log: Path) -> None:
     assert [index.name for index in summary.metadata_indexes] == ["mirrorball"]
 
 
-def test_a_cycle_holds_what_its_own_topics_hold(log: Path) -> None:
+def test_cycle_message_matches_individual_topics(log: Path) -> None:
     cycles = messages(log, "/cycle")
     assert len(cycles) >= 50
     assert [cycle.index for cycle in cycles] == list(range(len(cycles)))
@@ -84,13 +84,13 @@ def test_a_cycle_holds_what_its_own_topics_hold(log: Path) -> None:
         assert [row[0] for row in rows] == list(cycle.points.x)
 
 
-def test_images_are_png_of_the_camera(log: Path) -> None:
+def test_camera_images_are_png_of_480x480(log: Path) -> None:
     for image in messages(log, "/camera/image"):
         assert image.format == "png"
         assert image.data.startswith(b"\x89PNG") and struct.unpack(">II", image.data[16:24]) == (480, 480)
 
 
-def test_a_log_verifies_and_exports(log: Path, tmp_path: Path) -> None:
+def test_log_verifies_and_exports_to_recording(log: Path, tmp_path: Path) -> None:
     run("replay", log, "--verify")
     run("replay", log, "--export", tmp_path / "recording")
     frames = (tmp_path / "recording" / "frames.csv").read_text().splitlines()
@@ -99,7 +99,7 @@ def test_a_log_verifies_and_exports(log: Path, tmp_path: Path) -> None:
     assert len((tmp_path / "poses.csv").read_text().splitlines()) == len(frames)
 
 
-def test_a_killed_run_leaves_a_log_that_recover_makes_whole(log: Path, tmp_path: Path) -> None:
+def test_log_of_killed_run_is_recovered_and_verifies(log: Path, tmp_path: Path) -> None:
     cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
     arguments: list[str | Path] = [PROGRAM, "sim", SCENARIO, "--seed", "3", "--duration", "600", "--record", cut]
     with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
@@ -111,7 +111,7 @@ def test_a_killed_run_leaves_a_log_that_recover_makes_whole(log: Path, tmp_path:
     run("replay", whole, "--verify")
 
 
-def test_rerun_converts_a_log(log: Path, tmp_path: Path) -> None:
+def test_rerun_converts_log(log: Path, tmp_path: Path) -> None:
     rerun = shutil.which("rerun") or shutil.which("rerun", path=str(Path(sys.executable).parent))
     if rerun is None:
         pytest.skip("rerun-sdk is not installed")

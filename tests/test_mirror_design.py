@@ -1,4 +1,4 @@
-"""Do designed mirrors show what they promise? Traced back by means that share nothing with the design."""
+"""Designed mirrors against independent ray tracing and published numbers."""
 
 from itertools import pairwise
 
@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from mirrorball import Camera, Profile, trace_points
 from mirrorball.mirror import (
-    READYMADE,
+    REFERENCE_DESIGNS,
     Cone,
     ConstantCurvature,
     Free,
@@ -26,7 +26,7 @@ from mirrorball.mirror import (
     nubot2013,
     sphere_cone_1999,
 )
-from mirrorball.mirror.law import Array
+from mirrorball.mirror.reflection import Array
 
 
 def retraced_ground_m(mirror: Mirror, t: Array, part: str) -> Array:
@@ -67,7 +67,7 @@ def test_isometric_part_is_linear_to_a_tenth_of_a_millimetre(mirror: Mirror, fro
     assert (np.abs(found - wanted) <= 1e-4 + 1e-4 * wanted).all(), np.abs(found - wanted).max()
 
 
-def test_another_solver_in_another_variable_finds_the_same_profile() -> None:
+def test_profile_agrees_with_independent_ode_solver() -> None:
     mirror = lima2001()
     part = mirror.segment("horizontally isometric")
     eta = 6.0 / 0.22
@@ -84,7 +84,7 @@ def test_another_solver_in_another_variable_finds_the_same_profile() -> None:
         assert np.abs(other.sol(t * y)[0] - y).max() < 1e-9
 
 
-def test_the_robots_own_tracer_sees_the_ground_isometric() -> None:
+def test_ray_tracer_reproduces_isometric_ground_map() -> None:
     mirror = lima2001()
     camera = Camera(width_px=480, height_px=480, focal_px=500.0, pinhole_height_m=0.6, centre_px=(0.0, 0.0))
     radius, height = mirror.samples()
@@ -98,7 +98,7 @@ def test_the_robots_own_tracer_sees_the_ground_isometric() -> None:
     assert (np.abs(ground - wanted) <= 1e-4 + 1e-4 * wanted).all(), np.abs(ground - wanted).max()
 
 
-def test_lima2001_has_the_papers_numbers() -> None:
+def test_lima2001_profile_matches_published_coordinates() -> None:
     mirror = lima2001()
     isometric, curved = mirror.segment("horizontally isometric"), mirror.segment("constant curvature")
     for part, x, y, slope in ((isometric, 0.0508, 0.2307, 0.6956), (curved, 0.0742, 0.2474, 0.7269)):
@@ -106,7 +106,7 @@ def test_lima2001_has_the_papers_numbers() -> None:
         assert (round(part.t_to * height, 4), round(height, 4), round(tangent, 4)) == (x, y, slope)
 
 
-def test_curved_part_meets_its_point_to_a_millimetre() -> None:
+def test_constant_curvature_part_passes_target_within_1_mm() -> None:
     mirror = lima2001()
     part = mirror.segment("constant curvature")
     height = part.rays(np.array([part.t_to]), mirror.pinhole_height_m).height_at_m(11.2)
@@ -120,33 +120,33 @@ def test_curved_part_meets_its_point_to_a_millimetre() -> None:
     assert abs(0.6 + float(curve(x_end)) - (11.2 - x_end) / np.tan(gamma) - 0.6) < 1e-3
 
 
-def test_planar_part_covers_what_it_should() -> None:
+def test_planar_part_covers_0_39_to_0_51_m() -> None:
     mirror = lima2001()
     part = mirror.segment("planar")
     ground = part.rays(np.array([part.t_from, part.t_to]), mirror.pinhole_height_m).distance_at_m(0.0)
     assert ground == pytest.approx([0.39, 0.51], abs=1e-9)
 
 
-@pytest.mark.parametrize("name", READYMADE)
-def test_tangents_continue_where_promised(name: str) -> None:
-    mirror = READYMADE[name]()
+@pytest.mark.parametrize("name", REFERENCE_DESIGNS)
+def test_tangent_is_continuous_where_declared(name: str) -> None:
+    mirror = REFERENCE_DESIGNS[name]()
     for before, after in pairwise(mirror.segments):
         y_before, slope_before = before.end()
         t = np.array([after.t_from])
         y_after = after.height(t)
         assert abs(float(y_after[0]) - y_before) < 1e-12
-        if after.continues_tangent:
+        if after.tangent_continuous:
             assert abs(float(after.tangent(t, y_after)[0]) - slope_before) < 1e-9
 
 
-def test_promises_are_made() -> None:
-    assert [part.continues_tangent for part in lima2001().segments] == [True, True, False, True]
-    assert [part.continues_tangent for part in nubot2013().segments] == [True, True, True]
-    assert [part.continues_tangent for part in sphere_cone_1999().segments] == [True, True]
-    assert minho_like().segments[0].continues_tangent
+def test_tangent_continuity_flags_of_reference_designs() -> None:
+    assert [part.tangent_continuous for part in lima2001().segments] == [True, True, False, True]
+    assert [part.tangent_continuous for part in nubot2013().segments] == [True, True, True]
+    assert [part.tangent_continuous for part in sphere_cone_1999().segments] == [True, True]
+    assert minho_like().segments[0].tangent_continuous
 
 
-def test_sphere_cone_of_1999_has_its_sizes() -> None:
+def test_sphere_cone_1999_matches_published_dimensions() -> None:
     mirror = sphere_cone_1999()
     sphere, cone = mirror.segments
     assert 2.0 * mirror.radius_m == pytest.approx(0.185, abs=1e-9)
@@ -154,7 +154,7 @@ def test_sphere_cone_of_1999_has_its_sizes() -> None:
     assert ends == pytest.approx([1.5, 6.0], abs=1e-9)
 
 
-def test_hyperboloid_has_one_viewpoint() -> None:
+def test_hyperboloid_has_a_single_viewpoint() -> None:
     mirror = design([Hyperboloid(eccentricity=1.3, until_t=0.4)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
     rays = mirror.rays(np.linspace(1e-3, 0.4, 300))
     # The other focus of the conic: apex at a + c, foci 2c apart.
@@ -167,7 +167,7 @@ def test_hyperboloid_has_one_viewpoint() -> None:
     assert np.abs(tangent - rays.slope)[5:-5].max() < 1e-7
 
 
-def test_paraboloid_nears_one_viewpoint_as_the_camera_recedes() -> None:
+def test_paraboloid_approaches_single_viewpoint_for_distant_camera() -> None:
     def spread(apex: float) -> float:
         part = Paraboloid(focal_length_m=0.02, until_radius_m=0.05)
         mirror = design([part], pinhole_height_m=0.6, apex_above_pinhole_m=apex)
@@ -179,7 +179,7 @@ def test_paraboloid_nears_one_viewpoint_as_the_camera_recedes() -> None:
     assert near > 1e-3 and far < near / 50.0 and further < far / 50.0
 
 
-def test_conics_go_on_with_the_tangent_before_them() -> None:
+def test_conics_continue_the_previous_tangent() -> None:
     cone = Cone(slope=0.3, until_t=0.1)
     for part in (Sphere(until_t=0.2), Paraboloid(until_t=0.2), Hyperboloid(until_t=0.2), Cone(until_t=0.2)):
         mirror = design([cone, part], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
@@ -198,7 +198,7 @@ def test_vertically_isometric_part_is_linear_in_height() -> None:
     assert height == pytest.approx(1.2 * (t - part.t_from) / (part.t_to - part.t_from), abs=1e-9)
 
 
-def test_free_part_obeys_any_function() -> None:
+def test_freeform_part_follows_arbitrary_target_map() -> None:
     def target(t: Array) -> tuple[Array, Array]:
         return 20.0 * t + 10.0 * t**2, 0.3 * t
 
@@ -246,14 +246,14 @@ def test_free_part_obeys_any_function() -> None:
         ),
     ],
 )
-def test_impossible_wishes_say_which_part_where_and_why(parts: list[Cone], words: list[str]) -> None:
+def test_infeasible_parts_report_part_slope_and_reason(parts: list[Cone], words: list[str]) -> None:
     with pytest.raises(ValueError, match="part") as caught:
         design(parts, pinhole_height_m=0.6, apex_above_pinhole_m=0.2, t_max=0.5)
     for word in words:
         assert word in str(caught.value), str(caught.value)
 
 
-def test_samples_hold_every_joint_and_lie_on_the_design() -> None:
+def test_samples_include_joints_and_lie_on_the_profile() -> None:
     mirror = lima2001()
     radius, height = mirror.samples(step_m=1e-4)
     assert radius[0] == 0.0 and height[0] == pytest.approx(0.8, abs=1e-15)

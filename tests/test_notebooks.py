@@ -1,4 +1,4 @@
-"""Do the notebooks run from their first cell to their last? Here cell by cell in plain Python; with nbclient, in a kernel."""
+"""The notebooks run from the first cell to the last: in plain Python, and with nbclient in a kernel."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from conftest import PROGRAM, ROOT
+from conftest import ROOT
 
 NOTEBOOKS = sorted((ROOT / "py/examples").glob("*.ipynb"))
 
@@ -24,18 +24,17 @@ def run(path: Path) -> dict[str, Any]:
 @pytest.fixture(autouse=True)
 def beside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
     monkeypatch.setenv("MIRRORBALL_HOME", str(ROOT))
     monkeypatch.setenv("SECONDS_OF_PLAY", "2")
 
 
-def test_a_mirror_is_designed_judged_and_written(tmp_path: Path) -> None:
+def test_mirror_design_notebook_runs(tmp_path: Path) -> None:
     names = run(ROOT / "py/examples/design_a_mirror.ipynb")
     assert names["image"].shape == (480, 480, 3) and names["errors"].count == 50
     assert (tmp_path / "my_own.csv").is_file()
 
 
-def test_two_methods_are_compared_on_one_drive(tmp_path: Path) -> None:
+def test_comparison_notebook_runs(tmp_path: Path) -> None:
     names = run(ROOT / "py/examples/compare_two_methods.ipynb")
     ours, theirs = names["runs"].values()
     assert len(ours) == len(theirs) == 60 and ours["true_x_m"].tolist() == theirs["true_x_m"].tolist()
@@ -44,9 +43,7 @@ def test_two_methods_are_compared_on_one_drive(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: str(path.stem))
-def test_notebooks_are_kept_without_outputs_and_run_in_a_kernel(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_notebooks_have_no_outputs_and_run_in_a_kernel(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cells = [cell for cell in json.loads(path.read_text())["cells"] if cell["cell_type"] == "code"]
     assert all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")

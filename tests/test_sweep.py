@@ -1,100 +1,153 @@
-"""Are many runs made once each, whatever fails meanwhile, and do they say what a single one says?"""
+"""Simulated runs in process and sweeps: the same results as the command line, each run once, failures recorded."""
 
 import json
 import os
 import runpy
+import signal
 import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
-import made_up_tasks
+import mirrorball
+import sweep_tasks
 from conftest import PROGRAM, ROOT
-from mirrorball.simulation import Run, as_toml, packed, simulate
+from mirrorball.log import Log
+from mirrorball.simulation import Run, bundle_run
 from mirrorball.sweep import grid, sweep
 
 SCENARIO = ROOT / "config/scenarios/tracks_18x12.toml"
 
 
-def test_a_stopped_sweep_goes_on_with_what_is_missing(tmp_path: Path) -> None:
+def test_interrupted_sweep_resumes_with_missing_tasks(tmp_path: Path) -> None:
     trace = tmp_path / "trace"
     tasks = [{"value": float(value), "trace": str(trace)} for value in range(6)]
-    first = sweep(tasks[:4], folder=tmp_path, function=made_up_tasks.square, workers=2, progress=False)
+    first = sweep(tasks[:4], folder=tmp_path, function=sweep_tasks.square, workers=2, progress=False)
     assert first["square"].tolist() == [0.0, 1.0, 4.0, 9.0]
-    whole = sweep(tasks, folder=tmp_path, function=made_up_tasks.square, workers=2, progress=False)
+    whole = sweep(tasks, folder=tmp_path, function=sweep_tasks.square, workers=2, progress=False)
     assert whole["square"].tolist() == [0.0, 1.0, 4.0, 9.0, 16.0, 25.0]
     assert len(trace.read_text().splitlines()) == 6
     assert pd.read_parquet(tmp_path / "results.parquet")["square"].tolist() == whole["square"].tolist()
 
 
-def test_what_fails_once_is_tried_again_and_what_cannot_be_says_why(tmp_path: Path) -> None:
+def test_failed_task_is_retried_and_value_error_recorded(tmp_path: Path) -> None:
     task = {"value": 0.0, "trace": str(tmp_path / "once")}
-    found = sweep([task], folder=tmp_path / "a", function=made_up_tasks.fragile, workers=1, progress=False)
+    found = sweep([task], folder=tmp_path / "a", function=sweep_tasks.fragile, workers=1, progress=False)
     assert found["error"].isna().all() and found["value"].tolist() == [1.0]
-    found = sweep([task], folder=tmp_path / "b", function=made_up_tasks.hopeless, workers=1, progress=False)
+    found = sweep([task], folder=tmp_path / "b", function=sweep_tasks.hopeless, workers=1, progress=False)
     assert found["error"].tolist() == ["ValueError: no mirror for 0.0"]
     # A failure is not a result: the next sweep tries it anew.
-    again = sweep([task], folder=tmp_path / "b", function=made_up_tasks.square, workers=1, progress=False)
+    again = sweep([task], folder=tmp_path / "b", function=sweep_tasks.square, workers=1, progress=False)
     assert again["error"].isna().all()
 
 
-def test_a_cluster_gives_the_same_rows(tmp_path: Path) -> None:
+def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
     from distributed import LocalCluster
 
     tasks = [{"value": float(value), "trace": str(tmp_path / "trace")} for value in range(3)]
     with LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
         address = cluster.scheduler_address
-        found = sweep(tasks, folder=tmp_path, function=made_up_tasks.square, scheduler=address, progress=False)
+        found = sweep(tasks, folder=tmp_path, function=sweep_tasks.square, scheduler=address, progress=False)
     assert found["square"].tolist() == [0.0, 1.0, 4.0]
 
 
-def test_runs_far_from_home_say_what_the_command_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    command: list[str | Path] = [
-        PROGRAM,
-        "sim",
-        SCENARIO,
-        "--json",
-        "--seed",
-        "5",
-        "--duration",
-        "0.5",
-        "--set",
-        "path.speed=0.5",
-    ]
-    said = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
+TIMES = ("see_ms", "localize_ms", "times_real_time")
+
+
+def command_line_summary(*options: str) -> dict[str, Any]:
+    command: list[str | Path] = [PROGRAM, "sim", SCENARIO, "--json", *options]
+    summary: dict[str, Any] = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    return {key: value for key, value in summary.items() if key not in TIMES}
+
+
+def test_bundled_run_matches_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    printed = command_line_summary("--seed", "5", "--duration", "0.5", "--set", "path.speed=0.5")
     monkeypatch.chdir(tmp_path)
     runs = grid(SCENARIO, seeds=[5, 6], change={"path.speed": [0.5]}, duration_s=0.5)
     assert {Path(name).name for name in runs[0].files} >= {"tracks_18x12.toml", "default.toml", "msl_18x12.toml"}
     assert not any(str(ROOT) in name for name in runs[0].files) and runs[0].key != runs[1].key
     found = sweep(runs, folder=tmp_path, workers=2, progress=False)
     assert found["error"].isna().all() and found["asked_seed"].tolist() == [5, 6]
-    assert found["position_error_m.mean"][0] == said["position_error_m"]["mean"]
+    assert found["position_error_m.mean"][0] == printed["position_error_m"]["mean"]
     assert found["position_error_m.mean"][0] != found["position_error_m.mean"][1]
 
 
-def test_a_run_that_cannot_be_made_says_why_in_the_programs_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
+def test_simulation_in_process_matches_the_command_line_and_its_log_verifies(tmp_path: Path) -> None:
+    printed = command_line_summary("--seed", "5", "--duration", "0.5", "--preset", "nubot2013",
+                                   "--set-config", "localize.matching.steps_max=9")  # fmt: skip
+    log = tmp_path / "game.mcap"
+    seconds: list[float] = []
+    found = mirrorball.simulate(SCENARIO, seed=5, duration_s=0.5, preset="nubot2013",
+                                config={"localize.matching.steps_max": np.int64(9)}, record=log,
+                                progress=seconds.append)  # fmt: skip
+    assert {key: value for key, value in found.items() if key not in TIMES} == printed
+    assert seconds == sorted(seconds)
+    subprocess.run([PROGRAM, "replay", log, "--verify"], check=True, capture_output=True)
+
+
+def test_several_robots_are_simulated(tmp_path: Path) -> None:
+    found = mirrorball.simulate(ROOT / "config/scenarios/squad.toml", duration_s=0.2, record=tmp_path / "game.mcap")
+    assert [robot["robot"] for robot in found["robots"]] == list(range(1, 1 + len(found["robots"])))
+    assert Log(tmp_path / "game.mcap").complete and Log(tmp_path / "game-2.mcap").complete
+
+
+def test_simulations_in_threads_give_the_same_results() -> None:
+    def error(_: int) -> float:
+        return float(mirrorball.simulate(SCENARIO, seed=5, duration_s=0.3)["position_error_m"]["mean"])
+
+    with ThreadPoolExecutor(2) as pool:
+        assert len(set(pool.map(error, range(2)))) == 1
+
+
+def test_interrupted_simulation_leaves_a_complete_log(tmp_path: Path) -> None:
+    code = (
+        f"import mirrorball; mirrorball.simulate({str(SCENARIO)!r}, duration_s=600.0, record={str(tmp_path / 'game.mcap')!r})"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "py")}
+    with subprocess.Popen([sys.executable, "-c", code], env=environment, stderr=subprocess.PIPE, text=True) as running:
+        while running.poll() is None and not (tmp_path / "game.mcap").exists():
+            time.sleep(0.05)
+        time.sleep(1.0)
+        running.send_signal(signal.SIGINT)
+        _, errors = running.communicate(timeout=30)
+    assert "KeyboardInterrupt" in errors
+    assert Log(tmp_path / "game.mcap").complete
+
+
+def test_invalid_runs_raise_errors_with_their_reasons(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="speeed"):
-        simulate(packed(SCENARIO, change={"path.speeed": 1.0}))
-    with pytest.raises(ValueError, match="no_such"):
-        simulate(Run("no_such.toml"))
-    monkeypatch.setenv("MIRRORBALL", os.devnull + "/none")
-    monkeypatch.setattr("shutil.which", lambda _: None)
-    monkeypatch.setattr("mirrorball.simulation.BUILD", Path("/nowhere"))
-    with pytest.raises(FileNotFoundError, match=r"\$MIRRORBALL"):
-        simulate(SCENARIO)
+        mirrorball.simulate(bundle_run(SCENARIO, change={"path.speeed": 1.0}))
+    with pytest.raises(ValueError, match=r"path\.speed: None"):
+        mirrorball.simulate(SCENARIO, change={"path.speed": None})
+    with pytest.raises(ValueError, match="no_such_preset"):
+        mirrorball.simulate(SCENARIO, preset="no_such_preset")
+    with pytest.raises(ValueError, match="duration_s"):
+        mirrorball.simulate(SCENARIO, duration_s=float("nan"))
+    with pytest.raises(FileNotFoundError, match="no_such"):
+        mirrorball.simulate(Run("no_such.toml"))
+    found = sweep([Run("no_such.toml")], folder=tmp_path, workers=1, progress=False)
+    assert "FileNotFoundError" in found["error"][0]
 
 
-def test_values_become_toml() -> None:
-    assert as_toml([{"a": 1, "b": True}, "x", 2.5]) == '[{ "a" = 1, "b" = true }, "x", 2.5]'
-    with pytest.raises(ValueError, match="no form"):
-        as_toml(None)
+def test_bundled_run_holds_mask_and_labels(tmp_path: Path) -> None:
+    robot = (ROOT / "config/robots/default.toml").read_text().replace('"../', f'"{ROOT}/config/')
+    (tmp_path / "robot.toml").write_text('mask = "mask.png"\n' + robot)
+    (tmp_path / "labels.csv").write_text("file,u,v,class\nimage.png,1,2,ball\n")
+    for name in ("mask.png", "image.png"):
+        (tmp_path / name).write_bytes(b"")
+    scenario = SCENARIO.read_text().replace("../robots/default.toml", "robot.toml").replace('"../', f'"{ROOT}/config/')
+    (tmp_path / "scenario.toml").write_text(scenario)
+    names = {Path(name).name for name in bundle_run(tmp_path / "scenario.toml").files}
+    assert {"scenario.toml", "robot.toml", "mask.png", "labels.csv", "image.png"} <= names
 
 
-def test_the_example_sweeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MIRRORBALL", str(PROGRAM))
+def test_sweep_example_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.argv", ["sweep_speeds.py", str(tmp_path), "1", "0.3"])
     cells = runpy.run_path(str(ROOT / "py/examples/sweep_speeds.py"))
     assert cells["found"]["path.speed"].tolist() == [1.0, 3.0]

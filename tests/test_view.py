@@ -1,4 +1,4 @@
-"""Does a real window open, draw and obey? Under Xvfb, where that is installed; skipped elsewhere."""
+"""The view in a real window under Xvfb; skipped where that is not installed."""
 
 import json
 import os
@@ -15,7 +15,7 @@ ROOT = Path(__file__).parent.parent
 PROGRAM = ROOT / "target" / "release" / "mirrorball"
 SCENARIO = ROOT / "config" / "scenarios" / "demo.toml"
 # A loaded machine opens a window slowly; nothing waits for it to pass.
-PATIENCE_S = 120.0
+TIMEOUT_S = 120.0
 
 
 def environment(folder: Path, display: str | None) -> dict[str, str]:
@@ -66,7 +66,7 @@ def picture(path: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize("preset", ["watch", "eyes", "place", "simulate", "calibrate", "health"])
-def test_each_arrangement_of_a_log_is_drawn(display: str, log: Path, tmp_path: Path, preset: str) -> None:
+def test_every_panel_layout_draws_a_log(display: str, log: Path, tmp_path: Path, preset: str) -> None:
     pytest.importorskip("PIL")
     shot = tmp_path / "shot.png"
     arguments: list[str | Path] = [PROGRAM, "view", log, "--at", "1", "--preset", preset, "--screenshot", shot]
@@ -75,7 +75,7 @@ def test_each_arrangement_of_a_log_is_drawn(display: str, log: Path, tmp_path: P
         env=environment(tmp_path, display),
         capture_output=True,
         text=True,
-        timeout=PATIENCE_S,
+        timeout=TIMEOUT_S,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -85,7 +85,7 @@ def test_each_arrangement_of_a_log_is_drawn(display: str, log: Path, tmp_path: P
     assert len(colours) > 500, "an image of the floor has many colours, an empty window few"
 
 
-def test_without_a_display_the_view_says_so_in_a_line(tmp_path: Path) -> None:
+def test_view_without_display_gives_one_line_error(tmp_path: Path) -> None:
     if not has_view():
         pytest.skip("mirrorball was built without its view")
     for display in (None, ":7777"):
@@ -94,7 +94,7 @@ def test_without_a_display_the_view_says_so_in_a_line(tmp_path: Path) -> None:
             env=environment(tmp_path, display),
             capture_output=True,
             text=True,
-            timeout=PATIENCE_S,
+            timeout=TIMEOUT_S,
             check=False,
         )
         assert done.returncode == 1
@@ -102,7 +102,7 @@ def test_without_a_display_the_view_says_so_in_a_line(tmp_path: Path) -> None:
         assert "display" in done.stderr or "window" in done.stderr
 
 
-def test_keys_reach_a_real_window(display: str, log: Path, tmp_path: Path) -> None:
+def test_screenshot_key_writes_png(display: str, log: Path, tmp_path: Path) -> None:
     if shutil.which("xdotool") is None:
         pytest.skip("xdotool is not installed")
     own = environment(tmp_path, display)
@@ -113,12 +113,12 @@ def test_keys_reach_a_real_window(display: str, log: Path, tmp_path: Path) -> No
                 env=own,
                 capture_output=True,
                 text=True,
-                timeout=PATIENCE_S,
+                timeout=TIMEOUT_S,
                 check=True,
             )
             name = found.stdout.split()[0]
             subprocess.run(["xdotool", "windowfocus", name], env=own, check=True)
-            until = time.monotonic() + PATIENCE_S
+            until = time.monotonic() + TIMEOUT_S
             # Keys pressed before the window listens are lost: press until it obeys.
             while not list(tmp_path.glob("mirrorball_*.png")) and time.monotonic() < until:
                 subprocess.run(["xdotool", "mousemove", "640", "10", "key", "ctrl+s"], env=own, check=True)
@@ -128,7 +128,7 @@ def test_keys_reach_a_real_window(display: str, log: Path, tmp_path: Path) -> No
             window.kill()
 
 
-def test_a_run_goes_on_when_its_window_is_gone(display: str, tmp_path: Path) -> None:
+def test_closing_the_view_does_not_change_the_run(display: str, tmp_path: Path) -> None:
     if shutil.which("xdotool") is None:
         pytest.skip("xdotool is not installed")
     own = environment(tmp_path, display)
@@ -141,7 +141,7 @@ def test_a_run_goes_on_when_its_window_is_gone(display: str, tmp_path: Path) -> 
             env=own,
             capture_output=True,
             text=True,
-            timeout=PATIENCE_S,
+            timeout=TIMEOUT_S,
             check=True,
         )
         name = found.stdout.split()[0]
@@ -150,13 +150,13 @@ def test_a_run_goes_on_when_its_window_is_gone(display: str, tmp_path: Path) -> 
         while run.poll() is None:
             subprocess.run(["xdotool", "mousemove", "640", "10", "key", "ctrl+q"], env=own, check=True)
             time.sleep(0.5)
-        out, _ = run.communicate(timeout=PATIENCE_S)
+        out, _ = run.communicate(timeout=TIMEOUT_S)
     assert run.returncode == 0
     assert json.loads(out)["simulated_s"] == 3.0
     assert poses[0].read_bytes() == poses[1].read_bytes(), "the same bits, watched or not"
 
 
-def test_a_robots_window_goes_when_the_run_is_ended(display: str, tmp_path: Path) -> None:
+def test_sigterm_closes_the_view_of_a_running_robot(display: str, tmp_path: Path) -> None:
     if shutil.which("xdotool") is None:
         pytest.skip("xdotool is not installed")
     own = environment(tmp_path, display)
@@ -169,20 +169,20 @@ def test_a_robots_window_goes_when_the_run_is_ended(display: str, tmp_path: Path
         watched: list[str | Path] = [PROGRAM, "run", "--robot", robot, "--view", "--json"]
         with subprocess.Popen(watched, env=own, stdout=subprocess.PIPE, text=True) as run:
             search = ["xdotool", "search", "--sync", "--onlyvisible", "--name", "Mirrorball"]
-            subprocess.run(search, env=own, capture_output=True, timeout=PATIENCE_S, check=True)
+            subprocess.run(search, env=own, capture_output=True, timeout=TIMEOUT_S, check=True)
             time.sleep(1.0)
             run.terminate()
-            out, _ = run.communicate(timeout=PATIENCE_S)
+            out, _ = run.communicate(timeout=TIMEOUT_S)
     finally:
         hardware.terminate()
-        hardware.wait(PATIENCE_S)
+        hardware.wait(TIMEOUT_S)
     said = json.loads(out)
     assert run.returncode == 0
     assert said["frames"] > 10 and said["wheels_stopped"]
 
 
 def wait_for(path: Path) -> None:
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + TIMEOUT_S
     while not path.exists():
         assert time.monotonic() < end, f"{path} does not come"
         time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""Does Python see what the robot sees? Images as OpenCV reads them, against the samples' truth."""
+"""Vision by Python on images as OpenCV reads them, against the samples' truth."""
 
 import csv
 from pathlib import Path
@@ -46,7 +46,7 @@ def in_robot_frame(pose: dict[str, str], place: dict[str, str]) -> tuple[float, 
     return cos * dx + sin * dy, -sin * dx + cos * dy
 
 
-def test_ball_is_found_where_it_lies(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+def test_ball_is_detected_within_15_cm(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
     seen = vision.see(first, map=ground, camera=camera)
     ball = next(row for row in rows(SEQUENCE / "objects.csv") if row["kind"] == "ball")
     x, y = in_robot_frame(rows(SEQUENCE / "truth.csv")[0], ball)
@@ -54,7 +54,7 @@ def test_ball_is_found_where_it_lies(camera: Camera, ground: GroundMap, first: v
     assert np.hypot(seen.ball["x_m"][0] - x, seen.ball["y_m"][0] - y) < 0.15
 
 
-def test_points_lie_on_the_map_where_the_image_says(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+def test_line_points_agree_with_the_ground_map(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
     points = vision.see(first, map=ground, camera=camera).points
     assert len(points) > 100
     u, v = np.round(points["u_px"]).astype(int), np.round(points["v_px"]).astype(int)
@@ -63,7 +63,7 @@ def test_points_lie_on_the_map_where_the_image_says(camera: Camera, ground: Grou
     assert np.all(points["std_radial_m"] > 0)
 
 
-def test_grey_images_and_slices_are_read_as_they_are(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+def test_grey_images_and_strided_arrays_are_accepted(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
     grey = image(SEQUENCE / "frames/000.jpg", cv2.IMREAD_GRAYSCALE)
     assert len(vision.see(grey, map=ground, camera=camera).points) > 100
     wide = np.concatenate([first, first], axis=1)[:, : first.shape[1]]
@@ -71,25 +71,25 @@ def test_grey_images_and_slices_are_read_as_they_are(camera: Camera, ground: Gro
     assert np.array_equal(vision.see(wide, map=ground, camera=camera).points, packed.points)
 
 
-def test_a_map_alone_tells_the_camera(camera: Camera, ground: GroundMap) -> None:
+def test_camera_is_derived_from_the_ground_map(camera: Camera, ground: GroundMap) -> None:
     found = Camera.of_map(ground)
     assert found.centre_px == pytest.approx(camera.centre_px, abs=0.5)
     assert found.forward_deg == pytest.approx(camera.forward_deg, abs=0.5)
     assert found.flipped == camera.flipped
 
 
-def test_what_is_no_image_of_this_camera_is_refused(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
-    eyes = vision.Eyes(map=ground, camera=camera)
+def test_images_of_wrong_size_or_format_are_rejected(camera: Camera, ground: GroundMap, first: vision.Image) -> None:
+    detector = vision.Vision(map=ground, camera=camera)
     with pytest.raises(ValueError, match="480"):
-        eyes.see(first[:100])
+        detector.process(first[:100])
     with pytest.raises(ValueError, match="rows × columns"):
-        eyes.see(np.zeros((480, 480, 4), dtype=np.uint8))
-    with pytest.raises(ValueError, match="black frame"):
-        eyes.see(np.zeros_like(first))
-    assert 0.1 < eyes.scan_coverage < 0.5
+        detector.process(np.zeros((480, 480, 4), dtype=np.uint8))
+    with pytest.raises(ValueError, match="black image"):
+        detector.process(np.zeros_like(first))
+    assert 0.1 < detector.scan_coverage < 0.5
 
 
-def test_colours_without_labels_find_carpet_and_lines(
+def test_unsupervised_colour_table_classifies_carpet_and_lines(
     camera: Camera, ground: GroundMap, first: vision.Image, tmp_path: Path
 ) -> None:
     images = [image(SEQUENCE / row["file"]) for row in rows(SEQUENCE / "frames.csv")[::5]]
@@ -105,7 +105,7 @@ def test_colours_without_labels_find_carpet_and_lines(
     assert np.array_equal(ColourTable.load(tmp_path / "colours.table").classify(first), classes)
 
 
-def test_a_mask_covers_the_rods_and_not_the_floor() -> None:
+def test_calibrated_mask_covers_rods_and_not_ground() -> None:
     strip = rows(CALIBRATION / "strip.csv")
     camera = Camera.load(CALIBRATION / "robot.toml")
     free = vision.calibrate_mask(camera=camera, images=[image(CALIBRATION / row["file"]) for row in strip])
@@ -115,7 +115,7 @@ def test_a_mask_covers_the_rods_and_not_the_floor() -> None:
     assert 0.85 < np.mean(free[on_floor]) < 0.999
 
 
-def test_lines_are_as_wide_as_the_map_says(camera: Camera, ground: GroundMap) -> None:
+def test_measured_line_width_matches_the_ground_map(camera: Camera, ground: GroundMap) -> None:
     images = [image(SEQUENCE / row["file"]) for row in rows(SEQUENCE / "frames.csv")[::2]]
     sizes = vision.calibrate_sizes(map=ground, images=images, camera=camera)
     near = sizes[(sizes["distance_m"] < 4.0) & (sizes["lines"] >= 20)]

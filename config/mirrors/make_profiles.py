@@ -10,7 +10,7 @@ Needs Python alone: python3 make_profiles.py
 from math import atan, sqrt, tan
 from pathlib import Path
 
-STEP = 0.0002  # metres between samples
+SAMPLE_STEP = 0.0002  # metres between samples
 
 
 def isometric(pinhole: float, apex: float, eta: float, t_end: float) -> list[tuple[float, float]]:
@@ -24,10 +24,10 @@ def isometric(pinhole: float, apex: float, eta: float, t_end: float) -> list[tup
     while points[-1][0] / points[-1][1] < t_end:
         x, y = points[-1]
         k1 = slope(x, y)
-        k2 = slope(x + STEP / 2, y + STEP / 2 * k1)
-        k3 = slope(x + STEP / 2, y + STEP / 2 * k2)
-        k4 = slope(x + STEP, y + STEP * k3)
-        points.append((x + STEP, y + STEP * (k1 + 2 * k2 + 2 * k3 + k4) / 6))
+        k2 = slope(x + SAMPLE_STEP / 2, y + SAMPLE_STEP / 2 * k1)
+        k3 = slope(x + SAMPLE_STEP / 2, y + SAMPLE_STEP / 2 * k2)
+        k4 = slope(x + SAMPLE_STEP, y + SAMPLE_STEP * k3)
+        points.append((x + SAMPLE_STEP, y + SAMPLE_STEP * (k1 + 2 * k2 + 2 * k3 + k4) / 6))
     return points
 
 
@@ -50,7 +50,7 @@ def constant_curvature(
     x_end = (low + high) / 2
     y_end = x_end / t_end
     end = tan((atan((distance - x_end) / (y_end + pinhole - height)) - atan(t_end)) / 2)
-    count = round((x_end - x1) / STEP)
+    count = round((x_end - x1) / SAMPLE_STEP)
     for i in range(1, count + 1):
         way = (x_end - x1) * i / count
         bend = (end - start) / (x_end - x1)
@@ -61,14 +61,14 @@ def constant_curvature(
 def planar(points: list[tuple[float, float]], t_end: float) -> list[tuple[float, float]]:
     """A flat rim from the last point to the ray t_end."""
     x0, y = points[-1]
-    count = round((y * t_end - x0) / STEP)
+    count = round((y * t_end - x0) / SAMPLE_STEP)
     return points + [(x0 + (y * t_end - x0) * i / count, y) for i in range(1, count + 1)]
 
 
 def hyperbolic(a: float, c: float, radius: float) -> list[tuple[float, float]]:
     """Foci at the pinhole and 2c above it, vertex a beyond the middle."""
     b2 = c * c - a * a
-    count = round(radius / STEP)
+    count = round(radius / SAMPLE_STEP)
     return [(radius * i / count, c + a * sqrt(1 + (radius * i / count) ** 2 / b2)) for i in range(count + 1)]
 
 

@@ -1,4 +1,4 @@
-//! Links the shared libpython wherever the build's Python keeps it, and remembers that Python.
+//! Links the shared libpython of the build's Python, and stores that Python's path.
 
 fn main() {
     #[cfg(feature = "python")]

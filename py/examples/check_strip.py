@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 import mirrorball
 
-REACH_M = 0.08  # an edge farther off than this from where it should be is another one
-PROFILES = 5  # parallel walks over the strip's middle half; their median bridges noise
+MAX_EDGE_DISTANCE_M = 0.08  # an edge farther off than this from where it should be is another one
+SCAN_LINES = 5  # parallel walks over the strip's middle half; their median bridges noise
 
 
 def edges_along(canny: NDArray[np.uint8], places_px: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -51,7 +51,7 @@ def main() -> None:
         along = np.array([np.cos(direction), np.sin(direction)])
         across = np.array([-along[1], along[0]])
         found: list[float] = []
-        for side in np.linspace(-0.25, 0.25, PROFILES) * strip["width"]:
+        for side in np.linspace(-0.25, 0.25, SCAN_LINES) * strip["width"]:
             # Pixels that show this walk, in the order of their distance.
             off = places @ across - side
             distance = places @ along
@@ -61,12 +61,12 @@ def main() -> None:
             marks = edges_along(canny, walk)
             found += [float(distances[mark]) for mark in marks]
         for edge in wanted:
-            close = [distance - edge for distance in found if abs(distance - edge) < REACH_M]
+            close = [distance - edge for distance in found if abs(distance - edge) < MAX_EDGE_DISTANCE_M]
             if close:
                 all_off.append(float(np.median(close)))
     off_cm = 100 * np.abs(all_off)
     print(f"{len(all_off)} of {len(rows) * len(wanted)} edges found by Canny in {len(rows)} images")
-    print(f"distance from the map's word: median {np.median(off_cm):.1f} cm, 95 % below {np.percentile(off_cm, 95):.1f} cm")
+    print(f"distance from the map's value: median {np.median(off_cm):.1f} cm, 95 % below {np.percentile(off_cm, 95):.1f} cm")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Label the colours of a folder of images, for `mirrorball calibrate colours --labels`.
 
 `python label_images.py FOLDER --box 000.jpg 210 80 230 95 goal_blue` labels every pixel of a box (columns and rows of
-two corners); `--confirmed` adds what the eyes are sure of: carpet beside line points, the points themselves, the ball.
+two corners); `--confirmed` adds confident detections: carpet beside line points, the points themselves, the ball.
 A picture of each image with its labels shows whether they are right.
 """
 
@@ -26,7 +26,7 @@ def box_labels(name: str, corners: tuple[int, int, int, int], word: str) -> list
     return [(name, u, v, word) for u in columns for v in range(min(v0, v1), max(v0, v1) + 1, STEP_PX)]
 
 
-def confirmed_labels(name: str, seen: vision.Seen, centre_px: tuple[float, float]) -> list[Label]:
+def confirmed_labels(name: str, seen: vision.Detections, centre_px: tuple[float, float]) -> list[Label]:
     """Lines, the carpet before them, and the ball's middle."""
     labels: list[Label] = []
     for point in seen.points[seen.points["contrast"] > np.median(seen.points["contrast"])]:
@@ -44,7 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="a recording: robot.toml, images")
     parser.add_argument("--box", nargs=6, action="append", default=[], metavar=("FILE", "U0", "V0", "U1", "V1", "CLASS"))
-    parser.add_argument("--confirmed", action="store_true", help="also label what the eyes are sure of")
+    parser.add_argument("--confirmed", action="store_true", help="also label confident detections")
     parser.add_argument("--out", type=Path, required=True, help="where labels.csv and the pictures go")
     arguments = parser.parse_args()
     labels: list[Label] = []
@@ -53,12 +53,12 @@ def main() -> None:
     if arguments.confirmed:
         camera = mirrorball.Camera.load(arguments.folder / "robot.toml")
         profile = mirrorball.Profile.load(arguments.folder / "mirror.csv")
-        eyes = vision.Eyes(map=mirrorball.ground_map(camera=camera, profile=profile), camera=camera)
+        detector = vision.Vision(map=mirrorball.ground_map(camera=camera, profile=profile), camera=camera)
         with (arguments.folder / "frames.csv").open(newline="") as table:
             for row in csv.DictReader(table):
-                eyes.forget_light()
+                detector.reset_colour_model()
                 image = cv2.imread(str(arguments.folder / row["file"]))
-                seen = eyes.see(np.asarray(image, dtype=np.uint8))
+                seen = detector.process(np.asarray(image, dtype=np.uint8))
                 labels += confirmed_labels(row["file"], seen, camera.centre_px)
     arguments.out.mkdir(parents=True, exist_ok=True)
     with (arguments.out / "labels.csv").open("w", newline="") as table:

@@ -6,7 +6,7 @@ inside, since the floor is shown to scale; the outer ring shows the floor around
 
 import argparse
 
-from mirrorball.mirror import ConstantCurvature, HorizontallyIsometric, Planar, design, portrait, view
+from mirrorball.mirror import ConstantCurvature, HorizontallyIsometric, Planar, design, plot_profile_and_image, view
 
 
 def main(out: str) -> None:
@@ -21,7 +21,7 @@ def main(out: str) -> None:
         name="lima2001",
     )
     image = view(mirror, pose=(-1.5, 0.5, 0.3), ball=(-1.08, 0.62), robots=[(1.0, 1.2, 0.0), (-3.5, -2.0, 1.0)])
-    portrait(mirror, image).savefig(out)
+    plot_profile_and_image(mirror, image).savefig(out)
 
 
 if __name__ == "__main__":

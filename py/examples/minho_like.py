@@ -8,16 +8,16 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorball.mirror import Free, design, portrait, view
+from mirrorball.mirror import Free, design, plot_profile_and_image, view
 
 T_RIM = 0.38
-EVEN_TO_M, REACH_M = 1.5, 9.0
+LINEAR_TO_M, REACH_M = 1.5, 9.0
 
 
 def wanted(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Distance and height that the camera ray of slope t should see."""
-    steepness = np.arcsinh(REACH_M / EVEN_TO_M)
-    return EVEN_TO_M * np.sinh(steepness * t / T_RIM), np.zeros_like(t)
+    steepness = np.arcsinh(REACH_M / LINEAR_TO_M)
+    return LINEAR_TO_M * np.sinh(steepness * t / T_RIM), np.zeros_like(t)
 
 
 def main(out: str) -> None:
@@ -28,7 +28,7 @@ def main(out: str) -> None:
         name="like minho2016",
     )
     image = view(mirror, pose=(-3.0, 1.0, 0.4), ball=(-1.5, 1.8), robots=[(-1.0, 0.0, 0.0), (2.0, 3.0, 1.0)])
-    portrait(mirror, image).savefig(out)
+    plot_profile_and_image(mirror, image).savefig(out)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ panorama in which a metre of height always has the same number of pixels.
 
 import argparse
 
-from mirrorball.mirror import HorizontallyIsometric, Hyperboloid, VerticallyIsometric, design, portrait, view
+from mirrorball.mirror import HorizontallyIsometric, Hyperboloid, VerticallyIsometric, design, plot_profile_and_image, view
 
 
 def main(out: str) -> None:
@@ -21,7 +21,7 @@ def main(out: str) -> None:
         name="nubot2013",
     )
     image = view(mirror, pose=(-3.0, 1.0, 0.4), ball=(-1.5, 1.8), robots=[(-1.0, 0.0, 0.0), (2.0, 3.0, 1.0)])
-    portrait(mirror, image).savefig(out)
+    plot_profile_and_image(mirror, image).savefig(out)
 
 
 if __name__ == "__main__":

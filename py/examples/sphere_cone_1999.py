@@ -8,7 +8,7 @@ import argparse
 
 from scipy.optimize import brentq
 
-from mirrorball.mirror import Cone, Mirror, Sphere, design, portrait, view
+from mirrorball.mirror import Cone, Mirror, Sphere, design, plot_profile_and_image, view
 
 
 def built(radius_m: float) -> Mirror:
@@ -23,7 +23,7 @@ def built(radius_m: float) -> Mirror:
 def main(out: str) -> None:
     mirror = built(brentq(lambda radius_m: 2.0 * built(radius_m).radius_m - 0.185, 0.03, 0.08))
     image = view(mirror, pose=(-1.5, 0.5, 0.3), ball=(-0.4, 1.2), robots=[(1.0, 1.2, 0.0), (-3.5, -2.0, 1.0)])
-    portrait(mirror, image).savefig(out)
+    plot_profile_and_image(mirror, image).savefig(out)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 # %% [markdown]
-# # How fast may the robot drive before it knows its place less well?
-# Many runs on all cores; stopped and started again, it goes on where it was.
+# # How does speed change the localization error?
+# Many runs on all cores. An interrupted sweep resumes.
 # `python py/examples/sweep_speeds.py out/speeds [seeds] [seconds]`
 
 # %%

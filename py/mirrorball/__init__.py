@@ -1,4 +1,4 @@
-"""Mirrorball in Python: mirrors for soccer robots, designed, judged and drawn; optics and eyes are the robot's own."""
+"""Vision and localization of soccer robots with an omnidirectional mirror: optics, mirror design, simulation, logs."""
 
 # Inside the executable the compiled half is there before this package; only this makes it an attribute.
 from mirrorball import _core as _core
@@ -15,6 +15,7 @@ from mirrorball._core import (
     trace_points,
     trace_rays,
 )
+from mirrorball.simulation import Run, simulate
 
 __all__ = [
     "Camera",
@@ -23,9 +24,11 @@ __all__ = [
     "GroundMap",
     "Mount",
     "Profile",
+    "Run",
     "__version__",
     "ground_map",
     "render",
+    "simulate",
     "trace_points",
     "trace_rays",
 ]

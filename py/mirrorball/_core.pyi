@@ -1,6 +1,8 @@
 """Types of the compiled half."""
 
+from collections.abc import Callable, Iterator
 from os import PathLike
+from pathlib import Path
 from typing import Any, final
 
 import numpy as np
@@ -140,8 +142,8 @@ class ColourTable:
     def classify(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]: ...
 
 @final
-class Eyes:
-    """The eyes of one camera; `mirrorball.vision.Eyes` names what they find."""
+class Vision:
+    """Vision of one camera; `mirrorball.vision.Vision` names the columns of its detections."""
 
     def __init__(
         self,
@@ -156,9 +158,9 @@ class Eyes:
     def scan_pixels(self) -> int: ...
     @property
     def scan_coverage(self) -> float: ...
-    def set_colours(self, table: ColourTable) -> None: ...
-    def forget_light(self) -> None: ...
-    def see(self, image: NDArray[np.uint8]) -> dict[str, Any]: ...
+    def set_colour_table(self, table: ColourTable) -> None: ...
+    def reset_colour_model(self) -> None: ...
+    def process(self, image: NDArray[np.uint8]) -> dict[str, Any]: ...
 
 def calibrate_strip(
     *,
@@ -198,3 +200,48 @@ def learn_colours(
     settings_toml: str | None = None,
 ) -> tuple[ColourTable, list[tuple[int, int, float, str | None]]]: ...
 def colours_from_labels(path: str | PathLike[str], *, over: str = "yuv") -> ColourTable: ...
+def simulate(
+    scenario: str | PathLike[str],
+    *,
+    seed: int | None = None,
+    duration_s: float | None = None,
+    preset: str = "default",
+    change: dict[str, Any] | None = None,
+    config: dict[str, Any] | None = None,
+    record: str | PathLike[str] | None = None,
+    images: str = "png",
+    progress: Callable[[float], object] | None = None,
+) -> dict[str, Any]:
+    """Runs a scenario and returns its summary, the same as `mirrorball sim --json` prints."""
+
+def scenario_files(scenario: str | PathLike[str]) -> list[Path]:
+    """Every file that a scenario needs, itself first."""
+
+class LogError(ValueError):
+    """The file is no log of mirrorball, or it is damaged."""
+
+@final
+class LogReader:
+    """A log's topics. Each call reads the file anew and holds one chunk of it."""
+
+    def __init__(self, path: str | PathLike[str]) -> None: ...
+    @property
+    def complete(self) -> bool: ...
+    @property
+    def metadata(self) -> dict[str, str]: ...
+    @property
+    def message_counts(self) -> dict[str, int]: ...
+    @property
+    def schemas(self) -> dict[str, str]: ...
+    def files(self) -> dict[str, bytes]: ...
+    def columns(
+        self, topic: str, *, elements: list[str] = ..., start_ns: int | None = None, end_ns: int | None = None
+    ) -> dict[str, NDArray[Any]]: ...
+    def rows(
+        self, topic: str, field: str, *, start_ns: int | None = None, end_ns: int | None = None
+    ) -> dict[str, NDArray[Any]]: ...
+    def log_times(self, topic: str) -> NDArray[np.uint64]: ...
+    def messages(
+        self, topics: list[str] = ..., *, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[str, int, Any]]: ...
+    def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[tuple[int, NDArray[np.uint8]]]: ...

@@ -1,6 +1,7 @@
-"""How does a robot fare in a scenario? One simulated run in one call, on this machine or wherever its files are sent.
+"""Simulated runs of scenarios, on this machine or on another one that gets the run's files.
 
-The run is the executable's own (`mirrorball sim`): the same scenario, seed and settings give the same estimates.
+The run is computed in this process by the same functions as `mirrorball sim`: the same scenario, seed and settings give
+the same estimates. Python's lock is released meanwhile, so that threads run scenarios side by side.
 """
 
 from __future__ import annotations
@@ -8,28 +9,18 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
-import subprocess
 import tempfile
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-BUILD = Path(__file__).parents[2] / "target" / "release" / "mirrorball"
-"""The executable of a build beside which this package lies."""
-
-CARRIED = Path(__file__).parent / "bin" / "mirrorball"
-"""The one that a wheel carries: without Python and windows, of the same version."""
-
-PATHS = {"robot", "field", "profile", "file", "labels", "colours"}
-"""Keys of scenario and robot files that name other files."""
+from mirrorball import _core
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run to be made: which scenario, which seed, what is changed. It can be sent to another machine as it is."""
+    """A run to be made: scenario, seed, changed values. It can be sent to another machine as it is."""
 
     scenario: str
     """Path of the scenario inside `files`, or on this machine if there are none."""
@@ -44,17 +35,17 @@ class Run:
 
     @property
     def key(self) -> str:
-        """Tells runs apart: the same key, the same results."""
-        said = json.dumps(
+        """Content hash: runs with the same key have the same results."""
+        settings = json.dumps(
             [self.scenario, self.seed, self.duration_s, self.preset, dict(self.change), dict(self.config)], sort_keys=True
         )
-        digest = hashlib.sha256(said.encode())
+        digest = hashlib.sha256(settings.encode())
         for name, content in sorted(self.files.items()):
             digest.update(name.encode() + hashlib.sha256(content).digest())
         return digest.hexdigest()[:24]
 
 
-def packed(
+def bundle_run(
     scenario: str | Path,
     *,
     seed: int | None = None,
@@ -64,101 +55,59 @@ def packed(
     config: Mapping[str, Any] | None = None,
 ) -> Run:
     """A run with all files that its scenario names, so that another machine can make it."""
-    found: dict[Path, bytes] = {}
-    _gather(Path(scenario).resolve(), found)
-    root = Path(os.path.commonpath([path.parent for path in found]))
-    files = {str(path.relative_to(root)): content for path, content in found.items()}
+    path = Path(scenario).resolve()
+    contents = {Path(os.path.normpath(file)): Path(file).read_bytes() for file in _core.scenario_files(path)}
+    root = Path(os.path.commonpath([file.parent for file in contents]))
     return Run(
-        scenario=str(Path(scenario).resolve().relative_to(root)),
+        scenario=str(path.relative_to(root)),
         seed=seed,
         duration_s=duration_s,
         preset=preset,
         change=dict(change or {}),
         config=dict(config or {}),
-        files=files,
+        files={str(file.relative_to(root)): content for file, content in contents.items()},
     )
 
 
-def _gather(path: Path, found: dict[Path, bytes]) -> None:
-    if path in found:
-        return
-    found[path] = path.read_bytes()
-    if path.suffix == ".toml":
-        for named in _named(tomllib.loads(found[path].decode())):
-            _gather((path.parent / named).resolve(), found)
-
-
-def _named(table: Mapping[str, Any]) -> list[str]:
-    names = []
-    for key, value in table.items():
-        if isinstance(value, dict):
-            names += _named(value)
-        elif key in PATHS and isinstance(value, str):
-            names.append(value)
-    return names
-
-
-def simulate(run: Run | str | Path, **options: Any) -> dict[str, Any]:
+def simulate(
+    run: Run | str | Path,
+    *,
+    record: str | Path | None = None,
+    images: str = "png",
+    progress: Callable[[float], object] | None = None,
+    **options: Any,
+) -> dict[str, Any]:
     """Makes a run and gives its summary: frames, modes, `position_error_m`, `heading_error_rad`, times, ball.
 
-    A path stands for `Run(path, **options)`. Raises ValueError with the program's own words if it cannot be made.
+    A path stands for `Run(path, **options)`. `record` writes a log, with its images as "png", "jpeg" or "none".
+    `progress` gets the simulated seconds some ten times a second; an exception that it raises ends the run.
+    Raises FileNotFoundError for a missing file and ValueError for an invalid value.
     """
     if not isinstance(run, Run):
         run = Run(str(run), **options)
+    elif options:
+        raise TypeError(f"invalid options: {', '.join(options)} (expected none with a Run). Put them into the Run")
     if not run.files:
-        return _execute(run, Path(run.scenario))
+        return _simulate(run, Path(run.scenario), record, images, progress)
     with tempfile.TemporaryDirectory(prefix="mirrorball-") as folder:
         for name, content in run.files.items():
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        return _execute(run, Path(folder, run.scenario))
+        return _simulate(run, Path(folder, run.scenario), record, images, progress)
 
 
-def program() -> str:
-    """The executable: $MIRRORBALL, the one this Python runs in, the wheel's, the one on the PATH, or the build's beside it."""
-    given = os.environ.get("MIRRORBALL")
-    for candidate in (given, _embedding(), str(CARRIED), shutil.which("mirrorball"), str(BUILD)):
-        if candidate and Path(candidate).is_file():
-            return candidate
-    raise FileNotFoundError("there is no executable mirrorball: put it on the PATH, or name it in $MIRRORBALL")
-
-
-def _embedding() -> str | None:
-    # Inside the executable, the package is carried by it.
-    if __file__.startswith("<"):
-        return str(Path("/proc/self/exe").readlink())
-    return None
-
-
-def _execute(run: Run, scenario: Path) -> dict[str, Any]:
-    command = [program(), "sim", str(scenario), "--json", "--preset", run.preset]
-    if run.seed is not None:
-        command += ["--seed", str(run.seed)]
-    if run.duration_s is not None:
-        command += ["--duration", repr(float(run.duration_s))]
-    for option, values in (("--set", run.change), ("--set-config", run.config)):
-        for key, value in values.items():
-            command += [option, f"{key}={as_toml(value)}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise ValueError(done.stderr.strip().removeprefix("mirrorball: ") or f"mirrorball ended with {done.returncode}")
-    result: dict[str, Any] = json.loads(done.stdout)
-    return result
-
-
-def as_toml(value: Any) -> str:
-    """A value as TOML writes it: bool, number, text, list or table."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(value)
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {as_toml(inner)}" for key, inner in value.items()) + " }"
-    if hasattr(value, "tolist"):
-        return as_toml(value.tolist())
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(as_toml, value)) + "]"
-    raise ValueError(f"{value!r} has no form in TOML")
+def _simulate(
+    run: Run, scenario: Path, record: str | Path | None, images: str, progress: Callable[[float], object] | None
+) -> dict[str, Any]:
+    return _core.simulate(
+        scenario,
+        seed=run.seed,
+        duration_s=run.duration_s,
+        preset=run.preset,
+        change=dict(run.change),
+        config=dict(run.config),
+        record=record,
+        images=images,
+        progress=progress,
+    )

@@ -1,4 +1,4 @@
-"""What if it were run a thousand times? Many seeds, parameters or designs at once, here or on a cluster, resumable.
+"""Many runs: seeds, parameters or designs, on this machine or on a cluster, resumable.
 
 >>> from mirrorball.sweep import grid, sweep
 >>> runs = grid("config/scenarios/tracks_18x12.toml", seeds=range(20), change={"path.speed": [1.0, 2.0, 3.0]})  # doctest: +SKIP
@@ -18,7 +18,9 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import pandas as pd
@@ -26,13 +28,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
-from mirrorball.simulation import Run, packed, simulate
+from mirrorball.simulation import Run, bundle_run, simulate
 
 Task = Any
 Result = Mapping[str, Any]
 
-SAVE_EVERY_S = 10.0
-"""Results are safe on the disk after so many seconds."""
+FLUSH_PERIOD_S = 10.0
+"""Longest time between two files of results, seconds."""
 
 
 def grid(
@@ -46,7 +48,7 @@ def grid(
 ) -> list[Run]:
     """Every combination of scenarios, presets, changed values and seeds, each run with the files it needs."""
     scenarios = [scenario] if isinstance(scenario, str | Path) else scenario
-    bases = [packed(path, duration_s=duration_s) for path in scenarios]
+    bases = [bundle_run(path, duration_s=duration_s) for path in scenarios]
     changes, configs = _combinations(change or {}), _combinations(config or {})
     return [
         replace(base, preset=preset, change=changed, config=configured, seed=seed)
@@ -59,10 +61,14 @@ def _combinations(values: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
 
 
 def run_row(run: Run) -> dict[str, Any]:
-    """Makes one run; what was asked for and what came out, flat."""
+    """Makes one run; its options and its summary as one flat row."""
+    return _simulation_row(run)
+
+
+def _simulation_row(run: Run, progress: Callable[[float], object] | None = None) -> dict[str, Any]:
     row: dict[str, Any] = {"scenario": Path(run.scenario).stem, "preset": run.preset, "asked_seed": run.seed}
     row |= {key: value for key, value in (*run.change.items(), *run.config.items())}
-    return row | flat(simulate(run))
+    return row | flat(simulate(run, progress=progress))
 
 
 def flat(result: Result, prefix: str = "") -> dict[str, Any]:
@@ -77,7 +83,7 @@ def flat(result: Result, prefix: str = "") -> dict[str, Any]:
 
 
 def key_of(task: Task) -> str:
-    """Tells tasks apart: a run by its content, others by their bytes."""
+    """Identifies a task: a run by its content, others by their pickled bytes."""
     return task.key if isinstance(task, Run) else hashlib.sha256(pickle.dumps(task)).hexdigest()[:24]
 
 
@@ -95,9 +101,9 @@ def sweep(
 
     Rows are kept in `folder` as they come (rows-*.parquet); tasks whose rows are there already are not run again, so
     that a sweep that was stopped goes on. The whole table is results.parquet. A task that fails is tried `retries` times
-    more (not after a ValueError: it would fail again); what fails still is a row whose `error` says why, and is tried
-    anew the next time. `workers`: this machine's cores if None. `scheduler`: address of a Dask scheduler,
-    whose workers need nothing but this package (for runs: and the executable, see `mirrorball.simulation.program`).
+    more (not after a ValueError or a missing file: it would fail again); a task that fails finally is a row whose `error` says
+    why, and is tried anew the next time. `workers`: this machine's cores if None. `scheduler`: address of a Dask scheduler,
+    whose workers need nothing but this package.
 
     Functions other than the default must be importable by the workers (defined in a module).
     """
@@ -105,46 +111,58 @@ def sweep(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     keys = [key_of(task) for task in tasks]
-    known = {key for key, row in _stored(folder).items() if row.get("error") is None}
+    known = {key for key, row in _read_rows(folder).items() if row.get("error") is None}
     todo = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
     if todo:
-        writer = _Writer(folder)
-        results = _on_cluster(function, todo, scheduler, retries) if scheduler else _here(function, todo, workers, retries)
+        writer = _RowWriter(folder)
+        results = (
+            _run_on_cluster(function, todo, scheduler, retries) if scheduler else _run_locally(function, todo, workers, retries)
+        )
         bar = tqdm(results, total=len(keys), initial=len(keys) - len(todo), unit="run", disable=not progress)
         try:
             for key, row in bar:
                 writer.add(key, row)
         finally:
             writer.flush()
-    stored = _stored(folder)
+    stored = _read_rows(folder)
     table = pd.DataFrame([stored[key] for key in keys if key in stored])
     table.to_parquet(folder / "results.parquet", index=False)
     return table
 
 
-def _here(function: Callable[[Task], Result], todo: dict[str, Task], workers: int | None, retries: int) -> Iterator[Any]:
+def _run_locally(function: Callable[[Task], Result], todo: dict[str, Task], workers: int | None, retries: int) -> Iterator[Any]:
     workers = workers or len(os.sched_getaffinity(0))
-    # A run is a process of its own, which threads can wait for; other functions get processes.
+    stop = Event()
+    # A simulation releases Python's lock, so that threads suffice; other functions get processes.
     pool: Executor = ThreadPoolExecutor(workers) if function is run_row else ProcessPoolExecutor(workers)
+    if function is run_row:
+        function = partial(_simulation_row, progress=partial(_raise_if_set, stop))
     with pool:
         futures: dict[Future[Result], tuple[str, int]] = {pool.submit(function, task): (key, 0) for key, task in todo.items()}
         try:
             while futures:
                 for future in as_completed(list(futures)):
-                    key, tried = futures.pop(future)
+                    key, failures = futures.pop(future)
                     error = future.exception()
                     if error is None:
                         yield key, future.result()
-                    elif tried < retries and not isinstance(error, ValueError):
-                        futures[pool.submit(function, todo[key])] = (key, tried + 1)
+                    elif failures < retries and not isinstance(error, ValueError | FileNotFoundError):
+                        futures[pool.submit(function, todo[key])] = (key, failures + 1)
                     else:
                         yield key, {"error": f"{type(error).__name__}: {error}"}
         except BaseException:
+            stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _on_cluster(function: Callable[[Task], Result], todo: dict[str, Task], scheduler: str, retries: int) -> Iterator[Any]:
+def _raise_if_set(stop: Event, _seconds: float) -> None:
+    # Signals reach the main thread alone: runs in other threads end by this exception.
+    if stop.is_set():
+        raise InterruptedError("the sweep was stopped")
+
+
+def _run_on_cluster(function: Callable[[Task], Result], todo: dict[str, Task], scheduler: str, retries: int) -> Iterator[Any]:
     from distributed import Client
     from distributed import as_completed as finished
 
@@ -156,21 +174,21 @@ def _on_cluster(function: Callable[[Task], Result], todo: dict[str, Task], sched
             future.release()
 
 
-class _Writer:
+class _RowWriter:
     """Rows to Parquet: a new file each few seconds, complete under its name or not there."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.rows: list[dict[str, str]] = []
-        self.since = time.monotonic()
+        self.last_flush = time.monotonic()
 
     def add(self, key: str, row: Result) -> None:
-        self.rows.append({"key": key, "row": json.dumps(dict(row), default=_plain)})
-        if time.monotonic() - self.since >= SAVE_EVERY_S:
+        self.rows.append({"key": key, "row": json.dumps(dict(row), default=_json_default)})
+        if time.monotonic() - self.last_flush >= FLUSH_PERIOD_S:
             self.flush()
 
     def flush(self) -> None:
-        self.since = time.monotonic()
+        self.last_flush = time.monotonic()
         if not self.rows:
             return
         number = 1 + max((int(path.stem.rpartition("-")[2]) for path in self.folder.glob("rows-*.parquet")), default=0)
@@ -181,11 +199,11 @@ class _Writer:
         self.rows = []
 
 
-def _plain(value: Any) -> Any:
+def _json_default(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
-def _stored(folder: Path) -> dict[str, dict[str, Any]]:
+def _read_rows(folder: Path) -> dict[str, dict[str, Any]]:
     """Rows by key; of several the last."""
     rows: dict[str, dict[str, Any]] = {}
     for path in sorted(folder.glob("rows-*.parquet")):

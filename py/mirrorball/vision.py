@@ -1,7 +1,7 @@
-"""What does an image show? Line points, ball, robots and goals as structured arrays; and the calibrations.
+"""Line points, ball, robots and goals of an image as structured arrays, and the calibrations.
 
 Images are arrays as OpenCV reads them: rows × columns × 3 (blue, green, red) or rows × columns (grey), bytes.
-Places are metres in the robot frame (x forward, y to the left); `u_px`, `v_px` are columns and rows of the image.
+Positions are metres in the robot frame (x forward, y to the left); `u_px`, `v_px` are columns and rows of the image.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from mirrorball._core import Camera, ColourTable, Field, GroundMap
 
 __all__ = [
     "ColourTable",
-    "Eyes",
+    "Detections",
     "Residual",
-    "Seen",
+    "Vision",
     "calibrate_lines",
     "calibrate_mask",
     "calibrate_sizes",
@@ -37,11 +37,11 @@ Table = NDArray[np.void]
 
 
 @dataclass(frozen=True)
-class Seen:
-    """Everything that one image shows; each table is a structured array with the fields named here.
+class Detections:
+    """Detections in one image; each table is a structured array with the fields named here.
 
     `points`: x_m, y_m, std_radial_m, std_tangential_m, u_px, v_px, width_m, contrast.
-    `refused`: u_px, v_px, reason: what looked like a line and is none.
+    `refused`: u_px, v_px, reason: rejected line candidates.
     `ball` (no or one row), `robots`, `goals`: x_m, y_m, cov_xx_m2, cov_xy_m2, cov_yy_m2, u_px, v_px, score, and
     on_ground, pixels (ball), edge_x_m, edge_y_m, width_m, marker (robots), width_m, kind (goals).
     """
@@ -54,13 +54,13 @@ class Seen:
     carpet_end_m: NDArray[np.float32]
     """Where the carpet ends in each direction around the mirror's axis, from image right towards up; inf: not seen."""
     carpet_share: float
-    """Share of the scanned pixels that are carpet."""
+    """Fraction of the scanned pixels that are carpet."""
     bumpers: NDArray[np.bool_]
     """Something stands in the virtual bumper: from the left over the front to the right and round the back."""
     kick: bool
     """The ball touches the kicker."""
     lens_centred: bool | None
-    """The camera's lens is where the mirror's axis should be; None where it cannot be told."""
+    """The camera's lens is where the mirror's axis should be; None if it cannot be determined."""
 
 
 class Residual(NamedTuple):
@@ -72,8 +72,8 @@ class Residual(NamedTuple):
     left_out: str | None
 
 
-def _table(columns: Mapping[str, Any]) -> Table:
-    arrays = {name: np.asarray(values, dtype=_word_or_number(values)) for name, values in columns.items()}
+def _structured_array(columns: Mapping[str, Any]) -> Table:
+    arrays = {name: np.asarray(values, dtype=_column_dtype(values)) for name, values in columns.items()}
     rows = len(next(iter(arrays.values())))
     table = np.empty(rows, dtype=[(name, array.dtype) for name, array in arrays.items()])
     for name, array in arrays.items():
@@ -81,17 +81,17 @@ def _table(columns: Mapping[str, Any]) -> Table:
     return table
 
 
-def _word_or_number(values: Any) -> Any:
-    # An empty list of words would become numbers.
+def _column_dtype(values: Any) -> Any:
+    # numpy takes an empty list of texts for numbers.
     return None if isinstance(values, np.ndarray) else f"<U{max([1, *map(len, values)])}"
 
 
-def _map(of: GroundMap | str | PathLike[str]) -> GroundMap:
-    return of if isinstance(of, GroundMap) else GroundMap.load(Path(of))
+def _load_map(source: GroundMap | str | PathLike[str]) -> GroundMap:
+    return source if isinstance(source, GroundMap) else GroundMap.load(Path(source))
 
 
-class Eyes:
-    """The eyes of one camera, for images that follow each other: tables and colours are kept from image to image.
+class Vision:
+    """Vision of one camera for consecutive images: tables and the colour model are kept from image to image.
 
     `camera` is taken from the map where it is left out; `mask` is false where the robot sees itself; `settings` is the
     text of a TOML overlay's `[vision]` table, without that heading.
@@ -107,33 +107,35 @@ class Eyes:
         colours: ColourTable | None = None,
         settings: str | None = None,
     ) -> None:
-        self._eyes = _core.Eyes(map=_map(map), camera=camera, mask=mask, line_width_m=line_width_m, settings_toml=settings)
+        self._vision = _core.Vision(
+            map=_load_map(map), camera=camera, mask=mask, line_width_m=line_width_m, settings_toml=settings
+        )
         if colours is not None:
-            self._eyes.set_colours(colours)
+            self._vision.set_colour_table(colours)
 
     @property
     def scan_pixels(self) -> int:
-        """Different pixels that the scan lines read."""
-        return self._eyes.scan_pixels
+        """Distinct pixels that the scan lines read."""
+        return self._vision.scan_pixels
 
     @property
     def scan_coverage(self) -> float:
-        """Share of the image that these are."""
-        return self._eyes.scan_coverage
+        """Their fraction of the image."""
+        return self._vision.scan_coverage
 
-    def forget_light(self) -> None:
-        """Have the next image learned from anew: after a gap, or before an image of another place."""
-        self._eyes.forget_light()
+    def reset_colour_model(self) -> None:
+        """Discards the colour model; the next image gives a new one. For gaps in time and images of another place."""
+        self._vision.reset_colour_model()
 
-    def see(self, image: Image) -> Seen:
-        """Everything that an image shows; ValueError for one of another size, torn, or black."""
-        found = self._eyes.see(image)
-        return Seen(
-            points=_table(found["points"]),
-            refused=_table(found["refused"]),
-            ball=_table(found["ball"]),
-            robots=_table(found["robots"]),
-            goals=_table(found["goals"]),
+    def process(self, image: Image) -> Detections:
+        """Detections in an image; ValueError if it has another size, or is damaged or black."""
+        found = self._vision.process(image)
+        return Detections(
+            points=_structured_array(found["points"]),
+            refused=_structured_array(found["refused"]),
+            ball=_structured_array(found["ball"]),
+            robots=_structured_array(found["robots"]),
+            goals=_structured_array(found["goals"]),
             carpet_end_m=found["carpet_end_m"],
             carpet_share=found["carpet_share"],
             bumpers=found["bumpers"],
@@ -151,10 +153,10 @@ def see(
     line_width_m: float = 0.125,
     colours: ColourTable | None = None,
     settings: str | None = None,
-) -> Seen:
-    """Everything that one image shows. For many images of one camera, `Eyes` builds its tables only once."""
-    eyes = Eyes(map=map, camera=camera, mask=mask, line_width_m=line_width_m, colours=colours, settings=settings)
-    return eyes.see(image)
+) -> Detections:
+    """Detections in one image. For many images of one camera, `Vision` builds its tables only once."""
+    vision = Vision(map=map, camera=camera, mask=mask, line_width_m=line_width_m, colours=colours, settings=settings)
+    return vision.process(image)
 
 
 def calibrate_strip(
@@ -168,7 +170,7 @@ def calibrate_strip(
     width_m: float,
     first_bar: str = "black",
 ) -> tuple[GroundMap, float, list[Residual]]:
-    """The ground map from images beside a radial strip of bars: the map, its residual in pixels, and each image's.
+    """The ground map from images next to a radial strip of bars: the map, its residual in pixels, and each image's.
 
     `directions_rad`: where the strip lies in the robot frame in each image.
     """
@@ -198,7 +200,7 @@ def calibrate_lines(
     Gives the map, its residual in metres, the share of line points on markings, and each image's residual.
     """
     found, rms_m, share, images_found = _core.calibrate_lines(
-        camera=camera, start=_map(start), field=field, images=list(images), settings_toml=settings
+        camera=camera, start=_load_map(start), field=field, images=list(images), settings_toml=settings
     )
     return found, rms_m, share, [Residual(*row) for row in images_found]
 
@@ -218,9 +220,9 @@ def calibrate_sizes(
 ) -> Table:
     """Widths of lines and ball in pixels over distance: distance_m, line_px, line_px_by_map, lines, and so of the ball."""
     columns = _core.calibrate_sizes(
-        map=_map(map), images=list(images), camera=camera, line_width_m=line_width_m, settings_toml=settings
+        map=_load_map(map), images=list(images), camera=camera, line_width_m=line_width_m, settings_toml=settings
     )
-    return _table(dict(columns))
+    return _structured_array(dict(columns))
 
 
 def learn_colours(
@@ -232,13 +234,13 @@ def learn_colours(
     over: str = "yuv",
     settings: str | None = None,
 ) -> tuple[ColourTable, list[Residual]]:
-    """A table of what colours mean, from images without labels; `over` is "yuv" (16 MiB) or "uv" (64 KiB)."""
+    """A table of colour classes from images without labels; `over` is "yuv" (16 MiB) or "uv" (64 KiB)."""
     table, images_found = _core.learn_colours(
-        map=_map(map), images=list(images), camera=camera, line_width_m=line_width_m, over=over, settings_toml=settings
+        map=_load_map(map), images=list(images), camera=camera, line_width_m=line_width_m, over=over, settings_toml=settings
     )
     return table, [Residual(*row) for row in images_found]
 
 
 def colours_from_labels(path: str | PathLike[str], *, over: str = "yuv") -> ColourTable:
-    """A table of what colours mean, from labels.csv (file,u,v,class; files relative to it)."""
+    """A table of colour classes from labels.csv (file,u,v,class; files relative to it)."""
     return _core.colours_from_labels(Path(path), over=over)

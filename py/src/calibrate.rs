@@ -13,10 +13,10 @@ use vision::calibrate::{
 use vision::colour::colour_table::{ColourTable as Table, Label, TableKind};
 
 use crate::camera::Camera;
+use crate::detections::{ArrayImage, ColourTable, camera_or_from_map, parse_vision_config};
 use crate::errors;
 use crate::rays::GroundMap;
 use crate::scene::Field;
-use crate::see::{ColourTable, Pixels, settings};
 
 /// One image of a calibration: its number in the list, points, residual in pixels, and why it was left out, if it was.
 type Residual = (usize, usize, f64, Option<String>);
@@ -33,7 +33,7 @@ fn drive(images: &[PyReadonlyArrayDyn<'_, u8>]) -> PyResult<Vec<NamedImage>> {
     let image = |(number, array): (usize, &PyReadonlyArrayDyn<'_, u8>)| {
         Ok(NamedImage {
             name: format!("image {number}"),
-            image: Pixels::of(array)?.image(),
+            image: ArrayImage::from_array(array)?.to_rgb_image(),
         })
     };
     images.iter().enumerate().map(image).collect()
@@ -108,7 +108,7 @@ pub(crate) fn calibrate_lines(
     settings_toml: Option<&str>,
 ) -> PyResult<(GroundMap, f64, f64, Vec<Residual>)> {
     let (start, images) = (start.get().to_rust(py)?, drive(&images)?);
-    let config = settings(settings_toml)?;
+    let config = parse_vision_config(settings_toml)?;
     let (camera, field) = (&camera.get().0, &field.get().0);
     let found = py
         .detach(|| lines(camera, &start, field, &images, &config))
@@ -152,8 +152,8 @@ pub(crate) fn calibrate_sizes<'py>(
     settings_toml: Option<&str>,
 ) -> PyResult<SizeColumns<'py>> {
     let (map, images) = (map.get().to_rust(py)?, drive(&images)?);
-    let camera = crate::see::camera_or_of_map(camera, &map)?;
-    let config = settings(settings_toml)?;
+    let camera = camera_or_from_map(camera, &map)?;
+    let config = parse_vision_config(settings_toml)?;
     let found = py
         .detach(|| sizes(&camera, &map, line_width_m, &images, &config))
         .map_err(|error| errors::calibration(&error))?;
@@ -189,14 +189,14 @@ pub(crate) fn learn_colours(
     settings_toml: Option<&str>,
 ) -> PyResult<(ColourTable, Vec<Residual>)> {
     let (map, images, kind) = (map.get().to_rust(py)?, drive(&images)?, kind(over)?);
-    let camera = crate::see::camera_or_of_map(camera, &map)?;
-    let config = settings(settings_toml)?;
+    let camera = camera_or_from_map(camera, &map)?;
+    let config = parse_vision_config(settings_toml)?;
     let (table, images) = py
         .detach(|| {
-            let mut eyes = vision::Vision::new(&map, &camera, line_width_m, config.clone())
+            let mut vision = vision::Vision::new(&map, &camera, line_width_m, config.clone())
                 .map_err(|error| errors::vision(&error))?;
             let learned =
-                colours(&mut eyes, &images).map_err(|error| errors::calibration(&error))?;
+                colours(&mut vision, &images).map_err(|error| errors::calibration(&error))?;
             Ok((learned.table(kind, &config), learned.images))
         })
         .map_err(|error: PyErr| error)?;

@@ -7,8 +7,8 @@ use localize::robot::{RobotConfig, RobotConfigError};
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 
+use crate::detections::camera_or_from_map;
 use crate::rays::GroundMap;
-use crate::see::camera_or_of_map;
 
 /// The number that was written: 0.6, not the 0.600000024 that 32 bits make of it.
 fn as_written(value: f32) -> f64 {
@@ -56,7 +56,7 @@ impl Camera {
     /// The camera of a ground map: size, axis, forward direction and side as the map shows them.
     #[staticmethod]
     fn of_map(py: Python<'_>, map: &Bound<'_, GroundMap>) -> PyResult<Self> {
-        camera_or_of_map(None, &map.get().to_rust(py)?).map(Camera)
+        camera_or_from_map(None, &map.get().to_rust(py)?).map(Camera)
     }
 
     /// `[camera]` of a robot.toml.

@@ -1,4 +1,4 @@
-//! How does the executable import the package it carries? Sources from memory, the compiled half from itself.
+//! Import of the package that the executable embeds: sources from memory, the compiled half from the executable.
 
 use std::ffi::CString;
 

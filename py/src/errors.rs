@@ -1,4 +1,4 @@
-//! Which Python exception says what went wrong? A missing file is an OSError, everything else a ValueError.
+//! Errors as Python exceptions: a missing file is an OSError, everything else a ValueError.
 
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
@@ -51,4 +51,40 @@ pub(crate) fn vision(error: &VisionError) -> PyErr {
         }
         _ => PyValueError::new_err(message),
     }
+}
+
+/// An error of the pipeline: its cause decides between OSError and ValueError.
+pub(crate) fn from_anyhow(error: &anyhow::Error) -> PyErr {
+    let message = message(error);
+    match io_cause(error) {
+        Some(io) => from_io(io, message),
+        None => PyValueError::new_err(message),
+    }
+}
+
+/// True if the system refused a file.
+pub(crate) fn is_io(error: &anyhow::Error) -> bool {
+    io_cause(error).is_some_and(|io| {
+        !matches!(
+            io.kind(),
+            std::io::ErrorKind::UnexpectedEof | std::io::ErrorKind::InvalidData
+        )
+    })
+}
+
+fn io_cause(error: &anyhow::Error) -> Option<&std::io::Error> {
+    error.chain().find_map(|cause| cause.downcast_ref())
+}
+
+/// The whole chain of causes; what a cause repeats of the one before is left out.
+pub(crate) fn message(error: &anyhow::Error) -> String {
+    let mut message = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if message.is_empty() {
+            message = cause;
+        } else if !message.contains(&cause) {
+            message = format!("{message}: {cause}");
+        }
+    }
+    message
 }

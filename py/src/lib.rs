@@ -1,13 +1,16 @@
-//! The compiled half of the Python package: the crates' own optics, eyes and calibrations, with numpy arrays. Conversions only.
+//! The compiled half of the Python package: optics, vision, calibration, simulation and logs with numpy arrays. Conversions
+//! only.
 
 mod calibrate;
 mod camera;
+mod detections;
 pub mod embedded;
 mod errors;
+mod log;
 mod profile;
 mod rays;
 mod scene;
-mod see;
+mod simulation;
 
 use pyo3::prelude::*;
 
@@ -24,13 +27,17 @@ pub fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(rays::trace_points, module)?)?;
     module.add_function(wrap_pyfunction!(rays::ground_map, module)?)?;
     module.add_function(wrap_pyfunction!(scene::render, module)?)?;
-    module.add_class::<see::Eyes>()?;
-    module.add_class::<see::ColourTable>()?;
+    module.add_class::<detections::Vision>()?;
+    module.add_class::<detections::ColourTable>()?;
     module.add_function(wrap_pyfunction!(calibrate::calibrate_strip, module)?)?;
     module.add_function(wrap_pyfunction!(calibrate::calibrate_lines, module)?)?;
     module.add_function(wrap_pyfunction!(calibrate::calibrate_mask, module)?)?;
     module.add_function(wrap_pyfunction!(calibrate::calibrate_sizes, module)?)?;
     module.add_function(wrap_pyfunction!(calibrate::learn_colours, module)?)?;
     module.add_function(wrap_pyfunction!(calibrate::colours_from_labels, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::simulate, module)?)?;
+    module.add_function(wrap_pyfunction!(simulation::scenario_files, module)?)?;
+    module.add_class::<log::LogReader>()?;
+    module.add("LogError", module.py().get_type::<log::LogError>())?;
     Ok(())
 }

@@ -1,17 +1,18 @@
-//! A field in Python, and what a robot on it would see: the simulator's renderer in one call.
+//! Fields in Python, and images of a robot on them: the simulator's renderer in one call.
 
 use std::path::PathBuf;
 
 use localize::field::{FieldConfig, FieldError};
 use localize::frames::{At, Pose};
 use localize::robot::BodyConfig;
+use localize::world::TeamColour;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::exceptions::{PyFileNotFoundError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 use sim::image_sensor::FilmConfig;
 use sim::light::LightConfig;
 use sim::render::{Renderer, RendererConfig, Scene};
-use sim::scenario::{BallConfig, TeamColour};
+use sim::scenario::BallConfig;
 use sim::world::RobotState;
 
 use crate::camera::{Camera, Mount};

@@ -1,4 +1,4 @@
-//! What was asked for? The command line: exit 0 when done, 1 when it failed, 2 when the arguments were wrong.
+//! The command line: exit code 0 when done, 1 when the command failed, 2 when the arguments were wrong.
 
 use std::process::ExitCode;
 
@@ -12,7 +12,7 @@ use crate::eval;
 #[cfg(feature = "view")]
 use crate::view;
 
-/// Eyes and a sense of place for soccer robots with an omnidirectional mirror.
+/// Vision and localization for RoboCup MSL robots with an omnidirectional (catadioptric) camera.
 #[derive(Parser)]
 #[command(
     name = "mirrorball",
@@ -22,7 +22,7 @@ use crate::view;
     arg_required_else_help = true
 )]
 struct Cli {
-    /// Print the one result as a JSON object to standard output.
+    /// Print the result as one JSON object to standard output.
     #[arg(long, global = true)]
     json: bool,
     #[command(subcommand)]
@@ -49,7 +49,7 @@ enum Command {
     Script(script::Args),
 }
 
-/// What went wrong and why, each reason once: many errors already name the one that they stem from.
+/// The error and its causes, each once: many errors already contain the message of their cause.
 fn message(error: &anyhow::Error) -> String {
     let mut message = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -62,14 +62,13 @@ fn message(error: &anyhow::Error) -> String {
     message
 }
 
-/// Runs the command line of this process.
+/// Parses the arguments of this process and runs the command.
 pub fn run() -> ExitCode {
-    // A closed pipe (`mirrorball … | head`) ends the program quietly, as it does others.
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
             let code = if error.use_stderr() { 2 } else { 0 };
-            // Nothing is left to tell anyone if even this cannot be printed.
+            // If the message cannot be printed, there is no other way to report it.
             let _ = error.print();
             return ExitCode::from(code);
         }

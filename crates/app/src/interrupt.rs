@@ -1,4 +1,4 @@
-//! Has somebody asked us to stop? Ctrl-C and SIGTERM end a run between two cycles, so that nothing is left half-written.
+//! Was the process asked to stop? Ctrl-C and SIGTERM end a command between two cycles, so that no file is half written.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,26 +6,26 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, Result, bail};
 
 static STOP_REQUESTED: AtomicBool = AtomicBool::new(false);
-/// What a shell reports of a process that SIGINT ended.
+/// Exit code that a shell reports for a process ended by SIGINT.
 const EXIT_CODE_SIGINT: i32 = 130;
 
-/// From now on `asked` and `check` tell; whoever asks twice does not wait for the end of a cycle.
-pub fn install_handler() -> Result<()> {
+/// Installs the signal handler for `stop_requested`. The second signal ends the process at once.
+pub(crate) fn install_handler() -> Result<()> {
     ctrlc::set_handler(|| {
         if STOP_REQUESTED.swap(true, Ordering::Relaxed) {
             std::process::exit(EXIT_CODE_SIGINT);
         }
     })
-    .context("cannot listen for Ctrl-C")
+    .context("cannot install the signal handler")
 }
 
-/// Whether somebody asked us to stop.
-pub fn stop_requested() -> bool {
+/// True once a signal has arrived.
+pub(crate) fn stop_requested() -> bool {
     STOP_REQUESTED.load(Ordering::Relaxed)
 }
 
-/// Breaks off a loop once somebody asked us to stop.
-pub fn flow() -> ControlFlow<()> {
+/// Breaks a loop once a signal has arrived.
+pub(crate) fn flow() -> ControlFlow<()> {
     if stop_requested() {
         ControlFlow::Break(())
     } else {
@@ -33,8 +33,8 @@ pub fn flow() -> ControlFlow<()> {
     }
 }
 
-/// An error once somebody asked us to stop: what drops on the way out takes its unfinished files with it.
-pub fn check() -> Result<()> {
+/// An error once a signal has arrived. Unfinished files are removed on drop.
+pub(crate) fn check() -> Result<()> {
     if stop_requested() {
         bail!("interrupted");
     }

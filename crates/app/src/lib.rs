@@ -1,20 +1,27 @@
-//! The executable: the command line and what it runs around the pipeline.
+//! The executable `mirrorball`: its command line, and what each command runs around the pipeline.
+//!
+//! The crate exports only the command line and what fuzz targets (`fuzz/network`) feed with datagrams.
 
-pub mod cli;
+mod cli;
 
-pub mod commands;
+mod commands;
 
-pub mod eval;
-pub mod run;
+mod eval;
+mod run;
 #[cfg(feature = "view")]
-pub mod view;
-pub mod virtual_hardware;
+mod view;
+mod virtual_hardware;
 
-pub mod net;
-pub mod stream;
+mod net;
+mod stream;
 
-pub mod interrupt;
-pub mod pictures;
-pub mod progress;
+mod interrupt;
+mod machine;
+mod memory;
+mod pictures;
+mod progress;
 #[cfg(feature = "python")]
-pub mod python;
+mod python;
+
+pub use cli::run;
+pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand};

@@ -1,27 +1,29 @@
-//! Mirrorball: eyes and a sense of place for soccer robots with an omnidirectional mirror.
+//! Mirrorball: vision and localization for RoboCup MSL robots with an omnidirectional camera.
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     #[cfg(target_arch = "x86_64")]
     if !std::is_x86_feature_detected!("avx2") || !std::is_x86_feature_detected!("fma") {
-        eprintln!("mirrorball: this processor has no AVX2: build again without .cargo/config.toml");
+        eprintln!(
+            "mirrorball: unsupported processor: no AVX2 or FMA. Build without .cargo/config.toml"
+        );
         return ExitCode::FAILURE;
     }
     std::panic::set_hook(Box::new(|panic| {
         let reason = panic.payload_as_str().unwrap_or("no reason given");
         match reason.strip_prefix("failed printing to stdout: ") {
-            // Whoever read our output has seen enough.
+            // The reader of the output has closed the pipe.
             Some(error) if error.contains("Broken pipe") => {}
             Some(error) => eprintln!("mirrorball: cannot write to standard output: {error}"),
             None => {
-                let place = panic
+                let location = panic
                     .location()
                     .map(ToString::to_string)
                     .unwrap_or_default();
-                eprintln!("mirrorball: a fault of its own, please report it: {reason} ({place})");
+                eprintln!("mirrorball: internal error: {reason} ({location}). Please report it");
             }
         }
     }));
-    std::panic::catch_unwind(app::cli::run).unwrap_or(ExitCode::FAILURE)
+    std::panic::catch_unwind(app::run).unwrap_or(ExitCode::FAILURE)
 }

@@ -1,4 +1,4 @@
-//! Which Python runs inside, and how is it started? The user's virtual environment, with our package in it.
+//! Which Python interpreter is embedded, and how does it start? That of the user's virtual environment, with our package.
 
 use std::env;
 use std::ffi::CString;
@@ -13,10 +13,10 @@ use pyo3::prelude::*;
 /// The Python that the executable was built with.
 const BUILD_PYTHON: &str = env!("MIRRORBALL_BUILD_PYTHON");
 
-/// The virtual environment that `make` keeps beside the sources.
+/// The virtual environment that `make` creates in the source folder.
 const BUILD_VENV: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../.venv");
 
-/// Starts Python once, in the environment of `--python`, else of `$VIRTUAL_ENV`, else of the build.
+/// Starts Python once: the interpreter of `--python`, else of `$VIRTUAL_ENV`, else of the build.
 ///
 /// `python` is an interpreter or the folder of a virtual environment.
 pub(crate) fn start(python: Option<&Path>) -> Result<()> {
@@ -28,7 +28,7 @@ pub(crate) fn start(python: Option<&Path>) -> Result<()> {
         mirrorball_py::embedded::install(py)?;
         let signal = py.import("signal")?;
         let handler = signal.getattr("default_int_handler")?;
-        // Who is asked to end cleans up, whichever way he is asked.
+        // Both signals raise KeyboardInterrupt, so that a script can clean up.
         for name in ["SIGINT", "SIGTERM"] {
             signal.call_method1("signal", (signal.getattr(name)?, &handler))?;
         }
@@ -44,14 +44,14 @@ pub(crate) fn start(python: Option<&Path>) -> Result<()> {
         }
         Err(error).with_context(|| {
             format!(
-                "{} has no numpy: install requirements.txt there, or name another environment with --python",
+                "{}: no numpy. Install requirements.txt there, or choose another environment with --python",
                 program.display()
             )
         })
     })
 }
 
-/// Starts Python as `script` would; its version and where it is.
+/// Starts Python as `script` does; returns its version and folder.
 pub(crate) fn check() -> Result<String> {
     start(None)?;
     let version = Python::attach(|py| -> PyResult<String> {
@@ -62,10 +62,10 @@ pub(crate) fn check() -> Result<String> {
         Ok(format!("{number} in {prefix}"))
     });
     finish();
-    version.context("Python does not say its version")
+    version.context("cannot read Python's version")
 }
 
-/// Lets what was registered with `atexit` run and empties the buffers, as a Python of its own would do at its end.
+/// Runs the `atexit` functions and flushes the streams, as the interpreter does at its end.
 pub(crate) fn finish() {
     Python::attach(|py| {
         let flush = || -> PyResult<()> {
@@ -81,7 +81,7 @@ pub(crate) fn finish() {
     });
 }
 
-/// As Python's own `traceback` prints it, which knows the lines of the modules that we carry.
+/// Prints an error by Python's `traceback`, which finds the source lines of the embedded modules.
 pub(crate) fn print_traceback(py: Python<'_>, error: &PyErr) {
     let printed = py
         .import("traceback")
@@ -92,16 +92,16 @@ pub(crate) fn print_traceback(py: Python<'_>, error: &PyErr) {
 }
 
 fn interpreter(python: Option<&Path>) -> Result<PathBuf> {
-    if let Some(given) = python {
-        let program = if given.is_dir() {
-            given.join("bin/python3")
+    if let Some(path) = python {
+        let program = if path.is_dir() {
+            path.join("bin/python3")
         } else {
-            given.to_owned()
+            path.to_owned()
         };
         ensure!(
             program.exists(),
-            "--python {}: no interpreter there",
-            given.display()
+            "--python {}: no interpreter found (expected bin/python3)",
+            path.display()
         );
         return ensure_matching_version(program);
     }
@@ -109,20 +109,20 @@ fn interpreter(python: Option<&Path>) -> Result<PathBuf> {
         let program = Path::new(&folder).join("bin/python3");
         ensure!(
             program.exists(),
-            "VIRTUAL_ENV={}: no interpreter there",
+            "VIRTUAL_ENV={}: no interpreter found (expected bin/python3)",
             Path::new(&folder).display()
         );
         return ensure_matching_version(program);
     }
-    let kept = Path::new(BUILD_VENV).join("bin/python3");
-    Ok(if kept.exists() {
-        kept
+    let build_venv = Path::new(BUILD_VENV).join("bin/python3");
+    Ok(if build_venv.exists() {
+        build_venv
     } else {
         PathBuf::from(BUILD_PYTHON)
     })
 }
 
-/// Refuses a virtual environment of another Python version: its compiled packages do not fit this libpython.
+/// Rejects a virtual environment of another Python version, whose compiled packages do not fit this libpython.
 fn ensure_matching_version(program: PathBuf) -> Result<PathBuf> {
     let ours = format!("3.{}", linked_minor());
     let Some(folder) = program.parent().and_then(Path::parent) else {
@@ -137,7 +137,7 @@ fn ensure_matching_version(program: PathBuf) -> Result<PathBuf> {
     });
     match version {
         Some(version) if version != ours && !version.starts_with(&format!("{ours}.")) => bail!(
-            "{} is a Python {version}, but mirrorball is linked with Python {ours}: make an environment with python{ours} -m venv",
+            "{}: Python {version} (expected {ours}, which mirrorball is linked with). Make an environment with python{ours} -m venv",
             folder.display()
         ),
         _ => Ok(program),
@@ -147,7 +147,7 @@ fn ensure_matching_version(program: PathBuf) -> Result<PathBuf> {
 fn linked_minor() -> u8 {
     #[expect(
         unsafe_code,
-        reason = "a C string that never changes and needs no interpreter"
+        reason = "a constant C string, valid without an interpreter"
     )]
     let version = unsafe { std::ffi::CStr::from_ptr(ffi::Py_GetVersion()) };
     let text = version.to_string_lossy();
@@ -155,10 +155,10 @@ fn linked_minor() -> u8 {
     minor.and_then(|minor| minor.parse().ok()).unwrap_or(11)
 }
 
-/// An embedded interpreter ignores `VIRTUAL_ENV`; one that is told it runs as the environment's own program does not.
+/// An embedded interpreter ignores `VIRTUAL_ENV`, so its program name is set to the environment's interpreter.
 #[expect(
     unsafe_code,
-    reason = "Python's start-up configuration exists in C alone"
+    reason = "Python's start-up configuration has only a C interface"
 )]
 fn initialize(program: &Path) -> Result<()> {
     let name = CString::new(program.as_os_str().as_bytes())?;
@@ -183,7 +183,7 @@ fn initialize(program: &Path) -> Result<()> {
         };
         bail!("{reason}");
     }
-    // This thread lets go of the interpreter; `Python::attach` takes it again wherever it is needed.
+    // Releases the interpreter lock; `Python::attach` acquires it again.
     unsafe { ffi::PyEval_SaveThread() };
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! What does finding the place cost? Medians per frame on an 18 × 12 m field, about 113 points within 5 m.
+//! Computing time of localization: medians per image on an 18 × 12 m field, about 113 points within 5 m.
 
 use std::hint::black_box;
 
@@ -9,10 +9,10 @@ use localize::global_search::hough::{Hough, HoughConfig};
 use localize::global_search::monte_carlo::{MonteCarlo, MonteCarloConfig};
 use localize::global_search::scan_map::{ScanMap, ScanMapConfig};
 use localize::matching::{MatchConfig, Matcher, Minimiser};
+use localize::random::standard_normal;
 use localize::sample::LinePoint;
 use localize::synthetic::drive::{
     SyntheticDrive, SyntheticDriveConfig, SyntheticSample, random_pose, simulate_line_points,
-    standard_normal,
 };
 use localize::{DistanceField, Field, LocalizeConfig, Localizer, Pose};
 use nalgebra::{Matrix3, Vector3};
@@ -24,7 +24,7 @@ fn field() -> Field {
     Field::load(&folder.join("msl_18x12.toml")).expect("a field")
 }
 
-/// Random poses with what is seen from them and a compass of 10° noise.
+/// Random poses with their line points and a compass heading of 10° noise.
 fn observations(field: &Field) -> Vec<(Pose, Vec<LinePoint>, HeadingPrior)> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     (0..64)
@@ -43,7 +43,7 @@ fn tracking(criterion: &mut Criterion) {
     let field = field();
     let config = LocalizeConfig::default();
     let distances = DistanceField::new(&field, &config.distance_field);
-    let sights = observations(&field);
+    let views = observations(&field);
     let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
     for (name, minimiser, steps_max) in [
         ("match_newton", Minimiser::GaussNewton, 20),
@@ -57,8 +57,8 @@ fn tracking(criterion: &mut Criterion) {
         let mut k = 0;
         criterion.bench_function(name, |bencher| {
             bencher.iter(|| {
-                k = (k + 1) % sights.len();
-                let (pose, points, _) = &sights[k];
+                k = (k + 1) % views.len();
+                let (pose, points, _) = &views[k];
                 black_box(matcher.refine(&distances, points, near(*pose), 0.05))
             });
         });
@@ -69,15 +69,15 @@ fn tracking(criterion: &mut Criterion) {
         ChaCha8Rng::seed_from_u64(2),
     );
     let frames: Vec<SyntheticSample> = drive.take(900).collect();
-    let mut begun = Localizer::new(&field, config);
+    let mut warm_localizer = Localizer::new(&field, config);
     for frame in &frames[..600] {
-        begun.add_odometry(&frame.odometry);
-        begun.add_compass(&frame.compass);
-        begun.process_points(frame.stamp, &frame.points);
+        warm_localizer.add_odometry(&frame.odometry);
+        warm_localizer.add_compass(&frame.compass);
+        warm_localizer.process_points(frame.stamp, &frame.points);
     }
     criterion.bench_function("track_300_frames", |bencher| {
         bencher.iter_batched_ref(
-            || begun.clone(),
+            || warm_localizer.clone(),
             |localizer| {
                 for frame in &frames[600..] {
                     localizer.add_odometry(&frame.odometry);
@@ -90,17 +90,17 @@ fn tracking(criterion: &mut Criterion) {
     });
 }
 
-fn relocalising(criterion: &mut Criterion) {
+fn global_localization(criterion: &mut Criterion) {
     let field = field();
     let config = LocalizeConfig::default();
     let distances = DistanceField::new(&field, &config.distance_field);
-    let sights = observations(&field);
+    let views = observations(&field);
     let mut search = BranchAndBound::new(&field, &distances, config.branch_and_bound.clone());
     let mut matcher = Matcher::new(config.matching.clone());
     let mut k = 0;
     let mut next = || {
-        k = (k + 1) % sights.len();
-        &sights[k]
+        k = (k + 1) % views.len();
+        &views[k]
     };
     criterion.bench_function("exact_without_prior", |bencher| {
         bencher.iter(|| search.find_hypotheses(&distances, &mut matcher, &next().1, None));
@@ -141,11 +141,11 @@ fn relocalising(criterion: &mut Criterion) {
     });
 }
 
-/// A frame's share of the filter: three readings of wheels and inertial unit each, and the update by a sight.
+/// The filter's computation per image: three readings of wheels and inertial unit each, and one pose update.
 fn bench_filter(criterion: &mut Criterion) {
     let config = FilterConfig::default();
     let covariance = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5));
-    let mut belief = PoseFilter::new(Pose::new(1.0, 2.0, 0.5), &covariance, None, &config);
+    let mut filter = PoseFilter::new(Pose::new(1.0, 2.0, 0.5), &covariance, None, &config);
     let span = PredictionInput {
         dt: 0.01,
         imu: Some(ImuInterval {
@@ -157,7 +157,7 @@ fn bench_filter(criterion: &mut Criterion) {
         }),
         ..PredictionInput::default()
     };
-    let way = WheelIncrement {
+    let increment = WheelIncrement {
         motion: [0.015, 0.001, 0.002],
         dt: 0.01,
         slip: 0.0,
@@ -166,15 +166,15 @@ fn bench_filter(criterion: &mut Criterion) {
     criterion.bench_function("predict_and_update_a_frame", |bencher| {
         bencher.iter(|| {
             for _ in 0..3 {
-                belief.predict(&span, &config);
-                belief.update_wheels(&way, &config);
+                filter.predict(&span, &config);
+                filter.update_wheels(&increment, &config);
             }
-            let pose = belief.pose();
-            belief.update_pose(pose, &covariance, &config);
-            black_box(belief.pose())
+            let pose = filter.pose();
+            filter.update_pose(pose, &covariance, &config);
+            black_box(filter.pose())
         });
     });
 }
 
-criterion_group!(place, tracking, relocalising, bench_filter);
-criterion_main!(place);
+criterion_group!(benches, tracking, global_localization, bench_filter);
+criterion_main!(benches);

@@ -12,6 +12,12 @@ use crate::sample::Compass;
 use crate::sensors::attitude::AttitudeConfig;
 use crate::sensors::compass_calibration::CompassCalibration;
 
+mod bounds;
+mod tables;
+
+pub use bounds::{Bound, SettingError, bound, check_bounds, unbounded_settings};
+pub use tables::{LOCALIZE_BOUNDS, TEAM_BOUNDS, WORLD_BOUNDS};
+
 /// Everything about localisation.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -164,8 +170,9 @@ impl CompassConfig {
         else {
             return sample.heading.is_finite().then_some(sample.heading);
         };
-        let (heading, strength) = calibration.heading(field);
-        ((strength - 1.0).abs() <= self.strength_tolerance).then_some(heading)
+        let magnetic = calibration.heading(field);
+        ((magnetic.relative_strength - 1.0).abs() <= self.strength_tolerance)
+            .then_some(magnetic.heading)
     }
 }
 
@@ -185,101 +192,10 @@ impl Default for CompassConfig {
     }
 }
 
-/// A value that no localisation can work with.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{key} = {value}: must be between {min} and {max}")]
-pub struct SettingOutOfRange {
-    /// The key, with its section.
-    pub key: &'static str,
-    /// Its value.
-    pub value: f32,
-    /// Least that works.
-    pub min: f32,
-    /// Most that works.
-    pub max: f32,
-}
-
 impl LocalizeConfig {
-    /// Refuses sizes that would divide by zero or fill the memory; to be called on what a user wrote.
-    pub fn check(&self) -> Result<(), SettingOutOfRange> {
-        let (search, matching) = (&self.branch_and_bound, &self.matching);
-        let relocalise = &self.global_search;
-        for (key, value, least, most) in [
-            ("distance.cell", self.distance_field.cell, 0.01, 0.5),
-            ("distance.margin", self.distance_field.margin, 0.0, 20.0),
-            (
-                "matching.reach_sigmas",
-                matching.kernel_scale_sigmas,
-                0.5,
-                20.0,
-            ),
-            ("matching.point_std_min", matching.map_std, 0.001, 1.0),
-            (
-                "matching.viewpoint_height",
-                matching.viewpoint_height,
-                0.05,
-                5.0,
-            ),
-            ("matching.lean_std_deg", matching.tilt_std_deg, 0.0, 10.0),
-            ("search.cell", search.cell, 0.02, 1.0),
-            (
-                "search.heading_step_deg",
-                search.heading_step_deg,
-                0.2,
-                20.0,
-            ),
-            ("search.outside", search.margin, 0.0, 10.0),
-            ("search.range_max", search.range_max, 1.0, 40.0),
-            ("search.reach", search.kernel_scale, 0.01, 2.0),
-            ("search.points_max", search.points_max as f32, 10.0, 4000.0),
-            ("compass.std_deg", self.compass.std_deg, 0.1, 180.0),
-            (
-                "relocalise.hough.pixel",
-                relocalise.hough.pixel_size,
-                0.001,
-                0.1,
-            ),
-            (
-                "relocalise.hough.step_deg",
-                relocalise.hough.angle_step_deg,
-                0.1,
-                10.0,
-            ),
-            (
-                "relocalise.scan_map.cell",
-                relocalise.scan_map.cell,
-                0.05,
-                1.0,
-            ),
-            (
-                "relocalise.scan_map.range",
-                relocalise.scan_map.range_max,
-                1.0,
-                20.0,
-            ),
-            (
-                "relocalise.heading.bin",
-                relocalise.heading_histogram.bin_width,
-                0.01,
-                2.0,
-            ),
-            (
-                "relocalise.heading.step_deg",
-                relocalise.heading_histogram.step_deg,
-                0.1,
-                20.0,
-            ),
-        ] {
-            if !(value >= least && value <= most) {
-                return Err(SettingOutOfRange {
-                    key,
-                    value,
-                    min: least,
-                    max: most,
-                });
-            }
-        }
-        Ok(())
+    /// Refuses values that cannot work, and names the first. To be called on what a user wrote.
+    pub fn check(&self) -> Result<(), SettingError> {
+        check_bounds("localize", self, LOCALIZE_BOUNDS)
     }
 }
 
@@ -296,12 +212,15 @@ mod tests {
         let mut config = LocalizeConfig::default();
         config.branch_and_bound.cell = 0.0;
         let message = config.check().expect_err("no cells").to_string();
-        assert!(message.starts_with("search.cell = 0"), "{message}");
+        assert!(
+            message.starts_with("localize.branch_and_bound.cell = 0:"),
+            "{message}"
+        );
     }
 
     #[test]
     fn an_unknown_key_is_refused() {
-        assert!(toml::from_str::<LocalizeConfig>("[search]\ncel = 0.1").is_err());
-        assert!(toml::from_str::<LocalizeConfig>("[search]\ncell = 0.2").is_ok());
+        assert!(toml::from_str::<LocalizeConfig>("[branch_and_bound]\ncel = 0.1").is_err());
+        assert!(toml::from_str::<LocalizeConfig>("[branch_and_bound]\ncell = 0.2").is_ok());
     }
 }

@@ -1,4 +1,4 @@
-//! What does a frame say about the place? The pose, how it came about, how sure it is, and what else it could be.
+//! Result of the localization for one image: pose, covariance, mode and alternatives.
 
 use nalgebra::Matrix3;
 
@@ -7,53 +7,53 @@ use crate::global_search::branch_and_bound::Hypothesis;
 use crate::omni::Twist;
 use crate::stamp::Stamp;
 
-/// How a frame's pose came about.
+/// How an image's pose was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
-    /// Carried on from the frame before, by odometry and matching.
+    /// Tracked from the previous image by odometry and matching.
     Tracking,
-    /// Found on the whole field in this frame, or followed while the half of the field is not yet known.
+    /// Found on the whole field in this image, or tracked while the field half is unknown.
     Global,
-    /// Not known.
+    /// Unknown.
     Lost,
 }
 
-/// Why a frame's pose is not a plainly tracked one.
+/// Why an image's pose is not simply tracked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reason {
-    /// Too few line points: odometry alone carries the pose.
+    /// Too few line points: the pose is predicted by odometry alone.
     FewPoints,
-    /// The points do not lie on the markings as they use to, but no other pose explains them better.
+    /// The points fit the markings worse than usual, but no other pose fits better.
     PoorMatch,
-    /// Another pose explains the points better: suspected.
+    /// Another pose explains the points better.
     BetterAlternative,
-    /// The compass contradicts the pose: suspected, or turned to the other half.
+    /// The compass contradicted the pose, which was turned to the other field half.
     CompassConflict,
-    /// Odometry alone for too long.
+    /// Odometry alone until the pose was too uncertain.
     DeadReckoningTimeout,
-    /// The relocaliser has not gathered a pose yet.
+    /// The global search needs further images.
     Searching,
     /// No pose on the whole field explains the points.
     NoMatch,
-    /// Several poses explain the points: the runners-up.
+    /// Several poses explain the points, see `runners_up`.
     Ambiguous,
-    /// The frame is older than what is known already; it was not used.
+    /// The image is older than the filter and was not used.
     OutOfOrder,
 }
 
-/// What one frame says about the place.
+/// Localization result of one image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
-    /// The frame's.
+    /// The image's stamp.
     pub stamp: Stamp,
-    /// The pose, none when lost.
+    /// The pose. None when lost.
     pub pose: Option<Pose>,
-    /// Of (x, y, θ), metres and radians, with hypotheses that are not ruled out (but for the half turn, which is among
-    /// the runners-up); the field's own size when lost.
+    /// Of (x, y, θ), metres and radians, including the spread of possible alternatives, but not the half turn. When lost,
+    /// that of a uniform distribution over the field.
     pub covariance: Matrix3<f32>,
-    /// How the pose came about.
+    /// How the pose was found.
     pub mode: Mode,
-    /// Why it is not a plainly tracked one.
+    /// Why it is not simply tracked.
     pub reason: Option<Reason>,
     /// Root mean square distance of the inliers from the markings, metres.
     pub residual: f32,
@@ -61,20 +61,20 @@ pub struct Estimate {
     pub inlier_share: f32,
     /// Line points used.
     pub line_points: usize,
-    /// Lean (a, b) of the robot in this frame, radians.
+    /// Tilt (a, b) of the robot in this image, radians (docs/methods.md 3.1).
     pub tilt: [f32; 2],
-    /// Is it known in which half the robot is (compass, prior pose, or a field that tells)?
+    /// Is the field half known (from compass, goals, a given pose, or an asymmetric field)?
     pub half_known: bool,
-    /// Estimated metres per metre and radians per radian of the odometry.
+    /// Estimated true over measured motion of the wheels: translation, rotation.
     pub odometry_scales: [f32; 2],
-    /// Estimated velocity in the robot's frame; none while lost.
+    /// Estimated velocity, robot frame. None when lost.
     pub twist: Option<Twist>,
-    /// Is a collision going on, so that the wheels are not believed?
+    /// Are wheel samples skipped because of a collision or of slip?
     pub collision: bool,
-    /// Estimated bias of the gyro about the vertical, rad/s.
+    /// Estimated gyro bias about z, rad/s.
     pub gyro_bias: f32,
-    /// Estimated time from the frame's exposure to its stamp, seconds.
+    /// Estimated time from the image's exposure to its stamp, seconds.
     pub latency: f32,
-    /// Poses that explain the points too, with their probabilities; without the pose itself.
+    /// Alternative poses that explain the points, with their probabilities. Excludes `pose`.
     pub runners_up: Vec<Hypothesis>,
 }

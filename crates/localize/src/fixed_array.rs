@@ -1,4 +1,4 @@
-//! How many numbers does a setting have? TOML's reader passes over what is too many; here that is an error.
+//! Settings with a fixed number of values. TOML's deserializer ignores additional values; here they are an error.
 
 use serde::{Deserialize, Deserializer};
 

@@ -1,10 +1,12 @@
-//! In whose coordinates? Points and rigid motions of the plane that carry their frames in their types.
+//! Coordinate frames: points and rigid motions of the plane, with their frames in the types.
 //!
 //! Field: origin at the field's centre, x along its length, y to the left of x. Robot: origin on the ground below
 //! the mirror's axis, x forward, y left. Angles counter-clockwise, radians (nubot2013 eq. 1).
 
 use std::marker::PhantomData;
 use std::ops::Mul;
+
+use nalgebra::Vector3;
 
 /// The field's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,7 +54,7 @@ impl<F> At<F> {
         (self.x - other.x).hypot(self.y - other.y)
     }
 
-    /// Direction seen from the frame's origin, radians.
+    /// Direction from the frame's origin, radians.
     pub fn bearing(self) -> f32 {
         self.y.atan2(self.x)
     }
@@ -61,9 +63,9 @@ impl<F> At<F> {
 /// The rigid motion that takes coordinates of frame `B` to frame `A`: `a = a_from_b * b`.
 #[derive(Debug, PartialEq)]
 pub struct Tf<A, B> {
-    /// Where B's origin lies in A, metres.
+    /// B's origin in A, metres.
     pub x: f32,
-    /// Where B's origin lies in A, metres.
+    /// B's origin in A, metres.
     pub y: f32,
     /// Direction of B's x axis in A, radians in (−π, π].
     pub theta: f32,
@@ -99,6 +101,15 @@ impl<A, B> Tf<A, B> {
         )
     }
 
+    /// Components of `self` − `reference`: (x, y, θ), metres and radians, θ wrapped.
+    pub fn difference(self, reference: Self) -> Vector3<f32> {
+        Vector3::new(
+            self.x - reference.x,
+            self.y - reference.y,
+            wrap_angle(self.theta - reference.theta),
+        )
+    }
+
     /// B's origin as a point of A.
     pub fn origin(self) -> At<A> {
         At::new(self.x, self.y)
@@ -130,10 +141,10 @@ impl<A, B, C> Mul<Tf<B, C>> for Tf<A, B> {
     }
 }
 
-/// Where the robot is: field_from_robot.
+/// The robot's pose on the field: field_from_robot.
 pub type Pose = Tf<FieldFrame, RobotFrame>;
 
-/// The angle in (−π, π] that differs from `angle` by whole turns.
+/// The angle in (−π, π] that equals `angle` modulo 2π.
 pub fn wrap_angle(angle: f32) -> f32 {
     use std::f32::consts::{PI, TAU};
     if angle > -PI && angle <= PI {

@@ -1,13 +1,24 @@
-//! Where is the robot? From line points, wheels, an IMU and a compass to a pose on the field.
+//! Localization: from line points, wheel odometry, an IMU and a compass to a pose on the field.
 //!
-//! The vocabulary that every other crate speaks (stamps, coordinate frames, samples, the robot's description, the field)
-//! lives here. Modules in the order in which data meets them.
+//! This crate also defines the types that all other crates share: stamps, coordinate frames, samples, the robot's
+//! description, the field. Modules are listed in the order in which data meets them.
+//!
+//! No module reads a clock. Stamps are arguments. The only file access is in the `load` functions of configuration
+//! files ([`Field::load`], [`robot::RobotConfig::load`]). The only random generator of the product is the particle
+//! filter's ([`global_search::monte_carlo`]), part of its state and seeded by its configuration.
+//!
+//! Tables of a field (distance field, scan map, score tables) are built in parallel on rayon's global thread pool. Each
+//! entry is computed independently, so that results do not depend on the number of threads. No other threads are used.
+//!
+//! The feature `synthetic` adds generated drives and the experiments on them, for evaluation, benches and tests.
 
 pub mod fixed_array;
 pub mod frames;
+pub mod random;
 pub mod robot;
 pub mod sample;
 pub mod stamp;
+pub mod tilt;
 pub mod toml_location;
 
 pub mod field;
@@ -30,6 +41,7 @@ pub mod world;
 pub mod config;
 pub mod presets;
 
+#[cfg(any(test, feature = "synthetic"))]
 pub mod synthetic;
 
 pub use config::LocalizeConfig;

@@ -1,15 +1,15 @@
-//! How do wheels move the robot? Three or more omnidirectional wheels, from their speeds to the robot's and back.
+//! Kinematics of a base with three or more omnidirectional wheels: wheel speeds to twist, and the inverse.
 //!
-//! MATH.md 5, minho2016 IV.C: wheel i at angle a_i, distance L and radius r turns at
-//! ω_i = (−sin a_i·v_x + cos a_i·v_y + L·θ̇)/r. The pseudo-inverse gives the motion back, and what of the wheels' speeds no
-//! motion explains is slip.
+//! docs/methods.md 7.1, minho2016 IV.C: wheel i at angle a_i, distance L and radius r has the speed
+//! ω_i = (−sin a_i·v_x + cos a_i·v_y + L·θ̇)/r. The pseudo-inverse gives the twist; the residual of the wheel speeds is
+//! slip.
 
 use nalgebra::{DMatrix, Matrix3};
 
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 
-/// Velocity of the robot, or its motion in a given time, robot frame.
+/// Velocity of the robot, or its motion in a given time (robot frame).
 #[derive(
     Debug,
     Clone,
@@ -30,13 +30,13 @@ pub struct Twist {
 }
 
 impl Twist {
-    /// The motion that this constant velocity makes in one unit of time, as it ends in the frame where it began.
+    /// The motion by this constant velocity in one unit of time, in the robot frame at its start.
     ///
-    /// The robot turns on an arc: the translation is the integral of R(θ̇t)·(x, y).
+    /// The robot moves on an arc: the translation is the integral of R(θ̇t)·(x, y) (docs/methods.md 7.2).
     ///
     /// `slip`: see [`Odometry::slip`].
     pub fn integrate(self, stamp: Stamp, slip: f32) -> Odometry {
-        // sin θ/θ and (1 − cos θ)/θ; their series below 1e-3 err by less than an f32 resolves.
+        // sin θ/θ and (1 − cos θ)/θ. Below 1e-3 the error of their series is under the resolution of f32.
         let (along, across) = if self.theta.abs() < 1e-3 {
             (1.0 - self.theta * self.theta / 6.0, self.theta / 2.0)
         } else {
@@ -55,7 +55,7 @@ impl Twist {
         }
     }
 
-    /// Every part multiplied.
+    /// All components multiplied by `factor`.
     pub fn scaled(self, factor: f32) -> Twist {
         Twist {
             x: factor * self.x,
@@ -65,26 +65,26 @@ impl Twist {
     }
 }
 
-/// Why wheels make no omnidirectional base.
+/// Why a wheel layout is refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum OmniError {
-    /// Fewer than three wheels cannot move in three ways.
+    /// Fewer than three wheels cannot drive three degrees of freedom.
     #[error("{0} wheels: an omnidirectional base has three or more")]
     TooFew(usize),
-    /// Radius or distance is no length, or an angle is no number.
+    /// Radius or distance is not positive, or an angle is not finite.
     #[error("wheel radius, distance and angles must be numbers, the lengths above zero")]
     InvalidSize,
-    /// The wheels leave a direction in which the robot cannot be driven, or hardly.
+    /// The wheels cannot, or hardly, drive the robot in some direction.
     #[error("the wheels' angles leave a direction in which they cannot drive")]
     Degenerate,
 }
 
-/// The wheels of a base.
+/// Kinematics of a base.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OmniKinematics {
-    /// Of each wheel: radians of turn per metre forward, metre to the left, radian of the robot's turn.
+    /// Per wheel: rotation in radians per metre forward, per metre to the left, and per radian of the robot's yaw.
     wheel_from_robot: Vec<[f32; 3]>,
-    /// The pseudo-inverse, a column for each wheel.
+    /// The pseudo-inverse, one column per wheel.
     robot_from_wheel: Vec<[f32; 3]>,
     wheel_radius: f32,
 }
@@ -103,30 +103,32 @@ impl OmniKinematics {
         {
             return Err(OmniError::InvalidSize);
         }
-        // Columns in units of one wheel's rim: the conditioning then does not depend on the robot's size.
-        let rim = DMatrix::from_fn(angles.len(), 3, |wheel, way| {
+        // Columns in units of a wheel's rim: the conditioning does not depend on the robot's size.
+        let rim = DMatrix::from_fn(angles.len(), 3, |wheel, axis| {
             let (sin, cos) = f64::from(angles[wheel]).sin_cos();
-            [-sin, cos, 1.0][way]
+            [-sin, cos, 1.0][axis]
         });
         let normal: Matrix3<f64> = (rim.transpose() * &rim).fixed_view::<3, 3>(0, 0).into();
-        // The smallest eigenvalue is the share of the wheels that drives the weakest direction: below a hundredth of a wheel
-        // (two wheels 6° off parallel and the third beside them) encoder noise is amplified tenfold and more.
+        // The smallest eigenvalue is the share of the wheels that drives the weakest direction. Below a hundredth of a
+        // wheel (all three wheels within about 6° of parallel) encoder noise is amplified tenfold or more.
         if normal.symmetric_eigenvalues().min() < 0.01 {
             return Err(OmniError::Degenerate);
         }
         let inverse = normal.try_inverse().ok_or(OmniError::Degenerate)?;
         let (radius_m, distance_m) = (f64::from(radius), f64::from(distance));
         let scale = [1.0, 1.0, distance_m];
-        let rows = |wheel: usize| [0, 1, 2].map(|way| rim[(wheel, way)]);
+        let rim_row = |wheel: usize| [0, 1, 2].map(|axis| rim[(wheel, axis)]);
         let wheel_from_robot = (0..angles.len())
-            .map(|wheel| [0, 1, 2].map(|way| (rows(wheel)[way] * scale[way] / radius_m) as f32))
+            .map(|wheel| {
+                [0, 1, 2].map(|axis| (rim_row(wheel)[axis] * scale[axis] / radius_m) as f32)
+            })
             .collect();
         let robot_from_wheel = (0..angles.len())
             .map(|wheel| {
-                let row = rows(wheel);
-                [0, 1, 2].map(|way| {
-                    let sum: f64 = (0..3).map(|k| inverse[(way, k)] * row[k]).sum();
-                    (sum * radius_m / scale[way]) as f32
+                let row = rim_row(wheel);
+                [0, 1, 2].map(|axis| {
+                    let sum: f64 = (0..3).map(|k| inverse[(axis, k)] * row[k]).sum();
+                    (sum * radius_m / scale[axis]) as f32
                 })
             })
             .collect();
@@ -137,22 +139,22 @@ impl OmniKinematics {
         })
     }
 
-    /// How many wheels there are.
+    /// Number of wheels.
     pub fn wheel_count(&self) -> usize {
         self.wheel_from_robot.len()
     }
 
-    /// Speed of each wheel (rad/s, in the order of the angles) that moves the robot like `twist`.
+    /// Speed of each wheel (rad/s, in the order of the angles) for `twist`.
     pub fn wheel_speeds(&self, twist: Twist) -> impl Iterator<Item = f32> + '_ {
         self.wheel_from_robot
             .iter()
             .map(move |row| row[0] * twist.x + row[1] * twist.y + row[2] * twist.theta)
     }
 
-    /// The motion that fits the wheels best (least squares), and the slip.
+    /// The least-squares twist of the wheel speeds, and the slip.
     ///
-    /// `wheels`: rad/s, or radians turned; one for each wheel. Slip is the root mean square of what the motion leaves of the
-    /// rims' speeds, m/s (metres); three wheels always agree, so that their slip is zero.
+    /// `wheels`: rad/s (or radians), one per wheel. Slip is the root mean square residual of the rim speeds, m/s (or
+    /// metres). Three wheels have no residual, so that their slip is zero.
     pub fn twist(&self, wheels: &[f32]) -> (Twist, f32) {
         let mut sum = [0.0_f32; 3];
         for (column, speed) in self.robot_from_wheel.iter().zip(wheels) {
@@ -168,7 +170,7 @@ impl OmniKinematics {
         let square: f32 = self
             .wheel_speeds(twist)
             .zip(wheels)
-            .map(|(explained, speed)| (speed - explained) * (speed - explained))
+            .map(|(predicted, speed)| (speed - predicted) * (speed - predicted))
             .sum();
         (
             twist,
@@ -176,7 +178,7 @@ impl OmniKinematics {
         )
     }
 
-    /// The twist, slowed down in all its parts alike until no wheel's rim is faster than `rim_speed_max` (m/s).
+    /// The twist, scaled down so that no wheel's rim is faster than `rim_speed_max` (m/s).
     pub fn limit_twist(&self, twist: Twist, rim_speed_max: f32) -> Twist {
         let fastest = self
             .wheel_speeds(twist)
@@ -188,12 +190,12 @@ impl OmniKinematics {
         twist.scaled(share)
     }
 
-    /// Force (N along x and y) and torque (N m) on the robot when each wheel's rim pushes the ground by so many N.
-    pub fn wrench(&self, pushes: impl Iterator<Item = f32>) -> [f32; 3] {
+    /// Force (N along x and y) and torque (N m) on the robot from the forces of the wheels' rims on the ground (N).
+    pub fn wrench(&self, rim_forces: impl Iterator<Item = f32>) -> [f32; 3] {
         let mut sum = [0.0_f32; 3];
-        for (row, push) in self.wheel_from_robot.iter().zip(pushes) {
+        for (row, force) in self.wheel_from_robot.iter().zip(rim_forces) {
             for (sum, part) in sum.iter_mut().zip(row) {
-                *sum += self.wheel_radius * part * push;
+                *sum += self.wheel_radius * part * force;
             }
         }
         sum
@@ -250,7 +252,7 @@ mod tests {
         };
         let mut speeds: Vec<_> = base.wheel_speeds(twist).collect();
         assert!(base.twist(&speeds).1 < 1e-5);
-        // Of one wheel's 10 rad/s the motion explains three quarters; of the rest each of four wheels has a quarter.
+        // The twist fits three quarters of one wheel's 10 rad/s; the residual is spread evenly over four wheels.
         speeds[2] += 10.0;
         assert!((base.twist(&speeds).1 - 0.05 * 10.0 / 4.0).abs() < 1e-4);
     }
@@ -263,10 +265,13 @@ mod tests {
             y: -0.4,
             theta: 1.5,
         };
-        let pushes = [10.0, -4.0, 7.0];
-        let rims = base.wheel_speeds(twist).map(|speed| 0.05 * speed);
-        let wheels: f32 = rims.zip(pushes).map(|(rim, push)| rim * push).sum();
-        let [fx, fy, torque] = base.wrench(pushes.into_iter());
+        let forces = [10.0, -4.0, 7.0];
+        let rim_speeds = base.wheel_speeds(twist).map(|speed| 0.05 * speed);
+        let wheels: f32 = rim_speeds
+            .zip(forces)
+            .map(|(speed, force)| speed * force)
+            .sum();
+        let [fx, fy, torque] = base.wrench(forces.into_iter());
         let body = fx * twist.x + fy * twist.y + torque * twist.theta;
         assert!((wheels - body).abs() < 1e-4, "{wheels} {body}");
     }
@@ -302,7 +307,7 @@ mod tests {
 
     #[test]
     fn half_circle_integrates_to_its_diameter() {
-        // 1 m of arc in half a turn: radius 1/π, so 2/π to the left.
+        // A half circle of 1 m: radius 1/π, so that it ends 2/π to the left.
         let end = Twist {
             x: 1.0,
             y: 0.0,

@@ -1,4 +1,4 @@
-//! How would each paper's robot find its place? Every stage as that paper has it, by name.
+//! Presets: the methods of each paper, stage by stage.
 
 use crate::config::{LocalizeConfig, SuspectRule, Tracker};
 use crate::filter::FilterKind;
@@ -9,22 +9,22 @@ use crate::matching::Minimiser;
 pub const PRESETS: [&str; 4] = ["default", "lima2001", "minho2016", "nubot2013"];
 
 impl LocalizeConfig {
-    /// The configuration of that name; none if there is none.
+    /// The preset of that name; None if it is unknown.
     pub fn preset(name: &str) -> Option<Self> {
         let mut config = LocalizeConfig::default();
         match name {
             "default" => {}
             "lima2001" => {
-                // 4.1 to 4.5: every image is located by itself; no odometry, no filter. Maximum after maximum of the
-                // correlation, as many as the field's eleven or thirteen lines and six seen ones give.
+                // 4.1 to 4.5: each image is located by itself, without odometry and filter. The number of maxima is that
+                // of the field's eleven or thirteen lines with six detected ones.
                 config.global_search.method = GlobalSearchMethod::Hough;
                 config.global_search.hough.correlation_peaks_max = 30;
                 config.tracker = Tracker::None;
                 config.matching.tilt_std_deg = 0.0;
             }
             "minho2016" => {
-                // IV and V.B: scan map, local search about the last position, heading by histograms; a Kalman filter
-                // each for vision and odometry, fused by a node.
+                // IV and V.B: scan map, local search around the last position, heading from histograms. One Kalman
+                // filter each for vision and odometry, and their fusion.
                 config.filter.kind = FilterKind::Decentralised;
                 config.attitude.tilt_compensation = false;
                 config.global_search.method = GlobalSearchMethod::ScanMap;
@@ -35,8 +35,8 @@ impl LocalizeConfig {
                 config.filter.noise_adaptation_rate = 0.0;
             }
             "nubot2013" => {
-                // 4: Monte Carlo until its particles have gathered, then matching by RPROP on e(t) with one c for all
-                // points, fused with odometry by its curvature; five suspect cycles restart Monte Carlo.
+                // 4: Monte Carlo localization until its particles converge, then matching by RPROP on e(t) with one c for
+                // all points, fused with odometry by its curvature. Five suspect cycles restart Monte Carlo.
                 config.global_search.method = GlobalSearchMethod::MonteCarlo;
                 config.matching.minimiser = Minimiser::Rprop;
                 config.matching.steps_max = 60;

@@ -1,4 +1,4 @@
-//! What arrives? Stamped samples of vision, wheels, IMU and compass, whatever their source.
+//! Samples: stamped measurements of vision, wheels, inertial unit and compass.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,67 +7,67 @@ use crate::frames::{At, RobotFrame};
 use crate::omni::Twist;
 use crate::stamp::Stamp;
 
-/// A point of the ground that vision takes for the centre of a line, robot frame.
+/// A ground point on the centre of a line, robot frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinePoint {
-    /// Where it lies, metres.
+    /// Position, metres.
     pub at: At<RobotFrame>,
-    /// Standard deviation along the direction from the robot, metres (a pixel's size on the ground there).
+    /// Standard deviation along the direction from the robot, metres (size of a pixel on the ground).
     pub std_radial: f32,
     /// Standard deviation across that direction, metres.
     pub std_tangential: f32,
 }
 
-/// A goal that vision saw by its colour, robot frame.
+/// A goal detected by its colour, robot frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoalObservation {
-    /// Its colour.
+    /// Colour of the goal.
     pub colour: GoalColour,
-    /// Where the middle of what is seen of it meets the ground, metres.
+    /// Ground point below the middle of its visible part, metres.
     pub at: At<RobotFrame>,
-    /// Standard deviation of that in its worst direction, metres.
+    /// Standard deviation of `at` in the worst direction, metres.
     pub std: f32,
-    /// How wide it is seen, metres.
+    /// Visible width, metres.
     pub width: f32,
 }
 
 /// Motion of the robot since the previous odometry sample, in the robot frame at that sample.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Odometry {
-    /// When the motion ended.
+    /// End of the motion.
     pub stamp: Stamp,
     /// Forward, metres.
     pub dx: f32,
-    /// To the left, metres.
+    /// Left, metres.
     pub dy: f32,
     /// Counter-clockwise, radians.
     pub dtheta: f32,
-    /// What no motion explains of the wheels' ways, root mean square, metres; 0 where three wheels cannot tell.
+    /// Root mean square residual of the wheels' distances, metres. 0 for three wheels (docs/methods.md 7.1).
     pub slip: f32,
 }
 
-/// What the motors are told: a velocity in the robot frame, valid until the next.
+/// Commanded velocity, robot frame. Valid until the next command.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VelocityCommand {
-    /// From when on.
+    /// Start of its validity.
     pub stamp: Stamp,
-    /// The wanted velocity.
+    /// Commanded velocity.
     pub twist: Twist,
 }
 
-/// The compass's heading of the robot on the field.
+/// Heading of the robot on the field by the compass.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Compass {
-    /// When it was read.
+    /// Time of the reading.
     pub stamp: Stamp,
     /// Direction of the robot's x axis on the field, radians.
     pub heading: f32,
-    /// Horizontal magnetic field, robot frame, the magnetometer's own unit; none where the device tells a heading alone.
+    /// Horizontal magnetic field, robot frame, unit of the magnetometer. None if the device gives the heading only.
     pub magnetic_field: Option<[f32; 2]>,
 }
 
 impl Compass {
-    /// The reading of a magnetometer whose field is a circle about zero, north along the field's x axis.
+    /// A reading of an undisturbed magnetometer, with north along the field's x axis.
     pub fn from_magnetic_field(stamp: Stamp, field: [f32; 2]) -> Self {
         Compass {
             stamp,
@@ -77,13 +77,13 @@ impl Compass {
     }
 }
 
-/// One reading of the inertial unit, robot frame (x forward, y left, z up).
+/// One reading of the inertial unit (IMU), robot frame (x forward, y left, z up).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Imu {
-    /// When it was read.
+    /// Time of the reading.
     pub stamp: Stamp,
     /// Specific force, m/s².
     pub acceleration: [f32; 3],
-    /// Rate of turn, rad/s.
+    /// Angular rate, rad/s.
     pub rate: [f32; 3],
 }

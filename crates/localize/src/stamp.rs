@@ -1,4 +1,4 @@
-//! When did it happen? Nanoseconds on the clock of the source.
+//! Time stamps: nanoseconds on the clock of the source.
 
 use std::ops::{Add, Sub};
 

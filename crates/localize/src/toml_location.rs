@@ -1,11 +1,12 @@
-//! Where in a TOML file does a key stand? So that a value that is refused is named with its line.
+//! The line of a key in a TOML file, for error messages about its value.
 
 use std::path::Path;
 
 use toml::de::{DeTable, DeValue};
 
-/// `file: line N`, where `key` (as in `camera.focal_px` or `faults[2].start`) stands in `text`, the file's content; as far
-/// down the key as the text goes, and the file alone where it does not speak of it at all.
+/// `file: line N` of `key` (such as `camera.focal_px` or `faults[2].start`) in `text`, the file's content.
+///
+/// If the key is missing, the line is that of its deepest existing table; without one, the result is the file alone.
 pub fn key_location(path: &Path, text: &str, key: &str) -> String {
     match key_line(text, key) {
         Some(line) => format!("{}: line {line}", path.display()),
@@ -27,8 +28,10 @@ fn key_line(text: &str, key: &str) -> Option<usize> {
         };
         let (mut span, mut value) = (key.span(), value);
         if let (Some(index), DeValue::Array(values)) = (index, value.get_ref()) {
-            let Some(one) = values.get(index) else { break };
-            (span, value) = (one.span(), one);
+            let Some(element) = values.get(index) else {
+                break;
+            };
+            (span, value) = (element.span(), element);
         }
         found = Some(span.start);
         match value.get_ref() {

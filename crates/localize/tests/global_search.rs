@@ -1,15 +1,16 @@
-//! Each paper's way of finding the place from nothing does find it, on the field its paper had.
+//! Each method of global localization locates the robot on the field of its paper.
 
 use localize::frames::wrap_angle;
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, half_turn};
 use localize::global_search::hough::confirm_by_goal_colours;
-use localize::global_search::scan_map::{CacheStatus, ScanMap, ScanMapConfig};
+use localize::global_search::scan_map::{ScanMap, ScanMapConfig};
 use localize::global_search::{GlobalSearch, GlobalSearchConfig, GlobalSearchMethod, SearchInput};
 use localize::matching::Matcher;
 use localize::presets::PRESETS;
+use localize::random::standard_normal;
 use localize::sample::GoalObservation;
 use localize::synthetic::drive::{
-    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
+    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
 };
 use localize::{At, DistanceField, Field, FieldFrame, LocalizeConfig, Localizer, Pose, Stamp};
 use rand_chacha::ChaCha8Rng;
@@ -24,17 +25,17 @@ fn near(a: Pose, b: Pose) -> bool {
     a.origin().distance_to(b.origin()) < 0.15 && wrap_angle(a.theta - b.theta).abs() < 0.05
 }
 
-/// How many of `count` random poses the relocaliser puts first, with or without a compass (then up to the half turn).
-fn count_located(by: GlobalSearchMethod, field: &Field, compass: bool, count: usize) -> usize {
+/// Number of `count` random poses that are the first hypothesis; without a compass modulo the half turn.
+fn count_located(method: GlobalSearchMethod, field: &Field, compass: bool, count: usize) -> usize {
     let config = LocalizeConfig::default();
     let distances = DistanceField::new(field, &config.distance_field);
     let mut search = BranchAndBound::new(field, &distances, config.branch_and_bound.clone());
     let mut matcher = Matcher::new(config.matching.clone());
-    let chosen = GlobalSearchConfig {
-        method: by,
+    let search_config = GlobalSearchConfig {
+        method,
         ..GlobalSearchConfig::default()
     };
-    let mut relocaliser = GlobalSearch::new(field, &distances, &chosen);
+    let mut global_search = GlobalSearch::new(field, &distances, &search_config);
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut right = 0;
     for _ in 0..count {
@@ -42,16 +43,16 @@ fn count_located(by: GlobalSearchMethod, field: &Field, compass: bool, count: us
         let points = simulate_line_points(field, &SyntheticDriveConfig::default(), truth, &mut rng);
         let std = 10.0_f32.to_radians();
         let heading = truth.theta + std * standard_normal(&mut rng);
-        relocaliser.reset();
-        let sight = SearchInput {
+        global_search.reset();
+        let input = SearchInput {
             distances: &distances,
             points: &points,
             heading_prior: compass.then_some(HeadingPrior { heading, std }),
             goals: &[],
             single_image: true,
         };
-        let all = relocaliser.find_hypotheses(&mut search, &mut matcher, &sight);
-        right += usize::from(all.first().is_some_and(|best| {
+        let hypotheses = global_search.find_hypotheses(&mut search, &mut matcher, &input);
+        right += usize::from(hypotheses.first().is_some_and(|best| {
             near(best.pose, truth) || !compass && near(half_turn(best.pose), truth)
         }));
     }
@@ -85,7 +86,7 @@ fn monte_carlo_locates_80_percent_from_one_image() {
 
 #[test]
 fn branch_and_bound_matches_exhaustive_search() {
-    // On a small field: no pose of a fine lattice may explain the points better than the one found.
+    // On a small field no pose of a fine grid may score higher than the result.
     let field = field("msl_2001.toml");
     let config = LocalizeConfig::default();
     let distances = DistanceField::new(&field, &config.distance_field);
@@ -100,19 +101,22 @@ fn branch_and_bound_matches_exhaustive_search() {
     for _ in 0..2 {
         let truth = random_pose(&field, &mut rng);
         let points = simulate_line_points(&field, &sparse, truth, &mut rng);
-        let reach = config.branch_and_bound.kernel_scale;
+        let kernel_scale = config.branch_and_bound.kernel_scale;
         let score = |pose: Pose| -> f32 {
             points
                 .iter()
                 .map(|point| {
                     let at = pose * point.at;
                     let d = distances.nearest(at.x, at.y).signed_distance;
-                    reach * reach / (reach * reach + d * d)
+                    kernel_scale * kernel_scale / (kernel_scale * kernel_scale + d * d)
                 })
                 .sum()
         };
-        let all = search.find_hypotheses(&distances, &mut matcher, &points, None);
-        let best = all.iter().map(|one| score(one.pose)).fold(0.0, f32::max);
+        let hypotheses = search.find_hypotheses(&distances, &mut matcher, &points, None);
+        let best = hypotheses
+            .iter()
+            .map(|hypothesis| score(hypothesis.pose))
+            .fold(0.0, f32::max);
         for k in 0..60 * 32 * 90 {
             let (i, j, turn) = (k % 60, k / 60 % 32, k / 1920);
             let pose = Pose::new(
@@ -120,8 +124,11 @@ fn branch_and_bound_matches_exhaustive_search() {
                 -2.25 + 0.15 * j as f32,
                 (turn as f32 * 2.0).to_radians(),
             );
-            // Rounding to cells and steps of scores is worth a few per cent.
-            assert!(score(pose) < 1.06 * best + 0.5, "{pose:?} beats the search");
+            // Rounding to cells and score steps is a few per cent.
+            assert!(
+                score(pose) < 1.06 * best + 0.5,
+                "{pose:?} scores higher than the result"
+            );
         }
     }
 }
@@ -149,41 +156,7 @@ fn stored_scan_map_is_rejected_for_another_field_or_config() {
     assert_eq!(ScanMap::from_bytes(&bytes, &small, &config), None);
 }
 
-#[test]
-fn scan_map_cache_rebuilds_damaged_and_tolerates_unwritable_files() {
-    let field = field("msl_2001.toml");
-    let distances = DistanceField::new(&field, &LocalizeConfig::default().distance_field);
-    let config = ScanMapConfig {
-        cell: 0.5,
-        ..ScanMapConfig::default()
-    };
-    let fresh = ScanMap::new(&field, &distances, config.clone());
-    let folder = tempfile::tempdir().expect("a folder");
-    let cached = |folder: &std::path::Path| {
-        let (map, origin) = ScanMap::load_or_build(folder, &field, &distances, config.clone());
-        assert_eq!(map, fresh);
-        origin
-    };
-    // The folder is made when there is none.
-    let inside = folder.path().join("maps");
-    assert_eq!(cached(&inside), CacheStatus::Built);
-    assert_eq!(cached(&inside), CacheStatus::Loaded);
-    let files: Vec<_> = std::fs::read_dir(&inside).expect("files").collect();
-    let [file] = &files[..] else {
-        panic!("{files:?}")
-    };
-    let file = file.as_ref().expect("a file").path();
-    std::fs::write(&file, b"MBSCAN, but cut off").expect("written");
-    assert_eq!(cached(&inside), CacheStatus::Rebuilt);
-    assert_eq!(cached(&inside), CacheStatus::Loaded);
-    // A file stands where the folder should be.
-    let CacheStatus::NotStored(reason) = cached(&file) else {
-        panic!("kept in a file")
-    };
-    assert!(reason.contains("scan_map_"), "{reason}");
-}
-
-/// What vision reports of the 2001 field's goals from `truth`: the middle of each goal's foot at the back of its box.
+/// Goal detections on the 2001 field at `truth`: the middle of each goal's base at the back of its box.
 fn goal_observations(field: &Field, truth: Pose) -> Vec<GoalObservation> {
     let [ahead, behind] = field.config.goal.colours;
     let back = field.length / 2.0 + 0.5 * field.config.goal.depth;
@@ -205,16 +178,16 @@ fn goal_observations(field: &Field, truth: Pose) -> Vec<GoalObservation> {
 fn goal_colours_resolve_the_half_turn_and_reject_wrong_poses() {
     let field = field("msl_2001.toml");
     let truth = Pose::new(1.0, 0.5, 0.4);
-    let seen = goal_observations(&field, truth);
-    assert_eq!(confirm_by_goal_colours(&field, &[truth], &seen), [truth]);
-    let other = confirm_by_goal_colours(&field, &[half_turn(truth)], &seen);
+    let goals = goal_observations(&field, truth);
+    assert_eq!(confirm_by_goal_colours(&field, &[truth], &goals), [truth]);
+    let other = confirm_by_goal_colours(&field, &[half_turn(truth)], &goals);
     assert!(near(other[0], truth));
     let wrong = Pose::new(1.0, 0.5, 0.4 + std::f32::consts::FRAC_PI_2);
     assert_eq!(
-        confirm_by_goal_colours(&field, &[wrong, truth], &seen),
+        confirm_by_goal_colours(&field, &[wrong, truth], &goals),
         [truth]
     );
-    assert_eq!(confirm_by_goal_colours(&field, &[wrong], &seen), []);
+    assert_eq!(confirm_by_goal_colours(&field, &[wrong], &goals), []);
     assert_eq!(confirm_by_goal_colours(&field, &[truth], &[]), []);
 }
 
@@ -254,7 +227,7 @@ fn coloured_goals_correct_a_pose_in_the_wrong_half() {
         SyntheticDriveConfig::default(),
         ChaCha8Rng::seed_from_u64(6),
     );
-    let first = frames.next().expect("endless");
+    let first = frames.next().expect("an endless drive");
     let certain = nalgebra::Matrix3::identity() * 1e-3;
     localizer.set_pose(first.stamp, half_turn(first.true_pose), &certain);
     let mut last = None;

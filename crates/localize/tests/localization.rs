@@ -1,4 +1,4 @@
-//! What a robot must be able to rely on: right when it says so, and saying so when it is not.
+//! Reliability of localization: poses are accurate in mode tracking, and failures are reported.
 
 use localize::frames::wrap_angle;
 use localize::global_search::branch_and_bound::half_turn;
@@ -7,6 +7,7 @@ use localize::sample::{Compass, LinePoint, Odometry};
 use localize::synthetic::drive::{
     SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
 };
+use localize::tilt::map_from_ground;
 use localize::{At, DistanceField, Field, LocalizeConfig, Localizer, Mode, Pose, Reason, Stamp};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -67,9 +68,12 @@ fn drive_is_tracked_within_6_cm_and_odometry_scale_is_estimated() {
         }
         last = Some(estimate);
     }
-    let [way, turn] = last.expect("frames").odometry_scales;
+    let [distance_scale, yaw_scale] = last.expect("frames").odometry_scales;
     // Odometry reports 3 % too much.
-    assert!((way - 1.0 / 1.03).abs() < 0.01 && (turn - 1.0 / 1.03).abs() < 0.02);
+    assert!(
+        (distance_scale - 1.0 / 1.03).abs() < 0.01 && (yaw_scale - 1.0 / 1.03).abs() < 0.02,
+        "{distance_scale} {yaw_scale}"
+    );
 }
 
 #[test]
@@ -96,7 +100,7 @@ fn pose_covariance_is_consistent() {
         sum += off.dot(&(inverse * off));
         count += 1.0;
     }
-    // Three degrees of freedom; neighbouring frames share their errors, so that the mean scatters.
+    // Three degrees of freedom. Errors of consecutive images are correlated, so that the mean has a large variance.
     assert!((1.8..4.2).contains(&(sum / count)), "{}", sum / count);
 }
 
@@ -133,7 +137,7 @@ fn field_half_is_unknown_until_a_compass_reading() {
     let mut localizer = localizer();
     let mut frames = drive(4, SyntheticDriveConfig::default());
     for _ in 0..30 {
-        let frame = frames.next().expect("endless");
+        let frame = frames.next().expect("an endless drive");
         localizer.add_odometry(&frame.odometry);
         let estimate = localizer.process_points(frame.stamp, &frame.points);
         assert_eq!(estimate.mode, Mode::Global);
@@ -145,7 +149,7 @@ fn field_half_is_unknown_until_a_compass_reading() {
     }
     let mut known = None;
     for k in 0..10 {
-        let frame = frames.next().expect("endless");
+        let frame = frames.next().expect("an endless drive");
         localizer.add_odometry(&frame.odometry);
         localizer.add_compass(&frame.compass);
         let estimate = localizer.process_points(frame.stamp, &frame.points);
@@ -167,7 +171,7 @@ fn kidnapped_robot_is_located_within_24_frames() {
     let mut localizer = localizer();
     for _ in 0..12 {
         for _ in 0..60 {
-            let frame = frames.next().expect("endless");
+            let frame = frames.next().expect("an endless drive");
             localizer.add_odometry(&frame.odometry);
             localizer.add_compass(&frame.compass);
             localizer.process_points(frame.stamp, &frame.points);
@@ -175,7 +179,7 @@ fn kidnapped_robot_is_located_within_24_frames() {
         frames.kidnap();
         let (mut lost_after, mut found_after) = (None, None);
         for k in 0..24 {
-            let frame = frames.next().expect("endless");
+            let frame = frames.next().expect("an endless drive");
             localizer.add_odometry(&frame.odometry);
             localizer.add_compass(&frame.compass);
             let estimate = localizer.process_points(frame.stamp, &frame.points);
@@ -226,9 +230,9 @@ fn covered_camera_is_dead_reckoned_then_reported_lost() {
     let mut localizer = Localizer::new(&field(), config);
     let mut frames = drive(7, SyntheticDriveConfig::default());
     let mut before = 0.0;
-    let mut said = None;
+    let mut lost_at = None;
     for k in 0..30 * 40 {
-        let frame = frames.next().expect("endless");
+        let frame = frames.next().expect("an endless drive");
         localizer.add_odometry(&frame.odometry);
         localizer.add_compass(&frame.compass);
         let covered = k >= 300;
@@ -244,10 +248,10 @@ fn covered_camera_is_dead_reckoned_then_reported_lost() {
             let error = position_error(pose, frame.true_pose);
             assert!(k < 15 || error < 0.8, "frame {k}: off by {error}");
         } else if k > 300 {
-            said = said.or(Some(k));
+            lost_at = lost_at.or(Some(k));
         }
     }
-    assert!(said.is_some(), "never lost");
+    assert!(lost_at.is_some(), "never reported lost");
 }
 
 #[test]
@@ -345,7 +349,7 @@ fn points_outside_the_field_do_not_move_a_tracked_pose() {
     let mut frames = drive(15, SyntheticDriveConfig::default());
     let mut last = None;
     for k in 0..90 {
-        let frame = frames.next().expect("endless");
+        let frame = frames.next().expect("an endless drive");
         localizer.add_odometry(&frame.odometry);
         localizer.add_compass(&frame.compass);
         let astray =
@@ -373,7 +377,7 @@ fn points_outside_the_field_do_not_move_a_tracked_pose() {
 
 #[test]
 fn single_line_is_reported_ambiguous() {
-    // Two hypotheses that one line leaves: a robot that sees nothing but a line is nowhere in particular.
+    // A single line leaves the position along it undetermined.
     let mut localizer = localizer();
     let line: Vec<_> = (0..40).map(|k| point(-2.0 + 0.1 * k as f32, 1.5)).collect();
     for k in 0..3 {
@@ -406,12 +410,12 @@ fn out_of_order_image_is_rejected_and_clock_reset_accepted() {
     let mut frames = drive(10, SyntheticDriveConfig::default());
     let mut newest = None;
     for _ in 0..30 {
-        let frame = frames.next().expect("endless");
+        let frame = frames.next().expect("an endless drive");
         localizer.add_odometry(&frame.odometry);
         localizer.add_compass(&frame.compass);
         newest = localizer.process_points(frame.stamp, &frame.points).pose;
     }
-    let frame = frames.next().expect("endless");
+    let frame = frames.next().expect("an endless drive");
     let early = Stamp::from_seconds(0.1);
     let estimate = localizer.process_points(early, &frame.points);
     assert_eq!(estimate.reason, Some(Reason::OutOfOrder));
@@ -440,7 +444,7 @@ fn late_images_are_applied_at_their_stamp() {
     for (k, now) in frames.iter().enumerate() {
         localizer.add_odometry(&now.odometry);
         localizer.add_compass(&now.compass);
-        // The frame that arrives was taken two samples ago.
+        // Images arrive two samples late.
         let Some(frame) = k.checked_sub(2).map(|k| &frames[k]) else {
             continue;
         };
@@ -458,12 +462,12 @@ fn odometry_gap_ends_tracking() {
     let mut localizer = localizer();
     let mut frames = drive(11, SyntheticDriveConfig::default());
     for _ in 0..30 {
-        let frame = frames.next().expect("endless");
+        let frame = frames.next().expect("an endless drive");
         localizer.add_odometry(&frame.odometry);
         localizer.add_compass(&frame.compass);
         localizer.process_points(frame.stamp, &frame.points);
     }
-    let frame = frames.next().expect("endless");
+    let frame = frames.next().expect("an endless drive");
     localizer.add_odometry(&stationary_odometry(3.0));
     let estimate = localizer.process_points(Stamp::from_seconds(3.0), &frame.points);
     assert_ne!(estimate.mode, Mode::Tracking);
@@ -480,7 +484,7 @@ fn tilt_estimation_reduces_position_error() {
         ..config.clone()
     };
     let mut without = Matcher::new(upright);
-    let (mut with_lean, mut without_lean) = (0.0, 0.0);
+    let (mut with_tilt, mut without_tilt) = (0.0, 0.0);
     let mut rng = ChaCha8Rng::seed_from_u64(12);
     let height = config.viewpoint_height;
     let (a, b) = (0.5_f32.to_radians(), -0.4_f32.to_radians());
@@ -489,17 +493,13 @@ fn tilt_estimation_reduces_position_error() {
         let mut points =
             simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
         for point in &mut points {
-            // What an upright map says of a point that a leaning robot sees: the inverse of MATH.md's formula.
-            let (x, y) = (point.at.x, point.at.y);
-            let scale = height / (height + a * x + b * y);
-            point.at = At::new(
-                (x - a * height) * scale + a * a * x,
-                (y - b * height) * scale + b * b * y,
-            );
+            let [x, y] = map_from_ground([point.at.x, point.at.y], [a, b], height)
+                .expect("a point below the horizon");
+            point.at = At::new(x, y);
         }
         let start = Pose::new(truth.x + 0.03, truth.y - 0.03, truth.theta + 0.01);
-        with_lean += position_error(matcher.refine(&distances, &points, start, 0.2).pose, truth);
-        without_lean += position_error(without.refine(&distances, &points, start, 0.2).pose, truth);
+        with_tilt += position_error(matcher.refine(&distances, &points, start, 0.2).pose, truth);
+        without_tilt += position_error(without.refine(&distances, &points, start, 0.2).pose, truth);
     }
-    assert!(with_lean < 0.6 * without_lean, "{with_lean} {without_lean}");
+    assert!(with_tilt < 0.6 * without_tilt, "{with_tilt} {without_tilt}");
 }

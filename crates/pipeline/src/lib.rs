@@ -1,10 +1,14 @@
-//! One cycle of the robot: stamped samples in, vision and localization in order, a `Cycle` out, to whoever subscribed.
+//! The pipeline of a robot: stamped samples in, vision and localization in order, one [`Cycle`] per image out.
 //!
 //! Modules in the order in which data meets them: configuration, sources of samples, the pipeline itself, its outputs.
+
+pub mod config;
+mod presets;
 
 pub mod csv_table;
 pub mod paths;
 pub mod sample;
+pub mod scan_map_cache;
 pub mod setup;
 
 pub mod recording;
@@ -12,6 +16,7 @@ pub mod simulation;
 
 pub mod cycle;
 pub mod observations;
+pub mod pipeline;
 
 pub mod feed;
 pub mod log;
@@ -22,5 +27,11 @@ pub mod multi_robot;
 pub mod result_files;
 pub mod score;
 
+pub mod run;
+
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+
+pub use config::PipelineConfig;
+pub use cycle::{Cycle, Inputs, Timings};
+pub use pipeline::Pipeline;

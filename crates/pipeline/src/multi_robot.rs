@@ -4,23 +4,27 @@
 //! hundredth of a second all worlds are brought into line. Words travel as the datagrams of `net::team`, and are lost,
 //! late and out of order as the scenario says. The same seed gives the same bits, however many threads there are.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
 use localize::Stamp;
+use localize::world::TeamColour;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::Serialize;
-use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeamColour, TeammateConfig};
+use sim::scenario::{PlacedRobot, RadioConfig, Scenario, TeammateConfig};
 use sim::{Sim, SimSample as Simulated};
 
-use crate::cycle::{Cycle, Pipeline, PipelineConfig};
+use crate::config::PipelineConfig;
+use crate::cycle::Cycle;
 use crate::datagram::TeamLink;
 use crate::datagram::TeamLinkConfig;
 use crate::log::start_log;
 use crate::log::{LogConfig, Recorder};
+use crate::pipeline::Pipeline;
 use crate::sample::Sample;
 use crate::score::summary::{RunStatistics, Summary};
 use crate::score::{self, SampleStatistics};
@@ -59,7 +63,7 @@ struct SimulatedRobot {
 }
 
 /// How one robot fared.
-#[derive(Serialize)]
+#[derive(Debug, Serialize)]
 pub struct RobotSummary {
     /// Its number.
     pub robot: usize,
@@ -145,11 +149,16 @@ impl MultiRobotSimulation {
         })
     }
 
-    /// Plays to the end; `progress` hears the seconds played.
-    pub fn run(mut self, progress: impl Fn(f64)) -> Result<Vec<RobotSummary>> {
+    /// Runs to the end or until `on_progress`, which gets the simulated seconds, breaks off; logs are complete either way.
+    pub fn run(
+        mut self,
+        mut on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
+    ) -> Result<Vec<RobotSummary>> {
         while self.now.seconds() < self.duration {
             self.tick()?;
-            progress(self.now.seconds());
+            if on_progress(self.now.seconds())?.is_break() {
+                break;
+            }
         }
         let fared = |(index, player): (usize, SimulatedRobot)| {
             player.recorder.map(Recorder::finish).transpose()?;
@@ -412,7 +421,10 @@ mod tests {
                 seconds,
                 record,
             );
-            squad.expect("a squad").run(|_| ()).expect("played")
+            squad
+                .expect("a squad")
+                .run(|_| Ok(ControlFlow::Continue(())))
+                .expect("played")
         })
     }
 
@@ -450,7 +462,7 @@ mod tests {
         std::fs::create_dir(&files).expect("a folder");
         log.header().write_files(&files).expect("written");
         let setup = Setup::load(&files.join("robot.toml"), None).expect("a setup");
-        let settings = files.join(crate::cycle::PIPELINE_FILE);
+        let settings = files.join(crate::config::PIPELINE_FILE);
         let config = PipelineConfig::load("default", Some(&settings)).expect("settings");
         let mut spine = Pipeline::new(&setup, &config).expect("a spine");
         let verdict = verify(log, |sample| spine.process_sample(sample)).expect("verified");

@@ -1,7 +1,6 @@
 //! What does vision's sight say to the world model? The same objects in localize's words.
 
-use localize::world::{ObjectObservation, TeamColour, WorldObservation};
-use vision::objects::robots::Marker;
+use localize::world::{ObjectObservation, WorldObservation};
 use vision::process::Detections;
 
 /// The objects of a sight.
@@ -18,10 +17,7 @@ pub fn object_observations(seen: &Detections) -> WorldObservation {
         covariance: robot.covariance,
         score: robot.score,
         airborne: false,
-        team: robot.marker.map(|marker| match marker {
-            Marker::Cyan => TeamColour::Cyan,
-            Marker::Magenta => TeamColour::Magenta,
-        }),
+        team: robot.marker,
     });
     WorldObservation {
         ball,

@@ -13,7 +13,9 @@ use sim::{Scenario, Sim, SimSample as Simulated};
 use vision::exposure::ExposureCommand;
 use vision::image::Image;
 
-use crate::cycle::{Cycle, Pipeline, merge_tables};
+use crate::config::merge_tables;
+use crate::cycle::Cycle;
+use crate::pipeline::Pipeline;
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
 use crate::setup::Setup;
 

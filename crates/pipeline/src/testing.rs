@@ -21,7 +21,7 @@ use vision::image::Image;
 use vision::lines::detection::{LinePointDetection, RejectedCandidate, RejectionReason};
 use vision::objects::ball::BallDetection;
 use vision::objects::goals::{GoalDetection, GoalKind};
-use vision::objects::robots::{Marker, RobotDetection};
+use vision::objects::robots::RobotDetection;
 use vision::objects::virtual_sensors::{Bumper, VirtualSensorReadings};
 use vision::process::Detections;
 
@@ -158,7 +158,7 @@ impl RandomValues {
                 edge: self.at(),
                 covariance: self.values(),
                 width: self.value(),
-                marker: number.is_multiple_of(2).then_some(Marker::Magenta),
+                marker: number.is_multiple_of(2).then_some(TeamColour::Magenta),
                 score: self.value(),
                 position_px: self.values(),
             }],

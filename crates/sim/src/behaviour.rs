@@ -8,8 +8,9 @@ use nalgebra::Vector2;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::scenario::{OthersConfig, TeamColour};
+use crate::scenario::OthersConfig;
 use crate::world::{BallState, RobotState, SimWorld};
+use localize::world::TeamColour;
 
 /// Time between decisions, seconds.
 pub(crate) const DECISION_PERIOD: f32 = 0.05;

@@ -1,6 +1,6 @@
 //! How does the image sensor convert light to bytes? Exposure, gain, white balance, vignetting, shot and read noise.
 
-use localize::synthetic::drive::standard_normal;
+use localize::random::standard_normal;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};

@@ -5,6 +5,7 @@
 mod ball;
 pub mod base;
 mod behaviour;
+#[cfg(any(test, feature = "fusion_experiment"))]
 pub mod fusion_experiment;
 pub mod image_sensor;
 pub mod light;

@@ -5,6 +5,7 @@ mod load;
 use std::path::PathBuf;
 
 use localize::frames::Pose;
+use localize::world::TeamColour;
 use serde::{Deserialize, Serialize};
 use vision::Mount;
 
@@ -270,16 +271,6 @@ pub struct PlacedRobot {
     /// True if it does not move.
     #[serde(default)]
     pub stands: bool,
-}
-
-/// The colour of a robot's marker.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum TeamColour {
-    /// Ours.
-    Cyan,
-    /// Theirs.
-    Magenta,
 }
 
 /// Deviations of wheels and odometry from the robot file.

@@ -1,10 +1,10 @@
 //! What do IMU and compass measure? The true motion with bias, noise and magnetic distortion.
 
 use localize::frames::wrap_angle;
+use localize::random::standard_normal;
 use localize::robot::{CompassModelConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
-use localize::synthetic::drive::standard_normal;
 use rand_chacha::ChaCha8Rng;
 
 /// Specific force of a robot at rest, m/s².

@@ -11,7 +11,8 @@ use rapier2d::prelude::*;
 
 use crate::ball::BallFriction;
 use crate::base::SimBase;
-use crate::scenario::{BallConfig, Scenario, TeamColour};
+use crate::scenario::{BallConfig, Scenario};
+use localize::world::TeamColour;
 
 /// Time step, seconds: a ball at 12 m/s moves a tenth of its diameter.
 pub const STEP: f32 = (STEP_NANOSECONDS as f64 * 1e-9) as f32;

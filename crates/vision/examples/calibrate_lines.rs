@@ -1,4 +1,4 @@
-//! How near does the strip-free calibration come to a known map? `calibrate_lines FOLDER START.npz TRUE.npz`
+//! Error of the calibration from lines against a known map: `calibrate_lines FOLDER START.npz TRUE.npz`
 
 use std::error::Error;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ struct Robot {
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
     let [folder, start, exact] = arguments.as_slice() else {
-        return Err("calibrate_lines FOLDER START.npz TRUE.npz".into());
+        return Err("usage: calibrate_lines FOLDER START.npz TRUE.npz".into());
     };
     let robot: Robot = toml::from_str(&std::fs::read_to_string(folder.join("robot.toml"))?)?;
     let field = Field::load(&folder.join(&robot.field))?;

@@ -1,6 +1,6 @@
-//! What do the eyes see in a recording folder? Overlays as PNG, and scores where the truth is known.
+//! Detections of a recording folder: overlays as PNG, and scores if truth.csv exists.
 //!
-//! `cargo run --release -p vision --example look -- FOLDER [OUT_FOLDER]`
+//! `cargo run --release -p vision --example detect -- FOLDER [OUT_FOLDER]`
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,9 @@ struct MapFile {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
-    let folder = arguments.next().ok_or("look FOLDER [OUT_FOLDER]")?;
+    let folder = arguments
+        .next()
+        .ok_or("usage: detect FOLDER [OUT_FOLDER]")?;
     let out = arguments.next();
     let robot: Robot = toml::from_str(&std::fs::read_to_string(folder.join("robot.toml"))?)?;
     let field = Field::load(&folder.join(&robot.field))?;
@@ -40,9 +42,9 @@ fn main() -> Result<(), Box<dyn Error>> {
             let profile = Profile::load(&folder.join(&mirror.profile))?;
             optics::trace_rays(&robot.camera, &profile, &Mount::default())?.ground_map()
         }
-        (None, None) => return Err("robot.toml has neither [map] nor [mirror]".into()),
+        (None, None) => return Err("robot.toml: missing [map] or [mirror]".into()),
     };
-    let mut eyes = Vision::new(
+    let mut vision = Vision::new(
         &map,
         &robot.camera,
         field.config.line_width,
@@ -50,9 +52,9 @@ fn main() -> Result<(), Box<dyn Error>> {
     )?;
     println!(
         "{} samples, {} pixels, {:.1} %",
-        eyes.scan_pattern().samples.len(),
-        eyes.scan_pattern().pixel_count,
-        100.0 * eyes.scan_pattern().coverage
+        vision.scan_pattern().samples.len(),
+        vision.scan_pattern().pixel_count,
+        100.0 * vision.scan_pattern().coverage
     );
     let single = !folder.join("odometry.csv").exists();
     let truth = load_poses(&folder.join("truth.csv"))?;
@@ -62,28 +64,32 @@ fn main() -> Result<(), Box<dyn Error>> {
         let record = record?;
         let image = Image::load(&folder.join(&record[1]))?;
         if single {
-            eyes.reset_colour_model();
+            vision.reset_colour_model();
         }
-        let seen = eyes.process(&image.view())?;
+        let detections = vision.process(&image.view())?;
         let score = truth
             .get(index)
-            .map(|&pose| Score::evaluate(&seen, pose, &field));
+            .map(|&pose| Score::evaluate(&detections, pose, &field));
         println!(
-            "{} points {} refused {} carpet {:.2}{} {}",
+            "{}: {} line points, {} rejected, carpet {:.2}{} {}",
             &record[1],
-            seen.line_points.len(),
-            seen.rejected_candidates.len(),
-            seen.carpet_share,
-            if seen.colours_learned { " learned" } else { "" },
+            detections.line_points.len(),
+            detections.rejected_candidates.len(),
+            detections.carpet_share,
+            if detections.colours_learned {
+                " learned"
+            } else {
+                ""
+            },
             score.as_ref().map_or(String::new(), Score::summary),
         );
-        if let Some(ball) = &seen.ball {
+        if let Some(ball) = &detections.ball {
             println!(
                 "   ball {:.2} {:.2} score {:.2} {} px {} ground",
                 ball.at.x, ball.at.y, ball.score, ball.pixels, ball.on_ground
             );
         }
-        for robot in &seen.robots {
+        for robot in &detections.robots {
             println!(
                 "   robot {:.2} {:.2} edge {:.2} width {:.2} {:?} score {:.2}",
                 robot.at.x,
@@ -94,14 +100,14 @@ fn main() -> Result<(), Box<dyn Error>> {
                 robot.score
             );
         }
-        for goal in &seen.goals {
+        for goal in &detections.goals {
             println!(
                 "   goal {:?} {:.2} {:.2} width {:.2} score {:.2}",
                 goal.kind, goal.at.x, goal.at.y, goal.width, goal.score
             );
         }
-        if seen.colours_learned {
-            println!("   {:?}", eyes.carpet_model());
+        if detections.colours_learned {
+            println!("   {:?}", vision.carpet_model());
         }
         if let Some(score) = score {
             total.add(&score);
@@ -112,8 +118,8 @@ fn main() -> Result<(), Box<dyn Error>> {
                 &record[1],
                 &image,
                 &map,
-                &mut eyes,
-                &seen,
+                &mut vision,
+                &detections,
                 truth.get(index),
                 &field,
             )?;
@@ -123,25 +129,25 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-#[expect(clippy::too_many_arguments, reason = "one caller, nothing to group")]
+#[expect(clippy::too_many_arguments, reason = "one caller")]
 fn save_overlays(
     out: &Path,
     file: &str,
     image: &Image,
     map: &GroundMap,
-    eyes: &mut Vision,
-    seen: &vision::Detections,
+    vision: &mut Vision,
+    detections: &vision::Detections,
     pose: Option<&Pose>,
     field: &Field,
 ) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(out)?;
-    let name = Path::new(file).file_stem().ok_or("no file name")?;
+    let name = Path::new(file).file_stem().ok_or("missing file name")?;
     let mut drawn = overlay::upscale(image, 2);
     if let Some(&pose) = pose {
         overlay::draw_field(&mut drawn, 2, map, pose, &field.markings);
     }
-    overlay::draw_carpet_end(&mut drawn, 2, eyes.scan_pattern(), seen);
-    overlay::draw_detections(&mut drawn, 2, seen);
+    overlay::draw_carpet_end(&mut drawn, 2, vision.scan_pattern(), detections);
+    overlay::draw_detections(&mut drawn, 2, detections);
     drawn.save(&out.join(name).with_extension("png"))?;
     let mut points = csv::Writer::from_path(out.join(name).with_extension("csv"))?;
     points.write_record([
@@ -153,15 +159,15 @@ fn save_overlays(
         "width_m",
         "contrast",
     ])?;
-    for seen in &seen.line_points {
-        let [u, v] = seen.position_px;
-        let (at, std) = (seen.point.at, seen.point.std_radial);
-        points.serialize([u, v, at.x, at.y, std, seen.width, seen.contrast])?;
+    for point in &detections.line_points {
+        let [u, v] = point.position_px;
+        let (at, std) = (point.point.at, point.point.std_radial);
+        points.serialize([u, v, at.x, at.y, std, point.width, point.contrast])?;
     }
     points.flush()?;
     let mut classes = overlay::upscale(image, 2);
-    let of_samples = eyes.classify_samples(&image.view())?.to_vec();
-    for (sample, class) in eyes.scan_pattern().samples.iter().zip(of_samples) {
+    let of_samples = vision.classify_samples(&image.view())?.to_vec();
+    for (sample, class) in vision.scan_pattern().samples.iter().zip(of_samples) {
         let colour = overlay::class_colour(class);
         let (u, v) = (2 * i64::from(sample.u), 2 * i64::from(sample.v));
         overlay::draw_pixel(&mut classes, u, v, colour);
@@ -191,25 +197,25 @@ fn load_poses(path: &Path) -> Result<Vec<Pose>, Box<dyn Error>> {
 
 #[derive(Default)]
 struct Score {
-    /// Points inside 5 m, and those within max(5 cm, 2 pixels) and 10 cm (inside 4 m) of a true line.
+    /// Points within 5 m, and those within max(5 cm, 2 pixels) of a true line; points within 4 m, and those within 10 cm.
     points: usize,
     correct: usize,
     near_points: usize,
     near_correct: usize,
-    /// Marking pieces within 4 m on the map, and those with a line point near.
+    /// Marking points at 0.4 to 4 m, and those with a correct line point nearby.
     marking_points: usize,
     covered_points: usize,
 }
 
-/// Markings are cut into pieces of this length, metres; a piece is sampled if a right point lies within `REACH`.
+/// Spacing of marking points, metres; one is covered if a correct line point is within `COVERAGE_RADIUS`.
 const MARKING_STEP: f32 = 0.05;
 const COVERAGE_RADIUS: f32 = 0.25;
 
 impl Score {
-    fn evaluate(seen: &vision::Detections, pose: Pose, field: &Field) -> Self {
+    fn evaluate(detections: &vision::Detections, pose: Pose, field: &Field) -> Self {
         let mut score = Score::default();
         let mut good = Vec::new();
-        for point in &seen.line_points {
+        for point in &detections.line_points {
             let at = point.point.at;
             let off = field
                 .markings
@@ -257,7 +263,7 @@ impl Score {
     fn summary(&self) -> String {
         let percent = |part: usize, all: usize| 100.0 * part as f32 / all.max(1) as f32;
         format!(
-            "right {:.1} % of {}; within 10 cm inside 4 m {:.1} % of {}; sampled {:.0} %",
+            "correct {:.1} % of {}; within 10 cm up to 4 m {:.1} % of {}; covered {:.0} %",
             percent(self.correct, self.points),
             self.points,
             percent(self.near_correct, self.near_points),

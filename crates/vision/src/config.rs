@@ -1,9 +1,12 @@
 //! What may a user change about the eyes? Every value with its unit and its reason.
 
+use localize::config::{SettingError, bound, check_bounds};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::error::VisionError;
+mod bounds;
+
+pub use bounds::VISION_BOUNDS;
 
 /// `[vision]` of a robot's configuration.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
@@ -212,7 +215,7 @@ impl Default for ObjectConfig {
             ray_step_px: 2,
             carpet_gap_max: 0.3,
             carpet_gap_per_range: 0.45,
-            viewpoint_height: 0.78,
+            viewpoint_height: localize::robot::DEFAULT_MIRROR_RIM_HEIGHT,
             ball_radius: 0.11,
             ball_hue_deg: [8.0, 62.0],
             ball_visible_share_min: 0.2,
@@ -325,136 +328,24 @@ impl Default for VirtualSensorConfig {
     }
 }
 
-impl VirtualSensorConfig {
-    fn rects(&self) -> impl Iterator<Item = &ImageRect> {
-        let single = [&self.ball, &self.kick, &self.lens];
-        let lists = self.bumpers.iter().chain(&self.goals);
-        lists.chain(single.into_iter().flatten())
-    }
-}
-
 impl VisionConfig {
-    /// Refuses values that cannot work.
-    pub fn check(&self) -> Result<(), VisionError> {
-        let refuse = |key, value: f64, reason| Err(VisionError::Config { key, value, reason });
+    /// Refuses values that cannot work, and names the first. To be called on what a user wrote.
+    pub fn check(&self) -> Result<(), SettingError> {
+        check_bounds("vision", self, VISION_BOUNDS)?;
         let scan = &self.scan;
-        if self.objects.ray_count < 16 {
-            let reason = "at least 16 rays find the carpet's end";
-            return refuse("objects.rays", self.objects.ray_count as f64, reason);
-        }
-        if self.objects.ray_step_px == 0 {
-            return refuse("objects.ray_step_px", 0.0, "must be at least 1 pixel");
-        }
-        if 2.0 * self.objects.ball_radius >= self.objects.viewpoint_height {
-            let reason = "the mirror must look down on the ball";
-            let height = self.objects.viewpoint_height;
-            return refuse("objects.viewpoint_height", f64::from(height), reason);
-        }
-        let adapt = &self.colours.adaptation;
-        if !(adapt.smoothing_factor <= 1.0 && adapt.brightness_factor_max >= 1.0) {
-            let reason = "rate is at most 1, brightness_max at least 1";
-            return refuse("colours.adapt", f64::from(adapt.smoothing_factor), reason);
-        }
-        for window in self.virtual_sensors.rects() {
-            let lengths = [window.width_px, window.height_px];
-            let places = [window.left_px, window.top_px];
-            if !(lengths.iter().all(|&l| l.is_finite() && l >= 1.0)
-                && places.iter().all(|&p| p.is_finite() && p >= 0.0))
-            {
-                let reason = "a window starts inside the image and is at least a pixel wide";
-                return refuse("windows", f64::from(window.width_px), reason);
-            }
-        }
-        for (key, count) in [
-            ("scan.radial_lines", scan.radial_lines),
-            ("scan.spirals_each_way", scan.spirals_each_way),
-            ("scan.circles", scan.circles),
-            ("objects.rays", self.objects.ray_count),
-        ] {
-            if count > 2000 {
-                return refuse(key, count as f64, "more than 2000 lines of one kind");
-            }
-        }
-        for (key, value) in [
-            ("scan.range_max", scan.range_max),
-            ("scan.pixel_per_line_max", scan.pixel_footprint_max),
-            ("colours.carpet_range", self.colours.learning_range_max),
-            ("lines.width_max", self.lines.width_ratio_max),
-            ("lines.contrast_levels", self.lines.contrast_levels_min),
-            ("lines.position_std_px", self.lines.position_std_px),
-            ("lines.hue_slack", self.lines.hue_tolerance),
-            ("lines.blur_px", self.lines.blur_px),
-            ("objects.viewpoint_height", self.objects.viewpoint_height),
-            ("objects.ball_radius", self.objects.ball_radius),
-            ("objects.ball_range_max", self.objects.ball_range_max),
-            ("objects.robot_range_max", self.objects.robot_range_max),
-            ("objects.robot_width_max", self.objects.robot_width_max),
-            (
-                "objects.robot_before_min",
-                self.objects.robot_depth_step_min,
-            ),
-            ("objects.post_before_min", self.objects.post_depth_step_min),
-            (
-                "colours.adapt.rate",
-                self.colours.adaptation.smoothing_factor,
-            ),
-            (
-                "colours.adapt.rebuild_off",
-                self.colours.adaptation.rebuild_threshold,
-            ),
-            ("exposure.ring_range", self.exposure.centre_range_max),
-            ("exposure.change_min", self.exposure.brightness_change_min),
-            ("exposure.step_max", self.exposure.step_factor_max),
-            ("exposure.settled", self.exposure.convergence_tolerance),
-            ("windows.bumper_range", self.virtual_sensors.bumper_range),
-            ("windows.bumper_size", self.virtual_sensors.bumper_size),
-            (
-                "windows.bumper_share",
-                self.virtual_sensors.bumper_occupied_share_min,
-            ),
-            (
-                "windows.goal_share",
-                self.virtual_sensors.goal_colour_share_min,
-            ),
-            ("windows.kick_range", self.virtual_sensors.kick_range),
-            ("windows.kick_size", self.virtual_sensors.kick_size),
-            (
-                "windows.kick_share",
-                self.virtual_sensors.kick_colour_share_min,
-            ),
-        ] {
-            if !(value.is_finite() && value > 0.0) {
-                return refuse(key, f64::from(value), "must be positive");
-            }
-        }
-        for (key, value) in [
-            ("scan.range_min", scan.range_min),
-            ("scan.spiral_turns", scan.spiral_turns),
-            ("colours.carpet_chroma_min", self.colours.carpet_chroma_min),
-            (
-                "colours.carpet_hue_slack",
-                self.colours.carpet_hue_tolerance,
-            ),
-            (
-                "colours.carpet_bright_min",
-                self.colours.carpet_brightness_min,
-            ),
-            ("colours.relearn_below", self.colours.relearn_carpet_share),
-            ("lines.width_min", self.lines.width_ratio_min),
-            ("lines.contrast_noises", self.lines.contrast_sigma_min),
-            ("lines.white_share_min", self.lines.white_share_min),
-            ("objects.gap_max", self.objects.carpet_gap_max),
-            ("objects.gap_share", self.objects.carpet_gap_per_range),
-            (
-                "colours.adapt.chroma_max",
-                self.colours.adaptation.chroma_deviation_max,
-            ),
-            ("exposure.entropy_gain_min", self.exposure.entropy_gain_min),
-        ] {
-            if !(value.is_finite() && value >= 0.0) {
-                return refuse(key, f64::from(value), "must not be negative");
-            }
-        }
-        Ok(())
+        let lines = scan.radial_lines + scan.spirals_each_way + scan.circles;
+        bound(
+            "",
+            1.0,
+            6000.0,
+            "radial lines, spirals and circles together",
+        )
+        .check("vision.scan.radial_lines", lines as f64)?;
+        // Twice the radius: the mirror must see the ball from above.
+        let lowest = 2.0 * f64::from(self.objects.ball_radius) + 0.01;
+        bound("", lowest, 5.0, "the mirror must look down on the ball").check(
+            "vision.objects.viewpoint_height",
+            f64::from(self.objects.viewpoint_height),
+        )
     }
 }

@@ -1,57 +1,55 @@
-//! What can be wrong with what the eyes are given? Files, sizes and configuration, each named.
+//! Errors of vision: files, image sizes and configuration values, each named.
 
 use std::path::PathBuf;
 
-/// Why vision cannot work with what it was given.
+use localize::config::SettingError;
+
+/// Why vision cannot use a file, an image or a setting.
 #[derive(Debug, thiserror::Error)]
 pub enum VisionError {
-    /// An image file cannot be read or is no image.
+    /// An image file cannot be read or is not an image.
     #[error("cannot read image {}: {reason}", path.display())]
     ReadImage {
         /// The file.
         path: PathBuf,
-        /// The decoder's word.
+        /// The decoder's message.
         reason: String,
     },
-    /// A frame has another size than the map was made for.
+    /// An image differs in size from the map.
     #[error(
-        "image is {actual_width_px} × {actual_height_px} pixels, the map and the camera are {expected_width_px} × {expected_height_px}"
+        "wrong image size: {actual_width_px} × {actual_height_px} pixels (expected {expected_width_px} × {expected_height_px}, as the map and the camera)"
     )]
     ImageSize {
-        /// Columns of the frame.
+        /// Columns of the image.
         actual_width_px: usize,
-        /// Rows of the frame.
+        /// Rows of the image.
         actual_height_px: usize,
         /// Columns of the map.
         expected_width_px: usize,
         /// Rows of the map.
         expected_height_px: usize,
     },
-    /// A frame holds fewer bytes than its size and format need.
+    /// An image holds fewer bytes than its size and format need.
     #[error("truncated image: {actual_bytes} bytes (expected {expected_bytes})")]
     Truncated {
         /// Bytes found.
         actual_bytes: usize,
-        /// Bytes of a whole frame.
+        /// Bytes of a complete image.
         expected_bytes: usize,
     },
-    /// A frame without light: nothing can be told from it.
-    #[error("black frame: the brightest of its carpet is {brightest} of 255")]
+    /// The image is too dark to learn colours from.
+    #[error("black image: brightness {brightest} of 255 at the 95th percentile near the robot")]
     TooDark {
-        /// The level that 95 % of the scanned pixels stay below, of 255.
+        /// 95th percentile of the scanned pixels near the robot, of 255.
         brightest: u8,
     },
-    /// A value of the configuration that cannot work.
-    #[error("[vision] {key} = {value}: {reason}")]
-    Config {
-        /// The key.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// What it must be.
-        reason: &'static str,
-    },
-    /// A file of labels, colours or a mask is not what it should be.
+    /// Classes were requested although no colours are learned: no image was processed yet, or the last one failed.
+    #[error("no colour model: process an image first")]
+    NoColourModel,
+    /// A setting out of its bounds.
+    #[error(transparent)]
+    Setting(#[from] SettingError),
+    /// A file of labels, colours or a mask has invalid content.
     #[error("{}: {reason}", path.display())]
     File {
         /// The file.

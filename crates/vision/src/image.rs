@@ -1,10 +1,10 @@
-//! What does the camera deliver? A borrowed frame in the camera's own pixel format, and images from files.
+//! Images: borrowed in the camera's own pixel format, and owned RGB images from files.
 
 use std::path::Path;
 
 use crate::error::VisionError;
 
-/// How a frame's bytes make pixels.
+/// Layout of a pixel's bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PixelFormat {
@@ -33,13 +33,13 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
-    /// Bytes that a row of so many pixels needs at least.
+    /// Minimum bytes of a row of `width_px` pixels.
     pub fn row_bytes(self, width_px: usize) -> usize {
         match self {
             PixelFormat::Rgb8 | PixelFormat::Bgr8 => 3 * width_px,
             PixelFormat::Yuyv | PixelFormat::Uyvy => 4 * width_px.div_ceil(2),
             PixelFormat::Yuv411 => 6 * width_px.div_ceil(4),
-            // Chroma comes in pairs, also beside a last odd column.
+            // Chroma comes in pairs, even for the last column of an odd width.
             PixelFormat::Nv12 => 2 * width_px.div_ceil(2),
             PixelFormat::Grey8
             | PixelFormat::BayerRggb
@@ -69,7 +69,7 @@ pub fn yuv_to_rgb([y, u, v]: [u8; 3]) -> [u8; 3] {
     .map(|channel| channel.round().clamp(0.0, 255.0) as u8)
 }
 
-/// Y, U, V of red, green, blue; the inverse of [`rgb_of_yuv`].
+/// Y, U, V of red, green, blue; the inverse of [`yuv_to_rgb`].
 pub fn rgb_to_yuv([r, g, b]: [u8; 3]) -> [u8; 3] {
     let [r, g, b] = [r, g, b].map(f32::from);
     [
@@ -80,14 +80,14 @@ pub fn rgb_to_yuv([r, g, b]: [u8; 3]) -> [u8; 3] {
     .map(|channel| channel.round().clamp(0.0, 255.0) as u8)
 }
 
-/// One frame, borrowed from whoever holds its bytes.
+/// An image whose bytes are borrowed.
 #[derive(Debug, Clone, Copy)]
 pub struct ImageView<'a> {
     /// Columns.
     pub width_px: usize,
     /// Rows.
     pub height_px: usize,
-    /// How the bytes make pixels.
+    /// Pixel format of `data`.
     pub format: PixelFormat,
     /// Bytes from one row to the next.
     pub stride: usize,
@@ -96,7 +96,7 @@ pub struct ImageView<'a> {
 }
 
 impl<'a> ImageView<'a> {
-    /// A frame whose rows follow each other without gaps.
+    /// An image without padding between rows.
     pub fn packed(width_px: usize, height_px: usize, format: PixelFormat, data: &'a [u8]) -> Self {
         ImageView {
             width_px,
@@ -107,7 +107,7 @@ impl<'a> ImageView<'a> {
         }
     }
 
-    /// Refuses a frame of another size than wanted or with bytes missing.
+    /// Errors if the size differs or bytes are missing.
     pub fn check(&self, width_px: usize, height_px: usize) -> Result<(), VisionError> {
         if (self.width_px, self.height_px) != (width_px, height_px) {
             return Err(VisionError::ImageSize {
@@ -122,17 +122,17 @@ impl<'a> ImageView<'a> {
             PixelFormat::Nv12 => height_px + height_px.div_ceil(2),
             _ => height_px,
         };
-        let wanted = self.stride.max(row) * rows.saturating_sub(1) + row;
-        if self.data.len() < wanted || self.stride < row {
+        let expected = self.stride.max(row) * rows.saturating_sub(1) + row;
+        if self.data.len() < expected || self.stride < row {
             return Err(VisionError::Truncated {
                 actual_bytes: self.data.len(),
-                expected_bytes: wanted,
+                expected_bytes: expected,
             });
         }
         Ok(())
     }
 
-    /// Red, green and blue of a pixel inside the frame.
+    /// Red, green and blue of a pixel inside the image.
     #[inline]
     pub fn rgb(&self, column: usize, row: usize) -> [u8; 3] {
         let native = self.native_channels(column, row);
@@ -154,7 +154,7 @@ impl<'a> ImageView<'a> {
         self.native_channels_of_format(column, row)
     }
 
-    /// As [`Frame::native`]; kept apart, since its many cases are too much to stand in every loop.
+    /// As [`ImageView::native_channels`]; separate, so that callers inline only the common RGB case.
     fn native_channels_of_format(&self, column: usize, row: usize) -> [u8; 3] {
         let start = row * self.stride;
         let at = |offset: usize| self.data[start + offset];
@@ -186,9 +186,9 @@ impl<'a> ImageView<'a> {
         }
     }
 
-    /// Red, green, blue of the 2 × 2 cell that holds a pixel; `order`: where red, both greens and blue are in it.
+    /// Red, green, blue of the 2 × 2 cell that holds a pixel; `order`: positions of red, both greens and blue in the cell.
     fn bayer(&self, column: usize, row: usize, order: [usize; 4]) -> [u8; 3] {
-        // The last column or row of an odd size has no cell of its own: the cell before it is the nearest whole one.
+        // The last column or row of an odd size has no complete cell: use the one before it.
         let first = |at: usize, size: usize| (at & !1).min((size & !1).saturating_sub(2));
         let (column, row) = (first(column, self.width_px), first(row, self.height_px));
         let at = |place: usize| {
@@ -211,9 +211,9 @@ pub struct Image {
     pub rgb: Vec<u8>,
 }
 
-/// A decoder fills up what a cut file lacks with grey, which would pass for a picture.
+/// True if the end mark is missing: decoders fill the missing part with grey and report no error.
 fn is_truncated_jpeg(bytes: &[u8]) -> bool {
-    // Some writers pad behind the end mark.
+    // Some writers pad after the end mark.
     let tail = &bytes[bytes.len().saturating_sub(4096)..];
     bytes.starts_with(&[0xff, 0xd8]) && !tail.windows(2).any(|pair| pair == [0xff, 0xd9])
 }
@@ -225,13 +225,13 @@ impl Image {
             path: path.to_owned(),
             reason,
         };
-        // A pipe without a writer would keep us waiting for ever.
+        // Reading a pipe without a writer would block for ever.
         if path.exists() && !path.is_file() {
-            return Err(refuse("is no file".to_owned()));
+            return Err(refuse("not a regular file".to_owned()));
         }
         let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
         if is_truncated_jpeg(&bytes) {
-            return Err(refuse("is cut off: a JPEG without its end".to_owned()));
+            return Err(refuse("truncated JPEG (no end mark)".to_owned()));
         }
         let reader = image::ImageReader::new(std::io::Cursor::new(bytes))
             .with_guessed_format()
@@ -247,7 +247,7 @@ impl Image {
         })
     }
 
-    /// Writes a PNG or JPEG file, as its name ends.
+    /// Writes a PNG or JPEG file, by the name's extension.
     pub fn save(&self, path: &Path) -> Result<(), VisionError> {
         image::save_buffer(
             path,
@@ -262,7 +262,7 @@ impl Image {
         })
     }
 
-    /// The image as a frame.
+    /// Borrows the image.
     pub fn view(&self) -> ImageView<'_> {
         ImageView::packed(self.width_px, self.height_px, PixelFormat::Rgb8, &self.rgb)
     }
@@ -299,28 +299,31 @@ mod tests {
     #[test]
     fn every_pixel_format_decodes_to_the_encoded_colour() {
         for (format, stride, data) in encode_in_all_formats([200, 90, 40]) {
-            let frame = ImageView {
+            let view = ImageView {
                 width_px: 4,
                 height_px: 2,
                 format,
                 stride,
                 data: &data,
             };
-            frame.check(4, 2).expect("whole");
+            view.check(4, 2).expect("whole");
             for (column, row) in [(0, 0), (1, 0), (2, 1), (3, 1)] {
-                let found = frame.rgb(column, row);
-                let off = found
+                let decoded = view.rgb(column, row);
+                let error = decoded
                     .iter()
                     .zip([200u8, 90, 40])
                     .map(|(a, b)| a.abs_diff(b))
                     .max();
-                assert!(off <= Some(2), "{format:?} ({column}, {row}): {found:?}");
+                assert!(
+                    error <= Some(2),
+                    "{format:?} ({column}, {row}): {decoded:?}"
+                );
             }
-            let torn = ImageView {
+            let truncated = ImageView {
                 data: &data[..data.len() - 1],
-                ..frame
+                ..view
             };
-            assert!(torn.check(4, 2).is_err(), "{format:?}");
+            assert!(truncated.check(4, 2).is_err(), "{format:?}");
         }
     }
 }

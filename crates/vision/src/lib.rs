@@ -1,6 +1,6 @@
-//! From a camera image to features: line points, ball, robots and goals in the robot's frame.
+//! Detects line points, ball, robots and goals in an image of a catadioptric camera; results in the robot frame.
 //!
-//! Modules in the order in which data meets them.
+//! Modules are listed in the order in which data passes them.
 
 pub mod config;
 pub mod error;

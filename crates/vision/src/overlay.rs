@@ -1,13 +1,13 @@
-//! What was found, and where? Marks drawn into an image: line points, refused runs, the field's lines at a pose.
+//! Draws detections, rejected candidates and the field's lines at a pose into an image.
 
 use localize::field::Marking;
 use localize::frames::{At, FieldFrame, Pose};
+use localize::world::TeamColour;
 
 use crate::colour::lookup_table::ColourClass;
 use crate::image::Image;
 use crate::lines::detection::RejectionReason;
 use crate::objects::goals::GoalKind;
-use crate::objects::robots::Marker;
 use crate::optics::ground_map::GroundMap;
 use crate::process::Detections;
 use crate::scan::pattern::ScanPattern;
@@ -15,16 +15,16 @@ use crate::scan::pattern::ScanPattern;
 /// Red, green, blue.
 pub type Rgb = [u8; 3];
 
-/// Line points.
+/// Colour of line points.
 pub const LINE_POINT_COLOUR: Rgb = [255, 0, 0];
-/// The field's lines at a pose.
+/// Colour of the field's lines.
 pub const FIELD_LINE_COLOUR: Rgb = [0, 90, 255];
-/// The ball.
+/// Colour of the ball.
 pub const BALL_COLOUR: Rgb = [255, 0, 255];
-/// Where the carpet ends.
+/// Colour of the carpet's boundary.
 pub const CARPET_END_COLOUR: Rgb = [255, 160, 0];
 
-/// The colour that a refused run is drawn in.
+/// Colour of a rejected candidate.
 pub fn rejection_colour(reason: RejectionReason) -> Rgb {
     match reason {
         RejectionReason::NoAdjacentCarpet => [90, 90, 90],
@@ -36,7 +36,7 @@ pub fn rejection_colour(reason: RejectionReason) -> Rgb {
     }
 }
 
-/// The image enlarged by a whole number, so that marks do not hide what they mark.
+/// Enlarges the image by an integer factor, so that marks hide less of it.
 pub fn upscale(image: &Image, times: usize) -> Image {
     let times = times.max(1);
     let (width_px, height_px) = (image.width_px * times, image.height_px * times);
@@ -54,7 +54,7 @@ pub fn upscale(image: &Image, times: usize) -> Image {
     }
 }
 
-/// Sets one pixel; outside the image nothing happens.
+/// Sets one pixel; ignores pixels outside the image.
 pub fn draw_pixel(image: &mut Image, u: i64, v: i64, colour: Rgb) {
     if (0..image.width_px as i64).contains(&u) && (0..image.height_px as i64).contains(&v) {
         let at = 3 * (v as usize * image.width_px + u as usize);
@@ -81,36 +81,36 @@ pub fn draw_circle(image: &mut Image, [u, v]: [f32; 2], radius: f32, colour: Rgb
     }
 }
 
-/// Everything that was seen, on an image enlarged `times`.
-pub fn draw_detections(image: &mut Image, times: usize, seen: &Detections) {
+/// Draws all detections on an image enlarged by `times`.
+pub fn draw_detections(image: &mut Image, times: usize, detections: &Detections) {
     let place = |[u, v]: [f32; 2]| [u, v].map(|at| (at + 0.5) * times as f32 - 0.5);
-    for refused in &seen.rejected_candidates {
+    for rejected in &detections.rejected_candidates {
         draw_cross(
             image,
-            place(refused.position_px),
+            place(rejected.position_px),
             1,
-            rejection_colour(refused.reason),
+            rejection_colour(rejected.reason),
         );
     }
-    for point in &seen.line_points {
+    for point in &detections.line_points {
         draw_cross(image, place(point.position_px), 2, LINE_POINT_COLOUR);
     }
-    if let Some(ball) = &seen.ball {
+    if let Some(ball) = &detections.ball {
         for radius in [9.0, 10.0, 11.0] {
             draw_circle(image, place(ball.position_px), radius, BALL_COLOUR);
         }
     }
-    for robot in &seen.robots {
+    for robot in &detections.robots {
         let colour = match robot.marker {
-            Some(Marker::Cyan) => [0, 255, 255],
-            Some(Marker::Magenta) => [255, 0, 255],
+            Some(TeamColour::Cyan) => [0, 255, 255],
+            Some(TeamColour::Magenta) => [255, 0, 255],
             None => [255, 255, 0],
         };
         for radius in [6.0, 7.0] {
             draw_circle(image, place(robot.position_px), radius, colour);
         }
     }
-    for goal in &seen.goals {
+    for goal in &detections.goals {
         let colour = match goal.kind {
             GoalKind::Blue => [0, 0, 255],
             GoalKind::Yellow => [255, 255, 0],
@@ -122,14 +122,19 @@ pub fn draw_detections(image: &mut Image, times: usize, seen: &Detections) {
     }
 }
 
-/// Where the carpet ends in each direction, on an image enlarged `times`.
-pub fn draw_carpet_end(image: &mut Image, times: usize, pattern: &ScanPattern, seen: &Detections) {
+/// Draws the carpet's boundary in each direction on an image enlarged by `times`.
+pub fn draw_carpet_end(
+    image: &mut Image,
+    times: usize,
+    pattern: &ScanPattern,
+    detections: &Detections,
+) {
     for sample in &pattern.samples {
-        let place = sample.azimuth_turns * seen.carpet_end.len() as f32;
+        let place = sample.azimuth_turns * detections.carpet_end.len() as f32;
         let nearest = place.round();
-        let Some(&end) = seen
+        let Some(&end) = detections
             .carpet_end
-            .get(nearest as usize % seen.carpet_end.len().max(1))
+            .get(nearest as usize % detections.carpet_end.len().max(1))
         else {
             continue;
         };
@@ -140,7 +145,7 @@ pub fn draw_carpet_end(image: &mut Image, times: usize, pattern: &ScanPattern, s
     }
 }
 
-/// The field's marking centre lines as the map shows them at a pose, on an image enlarged `times`.
+/// Draws the markings' centre lines, projected by the map at a pose, on an image enlarged by `times`.
 pub fn draw_field(
     image: &mut Image,
     times: usize,
@@ -172,7 +177,7 @@ pub fn draw_field(
     }
 }
 
-/// How far a point lies from a marking's centre line (from a spot's disc), metres.
+/// Distance of a point from a marking's centre line (or a spot's disc), metres.
 pub fn marking_distance(marking: &Marking, point: At<FieldFrame>) -> f32 {
     match *marking {
         Marking::Line { from, to } => {
@@ -239,7 +244,7 @@ pub fn marking_points(markings: &[Marking], step: f32) -> Vec<At<FieldFrame>> {
     points
 }
 
-/// The colour that a class is drawn in.
+/// Colour of a class.
 pub fn class_colour(class: ColourClass) -> Rgb {
     match class {
         ColourClass::BLACK => [0, 0, 0],

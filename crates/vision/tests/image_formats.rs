@@ -1,4 +1,4 @@
-//! Do the eyes take whatever a camera delivers? Grey images, odd sizes, every pixel format, maps with little ground.
+//! Vision processes grey images, odd sizes, every pixel format and maps with little ground.
 
 use std::path::Path;
 
@@ -40,18 +40,22 @@ fn lines_are_detected_in_grey_images() {
         .expect("rays")
         .ground_map();
     let image = Image::load(&folder.join("frames/000.jpg")).expect("an image");
-    let mut eyes = Vision::new(&map, &camera, 0.125, VisionConfig::default()).expect("eyes");
-    let coloured = eyes.process(&image.view()).expect("seen").line_points;
+    let mut vision = Vision::new(&map, &camera, 0.125, VisionConfig::default()).expect("vision");
+    let coloured = vision
+        .process(&image.view())
+        .expect("detections")
+        .line_points;
     let grey: Vec<u8> = image
         .rgb
         .chunks_exact(3)
         .map(|rgb| (rgb.iter().map(|&c| u32::from(c)).sum::<u32>() / 3) as u8)
         .collect();
-    let frame = ImageView::packed(image.width_px, image.height_px, PixelFormat::Grey8, &grey);
-    let seen = eyes.process(&frame).expect("seen").line_points;
-    // Most points of the coloured image are found again at the same places.
+    let view = ImageView::packed(image.width_px, image.height_px, PixelFormat::Grey8, &grey);
+    let line_points = vision.process(&view).expect("detections").line_points;
+    // Most points of the coloured image are detected at the same positions.
     let found = coloured.iter().filter(|point| {
-        seen.iter()
+        line_points
+            .iter()
             .any(|other| other.point.at.distance_to(point.point.at) < 0.05)
     });
     assert!(2 * found.count() > coloured.len());
@@ -60,7 +64,7 @@ fn lines_are_detected_in_grey_images() {
 #[test]
 fn vision_accepts_any_size_format_and_map() {
     let (_, camera) = camera();
-    let mut seen = 0;
+    let mut processed = 0;
     for (width_px, height_px) in [(1, 1), (2, 3), (9, 7), (33, 64), (61, 45)] {
         let centre_px = [width_px as f32 / 2.0, height_px as f32 / 2.0];
         let camera = CameraConfig {
@@ -70,7 +74,7 @@ fn vision_accepts_any_size_format_and_map() {
             outer_radius_px: None,
             ..camera.clone()
         };
-        // Ground in every pixel, in a corner, and in single pixels.
+        // Ground in every pixel, in every second or fifth pixel and one corner.
         for every in [1, 2, 5] {
             let place = |index: usize| {
                 let (u, v) = (index % width_px, index / width_px);
@@ -88,7 +92,7 @@ fn vision_accepts_any_size_format_and_map() {
                 x: indices.clone().map(|index| place(index)[0]).collect(),
                 y: indices.map(|index| place(index)[1]).collect(),
             };
-            let Ok(mut eyes) = Vision::new(&map, &camera, 0.125, VisionConfig::default()) else {
+            let Ok(mut vision) = Vision::new(&map, &camera, 0.125, VisionConfig::default()) else {
                 continue;
             };
             for format in FORMATS {
@@ -96,12 +100,12 @@ fn vision_accepts_any_size_format_and_map() {
                 let data: Vec<u8> = (0..bytes as u32)
                     .map(|index| (index.wrapping_mul(2_654_435_761) >> 24) as u8)
                     .collect();
-                match eyes.process(&ImageView::packed(width_px, height_px, format, &data)) {
-                    Ok(_) => seen += 1,
+                match vision.process(&ImageView::packed(width_px, height_px, format, &data)) {
+                    Ok(_) => processed += 1,
                     Err(error) => assert!(matches!(error, VisionError::TooDark { .. }), "{error}"),
                 }
             }
         }
     }
-    assert!(seen > 20, "{seen} frames were seen at all");
+    assert!(processed > 20, "only {processed} images were processed");
 }

@@ -1,4 +1,4 @@
-//! The field's own lines calibrate the map: poses unknown, the start a radial guess that is a fifth too long.
+//! Calibration from the field's lines: unknown poses, initial map a fifth too long.
 
 use std::path::{Path, PathBuf};
 

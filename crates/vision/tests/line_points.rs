@@ -1,4 +1,4 @@
-//! Line points of a recording that another program rendered lie on its true lines.
+//! Line points of an independently rendered recording lie on its true lines.
 
 use std::path::{Path, PathBuf};
 
@@ -24,10 +24,10 @@ fn sample_vision() -> Vision {
     let map = optics::trace_rays(&robot.camera, &profile, &Mount::default())
         .expect("rays")
         .ground_map();
-    Vision::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("eyes")
+    Vision::new(&map, &robot.camera, 0.125, VisionConfig::default()).expect("vision")
 }
 
-/// Carpet with a line along y = 1 and a white wall from x = 2 on, as the sample's mirror shows it.
+/// Carpet with a line along y = 1 and a white wall from x = 2 on, projected by the sample's mirror.
 fn image_with_wall() -> (CameraConfig, vision::GroundMap, Image) {
     let text = std::fs::read_to_string(folder().join("robot.toml")).expect("robot.toml");
     let robot: Robot = toml::from_str(&text).expect("a robot");
@@ -58,11 +58,11 @@ fn wall_base_is_detected_when_enabled() {
         let mut config = VisionConfig::default();
         config.scan.circles = 36;
         config.lines.detect_wall_bases = walls;
-        let mut eyes = Vision::new(&map, &camera, 0.125, config).expect("eyes");
-        let seen = eyes.process(&image.view()).expect("seen");
+        let mut vision = Vision::new(&map, &camera, 0.125, config).expect("vision");
+        let detections = vision.process(&image.view()).expect("detections");
         let near = |off: f32| {
-            let at_wall = seen.line_points.iter().filter(|one| {
-                (one.point.at.x - 2.0).abs() < off && (one.point.at.y - 1.0).abs() > 0.3
+            let at_wall = detections.line_points.iter().filter(|point| {
+                (point.point.at.x - 2.0).abs() < off && (point.point.at.y - 1.0).abs() > 0.3
             });
             at_wall.count()
         };
@@ -81,7 +81,7 @@ fn image(name: &str) -> Image {
 fn lines_of_a_path_traced_drive_are_detected_without_labels() {
     let field = Field::load(&folder().join("field.toml")).expect("a field");
     let truth = std::fs::read_to_string(folder().join("truth.csv")).expect("truth.csv");
-    let mut eyes = sample_vision();
+    let mut vision = sample_vision();
     let (mut points, mut right) = (0, 0);
     for (index, line) in truth.lines().skip(1).enumerate() {
         let row: Vec<f32> = line
@@ -89,31 +89,47 @@ fn lines_of_a_path_traced_drive_are_detected_without_labels() {
             .map(|cell| cell.parse().expect("a number"))
             .collect();
         let pose = Pose::new(row[1], row[2], row[3]);
-        let seen = eyes
+        let detections = vision
             .process(&image(&format!("{index:03}.jpg")).view())
-            .expect("seen");
-        for seen in seen.line_points {
-            if seen.point.at.distance() > 5.0 {
+            .expect("detections");
+        for point in detections.line_points {
+            if point.point.at.distance() > 5.0 {
                 continue;
             }
             let off = field
                 .markings
                 .iter()
-                .map(|marking| marking_distance(marking, pose * seen.point.at))
+                .map(|marking| marking_distance(marking, pose * point.point.at))
                 .fold(f32::INFINITY, f32::min);
             points += 1;
             right += usize::from(off < 0.05);
         }
     }
     assert!(points > 1500, "only {points} points");
-    assert!(right * 100 >= points * 97, "{right} of {points} right");
+    assert!(
+        right * 100 >= points * 97,
+        "{right} of {points} points on lines"
+    );
+}
+
+#[test]
+fn classification_without_a_colour_model_is_an_error() {
+    let image = image("003.jpg");
+    let mut vision = sample_vision();
+    let error = vision.classify_samples(&image.view()).map(<[_]>::len);
+    assert!(
+        matches!(error, Err(VisionError::NoColourModel)),
+        "{error:?}"
+    );
+    vision.process(&image.view()).expect("detections");
+    assert!(vision.classify_samples(&image.view()).is_ok());
 }
 
 #[test]
 fn processing_is_bit_reproducible() {
     let image = image("003.jpg");
-    let first = sample_vision().process(&image.view()).expect("seen");
-    let second = sample_vision().process(&image.view()).expect("seen");
+    let first = sample_vision().process(&image.view()).expect("detections");
+    let second = sample_vision().process(&image.view()).expect("detections");
     assert_eq!(first, second);
 }
 
@@ -137,10 +153,10 @@ fn wrong_image_size_is_rejected_naming_both_sizes() {
 #[test]
 fn truncated_and_dark_images_are_rejected() {
     let image = image("000.jpg");
-    let mut torn = image.view();
-    torn.data = &torn.data[..1000];
+    let mut truncated = image.view();
+    truncated.data = &truncated.data[..1000];
     assert!(matches!(
-        sample_vision().process(&torn),
+        sample_vision().process(&truncated),
         Err(VisionError::Truncated { .. })
     ));
     let black = Image {
@@ -153,7 +169,7 @@ fn truncated_and_dark_images_are_rejected() {
     ));
 }
 
-/// The image as a USB camera would send it.
+/// Encodes an image as YUYV, as USB cameras send it.
 fn encode_yuyv(image: &Image) -> Vec<u8> {
     let frame = image.view();
     let mut data = Vec::new();
@@ -175,9 +191,12 @@ fn yuyv_and_rgb_images_yield_the_same_lines() {
     let frame = vision::ImageView::packed(480, 480, vision::PixelFormat::Yuyv, &data);
     let rgb = sample_vision()
         .process(&image.view())
-        .expect("seen")
+        .expect("detections")
         .line_points;
-    let yuv = sample_vision().process(&frame).expect("seen").line_points;
+    let yuv = sample_vision()
+        .process(&frame)
+        .expect("detections")
+        .line_points;
     assert!(
         yuv.len() * 10 >= rgb.len() * 9,
         "{} of {}",
@@ -198,7 +217,7 @@ fn four_labelled_pixels_suffice_to_detect_lines() {
     let image = image("000.jpg");
     let unlabelled = sample_vision()
         .process(&image.view())
-        .expect("seen")
+        .expect("detections")
         .line_points
         .len();
     let label = |u, v, class: &str| Label {
@@ -212,9 +231,13 @@ fn four_labelled_pixels_suffice_to_detect_lines() {
         label(260, 118, "line"),
     ];
     let table = ColourTable::learn(&labels, TableKind::Yuv).expect("a table");
-    let mut eyes = sample_vision();
-    eyes.set_colour_table(table);
-    let labelled = eyes.process(&image.view()).expect("seen").line_points.len();
+    let mut vision = sample_vision();
+    vision.set_colour_table(table);
+    let labelled = vision
+        .process(&image.view())
+        .expect("detections")
+        .line_points
+        .len();
     assert!(
         labelled * 10 >= unlabelled * 7,
         "{labelled} of {unlabelled}"

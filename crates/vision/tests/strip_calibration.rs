@@ -1,4 +1,4 @@
-//! The strip calibration measures the ground as the exact map does, for an upright mirror and for a tilted one.
+//! Calibration from a strip reproduces the exact map, for an upright and for a tilted mirror; mask calibration.
 
 use std::path::{Path, PathBuf};
 
@@ -41,10 +41,10 @@ fn images() -> Vec<StripImage> {
         .collect()
 }
 
-/// Median distance between two maps over pixels whose ground lies between the ranges, metres.
+/// Median distance between two maps over pixels with ground in from..to, metres.
 fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
     let mut offs = Vec::new();
-    let mut wanted = 0;
+    let mut expected = 0;
     for v in 0..exact.height_px {
         for u in 0..exact.width_px {
             let Some(truth) = exact
@@ -53,15 +53,15 @@ fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) ->
             else {
                 continue;
             };
-            wanted += 1;
+            expected += 1;
             if let Some(at) = found.at(u, v) {
                 offs.push(at.distance_to(truth));
             }
         }
     }
     assert!(
-        offs.len() * 10 > wanted * 9,
-        "{} of {wanted} pixels",
+        offs.len() * 10 > expected * 9,
+        "{} of {expected} pixels",
         offs.len()
     );
     offs.sort_by(f32::total_cmp);
@@ -79,7 +79,7 @@ fn strip_calibration_reproduces_the_exact_map() {
     assert!(far <= 0.03, "median {far} m from 3 to 5 m");
 }
 
-/// The ground behind four points of each pixel, row by row.
+/// Ground points of four subpixels of each pixel, row by row.
 fn trace_subpixels(
     camera: &CameraConfig,
     profile: &Profile,
@@ -99,7 +99,7 @@ fn trace_subpixels(
         .collect()
 }
 
-/// What the camera would show of a strip on a plain carpet.
+/// Renders a strip on plain carpet.
 fn render_strip(
     camera: &CameraConfig,
     ground: &[[Option<[f64; 2]>; 4]],
@@ -199,15 +199,18 @@ fn mask_covers_rods_but_not_floor() {
     let camera = camera();
     let mask = vision::calibrate::calibrate_mask(&camera, &images).expect("a mask");
     let free = |u: usize, v: usize| mask[v * camera.width_px + u];
-    // A rod goes straight down from the middle.
+    // A rod extends straight down from the centre.
     assert!((320..460).filter(|&v| free(239, v)).count() < 15);
     let floor = (60..420)
         .step_by(3)
         .flat_map(|v| (60..420).step_by(3).map(move |u| (u, v)));
-    let (mut seen, mut all) = (0, 0);
+    let (mut unmasked, mut all) = (0, 0);
     for (u, v) in floor {
         all += 1;
-        seen += usize::from(free(u, v));
+        unmasked += usize::from(free(u, v));
     }
-    assert!(seen * 100 >= all * 94, "{seen} of {all}");
+    assert!(
+        unmasked * 100 >= all * 94,
+        "{unmasked} of {all} floor pixels are unmasked"
+    );
 }

@@ -1,4 +1,4 @@
-//! The traced map agrees with that of an independent path tracer.
+//! The traced map matches that of an independent path tracer.
 
 use std::path::Path;
 
@@ -27,19 +27,19 @@ fn traced_map_matches_the_path_tracer() {
     let mut compared = 0;
     for v in 0..exact.height_px {
         for u in 0..exact.width_px {
-            let Some(wanted) = exact.at(u, v) else {
+            let Some(expected) = exact.at(u, v) else {
                 continue;
             };
-            if wanted.distance() > 10.0 {
+            if expected.distance() > 10.0 {
                 continue;
             }
-            let found = traced
+            let ground = traced
                 .at(u, v)
-                .unwrap_or_else(|| panic!("no ground at ({u}, {v}), wanted {wanted:?}"));
-            let error = found.distance_to(wanted);
+                .unwrap_or_else(|| panic!("no ground at ({u}, {v}), expected {expected:?}"));
+            let error = ground.distance_to(expected);
             assert!(
-                error <= 1e-3 + 1e-3 * wanted.distance(),
-                "({u}, {v}): {found:?}, wanted {wanted:?}"
+                error <= 1e-3 + 1e-3 * expected.distance(),
+                "({u}, {v}): {ground:?}, expected {expected:?}"
             );
             compared += 1;
         }

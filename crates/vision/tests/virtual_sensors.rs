@@ -1,4 +1,4 @@
-//! Do the virtual sensors tell what stands in their windows?
+//! Virtual sensors report what is in their regions.
 
 use localize::robot::CameraConfig;
 use vision::colour::lookup_table::ColourClass;
@@ -20,7 +20,7 @@ fn camera() -> CameraConfig {
     }
 }
 
-/// 4 cm of ground a pixel, forward up, left on the right.
+/// 4 cm of ground per pixel; forward is up, left is on the right.
 fn map() -> GroundMap {
     let place = |pixel: usize, axis: usize| {
         let (u, v) = ((pixel % SIZE) as f32 - 100.0, (pixel / SIZE) as f32 - 100.0);
@@ -58,26 +58,28 @@ fn detect(
         virtual_sensors: config,
         ..VisionConfig::default()
     };
-    let mut eyes = Vision::new(&map(), &camera(), 0.125, config)?;
+    let mut vision = Vision::new(&map(), &camera(), 0.125, config)?;
     assert_eq!(
-        eyes.virtual_sensor_regions()
+        vision
+            .virtual_sensor_regions()
             .iter()
             .filter(|(name, _)| *name == "bumper")
             .count(),
         9
     );
-    let seen = eyes.process(&image.view());
+    let detections = vision.process(&image.view());
     assert!(
-        eyes.classify_samples(&image.view())?
+        vision
+            .classify_samples(&image.view())?
             .contains(&ColourClass::CARPET)
     );
-    seen
+    detections
 }
 
 #[test]
 fn obstacle_on_the_left_triggers_the_left_bumper() {
     let free = detect(VirtualSensorConfig::default(), None)
-        .expect("seen")
+        .expect("detections")
         .virtual_sensors;
     assert!(
         free.bumpers.iter().all(|bumper| !bumper.hit),
@@ -87,7 +89,7 @@ fn obstacle_on_the_left_triggers_the_left_bumper() {
     // 0.6 m to the left is 15 px to the right of the axis.
     let square = Some(([115, 100], [20, 20, 20]));
     let hit = detect(VirtualSensorConfig::default(), square)
-        .expect("seen")
+        .expect("detections")
         .virtual_sensors;
     let hits: Vec<bool> = hit.bumpers.iter().map(|bumper| bumper.hit).collect();
     assert!(hits[0] && !hits[3] && !hits[5], "{hits:?}");
@@ -107,7 +109,7 @@ fn ball_in_the_kick_region_sets_kick() {
     };
     let at = |v| {
         detect(config.clone(), Some(([100, v], orange)))
-            .expect("seen")
+            .expect("detections")
             .virtual_sensors
             .kick
     };

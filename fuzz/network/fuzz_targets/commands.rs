@@ -1,8 +1,7 @@
 //! Fuzzes the filter of remote commands with datagrams. Run: `tools/fuzz 60 commands`
 #![no_main]
 
-use app::net::CommandConfig;
-use app::net::commands::CommandFilter;
+use app::{CommandConfig, CommandFilter};
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     let config = CommandConfig {

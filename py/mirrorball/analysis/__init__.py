@@ -1,4 +1,4 @@
-"""How did a run go? Logs as tables, errors against truth, times, drop-outs, exposure; figures, reports, comparisons.
+"""Analysis of runs: logs as tables, errors against truth, times, drop-outs, exposure; figures, reports, comparisons.
 
 >>> from mirrorball.analysis import Log, cycles, report
 >>> table = cycles(Log("game.mcap"))  # doctest: +SKIP
@@ -7,8 +7,8 @@
 Needs `pip install mirrorball[analysis]` (pandas, pyarrow); videos need `mirrorball[video]`.
 """
 
+from mirrorball.analysis.metrics import difference, dropouts, summary
 from mirrorball.analysis.reporting import Report, compare, report
-from mirrorball.analysis.scores import difference, dropouts, summary
 from mirrorball.analysis.tables import cycles, exposure, points, stream, table, write_parquet
 from mirrorball.log import Log, LogError
 

@@ -1,4 +1,4 @@
-"""How does a run look? Path, errors with what the estimate promised, times, counts; figures without pyplot."""
+"""Figures of a run: path, errors with their stated deviations, times, counts; without pyplot."""
 
 from __future__ import annotations
 

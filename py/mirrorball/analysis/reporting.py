@@ -1,4 +1,4 @@
-"""What is handed on about a run? One HTML page that stands alone, for one log or for two side by side."""
+"""Reports of runs: one self-contained HTML page about one log, or about two side by side."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 import pandas as pd
 
 from mirrorball.analysis import figures
-from mirrorball.analysis.scores import difference, dropouts, shares, summary
-from mirrorball.analysis.tables import cycles, exposure, opened
+from mirrorball.analysis.metrics import difference, dropouts, shares, summary
+from mirrorball.analysis.tables import as_log, cycles, exposure
+from mirrorball.html_page import picture, table, write
 from mirrorball.log import Log
-from mirrorball.page import picture, table, write
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was found, and the page that shows it."""
+    """Tables of a report, and its page."""
 
     page: Path
     cycles: tuple[pd.DataFrame, ...]
@@ -26,7 +26,7 @@ class Report:
 
 def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10) -> Report:
     """Writes index.html about one log. The light is measured in each `images_every`-th image; 0 leaves it out."""
-    log = opened(log)
+    log = as_log(log)
     run = cycles(log)
     if run.empty:
         raise ValueError(f"{log.path} has no cycle")
@@ -34,24 +34,24 @@ def report(log: Log | str | Path, *, folder: str | Path, images_every: int = 10)
     name = log.path.stem
     sections = [
         table(["", ""], [[key, value] for key, value in sorted(log.about.items())]),
-        _modes(run),
-        _numbers(found),
+        _mode_table(run),
+        _summary_table(found),
         picture(figures.path({name: run}, lines=figures.markings(log)), "Path"),
     ]
     if run["error_m"].notna().any():
         sections.append(picture(figures.errors({name: run}), "Error against truth, and two standard deviations as stated"))
     sections.append(picture(figures.times({name: run}), "Stages"))
-    if images_every and log.counts.get("/camera/image"):
+    if images_every and log.message_counts.get("/camera/image"):
         sections.append(picture(figures.light(exposure(log, every=images_every)), "Light"))
     sections.append("<h2>Missing</h2>")
-    sections.append(_missing(missing))
+    sections.append(_dropout_table(missing))
     page = write(Path(folder), title=name, sections=sections)
     return Report(page=page, cycles=(run,), summary=found, dropouts=missing)
 
 
 def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | Path) -> Report:
     """Writes index.html about two logs of one drive (or of two): their figures side by side, and how far apart they are."""
-    logs = (opened(first), opened(second))
+    logs = (as_log(first), as_log(second))
     runs = (cycles(logs[0]), cycles(logs[1]))
     names = [log.path.stem for log in logs]
     if names[0] == names[1]:
@@ -60,8 +60,8 @@ def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | 
     found = pd.concat({name: summary(run) for name, run in both.items()}, axis=1)
     apart = difference(*runs)
     sections = [
-        "".join(f"<h2>{name}</h2>{_modes(run)}" for name, run in both.items()),
-        "".join(f"<h2>{name}</h2>{_numbers(summary(run))}" for name, run in both.items()),
+        "".join(f"<h2>{name}</h2>{_mode_table(run)}" for name, run in both.items()),
+        "".join(f"<h2>{name}</h2>{_summary_table(summary(run))}" for name, run in both.items()),
         table(["Frames of one stamp", "Farthest apart", "Mean apart"],
               [[str(len(apart)), f"{100.0 * apart['apart_m'].max():.2f} cm", f"{100.0 * apart['apart_m'].mean():.2f} cm"]]),
         picture(figures.path(both, lines=figures.markings(logs[0])), "Paths"),
@@ -74,19 +74,19 @@ def compare(first: Log | str | Path, second: Log | str | Path, *, folder: str | 
     return Report(page=page, cycles=runs, summary=found, dropouts=missing)
 
 
-def _modes(run: pd.DataFrame) -> str:
+def _mode_table(run: pd.DataFrame) -> str:
     seconds = run["stamp_s"].iloc[-1] - run["stamp_s"].iloc[0]
     rows = [["frames", str(len(run))], ["seconds", f"{seconds:.1f}"]]
     rows += [[mode, f"{100.0 * share:.2f} %"] for mode, share in shares(run).items()]
     return table(["", ""], rows)
 
 
-def _numbers(found: pd.DataFrame) -> str:
+def _summary_table(found: pd.DataFrame) -> str:
     return table(["", *map(str, found.columns)], [[str(name), *(f"{value:.4g}" for value in row)] for name, row in
                                                   zip(found.index, found.to_numpy(), strict=True)])  # fmt: skip
 
 
-def _missing(missing: pd.DataFrame) -> str:
+def _dropout_table(missing: pd.DataFrame) -> str:
     if missing.empty:
         return "<p>nothing</p>"
     rows = [[row.kind, f"{row.start_s:.3f}", f"{row.stop_s:.3f}", row.detail] for row in missing.head(200).itertuples()]

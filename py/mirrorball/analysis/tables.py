@@ -1,7 +1,8 @@
-"""What is in a log, as tables? One row a message, one row a cycle, one row an image; all at once or piece by piece."""
+"""Logs as tables: one row per message, cycle, line point or image; all at once or in pieces."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,17 @@ from numpy.typing import NDArray
 
 from mirrorball.log import Log
 
-CYCLE_NAMES = {
+CYCLE_ELEMENTS = {
+    **{f"estimate.covariance[{3 * row + column}]": f"covariance_{row}{column}" for row in range(3) for column in range(row, 3)},
+    "estimate.lean[0]": "lean_a_rad",
+    "estimate.lean[1]": "lean_b_rad",
+    "truth.ball[0]": "true_ball_x_m",
+    "truth.ball[1]": "true_ball_y_m",
+}
+"""Single elements of a cycle's lists, and the columns that they become."""
+
+CYCLE_COLUMNS = {
+    **{re.sub(r"[.\[]", "_", element).rstrip("]"): name for element, name in CYCLE_ELEMENTS.items()},
     "estimate_pose_x": "x_m",
     "estimate_pose_y": "y_m",
     "estimate_pose_theta": "theta_rad",
@@ -28,14 +39,14 @@ CYCLE_NAMES = {
 """Names of a cycle's columns that are used most; the others keep the names of their messages."""
 
 
-def opened(log: Log | str | Path) -> Log:
-    """Give the log itself, or the one at a path."""
+def as_log(log: Log | str | Path) -> Log:
+    """The log itself, or the one at a path."""
     return log if isinstance(log, Log) else Log(log)
 
 
 def table(log: Log | str | Path, topic: str, *, start_s: float | None = None, stop_s: float | None = None) -> pd.DataFrame:
     """One row a message of a topic; columns as in `Log.columns`."""
-    return pd.DataFrame(opened(log).columns(topic, start_s=start_s, stop_s=stop_s))
+    return pd.DataFrame(as_log(log).columns(topic, start_s=start_s, stop_s=stop_s))
 
 
 def cycles(log: Log | str | Path, *, start_s: float | None = None, stop_s: float | None = None) -> pd.DataFrame:
@@ -43,18 +54,15 @@ def cycles(log: Log | str | Path, *, start_s: float | None = None, stop_s: float
 
     A cycle holds no image: an hour at 30 Hz is 100,000 rows, some 50 MB, however large its log.
     """
-    log = opened(log)
-    more = {f"covariance_{row}{column}": _covariance(3 * row + column) for row in range(3) for column in range(row, 3)}
-    more |= {f"lean_{axis}_rad": _listed("lean", index) for index, axis in enumerate("ab")}
-    more |= {f"true_ball_{axis}_m": _true_ball(index) for index, axis in enumerate("xy")}
-    found = pd.DataFrame(log.columns("/cycle", more=more, start_s=start_s, stop_s=stop_s))
-    found = found.rename(columns=CYCLE_NAMES)
-    found["stamp_s"] = 1e-9 * found.pop("stamp_ns")
-    return with_errors(found)
+    log = as_log(log)
+    columns = log.columns("/cycle", elements=list(CYCLE_ELEMENTS), start_s=start_s, stop_s=stop_s)
+    run = pd.DataFrame(columns).rename(columns=CYCLE_COLUMNS)
+    run["stamp_s"] = 1e-9 * run.pop("stamp_ns")
+    return add_errors(run)
 
 
-def with_errors(found: pd.DataFrame) -> pd.DataFrame:
-    """Adds deviations, errors against truth and the normalised error squared (3 on average, where deviations are honest)."""
+def add_errors(found: pd.DataFrame) -> pd.DataFrame:
+    """Adds standard deviations, errors against truth and their NEES (3 on average if the covariance is consistent)."""
     for index, name in enumerate(("x_m", "y_m", "theta_rad")):
         found[f"std_{name}"] = np.sqrt(found[f"covariance_{index}{index}"].clip(lower=0.0))
     dx, dy = found["x_m"] - found["true_x_m"], found["y_m"] - found["true_y_m"]
@@ -80,13 +88,9 @@ def _nees(found: pd.DataFrame, error: NDArray[Any]) -> NDArray[np.float64]:
 
 def points(log: Log | str | Path, *, start_s: float | None = None, stop_s: float | None = None) -> pd.DataFrame:
     """One row a line point, robot frame: stamp_s, x_m, y_m, std_radial_m, std_tangential_m."""
-    parts = []
-    for entry in opened(log).messages("/cycle", start_s=start_s, stop_s=stop_s):
-        seen = entry.message.points
-        stamp = np.full(len(seen.x), 1e-9 * entry.message.stamp_ns)
-        parts.append(np.column_stack([stamp, seen.x, seen.y, seen.std_radial, seen.std_tangential]))
-    rows = np.concatenate(parts) if parts else np.zeros((0, 5))
-    return pd.DataFrame(rows, columns=["stamp_s", "x_m", "y_m", "std_radial_m", "std_tangential_m"])
+    rows = as_log(log).rows("/cycle", "points", start_s=start_s, stop_s=stop_s)
+    names = {"x": "x_m", "y": "y_m", "std_radial": "std_radial_m", "std_tangential": "std_tangential_m"}
+    return pd.DataFrame(rows).rename(columns=names)
 
 
 def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
@@ -96,7 +100,7 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
     mirror counts like everything else, so that values compare within one camera only.
     """
     rows = []
-    for index, (stamp, image) in enumerate(opened(log).images()):
+    for index, (stamp, image) in enumerate(as_log(log).images()):
         if index % every:
             continue
         entropy = 0.0
@@ -110,26 +114,28 @@ def exposure(log: Log | str | Path, *, every: int = 1) -> pd.DataFrame:
 
 
 def stream(log: Log | str | Path, topic: str, *, rows: int = 10_000) -> Iterator[pd.DataFrame]:
-    """A topic's table in pieces of at most so many rows, for topics that do not fit into memory."""
-    log = opened(log)
-    begin: float | None = None
-    stamps = _piece_starts(log, topic, rows)
-    for begin, end in zip(stamps, [*stamps[1:], None], strict=True):
-        piece = cycles(log, start_s=begin, stop_s=end) if topic == "/cycle" else table(log, topic, start_s=begin, stop_s=end)
+    """A topic's table in pieces of about `rows` rows, for topics that do not fit into memory."""
+    log = as_log(log)
+    borders = _piece_borders(log.log_times_ns(topic), rows)
+    for start, stop in zip([None, *borders], [*borders, None], strict=True):
+        piece = cycles(log, start_s=start, stop_s=stop) if topic == "/cycle" else table(log, topic, start_s=start, stop_s=stop)
         if len(piece):
             yield piece
 
 
-def _piece_starts(log: Log, topic: str, rows: int) -> list[float]:
-    """Stamps at which pieces begin; messages of one stamp stay together."""
-    starts: list[float] = []
-    count, last = rows, None
-    for entry in log.messages(topic):
-        if count >= rows and entry.stamp_s != last:
-            starts.append(entry.stamp_s)
-            count = 0
-        count, last = count + 1, entry.stamp_s
-    return starts
+def _piece_borders(times_ns: NDArray[np.uint64], rows: int) -> list[float]:
+    """Stamps between pieces, seconds; messages of one stamp stay together."""
+    borders = []
+    at = rows
+    while at < len(times_ns):
+        last = times_ns[at - 1]
+        first = int(np.searchsorted(times_ns, last, side="right"))
+        if first == len(times_ns):
+            break
+        # Midway: a float64 rounds seconds since the epoch to 0.2 µs.
+        borders.append(1e-9 * ((int(last) + int(times_ns[first])) // 2))
+        at = first + rows
+    return borders
 
 
 def write_parquet(log: Log | str | Path, *, folder: str | Path, topics: list[str] | None = None) -> list[Path]:
@@ -137,7 +143,7 @@ def write_parquet(log: Log | str | Path, *, folder: str | Path, topics: list[str
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    log, folder = opened(log), Path(folder)
+    log, folder = as_log(log), Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for topic in topics or [topic for topic in log.topics if not topic.startswith("/camera/")]:
@@ -151,23 +157,3 @@ def write_parquet(log: Log | str | Path, *, folder: str | Path, topics: list[str
             writer.close()
             written.append(path)
     return written
-
-
-def _covariance(index: int) -> Any:
-    return _listed("covariance", index)
-
-
-def _listed(name: str, index: int) -> Any:
-    def get(message: Any) -> float:
-        values = getattr(message.estimate, name)
-        return values[index] if index < len(values) else float("nan")
-
-    return get
-
-
-def _true_ball(index: int) -> Any:
-    def get(message: Any) -> float:
-        values = message.truth.ball
-        return values[index] if index < len(values) else float("nan")
-
-    return get

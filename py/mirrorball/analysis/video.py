@@ -1,4 +1,4 @@
-"""What did the robot see in what it saw? Camera images with the log's own annotations, as pictures or a video.
+"""Camera images with the log's own annotations, as PNG files or a video.
 
 Needs `pip install mirrorball[video]` (opencv-python-headless).
 """
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorball.analysis.tables import opened
+from mirrorball.analysis.tables import as_log
 from mirrorball.log import Log
 
 Image = NDArray[np.uint8]
@@ -22,12 +22,12 @@ Image = NDArray[np.uint8]
 def overlays(
     log: Log | str | Path, *, every: int = 1, scale: int = 2, start_s: float | None = None, stop_s: float | None = None
 ) -> Iterator[tuple[float, Image]]:
-    """Stamps (seconds) and images (rows × columns × red, green, blue), `scale` times enlarged, with all that was found.
+    """Stamps (seconds) and images (rows × columns × red, green, blue), `scale` times enlarged, with all detections.
 
-    An image comes before its annotations in the log, which says what was found, and where the robot believed itself.
+    Annotations mark the detections, and the field lines as seen from the estimated pose.
     """
     image, number = None, 0
-    for entry in opened(log).messages("/camera/image", "/camera/annotations", start_s=start_s, stop_s=stop_s):
+    for entry in as_log(log).messages("/camera/image", "/camera/annotations", start_s=start_s, stop_s=stop_s):
         if entry.topic == "/camera/image":
             image = entry
             continue
@@ -76,13 +76,13 @@ def write_png(log: Log | str | Path, *, folder: str | Path, every: int = 30, sca
     written = []
     for stamp, image in overlays(log, every=every, scale=scale):
         path = folder / f"{stamp:09.3f}.png"
-        _check(cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)), path)
+        _require_written(cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)), path)
         written.append(path)
     return written
 
 
 def write_video(log: Log | str | Path, path: str | Path, *, rate_hz: float = 30.0, every: int = 1, scale: int = 2) -> int:
-    """Writes the overlays as a video (.mp4 or .avi by the name's end) and says how many images it has."""
+    """Writes the overlays as a video (.mp4 or .avi by the name's end) and returns the number of its images."""
     path = Path(path)
     codec = {".mp4": "mp4v", ".avi": "MJPG"}.get(path.suffix)
     if codec is None:
@@ -93,7 +93,7 @@ def write_video(log: Log | str | Path, path: str | Path, *, rate_hz: float = 30.
         if writer is None:
             rows, columns = image.shape[:2]
             writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), rate_hz, (columns, rows))
-            _check(writer.isOpened(), path)
+            _require_written(writer.isOpened(), path)
         writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         count += 1
     if writer is None:
@@ -102,6 +102,6 @@ def write_video(log: Log | str | Path, path: str | Path, *, rate_hz: float = 30.
     return count
 
 
-def _check(done: bool, path: Path) -> None:
+def _require_written(done: bool, path: Path) -> None:
     if not done:
         raise OSError(f"cannot write {path}")

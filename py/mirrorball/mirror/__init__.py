@@ -1,15 +1,14 @@
-"""Mirrors: design them from parts or wishes, judge them, hand them to the workshop.
+"""Mirror design from parts or requirements, optical analysis, export for manufacturing.
 
 >>> from mirrorball.mirror import HorizontallyIsometric, design, report
 >>> mirror = design([HorizontallyIsometric(until_t=0.3, until_m=6.0)], pinhole_height_m=0.6, apex_above_pinhole_m=0.2)
 >>> report(mirror, folder="out/my_mirror")  # doctest: +SKIP
 """
 
-from mirrorball.mirror.building import Mirror, design
-from mirrorball.mirror.files import Plan, load
-from mirrorball.mirror.heights import HeightsSeen, heights_seen
-from mirrorball.mirror.judging import Judgement, Lens, Sizes, View, judge
-from mirrorball.mirror.law import Rays, reflect, slope_towards
+from mirrorball.mirror.cad_export import Export, read_dxf, read_stl, write_csv, write_dxf, write_step, write_stl
+from mirrorball.mirror.design_file import DesignSpec, load
+from mirrorball.mirror.heights import VisibleHeights, visible_heights
+from mirrorball.mirror.optical_analysis import Lens, ObjectSizes, OpticalAnalysis, View, judge
 from mirrorball.mirror.parts import (
     Cone,
     ConstantCurvature,
@@ -22,56 +21,56 @@ from mirrorball.mirror.parts import (
     Sphere,
     VerticallyIsometric,
 )
-from mirrorball.mirror.readymade import READYMADE, lima2001, minho_like, nubot2013, sphere_cone_1999
-from mirrorball.mirror.reporting import Report, camera_for, report
-from mirrorball.mirror.segment import Segment
-from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
-from mirrorball.mirror.viewing import portrait, view
-from mirrorball.mirror.wishes import (
+from mirrorball.mirror.profile_design import Mirror, design
+from mirrorball.mirror.reference_designs import REFERENCE_DESIGNS, lima2001, minho_like, nubot2013, sphere_cone_1999
+from mirrorball.mirror.reflection import Rays, reflect, slope_to_point
+from mirrorball.mirror.rendering import plot_profile_and_image, view
+from mirrorball.mirror.reporting import Report, fit_camera, report
+from mirrorball.mirror.requirements import (
     Heights,
     MaxDiameter,
     MinCurvatureRadius,
-    Optimised,
+    OptimisationResult,
+    Requirement,
     Resolution,
-    Wish,
     optimise,
 )
-from mirrorball.mirror.workshop import Export, read_dxf, read_stl, write_csv, write_dxf, write_step, write_stl
+from mirrorball.mirror.segment import Segment
+from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
 
 __all__ = [
-    "READYMADE",
+    "REFERENCE_DESIGNS",
     "Cone",
     "ConstantCurvature",
+    "DesignSpec",
     "Export",
     "Free",
     "GroundErrors",
     "Heights",
-    "HeightsSeen",
     "HorizontallyIsometric",
     "Hyperboloid",
-    "Judgement",
     "Lens",
     "MaxDiameter",
     "MinCurvatureRadius",
     "Mirror",
-    "Optimised",
+    "ObjectSizes",
+    "OpticalAnalysis",
+    "OptimisationResult",
     "Paraboloid",
     "Part",
-    "Plan",
     "Planar",
     "Rays",
     "Report",
+    "Requirement",
     "Resolution",
     "Segment",
-    "Sizes",
     "Sphere",
     "Tolerances",
     "VerticallyIsometric",
     "View",
-    "Wish",
-    "camera_for",
+    "VisibleHeights",
     "design",
-    "heights_seen",
+    "fit_camera",
     "judge",
     "lima2001",
     "load",
@@ -79,14 +78,15 @@ __all__ = [
     "monte_carlo",
     "nubot2013",
     "optimise",
-    "portrait",
+    "plot_profile_and_image",
     "read_dxf",
     "read_stl",
     "reflect",
     "report",
-    "slope_towards",
+    "slope_to_point",
     "sphere_cone_1999",
     "view",
+    "visible_heights",
     "write_csv",
     "write_dxf",
     "write_step",

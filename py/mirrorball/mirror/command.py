@@ -1,4 +1,4 @@
-"""What do `mirrorball mirror`'s subcommands do? Each takes a design's name or file and gives one result to print."""
+"""The subcommands of `mirrorball mirror`: each takes a design's name or file and returns one result to print."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from mirrorball._core import Field
-from mirrorball.mirror.building import Mirror
-from mirrorball.mirror.drawing import Drawer
-from mirrorball.mirror.files import Plan, load
-from mirrorball.mirror.judging import Judgement, judge
+from mirrorball.mirror.cad_export import Export, write_csv, write_dxf, write_step, write_stl
+from mirrorball.mirror.design_file import DesignSpec, load
+from mirrorball.mirror.optical_analysis import OpticalAnalysis, judge
+from mirrorball.mirror.plot_worker import PlotWorker
+from mirrorball.mirror.profile_design import Mirror
+from mirrorball.mirror.rendering import view
 from mirrorball.mirror.reporting import report as write_report
-from mirrorball.mirror.viewing import view
-from mirrorball.mirror.workshop import Export, write_csv, write_dxf, write_step, write_stl
 
 Result = dict[str, Any]
 
@@ -28,23 +28,23 @@ WRITERS: dict[str, Callable[[Mirror, Path], Export]] = {
     "stl": write_stl,
     "step": write_step,
 }
-"""Formats that `export` knows."""
+"""Formats of `export`."""
 
 
 def design(source: str, *, out: str) -> Result:
     """Write the profile as the robot reads it."""
     plan = load(source)
-    _folder(Path(out).parent)
+    _make_folder(Path(out).parent)
     export = write_csv(plan.mirror, out)
     judged = judge(plan.mirror, focal_px=plan.camera.focal_px, lens=plan.lens, reach_m=plan.reach_m)
-    return {**_summary(plan, judged), "profile": str(export.path)}
+    return {**_design_summary(plan, judged), "profile": str(export.path)}
 
 
 def report(source: str, *, out: str, mirrors: int, seed: int) -> Result:
     """Write figures and page."""
     # A command draws once and ends: looking for garbage meanwhile takes a tenth of its time.
     gc.disable()
-    with Drawer() as drawer:
+    with PlotWorker() as drawer:
         plan = load(source)
         written = write_report(
             plan.mirror,
@@ -57,7 +57,7 @@ def report(source: str, *, out: str, mirrors: int, seed: int) -> Result:
             seed=seed,
             drawer=drawer,
         )
-    result = {**_summary(plan, written.judgement), "page": str(written.page)}
+    result = {**_design_summary(plan, written.judgement), "page": str(written.page)}
     if written.errors is not None:
         errors = written.errors
         result["errors"] = [
@@ -87,7 +87,7 @@ def render(source: str, *, out: str, field: str | None, pose: Sequence[float], b
     )
     from matplotlib.image import imsave
 
-    _folder(Path(out).parent)
+    _make_folder(Path(out).parent)
     imsave(out, image)
     return {"mirror": plan.mirror.name, "image": out, "width_px": image.shape[1], "height_px": image.shape[0]}
 
@@ -95,7 +95,7 @@ def render(source: str, *, out: str, field: str | None, pose: Sequence[float], b
 def export(source: str, *, out: str, formats: Sequence[str]) -> Result:
     """Write the workshop's files, each with its deviation."""
     plan = load(source)
-    folder = _folder(Path(out))
+    folder = _make_folder(Path(out))
     files = []
     for name in formats:
         try:
@@ -117,32 +117,32 @@ def as_text(result: Result) -> str:
     for key, value in result.items():
         rows = value if isinstance(value, list) and value and isinstance(value[0], dict) else None
         if rows is None:
-            lines.append(f"{key}: {_told(value)}")
+            lines.append(f"{key}: {_format_value(value)}")
         else:
             lines.append(f"{key}:")
-            lines.extend("  " + ", ".join(f"{name} {_told(entry)}" for name, entry in row.items()) for row in rows)
+            lines.extend("  " + ", ".join(f"{name} {_format_value(entry)}" for name, entry in row.items()) for row in rows)
     return "\n".join(lines)
 
 
-def _told(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list):
-        return ", ".join(_told(entry) for entry in value) or "none"
+        return ", ".join(_format_value(entry) for entry in value) or "none"
     return "–" if value is None else str(value)
 
 
-def _folder(folder: Path) -> Path:
+def _make_folder(folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
-def _number(value: float) -> float | None:
+def _round_or_none(value: float) -> float | None:
     # To the micrometre: parts are traced a billionth inside their ends.
     return round(float(value), 6) if np.isfinite(value) else None
 
 
-def _summary(plan: Plan, judged: Judgement) -> Result:
+def _design_summary(plan: DesignSpec, judged: OpticalAnalysis) -> Result:
     mirror = plan.mirror
     views = iter(judged.views)
     parts = []
@@ -153,19 +153,19 @@ def _summary(plan: Plan, judged: Judgement) -> Result:
                 "part": segment.part,
                 "until_t": segment.t_to,
                 "until_radius_m": segment.t_to * segment.end()[0],
-                "ground_from_m": None if view is None else _number(view.ground_m[0]),
-                "ground_to_m": None if view is None else _number(view.ground_m[-1]),
+                "ground_from_m": None if view is None else _round_or_none(view.ground_m[0]),
+                "ground_to_m": None if view is None else _round_or_none(view.ground_m[-1]),
             }
         )
     result: Result = {
         "mirror": mirror.name,
         "diameter_m": 2.0 * mirror.radius_m,
-        "smallest_curvature_radius_m": _number(judged.smallest_curvature_radius_m),
+        "smallest_curvature_radius_m": _round_or_none(judged.smallest_curvature_radius_m),
         "blind_m": [f"{low:.3f} to {high:.3f}" for low, high in judged.blind_m],
         "parts": parts,
     }
     if plan.optimised is not None:
         result["share"] = plan.optimised.share
-        result["wishes"] = [{"wish": str(wish), "met": met} for wish, met in plan.optimised.met]
-        result["conflicts"] = [str(wish) for wish in plan.optimised.conflicts]
+        result["wishes"] = [{"wish": str(requirement), "met": met} for requirement, met in plan.optimised.met]
+        result["conflicts"] = [str(requirement) for requirement in plan.optimised.conflicts]
     return result

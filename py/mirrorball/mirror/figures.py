@@ -1,4 +1,4 @@
-"""How does a judgement look? Figures without pyplot, so that nothing depends on a display or on what a notebook had open."""
+"""Figures of an optical analysis, without pyplot: independent of a display and of a notebook's state."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullLocator
 
-from mirrorball.mirror.heights import heights_seen
-from mirrorball.mirror.judging import BALL_RADIUS_M, ROBOT_HEIGHT_M, Judgement
-from mirrorball.mirror.law import Array
+from mirrorball.mirror.heights import visible_heights
+from mirrorball.mirror.optical_analysis import BALL_RADIUS_M, ROBOT_HEIGHT_M, OpticalAnalysis
+from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.tolerances import GroundErrors
 
 if TYPE_CHECKING:
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
 
-COLOURS = ("#1b6ca8", "#c8553d", "#3b8a4f", "#8a5fa8", "#b98b1d", "#4a4a4a")
+PART_COLOURS = ("#1b6ca8", "#c8553d", "#3b8a4f", "#8a5fa8", "#b98b1d", "#4a4a4a")
 """One for each part, in order from the axis."""
 Place = Literal["best", "upper left", "upper right", "lower right"]
 GREY = "#8c8c8c"
 
 
-def _axes(count: int, *, width: float = 11.0, height: float = 4.2) -> tuple[Figure, list[Axes]]:
+def _subplots(count: int, *, width: float = 11.0, height: float = 4.2) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(width, height), dpi=100)
     axes = [figure.add_subplot(1, count, index + 1) for index in range(count)]
     # Fixed margins: constrained layout would draw every figure twice.
@@ -37,7 +37,7 @@ def _axes(count: int, *, width: float = 11.0, height: float = 4.2) -> tuple[Figu
     return figure, axes
 
 
-def _finished(figure: Figure) -> Figure:
+def _draw_light_axes(figure: Figure) -> Figure:
     """Draws grid, numbers and labels as a few things in place of matplotlib's ticks.
 
     A tick is a dozen things, each laid out anew for every file: two thirds of the time that all of a page's figures take.
@@ -45,12 +45,12 @@ def _finished(figure: Figure) -> Figure:
     for ax in figure.axes:
         # An aspect that is kept changes the limits when drawn; numbers must fit what will be shown.
         ax.apply_aspect()
-        _side(ax, ax.xaxis, upright=False)
-        _side(ax, ax.yaxis, upright=True)
+        _draw_axis(ax, ax.xaxis, upright=False)
+        _draw_axis(ax, ax.yaxis, upright=True)
     return figure
 
 
-def _side(ax: Axes, axis: Axis, *, upright: bool) -> None:
+def _draw_axis(ax: Axes, axis: Axis, *, upright: bool) -> None:
     def place(along: float, across: float) -> tuple[float, float]:
         return (across, along) if upright else (along, across)
 
@@ -70,7 +70,7 @@ def _side(ax: Axes, axis: Axis, *, upright: bool) -> None:
     axis.set_visible(False)
 
 
-def _logarithmic(ax: Axes) -> None:
+def _set_log_scale(ax: Axes) -> None:
     if not any((np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)) > 0.0).any() for line in ax.lines):
         return
     # Plain numbers at 1, 2, 5: the usual powers of ten go through the formula typesetter, ten times slower.
@@ -80,18 +80,18 @@ def _logarithmic(ax: Axes) -> None:
     ax.yaxis.set_minor_locator(NullLocator())
 
 
-def _legend(ax: Axes, place: Place = "best") -> None:
+def _add_legend(ax: Axes, place: Place = "best") -> None:
     # "best" searches all points of all lines; a named place costs nothing.
     ax.legend(frameon=False, fontsize=8, loc=place)
 
 
-def profile(judged: Judgement) -> Figure:
+def profile(judged: OpticalAnalysis) -> Figure:
     """The meridian with a few rays, and the whole rig over the ground."""
-    figure, (near, far) = _axes(2)
+    figure, (near, far) = _subplots(2)
     for index, ring in enumerate(outline for outline in judged.outlines if not outline.reflects):
         label = ring.part if index == 0 else None
         near.plot(1e3 * ring.x_m, 1e3 * ring.y_m, color="black", linewidth=3.0, label=label)
-    for view, colour in zip(judged.views, COLOURS * 4, strict=False):
+    for view, colour in zip(judged.views, PART_COLOURS * 4, strict=False):
         rays = view.rays
         near.plot(1e3 * rays.x_m, 1e3 * rays.y_m, color=colour, linewidth=2.2, label=view.part)
         shown = np.linspace(0, rays.t.size - 1, 6).astype(int)
@@ -114,17 +114,17 @@ def profile(judged: Judgement) -> Figure:
         title="Profile",
     )
     near.set_aspect("equal", adjustable="box")
-    _legend(near, "lower right")
+    _add_legend(near, "lower right")
     far.axhline(0.0, color="#3b8a4f", linewidth=1.5)
     far.set(xlim=(0.0, judged.reach_m), ylim=(-0.05, 1.6), xlabel="distance / m", ylabel="height / m", title="Where rays go")
-    return _finished(figure)
+    return _draw_light_axes(figure)
 
 
-def ground(judged: Judgement) -> Figure:
+def ground(judged: OpticalAnalysis) -> Figure:
     """Ground distance over image radius, and resolution over distance."""
-    figure, (left, right) = _axes(2)
+    figure, (left, right) = _subplots(2)
     highest = 0.0
-    for view, colour in zip(judged.views, COLOURS * 4, strict=False):
+    for view, colour in zip(judged.views, PART_COLOURS * 4, strict=False):
         radius = judged.focal_px * view.rays.t
         left.plot(radius, np.where(view.ground_m <= 1.25 * judged.reach_m, view.ground_m, np.nan), color=colour,
                   linewidth=2.0, label=view.part)  # fmt: skip
@@ -139,15 +139,15 @@ def ground(judged: Judgement) -> Figure:
     right.set(xlim=(0.0, judged.reach_m), xlabel="ground distance / m", ylabel="px/m",
               title="Resolution: radial —, tangential – –; grey: blind")  # fmt: skip
     if highest > 0.0:
-        _logarithmic(right)
-    _legend(left, "upper left")
-    return _finished(figure)
+        _set_log_scale(right)
+    _add_legend(left, "upper left")
+    return _draw_light_axes(figure)
 
 
-def heights(judged: Judgement) -> Figure:
+def heights(judged: OpticalAnalysis) -> Figure:
     """Which heights are seen at which distance."""
-    figure, (ax,) = _axes(1)
-    for seen, colour in zip(heights_seen(judged), COLOURS * 4, strict=False):
+    figure, (ax,) = _subplots(1)
+    for seen, colour in zip(visible_heights(judged), PART_COLOURS * 4, strict=False):
         ax.fill_between(
             seen.distance_m, seen.lowest_m, seen.highest_m, color=colour, alpha=0.35, linewidth=0.0, label=seen.part
         )
@@ -160,14 +160,14 @@ def heights(judged: Judgement) -> Figure:
     for low_m, high_m in judged.blind_m:
         ax.plot([low_m, high_m], [0.0, 0.0], color="black", linewidth=5.0, solid_capstyle="butt", label="blind ground")
     ax.set(xlim=(0.0, judged.reach_m), ylim=(0.0, 1.6), xlabel="distance / m", ylabel="height / m", title="Heights seen")
-    _legend(ax, "upper right")
-    return _finished(figure)
+    _add_legend(ax, "upper right")
+    return _draw_light_axes(figure)
 
 
-def surface(judged: Judgement) -> Figure:
+def surface(judged: OpticalAnalysis) -> Figure:
     """Slope and curvature over the radius, and the caustic."""
-    figure, (left, middle, right) = _axes(3)
-    for view, colour in zip(judged.views, COLOURS * 4, strict=False):
+    figure, (left, middle, right) = _subplots(3)
+    for view, colour in zip(judged.views, PART_COLOURS * 4, strict=False):
         radius = 1e3 * view.rays.x_m
         left.plot(radius, view.rays.slope, color=colour, linewidth=2.0, label=view.part)
         middle.plot(radius, view.curvature_per_m, color=colour, linewidth=2.0)
@@ -181,14 +181,14 @@ def surface(judged: Judgement) -> Figure:
     middle.set(xlabel="radius / mm", ylabel="curvature · m", title=f"Curvature (smallest radius {smallest:.1f} mm)")
     error = f"{1e3 * worst:.1f} mm" if worst > 1e-6 else f"{worst:.0e} m"
     right.set(xlabel="radius / mm", ylabel="above the pinhole / mm", title=f"Caustic (viewpoint error {error})")
-    _legend(left, "lower right")
-    return _finished(figure)
+    _add_legend(left, "lower right")
+    return _draw_light_axes(figure)
 
 
-def sharpness(judged: Judgement) -> Figure:
+def sharpness(judged: OpticalAnalysis) -> Figure:
     """Where the virtual image lies, and the blur that one focus leaves."""
-    figure, (left, right) = _axes(2)
-    for view, colour in zip(judged.views, COLOURS * 4, strict=False):
+    figure, (left, right) = _subplots(2)
+    for view, colour in zip(judged.views, PART_COLOURS * 4, strict=False):
         radius = judged.focal_px * view.rays.t
         left.plot(radius, 1.0 / view.image_tangential_m, color=colour, linewidth=2.0, label=view.part)
         left.plot(radius, 1.0 / view.image_sagittal_m, color=colour, linewidth=1.2, linestyle="--")
@@ -200,41 +200,41 @@ def sharpness(judged: Judgement) -> Figure:
              title="Virtual image: meridional —, sagittal – –; ··· focus")  # fmt: skip
     lens = f"f = {1e3 * judged.lens.focal_length_m:.1f} mm, f/{judged.lens.f_number:g}, focus {judged.focus_m:.2f} m"
     right.set(xlabel="image radius / px", ylabel="blur diameter / px", title=f"Blur ({lens})", ylim=(0.0, None))
-    _legend(left)
-    return _finished(figure)
+    _add_legend(left)
+    return _draw_light_axes(figure)
 
 
-def sizes(judged: Judgement) -> Figure:
+def sizes(judged: OpticalAnalysis) -> Figure:
     """Pixels of ball, line and robot over distance."""
-    figure, (left, right) = _axes(2)
+    figure, (left, right) = _subplots(2)
     found = judged.sizes
     things: tuple[tuple[str, Array, Array], ...] = (
         ("ball", found.ball_radial_px, found.ball_tangential_px),
         ("line", found.line_radial_px, found.line_tangential_px),
         ("robot", found.robot_radial_px, found.robot_tangential_px),
     )
-    for (name, radial, tangential), colour in zip(things, COLOURS, strict=False):
+    for (name, radial, tangential), colour in zip(things, PART_COLOURS, strict=False):
         for ax, size in ((left, radial), (right, tangential)):
             ax.plot(found.distance_m, np.where(size > 0.0, size, np.nan), color=colour, linewidth=2.0, label=name)
     for ax, title in ((left, "Radial size"), (right, "Tangential size")):
         ax.set(xlim=(0.0, judged.reach_m), xlabel="distance / m", ylabel="px", title=title)
-        _logarithmic(ax)
-    _legend(left, "upper right")
-    return _finished(figure)
+        _set_log_scale(ax)
+    _add_legend(left, "upper right")
+    return _draw_light_axes(figure)
 
 
 def tolerances(errors: GroundErrors) -> Figure:
     """Errors on the ground over distance, all together and each cause alone."""
-    figure, (left, right) = _axes(2)
-    left.plot(errors.distance_m, 1e3 * errors.radial_rms_m, color=COLOURS[0], linewidth=2.0, label="radial rms")
-    left.plot(errors.distance_m, 1e3 * errors.tangential_rms_m, color=COLOURS[2], linewidth=2.0, label="tangential rms")
+    figure, (left, right) = _subplots(2)
+    left.plot(errors.distance_m, 1e3 * errors.radial_rms_m, color=PART_COLOURS[0], linewidth=2.0, label="radial rms")
+    left.plot(errors.distance_m, 1e3 * errors.tangential_rms_m, color=PART_COLOURS[2], linewidth=2.0, label="tangential rms")
     seen = np.where(np.isfinite(errors.total_95_m), errors.total_95_m, np.nan)
-    left.plot(errors.distance_m, 1e3 * seen, color=COLOURS[1], linewidth=1.2, linestyle="--", label="95 % stay below")
-    for (cause, error), colour in zip(errors.by_cause_rms_m.items(), COLOURS, strict=False):
+    left.plot(errors.distance_m, 1e3 * seen, color=PART_COLOURS[1], linewidth=1.2, linestyle="--", label="95 % stay below")
+    for (cause, error), colour in zip(errors.by_cause_rms_m.items(), PART_COLOURS, strict=False):
         right.plot(errors.distance_m, 1e3 * error, color=colour, linewidth=1.8, label=cause)
     left.set(xlabel="ground distance / m", ylabel="error / mm", title=f"{errors.count} imperfect mirrors", ylim=(0.0, None))
     right.set(xlabel="ground distance / m", ylabel="rms error / mm", title="Each cause alone (one deviation)")
-    _logarithmic(right)
-    _legend(left, "upper left")
-    _legend(right, "lower right")
-    return _finished(figure)
+    _set_log_scale(right)
+    _add_legend(left, "upper left")
+    _add_legend(right, "lower right")
+    return _draw_light_axes(figure)

@@ -1,4 +1,4 @@
-"""Which heights does a mirror show at which distance? From the lowest to the highest, part by part."""
+"""Heights that a mirror shows at each distance, from the lowest to the highest, part by part."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorball.mirror.judging import Judgement
-from mirrorball.mirror.law import Array
+from mirrorball.mirror.optical_analysis import OpticalAnalysis
+from mirrorball.mirror.reflection import Array
 
 
 @dataclass(frozen=True)
-class HeightsSeen:
+class VisibleHeights:
     """What one part shows over distances, metres above the ground; NaN where it shows nothing."""
 
     part: str
@@ -20,13 +20,13 @@ class HeightsSeen:
     highest_m: Array
 
     def shows(self, *, distance_m: float, height_m: float) -> bool:
-        """Say whether a point is seen, between the distances that were asked for."""
+        """True if a point is visible; distances between the sampled ones are interpolated."""
         low = float(np.interp(distance_m, self.distance_m, self.lowest_m))
         high = float(np.interp(distance_m, self.distance_m, self.highest_m))
         return low <= height_m <= high
 
 
-def heights_seen(judged: Judgement, *, distance_m: Array | None = None) -> tuple[HeightsSeen, ...]:
+def visible_heights(judged: OpticalAnalysis, *, distance_m: Array | None = None) -> tuple[VisibleHeights, ...]:
     """Heights from the ground up that each part's rays pass at each distance (evenly to the reach, if none are given)."""
     distance = np.linspace(0.0, judged.reach_m, 160) if distance_m is None else np.asarray(distance_m, dtype=np.float64)
     found = []
@@ -40,5 +40,5 @@ def heights_seen(judged: Judgement, *, distance_m: Array | None = None) -> tuple
                 # With rays that came down before, everything from the ground up is seen.
                 low[index] = 0.0 if (passed < 0.0).any() else seen.min()
                 high[index] = seen.max()
-        found.append(HeightsSeen(part=view.part, distance_m=distance, lowest_m=low, highest_m=high))
+        found.append(VisibleHeights(part=view.part, distance_m=distance, lowest_m=low, highest_m=high))
     return tuple(found)

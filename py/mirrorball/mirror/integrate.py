@@ -1,4 +1,4 @@
-"""Which profile sends each camera ray to its wanted point? The design equation, integrated once for every part.
+"""Numerical integration of the design equation: the profile that reflects each camera ray to its target point.
 
 With t = X/Y as the variable, d(ln Y)/dt = Y′/(1 − t·Y′), where Y′ is what the law of reflection asks for at (t, Y). The
 denominator is the cosine of incidence but for a positive factor: where it reaches zero the ray only grazes the mirror, and a
@@ -12,23 +12,23 @@ from collections.abc import Callable
 import numpy as np
 import scipy
 
-from mirrorball.mirror.law import Array, slope_towards
+from mirrorball.mirror.reflection import Array, slope_to_point
 from mirrorball.mirror.segment import Segment, Start
 
 Target = Callable[[Array], tuple[Array, Array]]
 """Slopes t to (distance from the axis, height above the ground), metres."""
 
-GRAZING = 1e-3
+MIN_FACING = 1e-3
 """Where 1 − t·Y′ falls below this the ray grazes the mirror (some 0.05° of incidence left)."""
 
-NEAREST_M = 0.01
+MIN_TARGET_DISTANCE_M = 0.01
 """A wanted point this close to the mirror's own surface is one that the growing profile runs into."""
 
 RTOL, ATOL = 1e-12, 1e-14
 """Of ln Y: 0.2 pm on a mirror 0.2 m away, so that a metre on the ground is wrong by less than a nanometre."""
 
 
-def integrate(target: Target, start: Start, *, until_t: float, part: str, continues_tangent: bool) -> Segment:
+def integrate(target: Target, start: Start, *, until_t: float, part: str, tangent_continuous: bool) -> Segment:
     """Solves the design equation from `start` to `until_t`; ValueError if a ray cannot be met on the way."""
     if not start.t < until_t:
         raise start.refuse(part, f"ends at t = {until_t:.4f}, where it should begin or earlier", start.t)
@@ -37,23 +37,23 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, contin
 
     def tangent(t: Array, y: Array) -> Array:
         distance, height = (np.broadcast_to(np.asarray(a, dtype=np.float64), t.shape) for a in target(t))
-        return slope_towards(t=t, y_m=y, distance_m=distance, height_m=height, pinhole_height_m=start.pinhole_height_m)
+        return slope_to_point(t=t, y_m=y, distance_m=distance, height_m=height, pinhole_height_m=start.pinhole_height_m)
 
     def facing(t: float, state: Array) -> float:
-        return 1.0 - t * float(tangent(np.array([t]), np.exp(np.minimum(state, 20.0)))[0]) - GRAZING
+        return 1.0 - t * float(tangent(np.array([t]), np.exp(np.minimum(state, 20.0)))[0]) - MIN_FACING
 
     def rate(t: float, state: Array) -> Array:
         slope = tangent(np.array([t]), np.exp(np.minimum(state, 20.0)))
-        return slope / np.maximum(1.0 - t * slope, GRAZING)
+        return slope / np.maximum(1.0 - t * slope, MIN_FACING)
 
     def apart(t: float, state: Array) -> float:
         distance, height = (float(np.ravel(np.asarray(a))[0]) for a in target(np.array([t])))
         y = float(np.exp(state[0]))
-        return float(np.hypot(distance - t * y, y + start.pinhole_height_m - height)) - NEAREST_M
+        return float(np.hypot(distance - t * y, y + start.pinhole_height_m - height)) - MIN_TARGET_DISTANCE_M
 
     apart.terminal = True  # type: ignore[attr-defined]
     facing.terminal = True  # type: ignore[attr-defined]
-    _check_target(target, start, until_t=until_t, part=part)
+    _validate_target(target, start, until_t=until_t, part=part)
     if min(facing(start.t, np.log([start.y_m])), apart(start.t, np.log([start.y_m]))) <= 0.0:
         raise start.refuse(part, "the wanted point lies behind the mirror: no tangent sends the ray there", start.t)
     solution = scipy.integrate.solve_ivp(
@@ -82,7 +82,7 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, contin
         why = "the tangent would have to change without bound to follow the wanted points"
         raise start.refuse(part, why, float(solution.t[-1]))
     dense = solution.sol
-    _check_met(target, lambda t: np.exp(dense(t)[0]), start, until_t=until_t, part=part)
+    _require_target_below_mirror(target, lambda t: np.exp(dense(t)[0]), start, until_t=until_t, part=part)
     return Segment(
         part=part,
         number=start.number,
@@ -90,11 +90,11 @@ def integrate(target: Target, start: Start, *, until_t: float, part: str, contin
         t_to=until_t,
         height=lambda t: np.asarray(np.exp(dense(np.atleast_1d(t))[0])),
         tangent=tangent,
-        continues_tangent=continues_tangent,
+        tangent_continuous=tangent_continuous,
     )
 
 
-def _check_target(target: Target, start: Start, *, until_t: float, part: str) -> None:
+def _validate_target(target: Target, start: Start, *, until_t: float, part: str) -> None:
     t = np.linspace(start.t, until_t, 257)
     distance, height = (np.broadcast_to(np.asarray(a, dtype=np.float64), t.shape) for a in target(t))
     for name, values in (("distance", distance), ("height", height)):
@@ -105,7 +105,9 @@ def _check_target(target: Target, start: Start, *, until_t: float, part: str) ->
         raise start.refuse(part, "the wanted distance is negative", float(t[distance < 0.0][0]))
 
 
-def _check_met(target: Target, height_of: Callable[[Array], Array], start: Start, *, until_t: float, part: str) -> None:
+def _require_target_below_mirror(
+    target: Target, height_of: Callable[[Array], Array], start: Start, *, until_t: float, part: str
+) -> None:
     t = np.linspace(start.t, until_t, 257)
     y = height_of(t)
     distance, height = (np.broadcast_to(np.asarray(a, dtype=np.float64), t.shape) for a in target(t))

@@ -1,4 +1,4 @@
-"""Of which parts can a mirror be made? Each knows how to build itself on from where the part before it ends.
+"""The parts of a mirror. Each continues from the end of the previous part.
 
 A part that names no beginning of its own goes on with the last ray of the part before it, so the tangent is continuous. Camera
 rays are named by their slope t = tan β = ρ/f (image radius over focal length).
@@ -12,12 +12,12 @@ from typing import Protocol
 import numpy as np
 import scipy
 
-from mirrorball.mirror.closed import T_LIMIT, Until, circle, close, hyperbola, parabola, straight
+from mirrorball.mirror.conics import MAX_RAY_SLOPE, EndCondition, circle, close, hyperbola, parabola, straight
 from mirrorball.mirror.integrate import Target, integrate
-from mirrorball.mirror.law import Array
+from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.segment import Segment, Start
 
-SAME_TANGENT = 1e-9
+TANGENT_TOLERANCE = 1e-9
 """Tangents that differ by less are one."""
 
 
@@ -42,14 +42,14 @@ class HorizontallyIsometric:
     def build(self, start: Start) -> list[Segment]:
         """One segment of the design equation."""
         name = "horizontally isometric"
-        begin = _last_ground_m(start, name) if self.from_m is None else self.from_m
+        begin = _previous_ground_m(start, name) if self.from_m is None else self.from_m
 
         def target(t: Array) -> tuple[Array, Array]:
             share = (t - start.t) / (self.until_t - start.t)
             return begin + share * (self.until_m - begin), np.zeros_like(t)
 
         continues = self.from_m is None
-        return [integrate(target, start, until_t=self.until_t, part=name, continues_tangent=continues)]
+        return [integrate(target, start, until_t=self.until_t, part=name, tangent_continuous=continues)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ class VerticallyIsometric:
     def build(self, start: Start) -> list[Segment]:
         """One segment of the design equation."""
         name = "vertically isometric"
-        wall = _last_ground_m(start, name) if self.distance_m is None else self.distance_m
+        wall = _previous_ground_m(start, name) if self.distance_m is None else self.distance_m
         if self.from_height_m is not None:
             low = self.from_height_m
         else:
@@ -79,31 +79,31 @@ class VerticallyIsometric:
             return np.full_like(t, wall), low + share * (self.until_height_m - low)
 
         continues = self.from_height_m is None
-        return [integrate(target, start, until_t=self.until_t, part=name, continues_tangent=continues)]
+        return [integrate(target, start, until_t=self.until_t, part=name, tangent_continuous=continues)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Free:
-    """Any wish: a function of t that gives (distance from the axis, height above the ground), metres."""
+    """Any target map: a function of t that gives (distance from the axis, height above the ground), metres."""
 
     target: Target
     until_t: float
     tangent_continuous: bool = False
-    """Insist that the wish begins with the last ray of the part before it."""
+    """Require that the target map begins with the last ray of the previous part."""
     name: str = "free"
 
     def build(self, start: Start) -> list[Segment]:
         """One segment of the design equation."""
         if self.tangent_continuous:
             distance, height = (float(np.ravel(a)[0]) for a in self.target(np.array([start.t])))
-            kink = start.slope_towards(distance, height) - start.slope
-            if abs(kink) > SAME_TANGENT:
+            kink = start.slope_to_point(distance, height) - start.slope
+            if abs(kink) > TANGENT_TOLERANCE:
                 why = (
                     f"begins at distance {distance:.4f} m, height {height:.4f} m, off the last ray before it: "
                     f"the tangent would jump by {kink:.2e}"
                 )
                 raise start.refuse(self.name, why, start.t)
-        return [integrate(self.target, start, until_t=self.until_t, part=self.name, continues_tangent=self.tangent_continuous)]
+        return [integrate(self.target, start, until_t=self.until_t, part=self.name, tangent_continuous=self.tangent_continuous)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ class ConstantCurvature:
 
         def last_slope(x_m: float) -> float:
             end = Start(start.number, self.until_t, x_m / self.until_t, 0.0, start.pinhole_height_m, start.t_max)
-            return end.slope_towards(self.through_distance_m, self.through_height_m)
+            return end.slope_to_point(self.through_distance_m, self.through_height_m)
 
         def gap(x_m: float) -> float:
             return start.y_m + (slope + last_slope(x_m)) / 2.0 * (x_m - start.x_m) - x_m / self.until_t
@@ -144,7 +144,7 @@ class ConstantCurvature:
         curve = (last_slope(x_m) - slope) / (x_m - start.x_m)
         shape = parabola(x_m=start.x_m, y_m=start.y_m, slope=slope, curve_per_m=curve)
         continues = self.from_slope is None
-        return [close(shape, start, until=Until(t=self.until_t), part=name, continues_tangent=continues)]
+        return [close(shape, start, until=EndCondition(t=self.until_t), part=name, tangent_continuous=continues)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +160,7 @@ class Cone:
     def build(self, start: Start) -> list[Segment]:
         """One closed segment."""
         shape = straight(start, start.slope if self.slope is None else self.slope)
-        return [close(shape, start, until=_until(self), part="cone", continues_tangent=self.slope is None)]
+        return [close(shape, start, until=_end_condition(self), part="cone", tangent_continuous=self.slope is None)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,16 +175,16 @@ class Planar:
     and is left black. None: all of the plane is mirror."""
 
     def build(self, start: Start) -> list[Segment]:
-        """One closed segment, with a black one before it where `seen_from_m` says so."""
+        """One closed segment, preceded by a black one if `seen_from_m` is given."""
         shape = straight(start, 0.0)
         black = []
         if self.seen_from_m is not None:
-            until = Until(ground_m=self.seen_from_m)
+            until = EndCondition(ground_m=self.seen_from_m)
             name = "black ring"
-            black = [close(shape, start, until=until, part=name, continues_tangent=False, reflects=False)]
+            black = [close(shape, start, until=until, part=name, tangent_continuous=False, reflects=False)]
             y_m, slope = black[0].end()
             start = Start(start.number, black[0].t_to, y_m, slope, start.pinhole_height_m, start.t_max)
-        ring = close(shape, start, until=_until(self), part="planar", continues_tangent=bool(black))
+        ring = close(shape, start, until=_end_condition(self), part="planar", tangent_continuous=bool(black))
         return [*black, ring]
 
 
@@ -208,7 +208,7 @@ class Sphere:
         if not radius > start.x_m:
             raise start.refuse("sphere", f"radius {radius:.4f} m is too small to begin at {start.x_m:.4f} m", start.t)
         continues = self.radius_m is None or start.t == 0.0
-        return [close(circle(start, radius), start, until=_until(self), part="sphere", continues_tangent=continues)]
+        return [close(circle(start, radius), start, until=_end_condition(self), part="sphere", tangent_continuous=continues)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +234,7 @@ class Paraboloid:
         curve = 1.0 / (2.0 * focal)
         shape = parabola(x_m=start.x_m, y_m=start.y_m, slope=start.x_m * curve, curve_per_m=curve)
         continues = self.focal_length_m is None or start.t == 0.0
-        return [close(shape, start, until=_until(self), part="paraboloid", continues_tangent=continues)]
+        return [close(shape, start, until=_end_condition(self), part="paraboloid", tangent_continuous=continues)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,17 +262,17 @@ class Hyperboloid:
         widest = float(np.sqrt(eccentricity**2 - 1.0))
         if start.t >= widest or (self.until_t is not None and self.until_t >= widest):
             why = f"its asymptote ends the view at t = {widest:.4f}"
-            raise start.refuse("hyperboloid", why, self.until_t or min(start.t, T_LIMIT))
+            raise start.refuse("hyperboloid", why, self.until_t or min(start.t, MAX_RAY_SLOPE))
         shape = hyperbola(start, eccentricity)
         continues = self.eccentricity is None or start.t == 0.0
-        return [close(shape, start, until=_until(self), part="hyperboloid", continues_tangent=continues)]
+        return [close(shape, start, until=_end_condition(self), part="hyperboloid", tangent_continuous=continues)]
 
 
-def _until(part: Cone | Planar | Sphere | Paraboloid | Hyperboloid) -> Until:
-    return Until(t=part.until_t, ground_m=part.until_ground_m, radius_m=part.until_radius_m)
+def _end_condition(part: Cone | Planar | Sphere | Paraboloid | Hyperboloid) -> EndCondition:
+    return EndCondition(t=part.until_t, ground_m=part.until_ground_m, radius_m=part.until_radius_m)
 
 
-def _last_ground_m(start: Start, part: str) -> float:
+def _previous_ground_m(start: Start, part: str) -> float:
     ground = float(start.last_ray.distance_at_m(0.0)[0])
     if not np.isfinite(ground):
         raise start.refuse(part, "the ray before it does not come down to the ground, so it cannot go on with it", start.t)

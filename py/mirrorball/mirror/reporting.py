@@ -1,4 +1,4 @@
-"""How is a design handed to whoever must decide about it? Figures as PNG and SVG, and one HTML page that stands alone."""
+"""Reports of designs: figures as PNG and SVG, and one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from mirrorball._core import Camera
-from mirrorball.mirror.building import Mirror
-from mirrorball.mirror.drawing import Drawer, draw
-from mirrorball.mirror.heights import heights_seen
-from mirrorball.mirror.judging import Judgement, Lens, judge
+from mirrorball.html_page import inline, table, whole
+from mirrorball.mirror.heights import visible_heights
+from mirrorball.mirror.optical_analysis import Lens, OpticalAnalysis, judge
+from mirrorball.mirror.plot_worker import PlotWorker, draw
+from mirrorball.mirror.profile_design import Mirror
 from mirrorball.mirror.tolerances import GroundErrors, Tolerances, monte_carlo
-from mirrorball.page import inline, table, whole
 
 FIGURES = {
     "profile": "Profile and rays",
@@ -29,7 +29,7 @@ FIGURES = {
 }
 """Name of file and drawing function, and heading, in the order of the page."""
 
-BESIDE = 4
+WORKER_FIGURES = 4
 """So many of them are drawn by a second process: it is ready before this one has loaded matplotlib."""
 
 
@@ -39,11 +39,11 @@ class Report:
 
     folder: Path
     page: Path
-    judgement: Judgement
+    judgement: OpticalAnalysis
     errors: GroundErrors | None
 
 
-def camera_for(mirror: Mirror, *, size_px: int = 480, margin_px: int = 6) -> Camera:
+def fit_camera(mirror: Mirror, *, size_px: int = 480, margin_px: int = 6) -> Camera:
     """A square camera that the mirror's rim fills but for a margin."""
     rim = (size_px - 1) / 2.0 - margin_px
     return Camera(
@@ -66,7 +66,7 @@ def report(
     mirrors: int = 0,
     seed: int = 1,
     progress: bool = True,
-    drawer: Drawer | None = None,
+    drawer: PlotWorker | None = None,
 ) -> Report:
     """Judges a design and writes its figures, their numbers (CSV) and `index.html` into a folder (made if missing).
 
@@ -75,11 +75,11 @@ def report(
     """
     final = Path(folder)
     final.mkdir(parents=True, exist_ok=True)
-    camera = camera or camera_for(mirror)
+    camera = camera or fit_camera(mirror)
     judged = judge(mirror, focal_px=camera.focal_px, lens=lens, reach_m=reach_m)
-    # A report is there whole or not at all.
+    # A report appears complete or not at all.
     with tempfile.TemporaryDirectory(prefix=".report-", dir=final) as unfinished:
-        errors = _write(
+        errors = _write_report(
             judged,
             folder=Path(unfinished),
             camera=camera,
@@ -102,18 +102,18 @@ def report(
     return Report(folder=final, page=final / "index.html", judgement=judged, errors=errors)
 
 
-def _write(
-    judged: Judgement,
+def _write_report(
+    judged: OpticalAnalysis,
     *,
     folder: Path,
     camera: Camera,
-    drawer: Drawer | None,
+    drawer: PlotWorker | None,
     errors: Callable[[], GroundErrors] | None,
 ) -> GroundErrors | None:
     names = list(FIGURES)
     if drawer is not None:
         # Imperfect mirrors take longer than all figures.
-        beside = len(names) if errors else BESIDE
+        beside = len(names) if errors else WORKER_FIGURES
         drawer.draw(judged, names[:beside], folder)
         names = names[beside:]
     found = errors() if errors else None
@@ -130,10 +130,10 @@ def _write(
     return found
 
 
-def _write_tables(judged: Judgement, folder: Path) -> None:
+def _write_tables(judged: OpticalAnalysis, folder: Path) -> None:
     """The figures' numbers: heights.csv, resolution.csv and sizes.csv, lengths in metres, NaN where nothing is seen."""
     heights: list[tuple[str, ...]] = [("part", "distance_m", "lowest_m", "highest_m")]
-    for seen in heights_seen(judged):
+    for seen in visible_heights(judged):
         bounds = zip(seen.distance_m, seen.lowest_m, seen.highest_m, strict=True)
         heights += [(seen.part, *(f"{value:.6g}" for value in row)) for row in bounds]
     resolution: list[tuple[str, ...]] = [("part", "image_radius_px", "ground_m", "radial_px_per_m", "tangential_px_per_m")]
@@ -152,11 +152,11 @@ def _section(name: str, heading: str, folder: Path) -> str:
     return inline((folder / f"{name}.png").read_bytes(), heading)
 
 
-def _metres(value: float, digits: int = 3) -> str:
+def _format_metres(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}f} m" if np.isfinite(value) else "–"
 
 
-def _part_table(judged: Judgement) -> str:
+def _part_table(judged: OpticalAnalysis) -> str:
     rows = []
     views = iter(judged.views)
     for outline in judged.outlines:
@@ -168,7 +168,7 @@ def _part_table(judged: Judgement) -> str:
         if outline.reflects:
             view = next(views)
             row += [
-                f"{_metres(view.ground_m[0])} to {_metres(view.ground_m[-1])}",
+                f"{_format_metres(view.ground_m[0])} to {_format_metres(view.ground_m[-1])}",
                 f"{view.viewpoint_error_m.max():.1e} m",
             ]
         else:
@@ -193,14 +193,14 @@ def _error_table(errors: GroundErrors) -> str:
     return table(["Distance", "Radial rms", "Tangential rms", "95 % stay below", "Pixels lost"], rows)
 
 
-def _page(judged: Judgement, camera: Camera, sections: list[str]) -> str:
+def _page(judged: OpticalAnalysis, camera: Camera, sections: list[str]) -> str:
     blind = ", ".join(f"{low:.2f} to {high:.2f} m" for low, high in judged.blind_m) or "none"
     facts = table(
         ["", ""],
         [
             ["Diameter", f"{2e3 * judged.radius_m:.2f} mm"],
-            ["Pinhole above the ground", _metres(judged.pinhole_height_m)],
-            ["Apex above the pinhole", _metres(float(judged.outlines[0].y_m[0]))],
+            ["Pinhole above the ground", _format_metres(judged.pinhole_height_m)],
+            ["Apex above the pinhole", _format_metres(float(judged.outlines[0].y_m[0]))],
             ["Camera", f"{camera.width_px} × {camera.height_px} px, focal length {camera.focal_px:.1f} px"],
             ["Blind ground", blind],
             ["Smallest radius of curvature", f"{1e3 * judged.smallest_curvature_radius_m:.2f} mm"],

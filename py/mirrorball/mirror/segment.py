@@ -1,4 +1,4 @@
-"""What is one part of a profile once it is built? A stretch of camera slopes t with its height and its tangent."""
+"""A built part of a profile: an interval of camera slopes t with height and tangent."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorball.mirror.law import Array, Rays, reflect, slope_towards
+from mirrorball.mirror.reflection import Array, Rays, reflect, slope_to_point
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Start:
             pinhole_height_m=self.pinhole_height_m,
         )
 
-    def slope_towards(self, distance_m: float, height_m: float) -> float:
+    def slope_to_point(self, distance_m: float, height_m: float) -> float:
         """Tangent here that sends this ray through a point."""
-        slope = slope_towards(
+        slope = slope_to_point(
             t=np.array([self.t]),
             y_m=np.array([self.y_m]),
             distance_m=np.array([distance_m]),
@@ -66,7 +66,7 @@ class Segment:
     t_to: float
     height: Callable[[Array], Array]
     tangent: Callable[[Array, Array], Array]
-    continues_tangent: bool
+    tangent_continuous: bool
     """True where the tangent at t_from is promised to be that of the segment before."""
     reflects: bool = True
     """False for a ring that is left black."""

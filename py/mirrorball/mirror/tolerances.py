@@ -1,7 +1,7 @@
-"""How far off does the robot see the ground if workshop and mount are only this good? Monte Carlo over whole mirrors.
+"""Ground errors of an uncalibrated robot by tolerances of mirror and mount: Monte Carlo over complete mirrors.
 
 Each mirror is traced in three dimensions by the robot's own tracer; the error is the difference between the ground point that a
-pixel really shows and the one that the perfect mirror shows there, which is what an uncalibrated robot would believe.
+pixel really shows and the one that the perfect mirror shows there, which an uncalibrated robot assumes.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import scipy
 from tqdm import tqdm
 
 from mirrorball._core import Camera, Mount, Profile, trace_points
-from mirrorball.mirror.building import Mirror
-from mirrorball.mirror.law import Array
+from mirrorball.mirror.profile_design import Mirror
+from mirrorball.mirror.reflection import Array
 from mirrorball.mirror.segment import Segment
 
 
@@ -44,24 +44,24 @@ class Tolerances:
             raise ValueError("tolerance form_length_m = 0 must be positive")
 
     def alone(self, cause: str) -> Tolerances:
-        """Only one of CAUSES, the others perfect."""
-        kept = CAUSES[cause]
+        """Only one of ERROR_SOURCES, the others perfect."""
+        kept = ERROR_SOURCES[cause]
         zeros = {f.name: 0.0 for f in fields(self) if f.name not in (kept, "form_length_m")}
         return replace(self, **zeros)
 
 
-CAUSES = {
+ERROR_SOURCES = {
     "form": "form_m",
     "tilt": "tilt_deg",
     "offset": "offset_m",
     "height": "height_m",
     "focal length": "focal_share",
 }
-"""What can be off, and the field that says how far."""
+"""Error sources, and the field with their standard deviation."""
 
 AZIMUTHS = 8
 """Directions around the robot: tilt and offset err along some and across others."""
-FORM_WAVES = 32
+FOURIER_FEATURES = 32
 """Random cosines that make up one form error; enough for a normal distribution."""
 
 
@@ -73,7 +73,7 @@ class GroundErrors:
     radial_rms_m: Array
     tangential_rms_m: Array
     total_95_m: Array
-    """Distance between true and believed ground point that 95 % stay below."""
+    """95th percentile of the distance between true and assumed ground point."""
     lost_share: Array
     """Of pixels that no longer show ground."""
     by_cause_rms_m: dict[str, Array]
@@ -95,35 +95,37 @@ def monte_carlo(
     if count < 10:
         raise ValueError(f"count = {count}: at least 10 mirrors are needed for a 95 % limit")
     tolerances = tolerances or Tolerances()
-    distance, t = _wanted(mirror, reach_m=reach_m)
+    distance, t = _sample_distances(mirror, reach_m=reach_m)
     rho = np.repeat(t * camera.focal_px, AZIMUTHS)
     turn = np.tile(np.arange(AZIMUTHS) * (2.0 * np.pi / AZIMUTHS), t.size)
     u, v = camera.centre_px[0] + rho * np.cos(turn), camera.centre_px[1] + rho * np.sin(turn)
     radius, height = mirror.samples(step_m=1e-4)
-    plain = _camera(camera, mirror, focal_factor=1.0)
-    nominal = _ground(plain, Profile(radius_m=radius, height_m=height), u, v, Mount())
+    plain = _scaled_camera(camera, mirror, focal_factor=1.0)
+    nominal = _ground_points(plain, Profile(radius_m=radius, height_m=height), u, v, Mount())
     rng = np.random.default_rng(seed)
     alone = max(count // 10, 10)
-    with tqdm(total=count + alone * len(CAUSES), unit="mirror", disable=not progress, leave=False) as bar:
+    with tqdm(total=count + alone * len(ERROR_SOURCES), unit="mirror", disable=not progress, leave=False) as bar:
 
         def errors(spread: Tolerances, mirrors: int) -> Array:
             found = np.empty((mirrors, 2, distance.size, AZIMUTHS))
             for index in range(mirrors):
-                profile = Profile(radius_m=radius, height_m=height + _form_error(radius, spread, rng))
+                profile = Profile(radius_m=radius, height_m=height + _sample_form_error(radius, spread, rng))
                 tilt, offset = rng.normal(size=2) * spread.tilt_deg, rng.normal(size=2) * spread.offset_m
                 mount = Mount(
                     mirror_tilt_deg=(float(tilt[0]), float(tilt[1])),
                     mirror_offset_m=(float(offset[0]), float(offset[1])),
                     mirror_raise_m=float(rng.normal() * spread.height_m),
                 )
-                real = _camera(camera, mirror, focal_factor=1.0 + float(rng.normal()) * spread.focal_share)
-                found[index] = _split(nominal, _ground(real, profile, u, v, mount)).reshape(2, -1, AZIMUTHS)
+                real = _scaled_camera(camera, mirror, focal_factor=1.0 + float(rng.normal()) * spread.focal_share)
+                found[index] = _radial_tangential_errors(nominal, _ground_points(real, profile, u, v, mount)).reshape(
+                    2, -1, AZIMUTHS
+                )
                 bar.update()
             return found
 
         together = errors(tolerances, count)
         by_cause = {cause: _rms(np.hypot(*np.moveaxis(errors(tolerances.alone(cause), alone), 1, 0)))
-                    for cause in CAUSES}  # fmt: skip
+                    for cause in ERROR_SOURCES}  # fmt: skip
     total = np.hypot(together[:, 0], together[:, 1])
     lost = ~np.isfinite(total)
     # A lost pixel is worse than any limit.
@@ -139,7 +141,7 @@ def monte_carlo(
     )
 
 
-def _camera(camera: Camera, mirror: Mirror, *, focal_factor: float) -> Camera:
+def _scaled_camera(camera: Camera, mirror: Mirror, *, focal_factor: float) -> Camera:
     return Camera(
         width_px=camera.width_px,
         height_px=camera.height_px,
@@ -151,7 +153,7 @@ def _camera(camera: Camera, mirror: Mirror, *, focal_factor: float) -> Camera:
     )
 
 
-def _ground(camera: Camera, profile: Profile, u: Array, v: Array, mount: Mount) -> Array:
+def _ground_points(camera: Camera, profile: Profile, u: Array, v: Array, mount: Mount) -> Array:
     """Ground points, n × 2, robot frame; NaN where the pixel shows none."""
     origin, direction = trace_points(camera=camera, profile=profile, u_px=u, v_px=v, mount=mount)
     falling = direction[:, 2].astype(np.float64)
@@ -160,7 +162,7 @@ def _ground(camera: Camera, profile: Profile, u: Array, v: Array, mount: Mount) 
     return np.asarray(origin[:, :2] + way[:, None] * direction[:, :2])
 
 
-def _split(nominal: Array, real: Array) -> Array:
+def _radial_tangential_errors(nominal: Array, real: Array) -> Array:
     """Errors along and across the line of sight."""
     ahead = nominal / np.linalg.norm(nominal, axis=1, keepdims=True)
     off = real - nominal
@@ -174,21 +176,21 @@ def _rms(errors: Array) -> Array:
     return np.asarray(np.sqrt(total.sum(axis=(0, 2)) / np.maximum(seen.sum(axis=(0, 2)), 1)))
 
 
-def _form_error(radius: Array, spread: Tolerances, rng: np.random.Generator) -> Array:
+def _sample_form_error(radius: Array, spread: Tolerances, rng: np.random.Generator) -> Array:
     """A smooth random function of the radius with the wanted deviation and length (random Fourier features)."""
-    waves = rng.normal(size=FORM_WAVES) / spread.form_length_m
-    phases = rng.uniform(0.0, 2.0 * np.pi, size=FORM_WAVES)
+    waves = rng.normal(size=FOURIER_FEATURES) / spread.form_length_m
+    phases = rng.uniform(0.0, 2.0 * np.pi, size=FOURIER_FEATURES)
     if spread.form_m == 0.0:
         return np.zeros_like(radius)
     error = np.cos(radius[:, None] * waves + phases).sum(axis=1)
-    return np.asarray(error * (spread.form_m * np.sqrt(2.0 / FORM_WAVES)))
+    return np.asarray(error * (spread.form_m * np.sqrt(2.0 / FOURIER_FEATURES)))
 
 
-def _wanted(mirror: Mirror, *, reach_m: float) -> tuple[Array, Array]:
+def _sample_distances(mirror: Mirror, *, reach_m: float) -> tuple[Array, Array]:
     """Ground distances 0.25 m apart that the mirror shows, and the innermost camera slope that shows each."""
     distances, slopes = [], []
     for wanted in np.arange(0.25, reach_m + 1e-9, 0.25):
-        t = _slope_showing(mirror, float(wanted))
+        t = _slope_at_ground_distance(mirror, float(wanted))
         if t is not None:
             distances.append(float(wanted))
             slopes.append(t)
@@ -197,7 +199,7 @@ def _wanted(mirror: Mirror, *, reach_m: float) -> tuple[Array, Array]:
     return np.array(distances), np.array(slopes)
 
 
-def _slope_showing(mirror: Mirror, distance_m: float) -> float | None:
+def _slope_at_ground_distance(mirror: Mirror, distance_m: float) -> float | None:
     for segment in mirror.segments:
         if not segment.reflects:
             continue

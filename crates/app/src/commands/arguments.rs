@@ -1,4 +1,4 @@
-//! Which arguments make no sense? What the command line alone cannot check, answered with exit code 2.
+//! Checks of arguments that clap cannot make; a failure ends with exit code 2.
 
 use std::path::Path;
 
@@ -6,9 +6,9 @@ use anyhow::Result;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use pipeline::log::ImageCompression;
 
-/// Arguments that cannot be meant.
+/// Invalid arguments.
 #[derive(Debug)]
-pub struct UsageError(pub String);
+pub(crate) struct UsageError(pub String);
 
 impl std::fmt::Display for UsageError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -18,37 +18,41 @@ impl std::fmt::Display for UsageError {
 
 impl std::error::Error for UsageError {}
 
-/// Longest simulation, seconds: a month.
-const LONGEST: f64 = 2_678_400.0;
+/// Maximum duration, seconds: a month.
+const DURATION_MAX: f64 = 2_678_400.0;
 
-/// A duration on the command line, seconds.
-pub fn parse_duration(text: &str) -> Result<f64, String> {
+/// Parses a duration in seconds.
+pub(crate) fn parse_duration(text: &str) -> Result<f64, String> {
     let seconds: f64 = text
         .parse()
         .map_err(|error: std::num::ParseFloatError| error.to_string())?;
-    if seconds > 0.0 && seconds <= LONGEST {
+    if seconds > 0.0 && seconds <= DURATION_MAX {
         Ok(seconds)
     } else {
-        Err(format!("must be seconds above 0 and at most {LONGEST}"))
+        Err(format!(
+            "expected seconds above 0 and at most {DURATION_MAX}"
+        ))
     }
 }
 
-/// How a log keeps images, by name.
-pub fn image_mode() -> impl TypedValueParser<Value = ImageCompression> {
+/// Parser for the image format of a log.
+pub(crate) fn image_mode() -> impl TypedValueParser<Value = ImageCompression> {
     PossibleValuesParser::new(ImageCompression::ALL.map(ImageCompression::name))
         .map(|name| ImageCompression::from_name(&name).unwrap_or_default())
 }
 
-/// Refuses two outputs of one name: the second would overwrite the first.
-pub fn ensure_distinct_outputs<'a>(
+/// Rejects equal output paths: the second output would overwrite the first.
+pub(crate) fn ensure_distinct_outputs<'a>(
     outputs: impl IntoIterator<Item = Option<&'a Path>>,
 ) -> Result<()> {
-    let mut seen: Vec<&Path> = Vec::new();
+    let mut distinct: Vec<&Path> = Vec::new();
     for path in outputs.into_iter().flatten() {
-        if seen.contains(&path) {
-            return Err(UsageError(format!("{} is named for two outputs", path.display())).into());
+        if distinct.contains(&path) {
+            return Err(
+                UsageError(format!("same path for two outputs: {}", path.display())).into(),
+            );
         }
-        seen.push(path);
+        distinct.push(path);
     }
     Ok(())
 }

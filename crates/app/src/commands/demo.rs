@@ -1,4 +1,4 @@
-//! `mirrorball demo`: a minute of play in the simulator, then a recording of another's, with pictures and a log.
+//! `mirrorball demo`: a simulated minute and a recorded drive, with pictures and a log.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -14,7 +14,6 @@ use crate::commands::locate::EXTERNAL_POINT_STD;
 use crate::interrupt;
 use crate::pictures::annotate::draw_detections;
 use crate::pictures::field::{FieldDrawing, ink, side_by_side};
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::paths;
@@ -23,21 +22,22 @@ use pipeline::score;
 use pipeline::score::summary::{RunStatistics, Summary};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
-/// Show a minute of play against moving opponents, then the same on recorded images.
+/// Locate the robot in a simulated minute with moving opponents, then on recorded images.
 ///
-/// Leaves a log (demo.mcap) and two pictures: the field with the true and the estimated path beside one camera image
-/// with everything found in it.
+/// Writes a log (demo.mcap) and two pictures: the field with the true and the estimated path next to a camera image with
+/// the detections.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball demo --seed 3 --out out/demo")]
-pub struct Args {
-    /// In place of the scenario's seed.
+pub(crate) struct Args {
+    /// Seed; overrides the scenario's.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Seconds to play.
+    /// Seconds to simulate.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]
     duration: Option<f64>,
-    /// Where log and pictures go.
+    /// Folder for log and pictures.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
 }
@@ -55,7 +55,7 @@ struct Outcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let scenario = paths::find_resource("config/scenarios/demo.toml")?;
     let sample = paths::find_resource("samples/sequence")?;
     std::fs::create_dir_all(&args.out)
@@ -73,11 +73,11 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         ..LogConfig::default()
     };
     let mut recorder = start_log(&log, "demo", Some(seed), (&setup, &config), &log_config)?;
-    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
+    let bar = crate::progress::bar((duration * 1e3) as u64, "ms simulated");
     let started = Instant::now();
     let mut play = RunTrace::default();
-    let mut spine = Pipeline::new(&setup, &config)?;
-    simulation.run(&mut spine, |cycle| {
+    let mut pipeline = Pipeline::new(&setup, &config)?;
+    simulation.run(&mut pipeline, |cycle| {
         let cycle = Arc::new(cycle);
         bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
         play.add(&cycle);
@@ -92,15 +92,15 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
 
     let setup = Setup::load(&sample.join("robot.toml"), None)?;
     let recording = Recording::open(&sample, EXTERNAL_POINT_STD)?;
-    let mut spine = Pipeline::new(&setup, &config)?;
-    let mut seen = RunTrace::default();
-    for cycle in recording.filter_map(|sample| spine.process_sample(sample)) {
-        seen.add(&Arc::new(cycle));
+    let mut pipeline = Pipeline::new(&setup, &config)?;
+    let mut replay = RunTrace::default();
+    for cycle in recording.filter_map(|sample| pipeline.process_sample(sample)) {
+        replay.add(&Arc::new(cycle));
         interrupt::check()?;
     }
-    seen.picture(&setup)?.save(&pictures[1])?;
+    replay.picture(&setup)?.save(&pictures[1])?;
 
-    let (play, recording) = (play.tally.summary(), seen.tally.summary());
+    let (play, recording) = (play.statistics.summary(), replay.statistics.summary());
     if json {
         let outcome = Outcome {
             seed,
@@ -114,7 +114,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         println!("{}", serde_json::to_string(&outcome)?);
         return Ok(());
     }
-    println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+    println!("{duration:.0} s simulated, seed {seed}, {times_real_time:.1} times real time");
     play.print();
     println!("\nrecorded images ({})", sample.display());
     recording.print();
@@ -125,35 +125,35 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     Ok(())
 }
 
-/// A run from its first to its last cycle, as far as a picture of it needs.
+/// What a picture of a run needs.
 #[derive(Default)]
 struct RunTrace {
     truth: Vec<At<FieldFrame>>,
     estimates: Vec<At<FieldFrame>>,
-    tally: RunStatistics,
-    /// The cycle with most found in it.
+    statistics: RunStatistics,
+    /// The cycle with the most detections, and its score.
     best_cycle: Option<(usize, Arc<Cycle>)>,
 }
 
 impl RunTrace {
     fn add(&mut self, cycle: &Arc<Cycle>) {
-        self.tally.add_cycle(cycle, score::cycle_error(cycle));
+        self.statistics.add_cycle(cycle, score::cycle_error(cycle));
         self.truth
             .extend(cycle.inputs.truth.as_ref().map(|truth| truth.pose.origin()));
         self.estimates
             .extend(cycle.estimate.pose.map(|pose| pose.origin()));
-        let Some(seen) = &cycle.detections else {
+        let Some(detections) = &cycle.detections else {
             return;
         };
-        // A ball near by tells more in a picture than a few line points.
-        let richness = seen.line_points.len()
-            + 40 * (seen.robots.len() + 2 * usize::from(seen.ball.is_some()));
+        // Ball and robots weigh more in a picture than line points.
+        let score = detections.line_points.len()
+            + 40 * (detections.robots.len() + 2 * usize::from(detections.ball.is_some()));
         if self
             .best_cycle
             .as_ref()
-            .is_none_or(|(most, _)| richness > *most)
+            .is_none_or(|(best, _)| score > *best)
         {
-            self.best_cycle = Some((richness, cycle.clone()));
+            self.best_cycle = Some((score, cycle.clone()));
         }
     }
 

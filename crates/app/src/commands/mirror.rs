@@ -1,4 +1,4 @@
-//! How is a mirror designed without writing Python? A TOML design in; profile, report, picture or workshop files out.
+//! `mirrorball mirror`: profile, report, picture or workshop files from a TOML design, by the Python package.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use crate::python;
 
-/// Design mirrors, judge them before they are cut, see through them, and hand them to the workshop.
+/// Design mirrors, evaluate them before they are cut, render their image, and export them for the workshop.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball mirror report lima2001 --out out/lima2001 --mirrors 1000\n\
@@ -18,7 +18,7 @@ use crate::python;
                   sphere_cone_1999, nubot2013, minho_like."
 )]
 pub(crate) struct Args {
-    /// A Python interpreter, or the folder of a virtual environment (default: $VIRTUAL_ENV, else the build's).
+    /// Python interpreter or folder of a virtual environment (default: $VIRTUAL_ENV, else the build's).
     #[arg(long, value_name = "PATH", global = true)]
     python: Option<PathBuf>,
     #[command(subcommand)]
@@ -27,7 +27,7 @@ pub(crate) struct Args {
 
 #[derive(Subcommand)]
 enum MirrorCommand {
-    /// Compute the profile, or find the best one for wishes, and write it as CSV.
+    /// Compute the profile, or optimize one for given requirements, and write it as CSV.
     #[command(
         after_help = "Example: mirrorball mirror design config/mirrors/wishes.toml --out mirror.csv"
     )]
@@ -38,7 +38,7 @@ enum MirrorCommand {
         #[arg(long, default_value = "mirror.csv")]
         out: PathBuf,
     },
-    /// Draw what the mirror shows, how sharply, and how much its errors cost: figures and one HTML page.
+    /// Draw the mirror's coverage, sharpness and sensitivity to errors: figures and one HTML page.
     #[command(
         after_help = "Example: mirrorball mirror report nubot2013 --out out/nubot2013 --mirrors 1000"
     )]
@@ -48,14 +48,14 @@ enum MirrorCommand {
         /// Folder for the figures and index.html.
         #[arg(long)]
         out: PathBuf,
-        /// Imperfect mirrors to try against the tolerances; 0 for none.
+        /// Number of imperfect mirrors to test against the tolerances; 0 for none.
         #[arg(long, default_value_t = 0)]
         mirrors: u32,
         /// Seed of their errors.
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
-    /// Render what a robot with this mirror would see.
+    /// Render the image of a robot with this mirror.
     #[command(
         after_help = "Example: mirrorball mirror render minho_like --pose=-3,1,30 --ball=-1,0 --out view.png"
     )]
@@ -65,7 +65,7 @@ enum MirrorCommand {
         /// PNG to write.
         #[arg(long, default_value = "view.png")]
         out: PathBuf,
-        /// field.toml; the league's 18 × 12 m if left out.
+        /// field.toml [default: the MSL field of 18 × 12 m].
         #[arg(long)]
         field: Option<PathBuf>,
         /// The robot's x and y (metres) and heading (degrees).
@@ -81,7 +81,7 @@ enum MirrorCommand {
         #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true)]
         ball: Option<Vec<f64>>,
     },
-    /// Write files for the workshop and say how far each lies from the design.
+    /// Write files for the workshop and print the deviation of each from the design.
     #[command(
         after_help = "Example: mirrorball mirror export lima2001 --out out/workshop --formats csv,dxf,stl"
     )]
@@ -91,13 +91,13 @@ enum MirrorCommand {
         /// Folder to write to.
         #[arg(long)]
         out: PathBuf,
-        /// Which files.
+        /// File formats.
         #[arg(long, value_delimiter = ',', default_values_t = [ExportFormat::Csv, ExportFormat::Dxf, ExportFormat::Stl])]
         formats: Vec<ExportFormat>,
     },
 }
 
-/// Files that workshops read.
+/// File formats for workshops.
 #[derive(Clone, Copy, ValueEnum)]
 enum ExportFormat {
     Csv,
@@ -117,7 +117,7 @@ impl std::fmt::Display for ExportFormat {
     }
 }
 
-/// Carries one subcommand out; `json` prints its one result object instead of lines to read.
+/// Runs a subcommand; `json` prints the result object instead of text.
 pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     python::start(args.python.as_deref())?;
     let outcome = Python::attach(|py| {
@@ -129,11 +129,11 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     outcome
 }
 
-fn call_python(py: Python<'_>, what: &MirrorCommand, json: bool) -> PyResult<String> {
+fn call_python(py: Python<'_>, command: &MirrorCommand, json: bool) -> PyResult<String> {
     let commands = py.import("mirrorball.mirror.command")?;
     let text = |path: &Path| path.display().to_string();
     let options = PyDict::new(py);
-    let (name, design) = match what {
+    let (name, design) = match command {
         MirrorCommand::Design { design, out } => {
             options.set_item("out", text(out))?;
             ("design", design)
@@ -177,19 +177,19 @@ fn call_python(py: Python<'_>, what: &MirrorCommand, json: bool) -> PyResult<Str
         }
     };
     let result = commands.getattr(name)?.call((design,), Some(&options))?;
-    let words = if json { "as_json" } else { "as_text" };
-    commands.getattr(words)?.call1((result,))?.extract()
+    let formatter = if json { "as_json" } else { "as_text" };
+    commands.getattr(formatter)?.call1((result,))?.extract()
 }
 
-/// What the user did wrong is said in a line; anything else is our fault and keeps its traceback.
+/// Errors of the user become one line; other errors are bugs and print their traceback.
 fn explain_error(py: Python<'_>, error: &PyErr) -> anyhow::Error {
     if error.is_instance_of::<PyKeyboardInterrupt>(py) {
         return anyhow!("interrupted");
     }
     let value = error.value(py);
-    let of = |name: &str| value.getattr(name).ok().filter(|found| !found.is_none());
+    let attribute = |name: &str| value.getattr(name).ok().filter(|found| !found.is_none());
     if error.is_instance_of::<PyOSError>(py)
-        && let (Some(file), Some(reason)) = (of("filename"), of("strerror"))
+        && let (Some(file), Some(reason)) = (attribute("filename"), attribute("strerror"))
     {
         return anyhow!("cannot use {file}: {reason}");
     }

@@ -1,16 +1,16 @@
 //! The subcommands of the command line, a file or folder each: arguments, progress, result.
 
-pub mod arguments;
-pub mod bench;
-pub mod calibrate;
-pub mod demo;
-pub mod doctor;
-pub mod locate;
+pub(crate) mod arguments;
+pub(crate) mod bench;
+pub(crate) mod calibrate;
+pub(crate) mod demo;
+pub(crate) mod doctor;
+pub(crate) mod locate;
 #[cfg(feature = "python")]
-pub mod mirror;
-pub mod overrides;
-pub mod recover;
-pub mod replay;
+pub(crate) mod mirror;
+pub(crate) mod overrides;
+pub(crate) mod recover;
+pub(crate) mod replay;
 #[cfg(feature = "python")]
-pub mod script;
-pub mod sim;
+pub(crate) mod script;
+pub(crate) mod sim;

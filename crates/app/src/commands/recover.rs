@@ -1,4 +1,4 @@
-//! `mirrorball recover`: a proper log from one whose writer was killed.
+//! `mirrorball recover`: a complete log from a truncated or damaged one.
 
 use std::path::PathBuf;
 
@@ -7,13 +7,13 @@ use serde::Serialize;
 
 use pipeline::log;
 
-/// Make a proper log, with index and summary, of one that was killed, cut or damaged.
+/// Make a complete log, with index and summary, from a truncated or damaged one.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball recover game.mcap --out game-whole.mcap")]
-pub struct Args {
+pub(crate) struct Args {
     /// The log.
     log: PathBuf,
-    /// Where the recovered log goes.
+    /// The recovered log.
     #[arg(long, value_name = "LOG2")]
     out: PathBuf,
 }
@@ -28,12 +28,12 @@ struct Outcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let recovered = log::recover(&args.log, &args.out)?;
     if recovered.messages == 0 {
         std::fs::remove_file(&args.out)
             .with_context(|| format!("cannot remove {}", args.out.display()))?;
-        bail!("{}: no message can be saved from it", args.log.display());
+        bail!("{}: no readable message", args.log.display());
     }
     let summary = Outcome {
         messages: recovered.messages,
@@ -57,7 +57,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         println!("lost {lost}");
     }
     if summary.was_whole {
-        println!("{} was whole already", args.log.display());
+        println!("{} was already complete", args.log.display());
     }
     Ok(())
 }

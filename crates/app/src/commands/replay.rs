@@ -1,29 +1,30 @@
-//! `mirrorball replay`: a log's run once more, to verify it or to hand it on as a recording folder.
+//! `mirrorball replay`: verify a log by computing it again, or export it as a recording folder.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use serde::Serialize;
 
-use pipeline::cycle::{PIPELINE_FILE, Pipeline, PipelineConfig};
+use pipeline::config::PIPELINE_FILE;
 use pipeline::log::{self, Difference, LogEnd, LogReader, VerificationReport};
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// Run a log once more: verify that it gives the same bits, or export it as a recording folder.
+/// Compute a log again: verify that the estimates are bit-identical, or export it as a recording folder.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball replay game.mcap --verify\n         mirrorball replay game.mcap --export game/"
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// The log.
     log: PathBuf,
-    /// Compute every estimate again and compare it bit for bit (the default).
+    /// Compute every estimate again and compare it bit by bit (the default).
     #[arg(long)]
     verify: bool,
     /// Write the log as a recording folder.
     #[arg(long, value_name = "DIR")]
     export: Option<PathBuf>,
-    /// Show the log in a window, with the run computed again beside the recorded one.
+    /// Show the log in a window, with the recomputed run next to the recorded one.
     #[cfg(feature = "view")]
     #[arg(long, conflicts_with_all = ["verify", "export"])]
     view: bool,
@@ -56,7 +57,7 @@ struct ExportOutcome {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     #[cfg(feature = "view")]
     if args.view {
         return crate::view::show_recomputed(&args.log);
@@ -69,7 +70,7 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
             let cut = if whole {
                 ""
             } else {
-                " (the log is cut: up to its last whole part)"
+                " (the log is truncated: up to its last complete chunk)"
             };
             println!(
                 "{} frames, {} odometry samples{cut}: {}",
@@ -90,20 +91,20 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(note) = log.header().version_mismatch() {
             eprintln!("{}: {note}", args.log.display());
         }
-        let verdict =
+        let report =
             verify_log(log).with_context(|| format!("cannot verify {}", args.log.display()))?;
         if !json {
-            print(&verdict);
+            print(&report);
         }
         summary.verified = Some(VerifyOutcome {
-            identical: verdict.different == 0,
-            cycles: verdict.cycles,
-            vision_cycles: verdict.vision_cycles,
-            different: verdict.different,
-            unverified: verdict.unverified,
-            whole: verdict.end == LogEnd::Complete,
+            identical: report.different == 0,
+            cycles: report.cycles,
+            vision_cycles: report.vision_cycles,
+            different: report.different,
+            unverified: report.unverified,
+            whole: report.end == LogEnd::Complete,
         });
-        failure = verdict.first_difference;
+        failure = report.first_difference;
     }
     if json {
         println!("{}", serde_json::to_string(&summary)?);
@@ -112,37 +113,41 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         None => Ok(()),
         Some(Difference {
             stamp,
-            quantity: what,
+            quantity,
             recorded,
             computed,
         }) => bail!(
-            "{}: at {} s {what} differs: recorded {recorded}, computed {computed}",
+            "{}: at {} s {quantity} differs: recorded {recorded}, computed {computed}",
             args.log.display(),
             stamp.seconds()
         ),
     }
 }
 
-/// Runs a fresh spine, built from the log's own files, over the log.
+/// Runs a new pipeline, built from the log's own files, over the log.
 fn verify_log(log: LogReader) -> Result<VerificationReport> {
-    let folder = tempfile::tempdir().context("no room for the log's files")?;
+    let folder =
+        tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
     log.header().write_files(folder.path())?;
-    let mut spine = load_pipeline(folder.path()).map_err(|error| {
-        // The files lie in the log; where they were unpacked tells nobody anything.
+    let mut pipeline = load_pipeline(folder.path()).map_err(|error| {
+        // The files are in the log; the temporary folder means nothing to the user.
         let unpacked = format!("{}/", folder.path().display());
         anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
     })?;
+    if let Some(notice) = pipeline.notice() {
+        eprintln!("{notice}");
+    }
     let bar = crate::progress::bar(0, "cycles");
-    let verdict = log::verify(log, |sample| {
-        let cycle = spine.process_sample(sample);
+    let report = log::verify(log, |sample| {
+        let cycle = pipeline.process_sample(sample);
         bar.inc(u64::from(cycle.is_some()));
         cycle
     });
     bar.finish_and_clear();
-    verdict
+    report
 }
 
-/// A spine from the files that a log keeps.
+/// A pipeline from the files of a log.
 fn load_pipeline(folder: &Path) -> Result<Pipeline> {
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let settings = folder.join(PIPELINE_FILE);
@@ -150,33 +155,33 @@ fn load_pipeline(folder: &Path) -> Result<Pipeline> {
     Pipeline::new(&setup, &config)
 }
 
-fn print(verdict: &VerificationReport) {
+fn print(report: &VerificationReport) {
     let VerificationReport {
         cycles,
-        vision_cycles: seen,
+        vision_cycles,
         different,
         gap,
         unverified,
         end,
         ..
-    } = verdict;
+    } = report;
     if *different == 0 {
-        println!("{cycles} estimates computed again: the same bits");
+        println!("{cycles} estimates computed again: bit-identical");
     } else {
         println!("{cycles} estimates computed again: {different} differ");
     }
-    if seen < cycles {
+    if vision_cycles < cycles {
         println!(
-            "vision computed again in {seen} cycles; the others hold no exact image, so their line points were taken"
+            "vision computed again in {vision_cycles} cycles; the others have no lossless image, so their recorded line points were used"
         );
     }
     if let Some(gap) = gap {
         println!(
-            "not verified: {unverified} cycles behind one that was dropped at {} s",
+            "not verified: {unverified} cycles after one that was dropped at {} s",
             gap.seconds()
         );
     }
     if *end == LogEnd::Truncated {
-        println!("the log is cut: verified up to its last whole part");
+        println!("the log is truncated: verified up to its last complete chunk");
     }
 }

@@ -1,4 +1,4 @@
-//! Can a Python file use the robot's own optics without installing anything? Runs it inside, with `import mirrorball`.
+//! `mirrorball script`: runs a Python file in the embedded interpreter, where `import mirrorball` works without installation.
 
 use std::path::PathBuf;
 
@@ -8,23 +8,23 @@ use pyo3::prelude::*;
 
 use crate::python;
 
-/// Run a Python file in which `import mirrorball` gives this very program's optics, renderer and mirror design.
+/// Run a Python file; `import mirrorball` gives this program's optics, renderer and mirror design.
 ///
-/// The interpreter is that of --python, else of $VIRTUAL_ENV, else the one that mirrorball was built with.
+/// The interpreter is that of --python, else of $VIRTUAL_ENV, else the build's.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball script py/examples/lima2001.py --out out/lima2001.png")]
 pub(crate) struct Args {
-    /// An interpreter, or the folder of a virtual environment.
+    /// Python interpreter or folder of a virtual environment.
     #[arg(long, value_name = "PATH")]
     python: Option<PathBuf>,
     /// The file to run.
     file: PathBuf,
-    /// What the file sees in `sys.argv`.
+    /// Arguments of the file in `sys.argv`.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
 }
 
-/// Runs the file as `__main__`. What it prints is its own; an exception leaves its traceback on standard error.
+/// Runs the file as `__main__`. An exception prints its traceback on standard error.
 pub(crate) fn run(args: &Args) -> Result<()> {
     ensure!(args.file.is_file(), "{}: no such file", args.file.display());
     python::start(args.python.as_deref())?;
@@ -38,7 +38,7 @@ fn execute(py: Python<'_>, args: &Args) -> PyResult<()> {
     let mut argv = vec![args.file.display().to_string()];
     argv.extend(args.arguments.iter().cloned());
     sys.setattr("argv", argv)?;
-    // A script's neighbours can be imported, as with any Python.
+    // Modules in the script's folder can be imported, as usual in Python.
     if let Some(folder) = args.file.parent() {
         sys.getattr("path")?
             .call_method1("insert", (0, folder.display().to_string()))?;
@@ -48,7 +48,7 @@ fn execute(py: Python<'_>, args: &Args) -> PyResult<()> {
         .map(drop)
 }
 
-/// What is left to say once Python has said its part.
+/// The result of a script that ended with an exception.
 fn script_result(py: Python<'_>, error: &PyErr) -> Result<()> {
     if error.is_instance_of::<PySystemExit>(py) {
         let code = error.value(py).getattr("code")?;

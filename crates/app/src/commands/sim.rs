@@ -1,15 +1,13 @@
-//! `mirrorball sim`: run a scenario as fast as it goes, and see how well the robot knew its place.
+//! `mirrorball sim`: run a scenario as fast as possible and score the localization.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 #[cfg(feature = "view")]
-use std::time::Duration;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
 use hw::config::Bus;
 use localize::Field;
-use serde::Serialize;
 use sim::Sim;
 use sim::scenario::Scenario;
 
@@ -19,136 +17,80 @@ use crate::interrupt;
 #[cfg(feature = "view")]
 use crate::view::{self, AfterRun};
 use crate::virtual_hardware;
+use pipeline::config::apply_overlay;
 use pipeline::csv_table::{CsvWriter, format_seconds};
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
-use pipeline::log::start_log;
-use pipeline::log::{ImageCompression, LogConfig, Recorder};
-use pipeline::multi_robot::{self, MultiRobotSimulation};
+use pipeline::log::{ImageCompression, LogConfig};
+use pipeline::multi_robot;
 use pipeline::result_files::CsvOutputs;
-use pipeline::score;
-use pipeline::score::summary::{RunStatistics, Summary};
-use pipeline::simulation::{Simulation, load_scenario_with_overrides};
+use pipeline::run::{RunScores, ScenarioOptions, ScenarioRun};
+#[cfg(feature = "view")]
+use pipeline::simulation::Simulation;
+use pipeline::{Cycle, PipelineConfig};
 
-/// Run a scenario headless, as fast as it goes.
+/// Run a scenario headless, as fast as possible.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball sim config/scenarios/game_18x12.toml --seed 7 --record game.mcap"
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// The scenario (TOML).
     scenario: PathBuf,
-    /// In place of the scenario's seed; the same seed gives the same run, bit for bit.
+    /// Seed, in place of the scenario's; the same seed gives the same run, bit for bit.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Seconds to simulate, in place of the scenario's.
+    /// Seconds to simulate; overrides the scenario's.
     #[arg(long, value_name = "SECONDS", value_parser = arguments::parse_duration, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Record everything into a log (MCAP).
     #[arg(long, value_name = "LOG")]
     record: Option<PathBuf>,
-    /// How the log keeps images; only exact ones let `replay --verify` compute vision again.
+    /// Image compression in the log; `replay --verify` recomputes vision from png only.
     #[arg(long, value_parser = arguments::image_mode(), default_value = ImageCompression::default().name(), requires = "record")]
     images: ImageCompression,
-    /// Write the estimated poses (as `locate` does).
+    /// Write the estimated poses in the format of `locate`.
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     /// Write the true poses: stamp_s,x_m,y_m,theta_rad.
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
-    /// In place of a simulated robot its hardware: serial lines and a camera socket in this folder, in real time, with
-    /// the robot.toml and hardware.toml that `run --robot DIR` plays with. The wheels obey the base board.
+    /// Simulate the robot's hardware in real time: serial lines and a camera socket in this folder, with the robot.toml
+    /// and hardware.toml for `run --robot DIR`. The base board drives the wheels.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["record", "out", "config", "preset", "set", "set_config"])]
     hardware: Option<PathBuf>,
-    /// What of the hardware fails, and when (TOML).
+    /// Faults of the hardware and their times (TOML).
     #[arg(long, value_name = "FILE.toml", requires = "hardware")]
     faults: Option<PathBuf>,
-    /// The scenario's path moves the robot, whatever the base board is told.
+    /// Move the robot on the scenario's path; commands to the base board have no effect.
     #[arg(long, requires = "hardware")]
     own_path: bool,
-    /// How the virtual base is spoken to: our board's protocol, or a VESC for each wheel by UART or by an slcan adapter.
+    /// Protocol of the virtual base: our board's, or a VESC per wheel by UART or by an slcan adapter.
     #[arg(long, value_name = "BUS", value_parser = ["board", "vesc-uart", "vesc-slcan"], default_value = "board", requires = "hardware")]
     base: String,
-    /// Format of the virtual camera's images.
+    /// Pixel format of the virtual camera.
     #[arg(long, value_name = "FORMAT", value_parser = ["RGB3", "YUYV"], default_value = "RGB3", requires = "hardware")]
     format: String,
-    /// Images per second of the virtual camera, in place of the scenario's.
+    /// Images per second of the virtual camera; overrides the scenario's.
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u16).range(1..=1000), requires = "hardware")]
     rate: Option<u16>,
-    /// Find the place as this paper does: lima2001, minho2016 or nubot2013.
+    /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
-    /// Change settings of vision and localisation by a TOML overlay.
+    /// Override settings of vision and localization by a TOML file.
     #[arg(long, value_name = "FILE.toml")]
     config: Option<PathBuf>,
-    /// Change a value of the scenario, as path.speed=2.0; may be given several times.
+    /// Override a value of the scenario, as path.speed=2.0; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Change a setting, as localize.matching.steps_max=20; may be given several times.
+    /// Override a setting, as localize.matching.steps_max=20; may be given several times.
     #[arg(long, value_name = "KEY=VALUE")]
     set_config: Vec<String>,
-    /// Show it in a window, at most in real time; closing the window changes nothing.
+    /// Show the run in a window, at most in real time; closing the window does not change the run.
     #[cfg(feature = "view")]
     #[arg(long)]
     view: bool,
 }
 
-/// What `--json` prints.
-#[derive(Serialize)]
-struct Outcome {
-    seed: u64,
-    simulated_s: f64,
-    times_real_time: f64,
-    #[serde(flatten)]
-    summary: Summary,
-}
-
-/// What `--json` prints of several robots.
-#[derive(Serialize)]
-struct MultiRobotOutcome {
-    seed: u64,
-    simulated_s: f64,
-    times_real_time: f64,
-    robots: Vec<multi_robot::RobotSummary>,
-}
-
-/// Several of our robots, each with its whole stack.
-fn run_multi_robot(args: &Args, scenario: &Scenario, json: bool) -> Result<()> {
-    ensure!(
-        args.out.is_none() && args.truth.is_none(),
-        "--out and --truth are of one robot, and {} has several: record them",
-        args.scenario.display()
-    );
-    let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
-    let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
-    let duration = args.duration.unwrap_or(scenario.duration);
-    let log_config = LogConfig {
-        images: args.images,
-        ..LogConfig::default()
-    };
-    let record = args.record.as_deref().map(|log| (log, &log_config));
-    let squad = MultiRobotSimulation::new((&args.scenario, scenario), &config, duration, record)?;
-    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
-    let started = Instant::now();
-    let robots = squad.run(|seconds| bar.set_position((seconds * 1e3) as u64))?;
-    bar.finish_and_clear();
-    let times_real_time = duration / started.elapsed().as_secs_f64();
-    let seed = scenario.seed;
-    if json {
-        let outcome = MultiRobotOutcome {
-            seed,
-            simulated_s: duration,
-            times_real_time,
-            robots,
-        };
-        println!("{}", serde_json::to_string(&outcome)?);
-    } else {
-        multi_robot::print(&robots);
-        println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
-    }
-    Ok(())
-}
-
-/// Plays the hardware; without --duration until a signal.
+/// Simulates the hardware; without --duration until a signal.
 fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
     let (mut scenario, robot) = Scenario::load(&args.scenario)?;
     scenario.seed = args.seed.unwrap_or(scenario.seed);
@@ -174,7 +116,7 @@ fn run_hardware(args: &Args, folder: &Path, json: bool) -> Result<()> {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     arguments::ensure_distinct_outputs([
         args.record.as_deref(),
         args.out.as_deref(),
@@ -189,14 +131,13 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         let changes = overrides::parse_overrides(&args.set)?;
         let simulation = Simulation::with_overrides(&args.scenario, &changes, args.seed, None)?;
         let setup = simulation.setup()?;
-        let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
-        let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
+        let config = load_config(args)?;
         let name = format!("sim {}", args.scenario.display());
-        // The last moment stays to be looked at.
+        // The window stays open on the last cycle.
         return view::run_with_window(&name, (setup, config), AfterRun::KeepOpen, |feed| {
             let started = Instant::now();
             play(args, json, |cycle| {
-                // A person watches at the pace of the world.
+                // At most real time, for the person who watches.
                 let ahead = cycle.stamp.seconds() - started.elapsed().as_secs_f64();
                 std::thread::sleep(Duration::from_secs_f64(ahead.clamp(0.0, 1.0)));
                 feed.publish(cycle);
@@ -206,20 +147,31 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     play(args, json, |_| {})
 }
 
-/// Runs the scenario; `watch` sees every cycle.
-fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<()> {
-    let changes = overrides::parse_overrides(&args.set)?;
-    let (scenario, _) = load_scenario_with_overrides(&args.scenario, &changes, args.seed)?;
-    if !scenario.squad.is_empty() {
-        return run_multi_robot(args, &scenario, json);
-    }
-    let simulation =
-        Simulation::with_overrides(&args.scenario, &changes, args.seed, args.duration)?;
-    let setup = simulation.setup()?;
+/// The pipeline's settings: preset, overlay file, single values.
+fn load_config(args: &Args) -> Result<PipelineConfig> {
     let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
-    let config = apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)?;
-    let mut spine = Pipeline::new(&setup, &config)?;
-    let (seed, duration) = (simulation.sim().scenario().seed, simulation.duration());
+    apply_overlay(&config, overrides::parse_overrides(&args.set_config)?)
+}
+
+/// Runs the scenario; `on_cycle` gets every cycle of a single robot.
+fn play(args: &Args, json: bool, mut on_cycle: impl FnMut(&Arc<Cycle>)) -> Result<()> {
+    let log_config = LogConfig {
+        images: args.images,
+        ..LogConfig::default()
+    };
+    let run = ScenarioRun::load(ScenarioOptions {
+        scenario: args.scenario.clone(),
+        changes: overrides::parse_overrides(&args.set)?,
+        seed: args.seed,
+        duration: args.duration,
+        config: load_config(args)?,
+        record: args.record.clone().map(|path| (path, log_config)),
+    })?;
+    ensure!(
+        !run.is_multi_robot() || (args.out.is_none() && args.truth.is_none()),
+        "--out and --truth need a single robot: {} has several. Use --record",
+        args.scenario.display()
+    );
     let mut outputs = CsvOutputs::create(args.out.as_deref(), None, None)?;
     let header = "stamp_s,x_m,y_m,theta_rad";
     let mut truths = args
@@ -227,53 +179,43 @@ fn play(args: &Args, json: bool, mut watch: impl FnMut(&Arc<Cycle>)) -> Result<(
         .as_deref()
         .map(|path| CsvWriter::create(path, header))
         .transpose()?;
-    let source = format!("sim {}", args.scenario.display());
-    let log_config = LogConfig {
-        images: args.images,
-        ..LogConfig::default()
-    };
-    let start = |path| start_log(path, &source, Some(seed), (&setup, &config), &log_config);
-    let mut recorder = args.record.as_deref().map(start).transpose()?;
-    let mut tally = RunStatistics::default();
-    let bar = crate::progress::bar((duration * 1e3) as u64, "ms of play");
-    let started = Instant::now();
-    simulation.run(&mut spine, |cycle| {
-        let cycle = Arc::new(cycle);
-        watch(&cycle);
-        tally.add_cycle(&cycle, score::cycle_error(&cycle));
-        outputs.write(&cycle)?;
-        if let (Some(file), Some(truth)) = (&mut truths, &cycle.inputs.truth) {
-            let (stamp, pose) = (format_seconds(truth.stamp), truth.pose);
-            file.write_row(format_args!(
-                "{stamp},{:.5},{:.5},{:.6}",
-                pose.x, pose.y, pose.theta
-            ))?;
-        }
-        bar.set_position((cycle.stamp.seconds() * 1e3) as u64);
-        if let Some(recorder) = &mut recorder {
-            recorder.record_cycle(cycle)?;
+    let bar = crate::progress::bar((run.duration() * 1e3) as u64, "ms of play");
+    let result = run.run(|progress| {
+        bar.set_position((progress.seconds * 1e3) as u64);
+        if let Some(cycle) = progress.cycle {
+            on_cycle(cycle);
+            outputs.write(cycle)?;
+            write_truth(&mut truths, cycle)?;
         }
         Ok(interrupt::flow())
     })?;
     bar.finish_and_clear();
-    // A log of half a run is a whole log; half a table is none.
-    recorder.map(Recorder::finish).transpose()?;
+    // An interrupted run leaves a complete log, but no incomplete table.
     interrupt::check()?;
     outputs.finish()?;
     truths.map_or(Ok(()), CsvWriter::finish)?;
-    let times_real_time = duration / started.elapsed().as_secs_f64();
-    let summary = tally.summary();
     if json {
-        let outcome = Outcome {
-            seed,
-            simulated_s: duration,
-            times_real_time,
-            summary,
-        };
-        println!("{}", serde_json::to_string(&outcome)?);
+        println!("{}", serde_json::to_string(&result)?);
     } else {
-        summary.print();
-        println!("{duration:.0} s of play, seed {seed}, {times_real_time:.1} times real time");
+        match &result.scores {
+            RunScores::SingleRobot(summary) => summary.print(),
+            RunScores::MultiRobot { robots } => multi_robot::print(robots),
+        }
+        println!(
+            "{:.0} s of play, seed {}, {:.1} times real time",
+            result.simulated_s, result.seed, result.times_real_time
+        );
+    }
+    Ok(())
+}
+
+fn write_truth(truths: &mut Option<CsvWriter>, cycle: &Cycle) -> Result<()> {
+    if let (Some(file), Some(truth)) = (truths, &cycle.inputs.truth) {
+        let (stamp, pose) = (format_seconds(truth.stamp), truth.pose);
+        file.write_row(format_args!(
+            "{stamp},{:.5},{:.5},{:.6}",
+            pose.x, pose.y, pose.theta
+        ))?;
     }
     Ok(())
 }

@@ -1,7 +1,4 @@
-//! How far from the truth, frame by frame? Simulated drives under each variant, preset and seed, all cores at once.
-
-use crate::interrupt;
-use std::path::Path;
+//! How large is the pose error, frame by frame? Simulated drives of each variant, preset and seed, on all cores.
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
@@ -10,76 +7,70 @@ use localize::frames::wrap_angle;
 use rayon::prelude::*;
 
 use super::experiment::{Drives, Variant};
-use super::metric::Metric;
+use super::metric::{Metric, PoseTolerance};
 use super::output::{CsvRows, csv_quote};
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
+use crate::interrupt;
+use pipeline::config::apply_overlay;
 use pipeline::result_files::mode_name;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
-/// A pose this far off while called tracked, with no reason for doubt, is silently wrong, metres.
+/// Position error from which a tracked pose without a reason for doubt is an undetected failure, metres.
 const UNDETECTED_FAILURE_ERROR: f32 = 0.5;
-/// A pose this near is right again after a kidnap, metres and radians (3°).
-const RECOVERED_WITHIN: (f32, f32) = (0.15, 0.052);
+/// A pose within these errors counts as recovered after a kidnap: metres, radians (3°).
+const RECOVERED_WITHIN: PoseTolerance = PoseTolerance {
+    position: 0.15,
+    heading: 0.052,
+};
 
-/// Drives are cut into pieces this long for the intervals of shares, seconds: what goes wrong lasts for less, mostly.
+/// Length of the segments that the intervals of proportions are computed from, seconds: most failures are shorter.
 const SEGMENT_S: f64 = 5.0;
 
 /// One frame of a drive.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FrameResult {
+pub(crate) struct FrameResult {
     /// Seconds after the start.
     pub stamp_s: f64,
     /// True x, y (metres) and heading (radians).
     pub truth: [f32; 3],
-    /// The same as estimated; none while lost.
+    /// Estimated x, y and heading. None while lost.
     pub pose: Option<[f32; 3]>,
-    /// One standard deviation of each, as the estimate says.
+    /// Standard deviation of each, from the estimate's covariance.
     pub std: [f32; 3],
     /// Tracking, global, lost.
     pub mode: Mode,
-    /// A tracked pose's reason for doubt is said: too few points, a poor match, a rival.
+    /// The estimate gives a reason for doubt: too few points, a poor match, a second hypothesis.
     pub doubtful: bool,
     /// Line points.
     pub line_points: usize,
-    /// Image to features and features to pose, milliseconds; what differs from run to run.
-    pub times_ms: [f32; 2],
 }
 
-/// One drive to run.
-pub struct DriveJob<'a> {
-    /// The scenario's file.
-    pub scenario: &'a Path,
-    /// Values in place of the scenario's.
-    pub set: &'a toml::Table,
-    /// Settings by name.
-    pub preset: &'a str,
-    /// Values in place of the preset's.
-    pub config: &'a toml::Table,
-    /// In place of the scenario's.
-    pub seed: Option<u64>,
-    /// In place of the scenario's, seconds.
-    pub duration: Option<f64>,
+/// One drive.
+struct DriveRun {
+    frames: Vec<FrameResult>,
+    /// Times at which the robot was displaced, seconds.
+    kidnaps: Vec<f64>,
 }
 
-/// Drives once; with every frame's row, when the robot was carried away (seconds).
-pub fn run_drive(job: &DriveJob<'_>) -> Result<(Vec<FrameResult>, Vec<f64>)> {
-    let simulation = Simulation::with_overrides(job.scenario, job.set, job.seed, job.duration)?;
+fn run_drive(variant: &Variant, preset: &str, seed: u64) -> Result<DriveRun> {
+    let scenario = variant.scenario.as_deref().context("no scenario")?;
+    let simulation = Simulation::with_overrides(scenario, &variant.set, Some(seed), None)?;
     let setup = simulation.setup()?;
     let config: PipelineConfig =
-        apply_overlay(&PipelineConfig::preset(job.preset)?, job.config.clone())?;
-    let mut spine = Pipeline::new(&setup, &config)?;
+        apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
+    let mut pipeline = Pipeline::new(&setup, &config)?;
     let kidnaps = simulation.sim().scenario().kidnaps.iter();
     let kidnaps = kidnaps.map(|kidnap| kidnap.time).collect();
-    let mut rows = Vec::new();
-    simulation.run(&mut spine, |cycle| {
-        rows.extend(frame_result(&cycle));
+    let mut frames = Vec::new();
+    simulation.run(&mut pipeline, |cycle| {
+        frames.extend(frame_result(&cycle));
         Ok(interrupt::flow())
     })?;
-    Ok((rows, kidnaps))
+    Ok(DriveRun { frames, kidnaps })
 }
 
-/// What is kept of a cycle whose truth is known.
-pub fn frame_result(cycle: &Cycle) -> Option<FrameResult> {
+/// The result of a cycle. None if its truth is unknown.
+pub(crate) fn frame_result(cycle: &Cycle) -> Option<FrameResult> {
     let truth = cycle.inputs.truth.as_ref()?.pose;
     let estimate = &cycle.estimate;
     let covariance = &estimate.covariance;
@@ -91,13 +82,12 @@ pub fn frame_result(cycle: &Cycle) -> Option<FrameResult> {
         mode: estimate.mode,
         doubtful: estimate.reason.is_some(),
         line_points: cycle.line_points.len(),
-        times_ms: [cycle.timings.see_ms, cycle.timings.localize_ms],
     })
 }
 
 impl FrameResult {
-    /// Error in x, y (metres) and heading (radians, on the circle).
-    pub fn pose_error(&self) -> Option<[f32; 3]> {
+    /// Error in x, y (metres) and heading (radians, wrapped). None while lost.
+    pub(crate) fn pose_error(&self) -> Option<[f32; 3]> {
         let pose = self.pose?;
         Some([
             pose[0] - self.truth[0],
@@ -107,21 +97,29 @@ impl FrameResult {
     }
 }
 
-/// What one run came to.
+/// Errors and failures of one drive.
 #[derive(Default)]
 struct DriveScore {
     mean: [f64; 3],
     std: [f64; 3],
     max: [f64; 3],
-    /// Frames lost, silently wrong, and all, in each piece of the run.
-    segments: Vec<[usize; 3]>,
-    /// Seconds from each kidnap to the right pose; infinite where it never came.
+    segments: Vec<SegmentCounts>,
+    /// Seconds from each kidnap to the recovered pose; infinite without recovery.
     recovery_times: Vec<f64>,
 }
 
-fn score_drive(rows: &[FrameResult], kidnaps: &[f64], settle: f64) -> DriveScore {
+/// Numbers of frames in a segment of a drive.
+#[derive(Clone, Default)]
+struct SegmentCounts {
+    lost: usize,
+    undetected_failures: usize,
+    frames: usize,
+}
+
+fn score_drive(run: &DriveRun, settle: f64) -> DriveScore {
     let mut score = DriveScore::default();
-    let scored: Vec<&FrameResult> = rows.iter().filter(|row| row.stamp_s >= settle).collect();
+    let scored = run.frames.iter().filter(|row| row.stamp_s >= settle);
+    let scored: Vec<&FrameResult> = scored.collect();
     let errors: Vec<[f64; 3]> = scored
         .iter()
         .filter_map(|row| row.pose_error())
@@ -136,7 +134,7 @@ fn score_drive(rows: &[FrameResult], kidnaps: &[f64], settle: f64) -> DriveScore
         score.std[axis] = (squares / count).sqrt();
         score.max[axis] = values().map(f64::abs).fold(0.0, f64::max);
     }
-    let silently = |row: &FrameResult| {
+    let is_undetected_failure = |row: &FrameResult| {
         row.mode == Mode::Tracking
             && !row.doubtful
             && row
@@ -144,34 +142,36 @@ fn score_drive(rows: &[FrameResult], kidnaps: &[f64], settle: f64) -> DriveScore
                 .is_some_and(|e| e[0].hypot(e[1]) >= UNDETECTED_FAILURE_ERROR)
     };
     for row in scored {
-        let piece = ((row.stamp_s - settle) / SEGMENT_S) as usize;
-        if score.segments.len() <= piece {
-            score.segments.resize(piece + 1, [0; 3]);
+        let index = ((row.stamp_s - settle) / SEGMENT_S) as usize;
+        if score.segments.len() <= index {
+            score.segments.resize(index + 1, SegmentCounts::default());
         }
-        let [lost, wrong, all] = &mut score.segments[piece];
-        *lost += usize::from(row.pose.is_none());
-        *wrong += usize::from(silently(row));
-        *all += 1;
+        let segment = &mut score.segments[index];
+        segment.lost += usize::from(row.pose.is_none());
+        segment.undetected_failures += usize::from(is_undetected_failure(row));
+        segment.frames += 1;
     }
-    score.recovery_times = kidnaps
+    score.recovery_times = run
+        .kidnaps
         .iter()
         .map(|&time| {
-            let right = |row: &&FrameResult| {
+            let is_recovered = |row: &&FrameResult| {
                 row.stamp_s > time
-                    && row.pose_error().is_some_and(|e| {
-                        e[0].hypot(e[1]) < RECOVERED_WITHIN.0 && e[2].abs() < RECOVERED_WITHIN.1
-                    })
+                    && row
+                        .pose_error()
+                        .is_some_and(|error| RECOVERED_WITHIN.contains(error))
             };
-            rows.iter()
-                .find(right)
+            run.frames
+                .iter()
+                .find(is_recovered)
                 .map_or(f64::INFINITY, |row| row.stamp_s - time)
         })
         .collect();
     score
 }
 
-/// Runs all of it; rows to CSV, figures back.
-pub fn run(
+/// Runs the drives; writes a CSV row for each frame and returns the metrics.
+pub(crate) fn run(
     drives: &Drives,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,
@@ -190,35 +190,27 @@ pub fn run(
         .flat_map(|cell| seeds.clone().map(move |seed| (cell, seed)))
         .collect();
     bar.set_length(jobs.len() as u64);
-    let runs: Vec<(Vec<FrameResult>, Vec<f64>)> = jobs
+    let runs: Vec<DriveRun> = jobs
         .par_iter()
         .map(|&(cell, seed)| {
             let (variant, preset) = cells[cell];
-            let scenario = variant.scenario.as_deref().context("no scenario")?;
-            let done = run_drive(&DriveJob {
-                scenario,
-                set: &variant.set,
-                preset,
-                config: &variant.config,
-                seed: Some(seed),
-                duration: None,
-            })
-            .with_context(|| format!("variant {:?}", variant.name));
+            let run = run_drive(variant, preset, seed)
+                .with_context(|| format!("variant {:?}", variant.name));
             bar.inc(1);
-            done
+            run
         })
         .collect::<Result<_>>()?;
     let mut scores: Vec<Vec<DriveScore>> = cells.iter().map(|_| Vec::new()).collect();
     rows.header("variant,method,seed,stamp_s,true_x_m,true_y_m,true_theta_rad,x_m,y_m,theta_rad,std_x_m,std_y_m,std_theta_rad,mode,line_points")?;
-    for (&(cell, seed), (drove, kidnaps)) in jobs.iter().zip(&runs) {
+    for (&(cell, seed), run) in jobs.iter().zip(&runs) {
         let (variant, preset) = cells[cell];
-        for row in drove {
+        for row in &run.frames {
             write_row(rows, &variant.name, preset, seed, row)?;
         }
-        scores[cell].push(score_drive(drove, kidnaps, drives.settle));
+        scores[cell].push(score_drive(run, drives.settle));
     }
-    let figures = cells.iter().zip(&scores);
-    Ok(figures
+    let scored_cells = cells.iter().zip(&scores);
+    Ok(scored_cells
         .flat_map(|(&(variant, preset), scores)| metrics_of(&variant.name, preset, scores))
         .collect())
 }
@@ -244,45 +236,57 @@ fn write_row(
 }
 
 fn metrics_of(variant: &str, method: &str, scores: &[DriveScore]) -> Vec<Metric> {
-    let each = |name, value: fn(&DriveScore) -> f64| {
+    let mean = |name, value: fn(&DriveScore) -> f64| {
         let values: Vec<f64> = scores.iter().map(value).collect();
         Metric::mean(variant, method, name, &values)
     };
-    let largest = |name, value: fn(&DriveScore) -> f64| {
+    let maximum = |name, value: fn(&DriveScore) -> f64| {
         let runs: Vec<f64> = scores.iter().map(value).collect();
         Metric::maximum(variant, method, name, &runs)
     };
-    let pieces = |which: usize| -> Vec<(usize, usize)> {
-        let pieces = scores.iter().flat_map(|score| &score.segments);
-        pieces.map(|piece| (piece[which], piece[2])).collect()
+    let segments = |hits: fn(&SegmentCounts) -> usize| -> Vec<(usize, usize)> {
+        let segments = scores.iter().flat_map(|score| &score.segments);
+        segments
+            .map(|counts| (hits(counts), counts.frames))
+            .collect()
     };
     let mut figures = vec![
-        each("mean |x|, cm", |score| 100.0 * score.mean[0]),
-        each("mean |y|, cm", |score| 100.0 * score.mean[1]),
-        each("mean |θ|, rad", |score| score.mean[2]),
-        each("σ of x, cm", |score| 100.0 * score.std[0]),
-        each("σ of y, cm", |score| 100.0 * score.std[1]),
-        each("σ of θ, rad", |score| score.std[2]),
-        largest("largest |x|, cm", |score| 100.0 * score.max[0]),
-        largest("largest |y|, cm", |score| 100.0 * score.max[1]),
-        largest("largest |θ|, rad", |score| score.max[2]),
-        Metric::clustered_proportion(variant, method, "lost, % of frames", &pieces(0)),
-        Metric::clustered_proportion(variant, method, "silently wrong, % of frames", &pieces(1)),
+        mean("mean |x|, cm", |score| 100.0 * score.mean[0]),
+        mean("mean |y|, cm", |score| 100.0 * score.mean[1]),
+        mean("mean |θ|, rad", |score| score.mean[2]),
+        mean("σ of x, cm", |score| 100.0 * score.std[0]),
+        mean("σ of y, cm", |score| 100.0 * score.std[1]),
+        mean("σ of θ, rad", |score| score.std[2]),
+        maximum("largest |x|, cm", |score| 100.0 * score.max[0]),
+        maximum("largest |y|, cm", |score| 100.0 * score.max[1]),
+        maximum("largest |θ|, rad", |score| score.max[2]),
+        Metric::clustered_proportion(variant, method, "lost, % of frames", &segments(|s| s.lost)),
+        Metric::clustered_proportion(
+            variant,
+            method,
+            "silently wrong, % of frames",
+            &segments(|s| s.undetected_failures),
+        ),
     ];
-    let back: Vec<f64> = scores
+    let times: Vec<f64> = scores
         .iter()
         .flat_map(|score| score.recovery_times.clone())
         .collect();
-    if !back.is_empty() {
-        let found: Vec<f64> = back.iter().copied().filter(|s| s.is_finite()).collect();
+    if !times.is_empty() {
+        let recovered: Vec<f64> = times.iter().copied().filter(|s| s.is_finite()).collect();
         figures.push(Metric::proportion(
             variant,
             method,
             "kidnaps found back, %",
-            found.len(),
-            back.len(),
+            recovered.len(),
+            times.len(),
         ));
-        figures.push(Metric::mean(variant, method, "found back after, s", &found));
+        figures.push(Metric::mean(
+            variant,
+            method,
+            "found back after, s",
+            &recovered,
+        ));
     }
     figures
 }

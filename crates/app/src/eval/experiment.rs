@@ -1,4 +1,4 @@
-//! What is to be shown? An experiment read from TOML: its parts, what each runs, and what the paper says of it.
+//! What does an experiment run? An experiment file (TOML): its parts, what each runs, and the paper's values.
 
 use std::path::{Path, PathBuf};
 
@@ -6,20 +6,23 @@ use anyhow::{Context, Result, bail};
 use localize::presets::PRESETS;
 use localize::synthetic::team_ball::ROBOTS;
 use serde::Deserialize;
+use sim::fusion_experiment::{Course, Estimator};
+
+use super::metric::PaperReference;
 
 /// An experiment file. Paths are relative to it.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Experiment {
+pub(crate) struct Experiment {
     /// Heading of its page.
     pub title: String,
-    /// The paper that it repeats.
+    /// The paper that it reproduces.
     #[serde(default)]
     pub source: String,
-    /// In what it differs from the paper's.
+    /// Differences from the paper's experiment.
     #[serde(default)]
     pub differs: Vec<String>,
-    /// Runs of each drive, with seeds that count up.
+    /// Runs of each drive, with consecutive seeds.
     #[serde(default = "default_seeds")]
     pub seeds: u64,
     /// Its parts, in the page's order.
@@ -33,62 +36,48 @@ fn default_seeds() -> u64 {
 /// One table and drawing of the page.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Part {
+pub(crate) struct Part {
     /// Name of its files.
     pub name: String,
     /// Heading.
     pub title: String,
-    /// What the paper says.
+    /// The paper's values.
     #[serde(default)]
     pub paper: Vec<PaperReference>,
     /// What is run.
     pub run: PartRun,
 }
 
-/// A number of the paper.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PaperReference {
-    /// Of which variant; of each if left out.
-    pub variant: Option<String>,
-    /// The figure's name, as `results.json` has it.
-    pub figure: String,
-    /// The value.
-    pub value: f64,
-    /// Its upper end, where the paper gives a range.
-    pub until: Option<f64>,
-    /// Where it stands: a section, table or figure.
-    pub place: String,
-}
-
 /// What a part runs.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum PartRun {
+pub(crate) enum PartRun {
     /// Simulated drives, rendered images included.
     Drives(Drives),
-    /// Single images on known spots, each located by itself.
+    /// Single images at known poses, each located without history.
     Stills(Stills),
-    /// Single sights on random places, located on the whole field; no images.
+    /// Synthetic line points at random poses, located on the whole field; no images.
     Searches(Searches),
-    /// Time of each stage, one core.
+    /// Time of each stage on one core.
     Times(Times),
-    /// Error over all places for one sight, and over headings.
+    /// Matching error over all positions, and histogram peaks over headings, for one set of line points.
     Landscape(Landscape),
-    /// What the eyes find of what is there, on recordings and simulated drives.
-    Eyes(VisionRuns),
-    /// Each way of fusing wheels, inertial unit and sights, on simulated drives without images.
+    /// Detection rates of vision, on recordings and simulated drives.
+    #[serde(rename = "eyes")]
+    Vision(VisionRuns),
+    /// Fusion of wheels, IMU and vision by each estimator, on simulated drives without images.
     Fusion(FusionRuns),
-    /// A ball far from everybody as each robot and the team know it, without images.
+    /// Error of a distant ball for each robot and for the team, without images.
     Team(TeamRuns),
-    /// The same rendered: a scenario with a squad.
-    Squad(MultiRobotRuns),
+    /// The same with rendered images: a scenario with several robots of ours.
+    #[serde(rename = "squad")]
+    MultiRobot(MultiRobotRuns),
 }
 
-/// What is looked at.
+/// Images for the detection rates.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct VisionRuns {
+pub(crate) struct VisionRuns {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Recording folders with truth.csv.
@@ -102,61 +91,61 @@ pub struct VisionRuns {
 /// A recording folder.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RecordingRun {
+pub(crate) struct RecordingRun {
     /// Its name in tables.
     pub name: String,
-    /// Where it lies.
+    /// Its path.
     pub folder: PathBuf,
 }
 
 /// Drives of `sim::fusion_experiment`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FusionRuns {
+pub(crate) struct FusionRuns {
     /// The robot's file, which names the field.
     pub robot: PathBuf,
-    /// What happens on the drives; all courses if left out.
+    /// Disturbances of the drives; all courses if left out.
     #[serde(default)]
-    pub courses: Vec<String>,
-    /// Who estimates; all estimators if left out.
+    pub courses: Vec<Course>,
+    /// Estimators to compare; all if left out.
     #[serde(default)]
-    pub estimators: Vec<String>,
+    pub estimators: Vec<Estimator>,
     /// Length of a drive, seconds.
     pub duration: f64,
 }
 
-/// Drawn drives of five robots around a ball.
+/// Synthetic drives of five robots around a ball.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TeamRuns {
+pub(crate) struct TeamRuns {
     /// Circumstances to compare.
     pub variants: Vec<TeamVariant>,
 }
 
-/// What the network and the team do; what is left out is `localize::synthetic::team_ball::Trial`'s own.
+/// Properties of network and team. Missing values are those of `localize::synthetic::team_ball::TeamExperiment`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TeamVariant {
+pub(crate) struct TeamVariant {
     /// Its name in tables.
     pub name: String,
-    /// Frames between two words of a robot, at 30 frames a second.
+    /// Images between two team messages of a robot, at 30 images per second.
     pub frames_per_word: Option<usize>,
-    /// Share of the words that are lost.
+    /// Share of lost messages.
     pub loss: Option<f32>,
-    /// Longest time that a word is under way, seconds.
+    /// Longest transmission time of a message, seconds.
     pub delay_max: Option<f32>,
-    /// Robots that lie.
+    /// Robots that send wrong reports.
     pub liars: Option<usize>,
-    /// Scored where the ball is farther than this from every honest robot, metres.
+    /// Only cycles count in which the ball is farther than this from every honest robot, metres.
     pub beyond: Option<f32>,
-    /// Seconds of each drive.
+    /// Length of each drive, seconds.
     pub seconds: Option<f32>,
 }
 
-/// Scenarios with a squad.
+/// Scenarios with several robots of ours.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MultiRobotRuns {
+pub(crate) struct MultiRobotRuns {
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Scenarios; each is run with every seed.
@@ -166,91 +155,113 @@ pub struct MultiRobotRuns {
 /// Each variant with each preset and seed.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Drives {
-    /// Scenario of variants that name none.
+pub(crate) struct Drives {
+    /// Scenario of the variants that name none.
     pub scenario: Option<PathBuf>,
     /// Settings to compare.
     pub presets: Vec<String>,
     /// Scenarios or changes to compare.
     pub variants: Vec<Variant>,
-    /// Seconds at the start that are not scored: the first search of the field is another experiment.
+    /// Seconds at the start that are not scored: the first global search is another experiment.
     #[serde(default)]
     pub settle: f64,
 }
 
-/// A drive under other circumstances.
+/// A scenario with changed values.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Variant {
+pub(crate) struct Variant {
     /// Its name in tables.
     pub name: String,
     /// Its scenario.
     pub scenario: Option<PathBuf>,
-    /// Values in place of the scenario's, table by table.
+    /// Values that override the scenario's.
     #[serde(default)]
     pub set: toml::Table,
-    /// Values in place of the preset's (the keys of `--config`).
+    /// Values that override the preset's (the keys of `--config`).
     #[serde(default)]
     pub config: toml::Table,
 }
 
-/// Images on spots.
+/// Images at given positions.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Stills {
+pub(crate) struct Stills {
     /// Field, robot, light.
     pub scenario: PathBuf,
     /// Settings to compare.
     pub presets: Vec<String>,
-    /// Places, metres.
+    /// Positions on the field, metres.
     pub spots: Vec<[f32; 2]>,
-    /// Images at each, one heading each, degrees.
+    /// Headings at each position, one image each, degrees.
     pub headings_deg: Vec<f32>,
 }
 
-/// Sights on random places of a field.
+/// Line points at random poses of a field.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Searches {
+pub(crate) struct Searches {
     /// The field.
     pub field: PathBuf,
-    /// Settings to compare; each preset's relocaliser is asked.
+    /// Settings to compare; each preset's global search runs.
     pub presets: Vec<String>,
-    /// How many sights.
+    /// Number of poses.
     pub count: usize,
-    /// Noise of the compass, degrees; without one, a pose counts up to the half turn.
+    /// Noise of the compass, degrees. Without a compass the pose rotated by 180° counts as correct too.
     pub compass_std_deg: Option<f32>,
 }
 
 /// Cycles of each stage.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Times {
+pub(crate) struct Times {
     /// The field.
     pub field: PathBuf,
-    /// How many cycles of each.
+    /// Cycles of each stage.
     pub cycles: usize,
-    /// Which stages, by their names in the table.
-    pub stages: Vec<super::times::Stage>,
+    /// The stages.
+    pub stages: Vec<Stage>,
 }
 
-/// One sight.
+/// A stage to measure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Stage {
+    /// Segmentation and line points of a 480 × 480 image, with the scan pattern of minho2016.
+    LinePoints,
+    /// One cycle of Monte Carlo localization, 600 particles, pose unknown.
+    MonteCarlo,
+    /// Matching by RPROP as in the paper.
+    MatchingRprop,
+    /// Matching by the default minimiser.
+    Matching,
+    /// Scan map over every cell of the field.
+    ScanMapGlobal,
+    /// Scan map over 4 m² around the last position.
+    ScanMapLocal,
+    /// Hough transform, pairs, correlation.
+    Hough,
+    /// Branch and bound without a prior.
+    Exact,
+}
+
+/// One set of line points.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Landscape {
+pub(crate) struct Landscape {
     /// The field.
     pub field: PathBuf,
-    /// Where the robot stands: metres, metres, degrees.
+    /// Pose of the robot: metres, metres, degrees.
     pub pose: [f32; 3],
-    /// Between two places, metres.
+    /// Grid step, metres.
     pub step: f32,
     /// c of the error function e = 1 − c²/(c² + d²), metres (minho2016 eq. 5).
     pub reach: f32,
 }
 
 impl Experiment {
-    /// Reads an experiment; its paths come back relative to the working folder.
-    pub fn load(path: &Path) -> Result<Self> {
+    /// Reads an experiment and makes its paths relative to the working folder.
+    pub(crate) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let mut experiment: Experiment =
@@ -267,16 +278,22 @@ impl Experiment {
 impl Part {
     fn resolve_paths(&mut self, folder: &Path) -> Result<()> {
         if self.name.is_empty() || self.name.contains(['/', '\\', '.']) {
-            bail!("its name must do as a file's name");
+            bail!(
+                "invalid name: {:?} (must not be empty or contain /, \\ or a dot)",
+                self.name
+            );
         }
-        let known = |presets: &[String]| match presets
+        let check_presets = |presets: &[String]| match presets
             .iter()
             .find(|name| !PRESETS.contains(&name.as_str()))
         {
-            Some(name) => bail!("there is no preset {name:?}"),
+            Some(name) => bail!(
+                "unknown preset: {name:?} (expected one of {})",
+                PRESETS.join(", ")
+            ),
             None => Ok(()),
         };
-        let found = |variants: &mut [Variant], common: Option<&PathBuf>| {
+        let resolve_scenarios = |variants: &mut [Variant], common: Option<&PathBuf>| {
             for variant in variants {
                 let Some(scenario) = variant.scenario.as_ref().or(common) else {
                     bail!("variant {:?} names no scenario", variant.name);
@@ -287,38 +304,37 @@ impl Part {
         };
         match &mut self.run {
             PartRun::Drives(drives) => {
-                known(&drives.presets)?;
-                found(&mut drives.variants, drives.scenario.as_ref())?;
+                check_presets(&drives.presets)?;
+                resolve_scenarios(&mut drives.variants, drives.scenario.as_ref())?;
             }
-            PartRun::Eyes(eyes) => {
-                known(&eyes.presets)?;
-                found(&mut eyes.variants, None)?;
-                for one in &mut eyes.recordings {
-                    one.folder = folder.join(&one.folder);
+            PartRun::Vision(vision) => {
+                check_presets(&vision.presets)?;
+                resolve_scenarios(&mut vision.variants, None)?;
+                for recording in &mut vision.recordings {
+                    recording.folder = folder.join(&recording.folder);
                 }
             }
-            PartRun::Squad(squad) => {
-                known(&squad.presets)?;
-                found(&mut squad.variants, None)?;
+            PartRun::MultiRobot(robots) => {
+                check_presets(&robots.presets)?;
+                resolve_scenarios(&mut robots.variants, None)?;
             }
-            PartRun::Fusion(fusion) => {
-                fusion.robot = folder.join(&fusion.robot);
-                super::fusion::check(fusion)?;
-            }
+            PartRun::Fusion(fusion) => fusion.robot = folder.join(&fusion.robot),
             PartRun::Team(team) => {
-                if let Some(one) = team.variants.iter().find(|one| one.liars >= Some(ROBOTS)) {
+                let honest_missing = |variant: &&TeamVariant| variant.liars >= Some(ROBOTS);
+                if let Some(variant) = team.variants.iter().find(honest_missing) {
                     bail!(
-                        "variant {:?}: a team of {ROBOTS} needs an honest robot",
-                        one.name
+                        "variant {:?}: too many liars: {} (expected fewer than {ROBOTS})",
+                        variant.name,
+                        variant.liars.unwrap_or_default()
                     );
                 }
             }
             PartRun::Stills(stills) => {
-                known(&stills.presets)?;
+                check_presets(&stills.presets)?;
                 stills.scenario = folder.join(&stills.scenario);
             }
             PartRun::Searches(searches) => {
-                known(&searches.presets)?;
+                check_presets(&searches.presets)?;
                 searches.field = folder.join(&searches.field);
             }
             PartRun::Times(times) => times.field = folder.join(&times.field),

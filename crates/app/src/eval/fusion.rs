@@ -1,6 +1,6 @@
-//! Which way of fusing knows the robot's place best? Every course with every seed, each estimator on the same samples.
+//! Which estimator is most accurate? Every course with every seed, each estimator on the same samples.
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use indicatif::ProgressBar;
 use localize::Field;
 use localize::robot::RobotConfig;
@@ -12,15 +12,8 @@ use super::experiment::FusionRuns;
 use super::metric::Metric;
 use super::output::CsvRows;
 
-/// Does it name courses and estimators that exist?
-pub fn check(fusion: &FusionRuns) -> Result<()> {
-    named(&Course::ALL, &fusion.courses)?;
-    named(&Estimator::ALL, &fusion.estimators)?;
-    Ok(())
-}
-
-/// Drives and judges; a row for each course, seed and estimator to CSV, figures over the seeds back.
-pub fn run(
+/// Runs the drives. Writes a CSV row for each course, seed and estimator; returns the metrics over the seeds.
+pub(crate) fn run(
     fusion: &FusionRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,
@@ -28,14 +21,14 @@ pub fn run(
 ) -> Result<Vec<Metric>> {
     let robot = RobotConfig::load(&fusion.robot)?;
     let field = Field::load(&robot.field)?;
-    let courses = named(&Course::ALL, &fusion.courses)?;
-    let estimators = named(&Estimator::ALL, &fusion.estimators)?;
+    let courses = selected_or_all(&fusion.courses, &Course::ALL);
+    let estimators = selected_or_all(&fusion.estimators, &Estimator::ALL);
     let jobs: Vec<(Course, u64)> = courses
         .iter()
         .flat_map(|&course| seeds.clone().map(move |seed| (course, seed)))
         .collect();
     bar.set_length(jobs.len() as u64);
-    let driven: Vec<Vec<FusionScore>> = jobs
+    let scores: Vec<Vec<FusionScore>> = jobs
         .par_iter()
         .map(|&(course, seed)| {
             let experiment = FusionExperiment {
@@ -51,30 +44,30 @@ pub fn run(
         })
         .collect::<Result<_>>()?;
     rows.header("variant,method,seed,frames,position_m,position_max_m,heading_deg,blind_m,after_hit_m,along_m,nees,nees_inside,searched,latency_s")?;
-    for (&(_, seed), found) in jobs.iter().zip(&driven) {
-        for row in found {
+    for (&(_, seed), job_scores) in jobs.iter().zip(&scores) {
+        for row in job_scores {
             write_row(rows, seed, row)?;
         }
     }
-    let all: Vec<&FusionScore> = driven.iter().flatten().collect();
+    let all: Vec<&FusionScore> = scores.iter().flatten().collect();
     let cells = courses
         .iter()
-        .flat_map(|&course| estimators.iter().map(move |&one| (course, one)));
+        .flat_map(|&course| estimators.iter().map(move |&estimator| (course, estimator)));
     Ok(cells
         .flat_map(|(course, estimator)| {
-            let mine = all.iter().copied();
-            let mine = mine.filter(|row| row.course == course && row.estimator == estimator);
+            let rows = all.iter().copied();
+            let rows = rows.filter(|row| row.course == course && row.estimator == estimator);
             metrics_of(
                 &snake_case_name(&course),
                 &snake_case_name(&estimator),
-                &mine.collect::<Vec<_>>(),
+                &rows.collect::<Vec<_>>(),
             )
         })
         .collect())
 }
 
 fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
-    let maybe = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
+    let cell = |value: Option<f32>| value.map_or_else(String::new, |value| format!("{value:.5}"));
     rows.row(format_args!(
         "{},{},{seed},{},{:.5},{:.5},{:.5},{},{},{:.5},{:.4},{:.4},{},{:.5}",
         snake_case_name(&row.course),
@@ -83,8 +76,8 @@ fn write_row(rows: &mut CsvRows, seed: u64, row: &FusionScore) -> Result<()> {
         row.position,
         row.position_max,
         row.heading_deg,
-        maybe(row.blind),
-        maybe(row.after_hit),
+        cell(row.blind),
+        cell(row.after_hit),
         row.along,
         row.nees,
         row.nees_inside,
@@ -117,7 +110,7 @@ fn metrics_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Metric>
             row.after_hit.map(|m| 100.0 * m)
         }),
         mean("along the way, cm", |row| Some(100.0 * row.along)),
-        // The wheels alone state no uncertainty.
+        // Wheel odometry alone gives no covariance.
         mean("NEES (3 is honest)", |row| {
             (row.nees > 0.0).then_some(row.nees)
         }),
@@ -136,23 +129,12 @@ fn metrics_of(variant: &str, method: &str, rows: &[&FusionScore]) -> Vec<Metric>
     figures
 }
 
-/// Those of all whose names are wanted; all, if none is.
-fn named<T: Copy + Serialize>(all: &[T], wanted: &[String]) -> Result<Vec<T>> {
-    if wanted.is_empty() {
-        return Ok(all.to_vec());
-    }
-    let find = |name: &String| {
-        let Some(&found) = all.iter().find(|one| snake_case_name(*one) == *name) else {
-            let known: Vec<String> = all.iter().map(snake_case_name).collect();
-            bail!("there is no {name:?}; there are {}", known.join(", "));
-        };
-        Ok(found)
-    };
-    wanted.iter().map(find).collect()
+fn selected_or_all<T: Copy>(selected: &[T], all: &[T]) -> Vec<T> {
+    if selected.is_empty() { all } else { selected }.to_vec()
 }
 
-/// As it is written in files.
-fn snake_case_name<T: Serialize>(one: &T) -> String {
-    let value = serde_json::to_value(one).unwrap_or_default();
+/// The variant's name in files.
+fn snake_case_name<T: Serialize>(variant: &T) -> String {
+    let value = serde_json::to_value(variant).unwrap_or_default();
     value.as_str().unwrap_or_default().to_owned()
 }

@@ -1,4 +1,4 @@
-//! How do error and histogram look about the truth? One sight, over all places under its heading, and over headings.
+//! What do the cost functions look like around the true pose? One set of line points, over all positions and over headings.
 
 use anyhow::{Result, ensure};
 use indicatif::ProgressBar;
@@ -13,18 +13,21 @@ use rand_chacha::ChaCha8Rng;
 use super::experiment::Landscape;
 use super::metric::Metric;
 use super::output::CsvRows;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
-/// Mean error of all points (minho2016 eq. 5 on the distance to the nearest marking) at each place, and the height of
-/// the histograms' peaks (V.B) at each heading; both in one file, told apart by `layer`.
-pub fn run(
+/// Mean error of all points (minho2016 eq. 5 on the distance to the nearest marking) at each position, and the height of
+/// the histograms' peaks (minho2016 V.B) at each heading. Both go into one file; column `layer` names the function.
+pub(crate) fn run(
     landscape: &Landscape,
     seed: u64,
     rows: &mut CsvRows,
     bar: &ProgressBar,
 ) -> Result<Vec<Metric>> {
     let Landscape { step, reach, .. } = *landscape;
-    ensure!(step > 0.0 && reach > 0.0, "step and reach must be positive");
+    ensure!(
+        step > 0.0 && reach > 0.0,
+        "invalid step or reach: {step}, {reach} (expected above 0)"
+    );
     let field = Field::load(&landscape.field)?;
     let distances = DistanceField::new(&field, &PipelineConfig::default().localize.distance_field);
     let [x, y, theta_deg] = landscape.pose;
@@ -32,7 +35,7 @@ pub fn run(
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let points = simulate_line_points(&field, &SyntheticDriveConfig::default(), truth, &mut rng);
     let (sin, cos) = truth.theta.sin_cos();
-    let turned: Vec<[f32; 2]> = points
+    let rotated: Vec<[f32; 2]> = points
         .iter()
         .map(|point| {
             let (x, y) = (point.at.x, point.at.y);
@@ -40,11 +43,11 @@ pub fn run(
         })
         .collect();
     let error = |x: f32, y: f32| -> f32 {
-        let each = turned.iter().map(|[px, py]| {
+        let errors = rotated.iter().map(|[px, py]| {
             let d = distances.nearest(x + px, y + py).signed_distance;
             1.0 - reach * reach / (reach * reach + d * d)
         });
-        each.sum::<f32>() / turned.len().max(1) as f32
+        errors.sum::<f32>() / rotated.len().max(1) as f32
     };
     let (half_x, half_y) = field.carpet_half_extent();
     let (columns, lines) = (
@@ -55,33 +58,33 @@ pub fn run(
     rows.header("layer,x_m,y_m,theta_rad,value")?;
     let mut best = (f32::MAX, 0.0, 0.0);
     for line in 0..=lines {
-        let at_y = -half_y + line as f32 * step;
+        let cell_y = -half_y + line as f32 * step;
         for column in 0..=columns {
-            let at_x = -half_x + column as f32 * step;
-            let value = error(at_x, at_y);
+            let cell_x = -half_x + column as f32 * step;
+            let value = error(cell_x, cell_y);
             if value < best.0 {
-                best = (value, at_x, at_y);
+                best = (value, cell_x, cell_y);
             }
             rows.row(format_args!(
-                "error,{at_x:.3},{at_y:.3},{:.6},{value:.5}",
+                "error,{cell_x:.3},{cell_y:.3},{:.6},{value:.5}",
                 truth.theta
             ))?;
         }
         bar.inc(1);
     }
     let config = HeadingHistogramConfig::default();
-    let turns = (config.search_range_deg / config.step_deg) as i32;
-    for turn in -turns..=turns {
-        let heading = truth.theta + (turn as f32 * config.step_deg).to_radians();
+    let steps = (config.search_range_deg / config.step_deg) as i32;
+    for offset in -steps..=steps {
+        let heading = truth.theta + (offset as f32 * config.step_deg).to_radians();
         let peak = histogram_peak(&points, heading, &config);
         rows.row(format_args!(
             "histogram,{x:.3},{y:.3},{heading:.6},{peak:.3}"
         ))?;
     }
-    // As the paper does, from a heading that is known to 20° only.
-    let last = truth.theta + 20f32.to_radians();
-    let heading = histogram_heading(&points, last, &config);
-    let off = heading.map(|heading| {
+    // As in the paper, from a prior heading with an error of 20°.
+    let prior_heading = truth.theta + 20f32.to_radians();
+    let heading = histogram_heading(&points, prior_heading, &config);
+    let heading_error = heading.map(|heading| {
         f64::from(localize::frames::wrap_angle(heading - truth.theta).abs()).to_degrees()
     });
     let distance = f64::from((best.1 - x).hypot(best.2 - y));
@@ -99,6 +102,6 @@ pub fn run(
             "error at the truth",
             Some(f64::from(error(x, y))),
         ),
-        Metric::without_interval("", "histogram", "heading off, °", off),
+        Metric::without_interval("", "histogram", "heading off, °", heading_error),
     ])
 }

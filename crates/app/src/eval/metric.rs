@@ -1,48 +1,77 @@
-//! What came out, and how sure is it? Figures with their interval, beside the paper's, in a file and in a table.
+//! How accurate is a result? Metrics with their intervals and the paper's values.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
-
-use super::experiment::PaperReference;
+use serde::{Deserialize, Serialize};
 
 /// A measured number.
 #[derive(Debug, Clone, Serialize)]
-pub struct Metric {
-    /// Circumstances; empty where there is one kind only.
+pub(crate) struct Metric {
+    /// Variant of the experiment; empty if there is only one.
     pub variant: String,
     /// Preset or stage.
     pub method: String,
-    /// What it is, unit included.
+    /// Its name with its unit.
     pub name: &'static str,
-    /// The value; none where nothing could be measured.
+    /// The value. None if nothing could be measured.
     pub value: Option<f64>,
     /// Its interval.
     pub interval: Option<Interval>,
-    /// What the paper says.
+    /// The paper's value.
     pub paper: Option<PaperValue>,
 }
 
-/// Where the value may lie.
+/// Interval of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Interval {
+pub(crate) struct Interval {
     /// Lower end.
     pub low: f64,
     /// Upper end.
     pub high: f64,
-    /// What lies in it: the true value with 95 % confidence, 90 % of all values, or the value of each run.
+    /// Its content: the true value with 95 % confidence, 90 % of all values, or the value of each run.
     pub kind: &'static str,
 }
 
-/// A number of the paper.
+/// A value of the paper, as an experiment file gives it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PaperReference {
+    /// Variant or method that it belongs to; all if left out.
+    pub variant: Option<String>,
+    /// The metric's name, as `results.json` has it.
+    pub figure: String,
+    /// The value.
+    pub value: f64,
+    /// Upper end, if the paper gives a range.
+    pub until: Option<f64>,
+    /// Section, table or figure of the paper.
+    pub place: String,
+}
+
+/// A value of the paper next to a metric.
 #[derive(Debug, Clone, Serialize)]
-pub struct PaperValue {
+pub(crate) struct PaperValue {
     /// The value.
     pub value: f64,
     /// Upper end of a range.
     pub until: Option<f64>,
-    /// Where it stands.
+    /// Section, table or figure of the paper.
     pub place: String,
+}
+
+/// Errors within which a pose counts as correct.
+pub(super) struct PoseTolerance {
+    /// Position, metres.
+    pub(super) position: f32,
+    /// Heading, radians.
+    pub(super) heading: f32,
+}
+
+impl PoseTolerance {
+    /// True if an error in x, y (metres) and heading (radians) is within the tolerance.
+    pub(super) fn contains(&self, [x, y, heading]: [f32; 3]) -> bool {
+        x.hypot(y) < self.position && heading.abs() < self.heading
+    }
 }
 
 const CONFIDENCE_LABEL: &str = "95 % confidence";
@@ -53,12 +82,12 @@ const STUDENT_T_95: [f64; 20] = [
     2.145, 2.131, 2.120, 2.110, 2.101, 2.093, 2.086,
 ];
 
-/// Of so many degrees of freedom; beyond 20 the normal distribution's 1.96 is near enough, 2.1 on the safe side.
+/// Beyond 20 degrees of freedom the value lies between 1.96 and 2.08; 2.1 bounds it.
 fn student_t_95(freedom: usize) -> f64 {
     STUDENT_T_95.get(freedom - 1).copied().unwrap_or(2.1)
 }
 
-/// Resamplings of a bootstrap: the ends of its interval are then good to some percent.
+/// Resamples of a bootstrap: the ends of its interval are accurate to some percent.
 const BOOTSTRAP_RESAMPLES: usize = 1000;
 
 fn sample_std(values: impl Iterator<Item = f64> + Clone) -> f64 {
@@ -69,7 +98,7 @@ fn sample_std(values: impl Iterator<Item = f64> + Clone) -> f64 {
 
 impl Metric {
     /// A number without an interval.
-    pub fn without_interval(
+    pub(crate) fn without_interval(
         variant: &str,
         method: &str,
         name: &'static str,
@@ -85,8 +114,8 @@ impl Metric {
         }
     }
 
-    /// The mean of independent values (one a run, not one a frame: frames of a run err alike).
-    pub fn mean(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
+    /// The mean of independent values: one per run, because errors within a run are correlated.
+    pub(crate) fn mean(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
         let count = values.len() as f64;
         let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / count);
         let interval = mean.filter(|_| values.len() > 1).map(|mean| {
@@ -108,8 +137,8 @@ impl Metric {
         }
     }
 
-    /// A share in percent, with Wilson's interval.
-    pub fn proportion(
+    /// A proportion in percent, with the Wilson score interval.
+    pub(crate) fn proportion(
         variant: &str,
         method: &str,
         name: &'static str,
@@ -132,50 +161,50 @@ impl Metric {
         figure
     }
 
-    /// A share or rate per hundred over pieces of runs, (hits, of how many) each, with the interval of a ratio of sums.
+    /// A proportion or rate in percent over clusters, (hits, count) each, with the interval of a ratio of sums.
     ///
-    /// What follows one another in a piece is alike and counts once: the pieces are the sample, not their frames. Where
-    /// all pieces agree on nothing or all, it is Wilson's interval over the pieces.
-    pub fn clustered_proportion(
+    /// The clusters are the sample, not their frames, which are correlated. If the clusters have no hits or only hits,
+    /// the interval is Wilson's over the clusters.
+    pub(crate) fn clustered_proportion(
         variant: &str,
         method: &str,
         name: &'static str,
-        pieces: &[(usize, usize)],
+        clusters: &[(usize, usize)],
     ) -> Self {
-        let pieces: Vec<(f64, f64)> = pieces
+        let clusters: Vec<(f64, f64)> = clusters
             .iter()
             .filter(|(_, count)| *count > 0)
             .map(|&(hits, count)| (hits as f64, count as f64))
             .collect();
         let mut figure = Metric::without_interval(variant, method, name, None);
-        let (hits, count) = pieces.iter().fold((0.0, 0.0), |(hits, count), piece| {
-            (hits + piece.0, count + piece.1)
+        let (hits, count) = clusters.iter().fold((0.0, 0.0), |(hits, count), cluster| {
+            (hits + cluster.0, count + cluster.1)
         });
-        if pieces.is_empty() {
+        if clusters.is_empty() {
             return figure;
         }
-        let (p, k) = (hits / count, pieces.len() as f64);
+        let (p, k) = (hits / count, clusters.len() as f64);
         figure.value = Some(100.0 * p);
         if hits == 0.0 || hits == count {
-            let all = if hits == 0.0 { 0 } else { pieces.len() };
-            figure.interval = Metric::proportion("", "", name, all, pieces.len()).interval;
-        } else if pieces.len() > 1 {
-            let squares: f64 = pieces.iter().map(|(h, n)| (h - p * n).powi(2)).sum();
-            let half = student_t_95(pieces.len() - 1) * (k / (k - 1.0) * squares).sqrt() / count;
-            // A share ends at all; a rate (several in a frame) does not.
-            let is_share = pieces.iter().all(|(hits, count)| hits <= count);
-            let most = if is_share { 1.0 } else { f64::INFINITY };
+            let all = if hits == 0.0 { 0 } else { clusters.len() };
+            figure.interval = Metric::proportion("", "", name, all, clusters.len()).interval;
+        } else if clusters.len() > 1 {
+            let squares: f64 = clusters.iter().map(|(h, n)| (h - p * n).powi(2)).sum();
+            let half = student_t_95(clusters.len() - 1) * (k / (k - 1.0) * squares).sqrt() / count;
+            // A proportion is at most 1; a rate (several in a frame) is not bounded.
+            let is_proportion = clusters.iter().all(|(hits, count)| hits <= count);
+            let upper_bound = if is_proportion { 1.0 } else { f64::INFINITY };
             figure.interval = Some(Interval {
                 low: 100.0 * (p - half).max(0.0),
-                high: 100.0 * (p + half).min(most),
+                high: 100.0 * (p + half).min(upper_bound),
                 kind: CONFIDENCE_LABEL,
             });
         }
         figure
     }
 
-    /// The largest of the runs' own largest, with the range of these.
-    pub fn maximum(variant: &str, method: &str, name: &'static str, runs: &[f64]) -> Self {
+    /// The maximum over the runs, with the range of the runs' maxima.
+    pub(crate) fn maximum(variant: &str, method: &str, name: &'static str, runs: &[f64]) -> Self {
         let high = runs.iter().copied().reduce(f64::max);
         let low = runs.iter().copied().reduce(f64::min);
         let interval = low.zip(high).filter(|_| runs.len() > 1);
@@ -189,67 +218,72 @@ impl Metric {
         }
     }
 
-    /// Standard deviation of independent values, with the interval of a thousand resamplings: errors have heavy tails, so
-    /// that the χ² of Gaussian ones would be too sure.
-    pub fn std_dev(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
+    /// Standard deviation of independent values, with a bootstrap interval: errors have heavy tails, for which the χ²
+    /// interval of Gaussian values is too narrow.
+    pub(crate) fn std_dev(variant: &str, method: &str, name: &'static str, values: &[f64]) -> Self {
         let mut figure = Metric::without_interval(variant, method, name, None);
         if values.len() < 2 {
             return figure;
         }
         figure.value = Some(sample_std(values.iter().copied()));
         let mut rng = ChaCha8Rng::seed_from_u64(1);
-        let mut drawn: Vec<f64> = (0..BOOTSTRAP_RESAMPLES)
+        let mut resampled: Vec<f64> = (0..BOOTSTRAP_RESAMPLES)
             .map(|_| {
-                let picked: Vec<f64> = values
+                let resample: Vec<f64> = values
                     .iter()
                     .map(|_| values[rng.random_range(0..values.len())])
                     .collect();
-                sample_std(picked.into_iter())
+                sample_std(resample.into_iter())
             })
             .collect();
-        drawn.sort_by(f64::total_cmp);
+        resampled.sort_by(f64::total_cmp);
         figure.interval = Some(Interval {
-            low: drawn[BOOTSTRAP_RESAMPLES / 40],
-            high: drawn[BOOTSTRAP_RESAMPLES - 1 - BOOTSTRAP_RESAMPLES / 40],
+            low: resampled[BOOTSTRAP_RESAMPLES / 40],
+            high: resampled[BOOTSTRAP_RESAMPLES - 1 - BOOTSTRAP_RESAMPLES / 40],
             kind: CONFIDENCE_LABEL,
         });
         figure
     }
 
-    /// The median, with the range of nine values in ten.
-    pub fn median(variant: &str, method: &str, name: &'static str, mut values: Vec<f64>) -> Self {
+    /// The median, with the range of the middle 90 % of the values.
+    pub(crate) fn median(
+        variant: &str,
+        method: &str,
+        name: &'static str,
+        mut values: Vec<f64>,
+    ) -> Self {
         values.sort_by(f64::total_cmp);
         let mut figure = Metric::without_interval(variant, method, name, None);
         if let Some(last) = values.len().checked_sub(1) {
-            let at = |share: f64| values[(share * last as f64).round() as usize];
-            figure.value = Some(at(0.5));
+            let quantile = |share: f64| values[(share * last as f64).round() as usize];
+            figure.value = Some(quantile(0.5));
             figure.interval = Some(Interval {
-                low: at(0.05),
-                high: at(0.95),
+                low: quantile(0.05),
+                high: quantile(0.95),
                 kind: "5 to 95 %",
             });
         }
         figure
     }
 
-    /// Puts the paper's number beside it, if the paper has one.
-    pub fn attach_paper_value(&mut self, stated: &[PaperReference]) {
-        let same = |one: &&PaperReference| {
-            one.figure == self.name
-                && one
+    /// Attaches the paper's value, if the paper has one.
+    pub(crate) fn attach_paper_value(&mut self, references: &[PaperReference]) {
+        let matches = |reference: &&PaperReference| {
+            reference.figure == self.name
+                && reference
                     .variant
                     .as_ref()
                     .is_none_or(|name| *name == self.variant || *name == self.method)
         };
-        self.paper = stated.iter().find(same).map(|one| PaperValue {
-            value: one.value,
-            until: one.until,
-            place: one.place.clone(),
+        self.paper = references.iter().find(matches).map(|reference| PaperValue {
+            value: reference.value,
+            until: reference.until,
+            place: reference.place.clone(),
         });
     }
 
     /// One line of the table on the terminal.
-    pub fn table_line(&self) -> String {
+    pub(crate) fn table_line(&self) -> String {
         let value = self.value.map_or_else(|| "–".to_owned(), format_value);
         let interval = self.interval.map_or_else(String::new, |interval| {
             format!(
@@ -274,7 +308,7 @@ impl Metric {
     }
 }
 
-/// Three or four digits that matter.
+/// Three or four significant digits.
 fn format_value(value: f64) -> String {
     let digits = match value.abs() {
         size if size >= 100.0 => 1,
@@ -310,17 +344,17 @@ mod tests {
 
     #[test]
     fn correlated_frames_of_a_segment_count_as_one_sample() {
-        // Ten pieces of a hundred frames, two of them wholly lost: as sure as two of ten, not as two hundred of thousand.
-        let pieces: Vec<(usize, usize)> =
+        // Ten clusters of 100 frames, two of them lost: a sample of 10, not of 1000.
+        let clusters: Vec<(usize, usize)> =
             (0..10).map(|k| (100 * usize::from(k < 2), 100)).collect();
-        let figure = Metric::clustered_proportion("", "", "%", &pieces);
-        let interval = figure.interval.expect("ten pieces");
+        let figure = Metric::clustered_proportion("", "", "%", &clusters);
+        let interval = figure.interval.expect("ten clusters");
         // 2.262 · sqrt(10/9 · (2·80² + 8·20²)) / 1000 = 30.2 %.
         assert!((figure.value.expect("counted") - 20.0).abs() < 1e-9);
         assert!((interval.high - 50.16).abs() < 0.05, "{interval:?}");
         assert_eq!(interval.low, 0.0);
-        let never = Metric::clustered_proportion("", "", "%", &[(0, 30); 4]).interval;
-        assert!((never.expect("four pieces").high - 49.0).abs() < 0.1);
+        let no_hits = Metric::clustered_proportion("", "", "%", &[(0, 30); 4]).interval;
+        assert!((no_hits.expect("four clusters").high - 49.0).abs() < 0.1);
         assert_eq!(
             Metric::clustered_proportion("", "", "%", &[(0, 0)]).value,
             None
@@ -342,7 +376,7 @@ mod tests {
 
     #[test]
     fn paper_value_is_attached_to_its_own_variant_only() {
-        let stated = [PaperReference {
+        let references = [PaperReference {
             variant: Some("half".to_owned()),
             figure: "cm".to_owned(),
             value: 7.0,
@@ -351,7 +385,7 @@ mod tests {
         }];
         let paper = |variant| {
             let mut figure = Metric::without_interval(variant, "default", "cm", Some(1.0));
-            figure.attach_paper_value(&stated);
+            figure.attach_paper_value(&references);
             figure.paper.map(|paper| paper.value)
         };
         assert_eq!((paper("half"), paper("none")), (Some(7.0), None));

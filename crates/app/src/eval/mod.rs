@@ -1,17 +1,17 @@
-//! `mirrorball eval`: do the papers' experiments come out, and how do our figures stand beside theirs?
+//! `mirrorball eval`: are the papers' results reproduced? Experiments from TOML files, their metrics next to the papers' values.
 
-pub mod drives;
-pub mod experiment;
-pub mod fusion;
-pub mod landscape;
-pub mod metric;
-pub mod output;
+pub(crate) mod drives;
+pub(crate) mod experiment;
+pub(crate) mod fusion;
+pub(crate) mod landscape;
+pub(crate) mod metric;
+pub(crate) mod output;
 mod page;
-pub mod searches;
-pub mod stills;
-pub mod team;
-pub mod times;
-pub mod vision;
+pub(crate) mod searches;
+pub(crate) mod stills;
+pub(crate) mod team;
+pub(crate) mod times;
+pub(crate) mod vision;
 
 use std::path::{Path, PathBuf};
 
@@ -23,28 +23,28 @@ use experiment::{Experiment, Part, PartRun};
 use output::{CsvRows, EvalResults, PartResults};
 use pipeline::paths;
 
-/// Run a paper's experiments again and set our figures beside its own: tables, CSV and one HTML page.
+/// Reproduce a paper's experiments and compare our figures with its own: tables, CSV and one HTML page.
 ///
-/// The same seeds give the same figures, but for times.
+/// The same seeds give the same figures, except times.
 #[derive(clap::Args)]
 #[command(after_help = "Example: mirrorball eval lima2001 --out out/lima2001\n\
-                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, all) or a file of your own.")]
-pub struct Args {
+                  NAME is one of config/experiments (lima2001, minho2016, nubot2013, eyes, fusion, team, all) or the path of a TOML file.")]
+pub(crate) struct Args {
     /// The experiment.
     name: String,
-    /// Where tables and page go.
+    /// Folder for tables and page.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Runs of each drive, in place of the experiment's.
+    /// Runs of each drive; overrides the experiment's number.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000))]
     seeds: Option<u64>,
     /// The first seed.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Only the parts whose name contains this.
+    /// Run only the parts whose name contains this.
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
-    /// A Python interpreter, or the folder of a virtual environment, for the page (default: $VIRTUAL_ENV, else the build's).
+    /// Python interpreter or folder of a virtual environment, for the page (default: $VIRTUAL_ENV, else the build's).
     #[arg(long, value_name = "PATH")]
     python: Option<PathBuf>,
 }
@@ -58,25 +58,29 @@ struct Outcome<'a> {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     let path = find_experiment(&args.name)?;
     let experiment = Experiment::load(&path)?;
-    let asked = |part: &&Part| part.name.contains(&args.only);
-    if !experiment.parts.iter().any(|part| asked(&part)) {
+    let selected = |part: &&Part| part.name.contains(&args.only);
+    if !experiment.parts.iter().any(|part| selected(&part)) {
         return Err(UsageError(format!("no part's name contains {:?}", args.only)).into());
     }
     if let Some(python) = args.python.as_deref().filter(|path| !path.exists()) {
-        return Err(UsageError(format!("{}: there is no such Python", python.display())).into());
+        return Err(UsageError(format!(
+            "--python {}: no such file or folder",
+            python.display()
+        ))
+        .into());
     }
     std::fs::create_dir_all(&args.out)
         .with_context(|| format!("cannot write {}", args.out.display()))?;
-    let last = args
+    let seeds_end = args
         .seed
         .checked_add(args.seeds.unwrap_or(experiment.seeds))
-        .context("seeds end at 2^64")?;
-    let mut done = Vec::new();
-    for part in experiment.parts.iter().filter(asked) {
-        done.push(run_part(part, args.seed..last, &args.out)?);
+        .context("seed too large (expected first seed + runs <= 2^64 - 1)")?;
+    let mut parts = Vec::new();
+    for part in experiment.parts.iter().filter(selected) {
+        parts.push(run_part(part, args.seed..seeds_end, &args.out)?);
     }
     let name = path
         .file_stem()
@@ -87,15 +91,15 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
         source: experiment.source.clone(),
         differs: experiment.differs.clone(),
         version: env!("CARGO_PKG_VERSION"),
-        machine: crate::commands::bench::machine(),
-        seeds: [args.seed, last],
-        parts: done,
+        machine: crate::machine::machine(),
+        seeds: [args.seed, seeds_end],
+        parts,
     };
     results.write(&args.out)?;
     let page = match page::write(&args.out, args.python.as_deref()) {
         Ok(page) => Some(page),
         Err(error) => {
-            eprintln!("mirrorball: no page, the tables are complete: {error:#}");
+            eprintln!("mirrorball: cannot draw the page: {error:#}. The tables are complete");
             None
         }
     };
@@ -112,14 +116,16 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     Ok(())
 }
 
-/// A file, or the name of one of ours.
+/// The path of an experiment file, from a path or a name in config/experiments.
 fn find_experiment(name: &str) -> Result<PathBuf> {
     let file = Path::new(name);
     if file.extension().is_some() {
         return Ok(file.to_owned());
     }
     if name.is_empty() || name.contains(['/', '\\']) {
-        bail!("{name:?} is neither an experiment's name nor a TOML file");
+        bail!(
+            "invalid experiment: {name:?} (expected a name in config/experiments or a TOML file)"
+        );
     }
     let folder = paths::find_resource("config/experiments")?;
     let file = folder.join(format!("{name}.toml"));
@@ -132,7 +138,10 @@ fn find_experiment(name: &str) -> Result<PathBuf> {
         .filter_map(|entry| Some(entry.path().file_stem()?.to_string_lossy().into_owned()))
         .collect();
     known.sort();
-    bail!("there is no experiment {name:?}, but {}", known.join(", "))
+    bail!(
+        "unknown experiment: {name:?} (expected one of {})",
+        known.join(", ")
+    )
 }
 
 fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<PartResults> {
@@ -150,10 +159,10 @@ fn run_part(part: &Part, seeds: std::ops::Range<u64>, folder: &Path) -> Result<P
             "landscape",
             landscape::run(landscape, seed, &mut rows, &bar),
         ),
-        PartRun::Eyes(eyes) => ("eyes", vision::run(eyes, seeds, &mut rows, &bar)),
+        PartRun::Vision(runs) => ("eyes", vision::run(runs, seeds, &mut rows, &bar)),
         PartRun::Fusion(fusion) => ("fusion", fusion::run(fusion, seeds, &mut rows, &bar)),
         PartRun::Team(team) => ("team", team::run_synthetic(team, seeds, &mut rows, &bar)),
-        PartRun::Squad(squad) => ("team", team::run_rendered(squad, seeds, &mut rows, &bar)),
+        PartRun::MultiRobot(runs) => ("team", team::run_rendered(runs, seeds, &mut rows, &bar)),
     };
     bar.finish_and_clear();
     let mut figures = figures.with_context(|| format!("part {:?}", part.name))?;

@@ -1,4 +1,4 @@
-//! Where do results go? One CSV per part, results.json for the page, a table for the terminal.
+//! Where are results written? One CSV per part, results.json for the page, a table for the terminal.
 
 use std::path::{Path, PathBuf};
 
@@ -8,59 +8,59 @@ use serde::Serialize;
 use super::metric::Metric;
 use pipeline::csv_table::CsvWriter;
 
-/// The rows of one part, written when the first comes.
-pub struct CsvRows {
+/// The CSV file of one part, created with its header.
+pub(crate) struct CsvRows {
     path: PathBuf,
     file: Option<CsvWriter>,
 }
 
 impl CsvRows {
-    /// Will be written to `path`.
-    pub fn new(path: PathBuf) -> Self {
+    /// A file at `path` that does not exist yet.
+    pub(crate) fn new(path: PathBuf) -> Self {
         CsvRows { path, file: None }
     }
 
     /// Starts the file.
-    pub fn header(&mut self, header: &str) -> Result<()> {
+    pub(crate) fn header(&mut self, header: &str) -> Result<()> {
         self.file = Some(CsvWriter::create(&self.path, header)?);
         Ok(())
     }
 
     /// Adds a row.
-    pub fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
+    pub(crate) fn row(&mut self, row: std::fmt::Arguments<'_>) -> Result<()> {
         self.file
             .as_mut()
             .context("rows before their header")?
             .write_row(row)
     }
 
-    /// Gives the file its name.
-    pub fn finish(self) -> Result<()> {
+    /// Completes the file.
+    pub(crate) fn finish(self) -> Result<()> {
         self.file.map_or(Ok(()), CsvWriter::finish)
     }
 }
 
-/// A text as one field of a CSV, whatever is in it.
-pub fn csv_quote(text: &str) -> String {
+/// A text as one quoted CSV field.
+pub(crate) fn csv_quote(text: &str) -> String {
     format!("\"{}\"", text.replace('"', "\"\""))
 }
 
-/// What the page is made of.
+/// Content of results.json.
 #[derive(Debug, Serialize)]
-pub struct EvalResults {
+pub(crate) struct EvalResults {
     /// The experiment's name.
     pub name: String,
     /// Its heading.
     pub title: String,
     /// The paper.
     pub source: String,
-    /// In what it differs.
+    /// Differences from the paper's experiment.
     pub differs: Vec<String>,
     /// Version of this program.
     pub version: &'static str,
     /// Processor.
     pub machine: String,
-    /// First seed and one behind the last.
+    /// First seed, and the last plus one.
     pub seeds: [u64; 2],
     /// The parts.
     pub parts: Vec<PartResults>,
@@ -68,14 +68,14 @@ pub struct EvalResults {
 
 /// One part's figures.
 #[derive(Debug, Serialize)]
-pub struct PartResults {
+pub(crate) struct PartResults {
     /// Its name.
     pub name: String,
     /// Its heading.
     pub title: String,
-    /// What was run, which decides the drawing.
+    /// Kind of the part, by which the page draws it.
     pub kind: &'static str,
-    /// Its rows, beside results.json.
+    /// Name of its CSV file in the folder of results.json.
     pub rows: String,
     /// Its figures.
     pub figures: Vec<Metric>,
@@ -83,7 +83,7 @@ pub struct PartResults {
 
 impl EvalResults {
     /// Writes results.json and figures.csv.
-    pub fn write(&self, folder: &Path) -> Result<()> {
+    pub(crate) fn write(&self, folder: &Path) -> Result<()> {
         let path = folder.join("results.json");
         let text = serde_json::to_string_pretty(self)?;
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
@@ -115,8 +115,8 @@ impl EvalResults {
         table.finish()
     }
 
-    /// Prints every figure beside the paper's.
-    pub fn print(&self) {
+    /// Prints every figure next to the paper's.
+    pub(crate) fn print(&self) {
         println!("{}", self.title);
         for part in &self.parts {
             println!("\n{}", part.title);
@@ -129,9 +129,9 @@ impl EvalResults {
             }
         }
         if !self.differs.is_empty() {
-            println!("\nNot as in the paper:");
-            for one in &self.differs {
-                println!("- {one}");
+            println!("\nDifferences from the paper:");
+            for difference in &self.differs {
+                println!("- {difference}");
             }
         }
     }

@@ -1,10 +1,10 @@
-//! How do the figures become a page? The Python package draws it; without Python the tables stand alone.
+//! How is the HTML page made? The Python package draws it; without Python there are only the tables.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 
-/// Draws index.html from results.json and the rows beside it.
+/// Draws index.html from results.json and the CSV files in its folder.
 #[cfg(feature = "python")]
 pub(super) fn write(folder: &Path, interpreter: Option<&Path>) -> Result<PathBuf> {
     use pyo3::prelude::*;
@@ -13,9 +13,9 @@ pub(super) fn write(folder: &Path, interpreter: Option<&Path>) -> Result<PathBuf
 
     python::start(interpreter)?;
     let page = Python::attach(|py| -> PyResult<String> {
-        let proof = py.import("mirrorball.proof")?;
+        let evaluation = py.import("mirrorball.evaluation")?;
         let folder = folder.display().to_string();
-        proof
+        evaluation
             .call_method1("write_page", (folder,))?
             .str()?
             .extract()
@@ -25,8 +25,8 @@ pub(super) fn write(folder: &Path, interpreter: Option<&Path>) -> Result<PathBuf
     page.map(PathBuf::from)
 }
 
-/// This build has no Python.
+/// Fails: this build has no Python.
 #[cfg(not(feature = "python"))]
 pub(super) fn write(_: &Path, _: Option<&Path>) -> Result<PathBuf> {
-    anyhow::bail!("this mirrorball was built without Python")
+    anyhow::bail!("built without Python. Build with the feature `python`")
 }

@@ -1,4 +1,4 @@
-//! Does one sight find its place on the whole field? Each preset's relocaliser on random places, without images.
+//! Does the global search find the pose from one set of line points? Each preset's search at random poses, without images.
 
 use std::time::Instant;
 
@@ -8,23 +8,25 @@ use localize::frames::wrap_angle;
 use localize::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, half_turn};
 use localize::global_search::{GlobalSearch, SearchInput};
 use localize::matching::Matcher;
-use localize::synthetic::drive::{
-    SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
-};
+use localize::random::standard_normal;
+use localize::synthetic::drive::{SyntheticDriveConfig, random_pose, simulate_line_points};
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::experiment::Searches;
-use super::metric::Metric;
+use super::metric::{Metric, PoseTolerance};
 use super::output::CsvRows;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
-/// A pose this near is the right one, metres and radians (5°).
-const CORRECT_WITHIN: (f32, f32) = (0.25, 0.087);
+/// A pose within these errors is correct: metres, radians (5°).
+const CORRECT_WITHIN: PoseTolerance = PoseTolerance {
+    position: 0.25,
+    heading: 0.087,
+};
 
-/// Asks each preset's relocaliser about the same sights, one after the other, so that times mean something.
-pub fn run(
+/// Runs each preset's search on the same line points, one after the other, so that times are comparable.
+pub(crate) fn run(
     searches: &Searches,
     seed: u64,
     rows: &mut CsvRows,
@@ -34,7 +36,7 @@ pub fn run(
     let compass = searches.compass_std_deg.map(f32::to_radians);
     let drive = SyntheticDriveConfig::default();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let sights: Vec<_> = (0..searches.count)
+    let trials: Vec<_> = (0..searches.count)
         .map(|_| {
             let truth = random_pose(&field, &mut rng);
             let points = simulate_line_points(&field, &drive, truth, &mut rng);
@@ -45,7 +47,7 @@ pub fn run(
             (truth, points, prior)
         })
         .collect();
-    bar.set_length((searches.presets.len() * sights.len()) as u64);
+    bar.set_length((searches.presets.len() * trials.len()) as u64);
     rows.header("method,number,true_x_m,true_y_m,true_theta_rad,x_m,y_m,theta_rad,right")?;
     let mut figures = Vec::new();
     for preset in &searches.presets {
@@ -53,11 +55,12 @@ pub fn run(
         let distances = DistanceField::new(&field, &config.distance_field);
         let mut search = BranchAndBound::new(&field, &distances, config.branch_and_bound.clone());
         let mut matcher = Matcher::new(config.matching.clone());
-        let mut relocaliser = GlobalSearch::new(&field, &distances, &config.global_search);
-        let (mut right, mut off, mut times) = (0, [Vec::new(), Vec::new(), Vec::new()], Vec::new());
-        for (number, (truth, points, prior)) in sights.iter().enumerate() {
-            relocaliser.reset();
-            let sight = SearchInput {
+        let mut global_search = GlobalSearch::new(&field, &distances, &config.global_search);
+        let (mut correct, mut errors, mut times) =
+            (0, [Vec::new(), Vec::new(), Vec::new()], Vec::new());
+        for (number, (truth, points, prior)) in trials.iter().enumerate() {
+            global_search.reset();
+            let input = SearchInput {
                 distances: &distances,
                 points,
                 heading_prior: *prior,
@@ -65,21 +68,21 @@ pub fn run(
                 goals: &[],
             };
             let started = Instant::now();
-            let found = relocaliser.find_hypotheses(&mut search, &mut matcher, &sight);
+            let hypotheses = global_search.find_hypotheses(&mut search, &mut matcher, &input);
             times.push(started.elapsed().as_secs_f64() * 1e3);
             bar.inc(1);
             let [x, y, theta] = [truth.x, truth.y, truth.theta];
-            let Some(pose) = found.first().map(|one| one.pose) else {
+            let Some(pose) = hypotheses.first().map(|hypothesis| hypothesis.pose) else {
                 rows.row(format_args!(
                     "{preset},{number},{x:.5},{y:.5},{theta:.6},,,,0"
                 ))?;
                 continue;
             };
             let error = match pose_error(pose, *truth) {
-                error if prior.is_some() || is_correct(error) => error,
-                _ => self::pose_error(half_turn(pose), *truth),
+                error if prior.is_some() || CORRECT_WITHIN.contains(error) => error,
+                _ => pose_error(half_turn(pose), *truth),
             };
-            let hit = is_correct(error);
+            let hit = CORRECT_WITHIN.contains(error);
             rows.row(format_args!(
                 "{preset},{number},{x:.5},{y:.5},{theta:.6},{:.5},{:.5},{:.6},{}",
                 pose.x,
@@ -88,8 +91,8 @@ pub fn run(
                 u8::from(hit)
             ))?;
             if hit {
-                right += 1;
-                for (values, value) in off.iter_mut().zip(error) {
+                correct += 1;
+                for (values, value) in errors.iter_mut().zip(error) {
                     values.push(f64::from(value.abs()));
                 }
             }
@@ -99,27 +102,32 @@ pub fn run(
             "",
             preset,
             "right, %",
-            right,
-            sights.len(),
+            correct,
+            trials.len(),
         ));
         figures.push(Metric::mean(
             "",
             preset,
             "mean |x| of these, cm",
-            &centimetres(&off[0]),
+            &centimetres(&errors[0]),
         ));
         figures.push(Metric::mean(
             "",
             preset,
             "mean |y| of these, cm",
-            &centimetres(&off[1]),
+            &centimetres(&errors[1]),
         ));
-        figures.push(Metric::mean("", preset, "mean |θ| of these, rad", &off[2]));
+        figures.push(Metric::mean(
+            "",
+            preset,
+            "mean |θ| of these, rad",
+            &errors[2],
+        ));
         figures.push(Metric::median("", preset, "time, ms", times));
     }
     (!figures.is_empty())
         .then_some(figures)
-        .context("it names no preset")
+        .context("searches: no presets (expected at least one)")
 }
 
 fn pose_error(pose: Pose, truth: Pose) -> [f32; 3] {
@@ -128,8 +136,4 @@ fn pose_error(pose: Pose, truth: Pose) -> [f32; 3] {
         pose.y - truth.y,
         wrap_angle(pose.theta - truth.theta),
     ]
-}
-
-fn is_correct(error: [f32; 3]) -> bool {
-    error[0].hypot(error[1]) < CORRECT_WITHIN.0 && error[2].abs() < CORRECT_WITHIN.1
 }

@@ -1,4 +1,4 @@
-//! Where does a single image say the robot is? Rendered on known spots, located without any history.
+//! How accurate is the pose from a single image? Images rendered at known poses, located without history.
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
@@ -8,15 +8,15 @@ use super::drives::{FrameResult, frame_result};
 use super::experiment::Stills;
 use super::metric::Metric;
 use super::output::CsvRows;
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::sample::Sample;
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// An error beyond this is another place, not an inaccurate one, metres.
+/// Position error from which a pose counts as an outlier, metres.
 const OUTLIER_DISTANCE: f32 = 0.5;
 
 /// Renders and locates each still; a still's seed counts up from `seed`.
-pub fn run(
+pub(crate) fn run(
     stills: &Stills,
     seed: u64,
     rows: &mut CsvRows,
@@ -29,12 +29,12 @@ pub fn run(
         }
     }
     bar.set_length(jobs.len() as u64);
-    let located: Vec<Vec<FrameResult>> = jobs
+    let results: Vec<Vec<FrameResult>> = jobs
         .par_iter()
         .map(|&(_, place, seed)| {
-            let found = locate_still(stills, place, seed);
+            let located = locate_still(stills, place, seed);
             bar.inc(1);
-            found
+            located
         })
         .collect::<Result<_>>()?;
     rows.header(
@@ -44,8 +44,8 @@ pub fn run(
     for (index, preset) in stills.presets.iter().enumerate() {
         let mut errors = Vec::new();
         let mut outliers = 0;
-        for (&(spot, _, seed), found) in jobs.iter().zip(&located) {
-            let row = &found[index];
+        for (&(spot, _, seed), located) in jobs.iter().zip(&results) {
+            let row = &located[index];
             let [tx, ty, tt] = row.truth;
             let (mode, points) = (pipeline::result_files::mode_name(row.mode), row.line_points);
             let Some((pose, error)) = row.pose.zip(row.pose_error()) else {
@@ -69,7 +69,7 @@ pub fn run(
     Ok(figures)
 }
 
-/// One image, located with each preset.
+/// Renders one image and locates it with each preset; `place`: x, y (metres), heading (degrees).
 fn locate_still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<FrameResult>> {
     let [x, y, theta_deg] = place.map(f64::from);
     let start = toml::toml! { x = x  y = y  theta_deg = theta_deg };
@@ -78,9 +78,9 @@ fn locate_still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<Frame
     let setup = simulation.setup()?;
     let mut samples: Vec<Sample> = Vec::new();
     for sample in simulation {
-        let frame = matches!(sample, Sample::Image(_));
+        let is_image = matches!(sample, Sample::Image(_));
         samples.push(sample);
-        if frame {
+        if is_image {
             break;
         }
     }
@@ -88,10 +88,10 @@ fn locate_still(stills: &Stills, place: [f32; 3], seed: u64) -> Result<Vec<Frame
         .presets
         .iter()
         .map(|preset| {
-            let mut spine = Pipeline::new(&setup, &PipelineConfig::preset(preset)?)?;
+            let mut pipeline = Pipeline::new(&setup, &PipelineConfig::preset(preset)?)?;
             let cycle = samples
                 .iter()
-                .find_map(|sample| spine.process_sample(sample.clone()));
+                .find_map(|sample| pipeline.process_sample(sample.clone()));
             cycle
                 .as_ref()
                 .and_then(frame_result)

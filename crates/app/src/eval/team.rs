@@ -1,4 +1,4 @@
-//! How much better does the team know a far ball than its best robot? Drawn drives by the thousand, rendered ones to check.
+//! How much more accurate is the team's distant ball than the best robot's? Synthetic drives, and rendered ones as a check.
 
 use anyhow::{Context, Result};
 use indicatif::ProgressBar;
@@ -8,24 +8,25 @@ use rayon::prelude::*;
 use super::experiment::{MultiRobotRuns, TeamRuns, TeamVariant, Variant};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
-use pipeline::cycle::{PipelineConfig, apply_overlay};
+use pipeline::PipelineConfig;
+use pipeline::config::apply_overlay;
 use pipeline::multi_robot::{MultiRobotSimulation, RobotSummary};
 use pipeline::simulation::load_scenario_with_overrides;
 
-/// One run of a team: mean errors of the ball, metres.
+/// Mean errors of the ball in one run, metres.
 struct BallErrors {
-    /// By each robot alone.
+    /// Of each robot alone.
     single_robots: Vec<f64>,
-    /// By the team.
+    /// Of the team.
     team: Option<f64>,
-    /// Squared error of the team's ball in its own standard deviations, where it was scored.
+    /// Normalized estimation error squared of the team's ball, if it was scored.
     nees: Option<f64>,
 }
 
 const HEADER: &str = "variant,method,seed,robot,error_m";
 
-/// Plays drawn drives, without images.
-pub fn run_synthetic(
+/// Runs synthetic drives without images.
+pub(crate) fn run_synthetic(
     team: &TeamRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,
@@ -52,17 +53,17 @@ pub fn run_synthetic(
 }
 
 fn team_experiment(variant: &TeamVariant) -> TeamExperiment {
-    let usual = TeamExperiment::default();
+    let default = TeamExperiment::default();
     TeamExperiment {
         frames_per_message: variant
             .frames_per_word
-            .unwrap_or(usual.frames_per_message)
+            .unwrap_or(default.frames_per_message)
             .max(1),
-        loss: variant.loss.unwrap_or(usual.loss),
-        delay_max: variant.delay_max.unwrap_or(usual.delay_max),
-        faulty_robots: variant.liars.unwrap_or(usual.faulty_robots),
-        ball_distance_min: variant.beyond.unwrap_or(usual.ball_distance_min),
-        seconds: variant.seconds.unwrap_or(usual.seconds),
+        loss: variant.loss.unwrap_or(default.loss),
+        delay_max: variant.delay_max.unwrap_or(default.delay_max),
+        faulty_robots: variant.liars.unwrap_or(default.faulty_robots),
+        ball_distance_min: variant.beyond.unwrap_or(default.ball_distance_min),
+        seconds: variant.seconds.unwrap_or(default.seconds),
     }
 }
 
@@ -80,29 +81,29 @@ fn ball_errors(score: &BallScore) -> BallErrors {
     }
 }
 
-/// Plays scenarios with a squad, images included; a squad uses all cores by itself.
-pub fn run_rendered(
-    squads: &MultiRobotRuns,
+/// Runs rendered scenarios one after the other: each uses all cores.
+pub(crate) fn run_rendered(
+    scenarios: &MultiRobotRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,
     bar: &ProgressBar,
 ) -> Result<Vec<Metric>> {
     bar.set_length(
-        (squads.variants.len() * squads.presets.len()) as u64 * (seeds.end - seeds.start),
+        (scenarios.variants.len() * scenarios.presets.len()) as u64 * (seeds.end - seeds.start),
     );
     rows.header(HEADER)?;
     let seeds: Vec<u64> = seeds.collect();
     let mut figures = Vec::new();
-    for variant in &squads.variants {
-        for preset in &squads.presets {
+    for variant in &scenarios.variants {
+        for preset in &scenarios.presets {
             let mut runs = Vec::new();
             for &seed in &seeds {
-                let fared = play_scenario(variant, preset, seed)
+                let summaries = run_scenario(variant, preset, seed)
                     .with_context(|| format!("variant {:?}", variant.name))?;
                 bar.inc(1);
-                runs.push(BallErrors::from_summaries(&fared));
+                runs.push(BallErrors::from_summaries(&summaries));
             }
-            let name = match squads.presets.len() {
+            let name = match scenarios.presets.len() {
                 1 => variant.name.clone(),
                 _ => format!("{}, {preset}", variant.name),
             };
@@ -113,24 +114,25 @@ pub fn run_rendered(
     Ok(figures)
 }
 
-fn play_scenario(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<RobotSummary>> {
+fn run_scenario(variant: &Variant, preset: &str, seed: u64) -> Result<Vec<RobotSummary>> {
     let path = variant.scenario.as_deref().context("no scenario")?;
     let (scenario, _) = load_scenario_with_overrides(path, &variant.set, Some(seed))?;
     let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
-    MultiRobotSimulation::new((path, &scenario), &config, scenario.duration, None)?.run(|_| ())
+    MultiRobotSimulation::new((path, &scenario), &config, scenario.duration, None)?
+        .run(|_| Ok(std::ops::ControlFlow::Continue(())))
 }
 
 impl BallErrors {
-    fn from_summaries(fared: &[RobotSummary]) -> Self {
-        let alone = fared
+    fn from_summaries(summaries: &[RobotSummary]) -> Self {
+        let single_robots = summaries
             .iter()
-            .filter_map(|one| Some(one.own_far_ball_m?.mean));
-        let team: Vec<f64> = fared
+            .filter_map(|robot| Some(robot.own_far_ball_m?.mean));
+        let team: Vec<f64> = summaries
             .iter()
-            .filter_map(|one| Some(one.team_far_ball_m?.mean))
+            .filter_map(|robot| Some(robot.team_far_ball_m?.mean))
             .collect();
         BallErrors {
-            single_robots: alone.collect(),
+            single_robots: single_robots.collect(),
             team: (!team.is_empty()).then(|| team.iter().sum::<f64>() / team.len() as f64),
             nees: None,
         }

@@ -1,4 +1,4 @@
-//! How long does a cycle take? Each stage alone on one core, cycle by cycle, so that the slow ones are seen too.
+//! How long does a cycle take? Each stage alone on one core, every cycle measured, so that slow cycles show too.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -14,56 +14,37 @@ use localize::synthetic::drive::{SyntheticDrive, SyntheticDriveConfig, Synthetic
 use localize::{DistanceField, Field, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use serde::Deserialize;
 use vision::Vision;
 use vision::image::Image;
 
-use super::experiment::Times;
+use super::experiment::{Stage, Times};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::paths;
 use pipeline::setup::Setup;
 
-/// A stage whose time is taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Stage {
-    /// Segmentation and line points of a 480 × 480 image, with the minho2016 scan pattern.
-    LinePoints,
-    /// One cycle of Monte Carlo, 600 particles, pose unknown.
-    MonteCarlo,
-    /// Matching by RPROP as the paper has it.
-    MatchingRprop,
-    /// Matching by the default minimiser.
-    Matching,
-    /// Scan map, every cell of the field.
-    ScanMapGlobal,
-    /// Scan map, 4 m² about the last place.
-    ScanMapLocal,
-    /// Hough transform, pairs, correlation.
-    Hough,
-    /// Branch and bound, no prior.
-    Exact,
-}
-
-impl Stage {
-    fn name(self) -> &'static str {
-        match self {
-            Stage::LinePoints => "line points",
-            Stage::MonteCarlo => "Monte Carlo",
-            Stage::MatchingRprop => "RPROP",
-            Stage::Matching => "matching",
-            Stage::ScanMapGlobal => "scan map, all",
-            Stage::ScanMapLocal => "scan map, 4 m²",
-            Stage::Hough => "Hough",
-            Stage::Exact => "exact",
-        }
+/// The stage's name in tables.
+fn stage_name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::LinePoints => "line points",
+        Stage::MonteCarlo => "Monte Carlo",
+        Stage::MatchingRprop => "RPROP",
+        Stage::Matching => "matching",
+        Stage::ScanMapGlobal => "scan map, all",
+        Stage::ScanMapLocal => "scan map, 4 m²",
+        Stage::Hough => "Hough",
+        Stage::Exact => "exact",
     }
 }
 
-/// Times each stage; other work on the machine shows in the upper end of the range.
-pub fn run(times: &Times, seed: u64, rows: &mut CsvRows, bar: &ProgressBar) -> Result<Vec<Metric>> {
+/// Measures each stage. Other load on the machine shows in the upper end of the interval.
+pub(crate) fn run(
+    times: &Times,
+    seed: u64,
+    rows: &mut CsvRows,
+    bar: &ProgressBar,
+) -> Result<Vec<Metric>> {
     let field = Field::load(&times.field)?;
     let frames: Vec<SyntheticSample> = SyntheticDrive::new(
         &field,
@@ -76,21 +57,21 @@ pub fn run(times: &Times, seed: u64, rows: &mut CsvRows, bar: &ProgressBar) -> R
     rows.header("method,cycle,time_ms")?;
     let mut figures = Vec::new();
     for &stage in &times.stages {
-        let measured = measure_stage(stage, &field, &frames)
-            .with_context(|| format!("stage {}", stage.name()))?;
-        for (cycle, time) in measured.iter().enumerate() {
+        let times_ms = measure_stage(stage, &field, &frames)
+            .with_context(|| format!("stage {}", stage_name(stage)))?;
+        for (cycle, time) in times_ms.iter().enumerate() {
             rows.row(format_args!(
                 "{},{cycle},{time:.5}",
-                csv_quote(stage.name())
+                csv_quote(stage_name(stage))
             ))?;
         }
-        figures.push(Metric::median("", stage.name(), "time, ms", measured));
+        figures.push(Metric::median("", stage_name(stage), "time, ms", times_ms));
         bar.inc(1);
     }
     Ok(figures)
 }
 
-/// Milliseconds of each call; the first, which fills caches, is made twice.
+/// Milliseconds of each call. The first three frames run twice, because the first calls fill caches.
 fn time_each_frame<'a>(
     frames: &'a [SyntheticSample],
     mut call: impl FnMut(&'a SyntheticSample, Option<HeadingPrior>),
@@ -111,11 +92,11 @@ fn time_each_frame<'a>(
 fn measure_stage(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Result<Vec<f64>> {
     let config = PipelineConfig::default().localize;
     let distances = DistanceField::new(field, &config.distance_field);
-    let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
+    let perturbed = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
     let matching = |config: MatchConfig| {
         let mut matcher = Matcher::new(config);
         time_each_frame(frames, |frame, _| {
-            black_box(matcher.refine(&distances, &frame.points, near(frame.true_pose), 0.05));
+            black_box(matcher.refine(&distances, &frame.points, perturbed(frame.true_pose), 0.05));
         })
     };
     let scan_map = || ScanMap::new(field, &distances, config.global_search.scan_map.clone());
@@ -167,23 +148,23 @@ fn measure_stage(stage: Stage, field: &Field, frames: &[SyntheticSample]) -> Res
     })
 }
 
-/// On the recorded drive's images, again and again.
+/// Cycles through the images of the sample recording.
 fn measure_line_points(cycles: usize) -> Result<Vec<f64>> {
     let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup.camera.as_ref().context("the sample has no camera")?;
     let config = PipelineConfig::preset("minho2016")?.vision;
     let width = setup.field.config.line_width;
-    let mut eyes = Vision::new(map, camera, width, config)?;
+    let mut vision = Vision::new(map, camera, width, config)?;
     let images: Vec<Image> = (0..8)
         .map(|number| Image::load(&folder.join(format!("frames/{number:03}.jpg"))))
         .collect::<Result<_, _>>()?;
-    // The first image teaches the carpet.
-    eyes.process_lines(&images[0].view())?;
+    // The first image learns the colours.
+    vision.process_lines(&images[0].view())?;
     (0..cycles)
         .map(|cycle| {
             let started = Instant::now();
-            black_box(eyes.process_lines(&images[cycle % images.len()].view())?);
+            black_box(vision.process_lines(&images[cycle % images.len()].view())?);
             Ok(started.elapsed().as_secs_f64() * 1e3)
         })
         .collect()

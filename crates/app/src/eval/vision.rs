@@ -1,6 +1,5 @@
-//! What do the eyes find of what is there, and how far away? Line points, markings, ball and robots against truth.
+//! How high are the detection rates, by distance? Line points, markings, ball and robots against ground truth.
 
-use crate::interrupt;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -14,7 +13,8 @@ use super::experiment::{RecordingRun, Variant, VisionRuns};
 use super::metric::Metric;
 use super::output::{CsvRows, csv_quote};
 use crate::commands::locate::EXTERNAL_POINT_STD;
-use pipeline::cycle::{Cycle, Pipeline, PipelineConfig, apply_overlay};
+use crate::interrupt;
+use pipeline::config::apply_overlay;
 use pipeline::recording::Recording;
 use pipeline::score;
 use pipeline::score::detections::{
@@ -22,29 +22,30 @@ use pipeline::score::detections::{
 };
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
-/// Runs are cut into pieces this long for the intervals of shares, seconds: by then everything stands elsewhere. A short
-/// recording is cut into as many as ten all the same.
+/// Length of the segments that the intervals of proportions are computed from, seconds: after it the scene has changed.
 const SEGMENT_S: f64 = 1.0;
+/// A short recording is cut into this many segments.
 const SEGMENTS_MIN: f64 = 10.0;
-/// Width of the tables' bins of distance, metres.
+/// Width of the tables' distance bins, metres.
 const RANGE_BIN: f32 = 0.5;
-/// Line points, ball, and the rest are judged up to here, metres: what `locate` prints.
+/// Line points, ball, and other objects are scored up to these distances, metres: those that `locate` prints.
 const POINT_RANGE: f32 = 5.0;
 const BALL_RANGE: f32 = 6.0;
 const OBJECT_RANGE: f32 = 4.0;
 
-/// Right ones and all, by what and bin of distance.
+/// Correct items and all items, by kind and distance bin.
 type DetectionCounts = BTreeMap<(ScoredKind, usize), [usize; 2]>;
 
-/// A second of a run.
+/// A segment of a run.
 #[derive(Default)]
 struct RunSegment {
     frames: usize,
     counts: DetectionCounts,
 }
 
-/// One run, second by second, and the time of each frame in milliseconds.
+/// One run in segments, and the vision time of each image in milliseconds.
 struct VisionRun {
     segment_s: f64,
     start: Option<Stamp>,
@@ -60,44 +61,44 @@ enum ImageSource<'a> {
 impl ImageSource<'_> {
     fn name(&self) -> &str {
         match self {
-            ImageSource::Recording(one) => &one.name,
+            ImageSource::Recording(recording) => &recording.name,
             ImageSource::Simulated(variant, _) => &variant.name,
         }
     }
 
     fn run(&self, preset: &str) -> Result<VisionRun> {
         match self {
-            ImageSource::Recording(one) => run_recording(&one.folder, preset),
+            ImageSource::Recording(recording) => run_recording(&recording.folder, preset),
             ImageSource::Simulated(variant, seed) => run_scenario(variant, *seed, preset),
         }
     }
 }
 
-/// Looks at every source with every preset; counts by distance to CSV, figures back.
-pub fn run(
-    eyes: &VisionRuns,
+/// Processes every source with every preset; writes counts by distance to CSV and returns the metrics.
+pub(crate) fn run(
+    runs: &VisionRuns,
     seeds: std::ops::Range<u64>,
     rows: &mut CsvRows,
     bar: &ProgressBar,
 ) -> Result<Vec<Metric>> {
-    let simulated = eyes.variants.iter().flat_map(|variant| {
+    let simulated = runs.variants.iter().flat_map(|variant| {
         let seeds = seeds.clone();
         seeds.map(move |seed| ImageSource::Simulated(variant, seed))
     });
-    let recorded = eyes.recordings.iter().map(ImageSource::Recording);
+    let recorded = runs.recordings.iter().map(ImageSource::Recording);
     let sources: Vec<ImageSource<'_>> = recorded.chain(simulated).collect();
-    let jobs: Vec<(&str, &ImageSource<'_>)> = eyes
+    let jobs: Vec<(&str, &ImageSource<'_>)> = runs
         .presets
         .iter()
         .flat_map(|preset| sources.iter().map(move |source| (preset.as_str(), source)))
         .collect();
     bar.set_length(jobs.len() as u64);
-    let looked: Vec<VisionRun> = jobs
+    let results: Vec<VisionRun> = jobs
         .par_iter()
         .map(|(preset, source)| {
-            let done = source.run(preset).with_context(|| source.name().to_owned());
+            let result = source.run(preset).with_context(|| source.name().to_owned());
             bar.inc(1);
-            done
+            result
         })
         .collect::<Result<_>>()?;
     rows.header("variant,method,kind,range_m,right,count")?;
@@ -106,25 +107,25 @@ pub fn run(
     let mut names: Vec<&str> = names.collect();
     names.dedup();
     for name in names {
-        for preset in &eyes.presets {
-            let mine = jobs.iter().zip(&looked);
-            let mine: Vec<&VisionRun> = mine
+        for preset in &runs.presets {
+            let matching = jobs.iter().zip(&results);
+            let matching: Vec<&VisionRun> = matching
                 .filter(|((method, source), _)| *method == preset.as_str() && source.name() == name)
-                .map(|(_, looked)| looked)
+                .map(|(_, result)| result)
                 .collect();
-            write_rows(rows, name, preset, &mine)?;
-            figures.extend(metrics_of(name, preset, &mine));
+            write_rows(rows, name, preset, &matching)?;
+            figures.extend(metrics_of(name, preset, &matching));
         }
     }
     Ok(figures)
 }
 
-/// Shares in percent that the default eyes find in a recording: right line points (5 m), markings sampled (4 m), ball (6 m)
+/// Detection rates in percent of the default preset in a recording: correct line points (5 m), markings (4 m), ball (6 m)
 /// and robots (4 m).
-pub fn detection_rates(folder: &Path) -> Result<[Option<f64>; 4]> {
-    let looked = run_recording(folder, "default")?;
-    let figures = metrics_of("", "", &[&looked]);
-    Ok(RATE_NAMES.map(|name| figures.iter().find(|one| one.name == name)?.value))
+pub(crate) fn detection_rates(folder: &Path) -> Result<[Option<f64>; 4]> {
+    let run = run_recording(folder, "default")?;
+    let figures = metrics_of("", "", &[&run]);
+    Ok(RATE_NAMES.map(|name| figures.iter().find(|figure| figure.name == name)?.value))
 }
 
 const RATE_NAMES: [&str; 4] = [
@@ -138,17 +139,25 @@ fn run_recording(folder: &Path, preset: &str) -> Result<VisionRun> {
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let recording = Recording::open(folder, EXTERNAL_POINT_STD)?;
     let (truth, objects) = (recording.truth.clone(), recording.objects.clone());
-    ensure!(!truth.is_empty(), "{}: no truth.csv", folder.display());
-    let mut spine = Pipeline::new(&setup, &PipelineConfig::preset(preset)?)?;
-    let lasts = truth.first().zip(truth.last());
-    let mut looked = VisionRun::new(lasts.map_or(0.0, |(first, last)| last.stamp - first.stamp));
-    for cycle in recording.filter_map(|sample| spine.process_sample(sample)) {
-        let there = objects.get(&cycle.stamp).map(Vec::as_slice);
+    ensure!(
+        !truth.is_empty(),
+        "{}: no truth.csv, or an empty one",
+        folder.display()
+    );
+    let mut pipeline = Pipeline::new(&setup, &PipelineConfig::preset(preset)?)?;
+    let ends = truth.first().zip(truth.last());
+    let mut run = VisionRun::new(ends.map_or(0.0, |(first, last)| last.stamp - first.stamp));
+    for cycle in recording.filter_map(|sample| pipeline.process_sample(sample)) {
         if let Some(pose) = score::true_pose_at(&truth, cycle.stamp) {
-            looked.add_cycle(&cycle, &setup, pose, (there, &[]));
+            let scene = SceneTruth {
+                pose,
+                objects: objects.get(&cycle.stamp).map(Vec::as_slice),
+                occluded_sectors: &[],
+            };
+            run.add_cycle(&cycle, &setup, &scene);
         }
     }
-    Ok(looked)
+    Ok(run)
 }
 
 fn run_scenario(variant: &Variant, seed: u64, preset: &str) -> Result<VisionRun> {
@@ -156,38 +165,57 @@ fn run_scenario(variant: &Variant, seed: u64, preset: &str) -> Result<VisionRun>
     let simulation = Simulation::with_overrides(scenario, &variant.set, Some(seed), None)?;
     let setup = simulation.setup()?;
     let config = apply_overlay(&PipelineConfig::preset(preset)?, variant.config.clone())?;
-    let mut spine = Pipeline::new(&setup, &config)?;
-    let mut looked = VisionRun::new(simulation.duration());
+    let mut pipeline = Pipeline::new(&setup, &config)?;
+    let mut run = VisionRun::new(simulation.duration());
     let occlusions = simulation.sim().scenario().occlusions.clone();
-    simulation.run(&mut spine, |cycle| {
+    simulation.run(&mut pipeline, |cycle| {
         let Some(truth) = &cycle.inputs.truth else {
             return Ok(interrupt::flow());
         };
-        let thing = |is_ball, at, heading| GroundTruthObject {
+        let object = |is_ball, at, heading| GroundTruthObject {
             is_ball,
             at,
             heading,
             visible_px: None,
         };
-        let ball = truth.ball.map(|at| thing(true, at, None));
+        let ball = truth.ball.map(|at| object(true, at, None));
         let robots = truth.robots.iter().zip(&truth.robot_headings);
-        let robots = robots.map(|(&at, &heading)| thing(false, at, Some(heading)));
-        let there: Vec<GroundTruthObject> = ball.into_iter().chain(robots).collect();
+        let robots = robots.map(|(&at, &heading)| object(false, at, Some(heading)));
+        let objects: Vec<GroundTruthObject> = ball.into_iter().chain(robots).collect();
         let now = cycle.stamp.seconds();
-        let hangs = occlusions
+        let active = occlusions
             .iter()
-            .filter(|one| one.start <= now && now < one.stop);
-        let covered: Vec<(f32, f32)> = hangs
-            .map(|one| (one.direction_deg.to_radians(), one.width_deg.to_radians()))
+            .filter(|occlusion| occlusion.start <= now && now < occlusion.stop);
+        let sectors: Vec<(f32, f32)> = active
+            .map(|occlusion| {
+                (
+                    occlusion.direction_deg.to_radians(),
+                    occlusion.width_deg.to_radians(),
+                )
+            })
             .collect();
-        looked.add_cycle(&cycle, &setup, truth.pose, (Some(&there), &covered));
+        let scene = SceneTruth {
+            pose: truth.pose,
+            objects: Some(&objects),
+            occluded_sectors: &sectors,
+        };
+        run.add_cycle(&cycle, &setup, &scene);
         Ok(interrupt::flow())
     })?;
-    Ok(looked)
+    Ok(run)
+}
+
+/// Ground truth of one cycle.
+struct SceneTruth<'a> {
+    pose: localize::Pose,
+    /// None if the objects are unknown.
+    objects: Option<&'a [GroundTruthObject]>,
+    /// Directions and widths of covered sectors of the view, radians.
+    occluded_sectors: &'a [(f32, f32)],
 }
 
 impl VisionRun {
-    /// Of a run that lasts so many seconds.
+    /// An empty run of `duration` seconds.
     fn new(duration: f64) -> Self {
         VisionRun {
             segment_s: SEGMENT_S.min((duration / SEGMENTS_MIN).max(1e-3)),
@@ -197,58 +225,53 @@ impl VisionRun {
         }
     }
 
-    fn add_cycle(
-        &mut self,
-        cycle: &Cycle,
-        setup: &Setup,
-        pose: localize::Pose,
-        (objects, covered): (Option<&[GroundTruthObject]>, &[(f32, f32)]),
-    ) {
-        let (Some(seen), Some((_, map))) = (&cycle.detections, &setup.camera) else {
+    fn add_cycle(&mut self, cycle: &Cycle, setup: &Setup, truth: &SceneTruth<'_>) {
+        let (Some(detections), Some((_, map))) = (&cycle.detections, &setup.camera) else {
             return;
         };
         let first = *self.start.get_or_insert(cycle.stamp);
-        let piece = ((cycle.stamp - first) / self.segment_s) as usize;
-        if self.segments.len() <= piece {
-            self.segments.resize_with(piece + 1, RunSegment::default);
+        let index = ((cycle.stamp - first) / self.segment_s) as usize;
+        if self.segments.len() <= index {
+            self.segments.resize_with(index + 1, RunSegment::default);
         }
-        let RunSegment { frames, counts } = &mut self.segments[piece];
+        let RunSegment { frames, counts } = &mut self.segments[index];
         *frames += 1;
         self.times_ms.push(f64::from(cycle.timings.see_ms));
         let scene = GroundTruthScene {
-            pose,
+            pose: truth.pose,
             tilt: cycle.estimate.tilt,
             viewpoint_height: setup
                 .viewpoint_height
                 .unwrap_or(ObjectConfig::default().viewpoint_height),
             field: &setup.field,
             map,
-            occluded_sectors: covered,
-            objects,
+            occluded_sectors: truth.occluded_sectors,
+            objects: truth.objects,
         };
-        DetectionStatistics::default().add_image_with(seen, &scene, &mut |note: ScoredItem| {
-            let bin = (note.range / RANGE_BIN) as usize;
-            let [right, all] = counts.entry((note.kind, bin)).or_default();
-            *right += usize::from(note.correct);
+        let mut count = |item: ScoredItem| {
+            let bin = (item.range / RANGE_BIN) as usize;
+            let [correct, all] = counts.entry((item.kind, bin)).or_default();
+            *correct += usize::from(item.correct);
             *all += 1;
-        });
+        };
+        DetectionStatistics::default().add_image_with(detections, &scene, &mut count);
     }
 }
 
 fn write_rows(rows: &mut CsvRows, variant: &str, preset: &str, runs: &[&VisionRun]) -> Result<()> {
     let mut sums = DetectionCounts::new();
-    for piece in runs.iter().flat_map(|run| &run.segments) {
-        for (&key, &[right, all]) in &piece.counts {
+    for segment in runs.iter().flat_map(|run| &run.segments) {
+        for (&key, &[correct, all]) in &segment.counts {
             let sum = sums.entry(key).or_default();
-            sum[0] += right;
+            sum[0] += correct;
             sum[1] += all;
         }
     }
-    for ((kind, bin), [right, all]) in sums {
+    for ((kind, bin), [correct, all]) in sums {
         let range = bin as f32 * RANGE_BIN;
         let (variant, kind) = (csv_quote(variant), kind_name(kind));
         rows.row(format_args!(
-            "{variant},{preset},{kind},{range:.1},{right},{all}"
+            "{variant},{preset},{kind},{range:.1},{correct},{all}"
         ))?;
     }
     Ok(())
@@ -267,20 +290,22 @@ fn kind_name(kind: ScoredKind) -> &'static str {
 }
 
 fn metrics_of(variant: &str, method: &str, runs: &[&VisionRun]) -> Vec<Metric> {
-    let pieces: Vec<&RunSegment> = runs.iter().flat_map(|run| &run.segments).collect();
+    let segments: Vec<&RunSegment> = runs.iter().flat_map(|run| &run.segments).collect();
     let within = |kind: ScoredKind, range: f32| -> Vec<(usize, usize)> {
         let last = (range / RANGE_BIN) as usize;
-        let sum = |piece: &&RunSegment| {
-            let counts = piece.counts.range((kind, 0)..(kind, last));
-            counts.fold((0, 0), |sum, (_, one)| (sum.0 + one[0], sum.1 + one[1]))
+        let sum = |segment: &&RunSegment| {
+            let counts = segment.counts.range((kind, 0)..(kind, last));
+            counts.fold((0, 0), |sum, (_, count)| {
+                (sum.0 + count[0], sum.1 + count[1])
+            })
         };
-        pieces.iter().map(sum).collect()
+        segments.iter().map(sum).collect()
     };
-    // Something that is not there: how often in a frame, not how often right.
-    let false_ones = |kind, range| -> Vec<(usize, usize)> {
-        let counted = within(kind, range).into_iter().zip(&pieces);
+    // False detections are counted per image.
+    let false_detections = |kind, range| -> Vec<(usize, usize)> {
+        let counted = within(kind, range).into_iter().zip(&segments);
         counted
-            .map(|((_, all), piece)| (all, piece.frames))
+            .map(|((_, all), segment)| (all, segment.frames))
             .collect()
     };
     let share = |name, counted: Vec<(usize, usize)>| {
@@ -294,7 +319,7 @@ fn metrics_of(variant: &str, method: &str, runs: &[&VisionRun]) -> Vec<Metric> {
         share(ball, within(ScoredKind::Ball, BALL_RANGE)),
         share(
             "false balls, per 100 frames",
-            false_ones(ScoredKind::FalseBall, f32::MAX),
+            false_detections(ScoredKind::FalseBall, f32::MAX),
         ),
         share(robots, within(ScoredKind::Robot, OBJECT_RANGE)),
         share(
@@ -303,11 +328,11 @@ fn metrics_of(variant: &str, method: &str, runs: &[&VisionRun]) -> Vec<Metric> {
         ),
         share(
             "false robots (4 m), per 100 frames",
-            false_ones(ScoredKind::FalseRobot, OBJECT_RANGE),
+            false_detections(ScoredKind::FalseRobot, OBJECT_RANGE),
         ),
         Metric::median(variant, method, "time to see, ms", times.collect()),
     ];
-    // Where there is no ball or robot, nothing can be found.
+    // Without a ball or robot there is no rate.
     figures.retain(|figure| figure.value.is_some());
     figures
 }

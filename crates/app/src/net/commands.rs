@@ -1,4 +1,4 @@
-//! What do other programs want of the wheels? Fresh commands of one who may give them; none else.
+//! Which commands of other programs are accepted? Fresh ones of an authorised sender.
 
 use std::collections::BTreeMap;
 use std::net::{SocketAddr, UdpSocket};
@@ -11,6 +11,7 @@ use anyhow::{Context, Result, ensure};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use super::polling::POLL_PERIOD;
 use super::state_sender::resolve;
 use pipeline::datagram::authentication::{MacKey, RejectReason, ReplayGuard, verify_mac};
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
@@ -19,17 +20,17 @@ use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CommandConfig {
-    /// Address to listen on; beyond this machine a key is asked for.
+    /// Address to listen on; other than loopback addresses need a key.
     pub bind: String,
-    /// A phrase that the sender shares; datagrams then end with their authentication code.
+    /// Phrase shared with the sender; datagrams then end with an authentication code.
     pub key: Option<String>,
-    /// No command holds for longer, milliseconds, whatever it asks for.
+    /// Maximum validity of a command, milliseconds; longer ones are shortened.
     pub valid_max_ms: f32,
-    /// Fastest drive that is taken, m/s and rad/s; more is refused.
+    /// Maximum speed, m/s and rad/s; faster commands are rejected.
     pub speed_max: f32,
-    /// Fastest kick that is taken, m/s.
+    /// Maximum speed of a kick, m/s.
     pub kick_max: f32,
-    /// A sender that was silent for so many seconds may begin anew with a lower session.
+    /// After this silence a sender may start again with a lower session, seconds.
     pub silence: f64,
 }
 
@@ -38,8 +39,7 @@ impl Default for CommandConfig {
         CommandConfig {
             bind: "127.0.0.1:7071".to_owned(),
             key: None,
-            // The watchdog of the base.
-            valid_max_ms: 100.0,
+            valid_max_ms: (hw::config::COMMAND_VALIDITY_MAX * 1e3) as f32,
             speed_max: 15.0,
             kick_max: 15.0,
             silence: 1.0,
@@ -47,20 +47,20 @@ impl Default for CommandConfig {
     }
 }
 
-/// A command that was taken.
+/// An accepted command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RemoteCommand {
-    /// How to drive; none leaves it as it is.
+    /// Velocity. None keeps the current one.
     pub drive: Option<Drive>,
     /// A kick, once.
     pub kick: Option<Kick>,
-    /// Drive only while there is a pose.
+    /// The command is valid only while there is a pose.
     pub needs_pose: bool,
-    /// How long it holds after its arrival.
+    /// Validity after its arrival.
     pub valid_for: Duration,
 }
 
-/// Decides which datagrams are commands to us; a function of what it is given.
+/// Accepts or rejects datagrams. Does no I/O and reads no clock.
 #[derive(Debug)]
 pub struct CommandFilter {
     config: CommandConfig,
@@ -69,7 +69,7 @@ pub struct CommandFilter {
 }
 
 impl CommandFilter {
-    /// A gate for commands under a configuration.
+    /// A filter by a configuration.
     pub fn new(config: &CommandConfig) -> Result<Self> {
         for (name, value) in [
             ("valid_max_ms", config.valid_max_ms),
@@ -79,7 +79,7 @@ impl CommandFilter {
         ] {
             ensure!(
                 (0.0..=1e6).contains(&value),
-                "[commands] {name} = {value}: must be 0 to 1e6"
+                "[commands] invalid {name}: {value} (expected 0 to 1e6)"
             );
         }
         Ok(CommandFilter {
@@ -89,7 +89,7 @@ impl CommandFilter {
         })
     }
 
-    /// Takes a datagram at `now`, seconds.
+    /// Decodes and checks a datagram received at `now` (seconds of any clock).
     pub fn accept(&mut self, datagram: &[u8], now: f64) -> Result<RemoteCommand, RejectReason> {
         let content = verify_mac(datagram, self.key.as_ref())?;
         let command = if content.first() == Some(&b'{') {
@@ -101,18 +101,18 @@ impl CommandFilter {
             return Err(RejectReason::Version);
         }
         let config = &self.config;
-        let within = |value: f32, most: f32| value.abs() <= most;
-        let sensible = command.drive.is_none_or(|drive| {
+        let within = |value: f32, limit: f32| value.abs() <= limit;
+        let is_valid = command.drive.is_none_or(|drive| {
             [drive.x, drive.y, drive.theta]
                 .iter()
                 .all(|value| within(*value, config.speed_max))
         }) && command
             .kick
             .is_none_or(|kick| kick.speed >= 0.0 && within(kick.speed, config.kick_max));
-        if !sensible || !(command.valid_ms >= 0.0) {
+        if !is_valid || !(command.valid_ms >= 0.0) {
             return Err(RejectReason::Senseless);
         }
-        // Last, so that what is refused takes nobody's turn.
+        // Last, so that a rejected datagram does not use up its sequence number.
         self.replay_guard
             .accept(command.session, command.sequence, now, config.silence)?;
         let valid_ms = command.valid_ms.min(config.valid_max_ms);
@@ -125,9 +125,10 @@ impl CommandFilter {
     }
 }
 
-/// A thread that listens; dropping it ends it.
-pub struct CommandListener {
+/// A thread that listens for commands. Dropping it ends the thread.
+pub(crate) struct CommandListener {
     shared: Arc<ListenerState>,
+    #[cfg(test)]
     address: SocketAddr,
     thread: Option<JoinHandle<()>>,
 }
@@ -138,30 +139,28 @@ struct ListenerState {
     stop_requested: AtomicBool,
 }
 
-/// What became of the datagrams.
+/// Numbers of received datagrams by result.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
-pub struct CommandCounts {
-    /// Commands that were carried out.
+pub(crate) struct CommandCounts {
+    /// Executed commands.
     pub obeyed: u64,
-    /// Good commands that were not carried out: another drives, there is no pose or no base.
+    /// Valid commands that were not executed: a higher priority, no pose or no base.
     pub overruled: u64,
-    /// Datagrams that were no command to us, for each reason.
+    /// Rejected datagrams by reason.
     pub refused: BTreeMap<RejectReason, u64>,
 }
 
-/// The thread looks this often whether it is to end.
-const POLL_PERIOD: Duration = Duration::from_millis(100);
-/// A command is far shorter; a longer datagram is cut and so refused.
+/// A command is far shorter; a longer datagram is cut and then rejected.
 const MAX_DATAGRAM_BYTES: usize = 2048;
 
 impl CommandConfig {
-    /// Where to listen; refused where strangers could drive the robot.
+    /// The address to listen on. Addresses that other machines reach need a key.
     pub fn address(&self) -> Result<SocketAddr> {
         let address =
             resolve(&self.bind).with_context(|| format!("[commands] bind = {:?}", self.bind))?;
         ensure!(
             address.ip().is_loopback() || self.key.is_some(),
-            "[commands] bind = {:?} lets others than this machine drive the robot: set a key",
+            "[commands] bind = {:?} lets other machines drive the robot without authentication: set a key",
             self.bind
         );
         Ok(address)
@@ -169,72 +168,90 @@ impl CommandConfig {
 }
 
 impl CommandListener {
-    /// Listens for commands, and hands each one on as it comes; `obey` says whether it is carried out.
-    pub fn listen(
+    /// Listens for commands and passes each to `execute`, which returns whether it was executed.
+    pub(crate) fn listen(
         config: &CommandConfig,
-        mut obey: impl FnMut(RemoteCommand) -> bool + Send + 'static,
+        mut execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Self> {
         let address = config.address()?;
-        let mut gate = CommandFilter::new(config)?;
+        let mut filter = CommandFilter::new(config)?;
         let socket = UdpSocket::bind(address)
             .with_context(|| format!("[commands] cannot listen on {}", config.bind))?;
         socket.set_read_timeout(Some(POLL_PERIOD))?;
+        #[cfg(test)]
         let address = socket.local_addr()?;
         let shared = Arc::new(ListenerState::default());
-        let own = shared.clone();
+        let state = shared.clone();
         let started = Instant::now();
         let thread = std::thread::Builder::new()
             .name("commands".to_owned())
             .spawn(move || {
                 let mut datagram = [0; MAX_DATAGRAM_BYTES];
-                while !own.stop_requested.load(Ordering::Relaxed) {
-                    // A timeout, or an error of an earlier datagram's way back: neither ends listening.
+                while !state.stop_requested.load(Ordering::Relaxed) {
+                    // A timeout, or an ICMP error of an earlier datagram: neither ends the thread.
                     let Ok(length) = socket.recv(&mut datagram) else {
                         continue;
                     };
-                    let order = gate.accept(&datagram[..length], started.elapsed().as_secs_f64());
-                    own.count(order.map(&mut obey));
+                    let command =
+                        filter.accept(&datagram[..length], started.elapsed().as_secs_f64());
+                    state.count(command.map(&mut execute));
                 }
             })?;
         Ok(CommandListener {
             shared,
+            #[cfg(test)]
             address,
             thread: Some(thread),
         })
     }
 
-    /// Where it listens.
-    pub fn address(&self) -> SocketAddr {
+    /// Local address of the socket.
+    #[cfg(test)]
+    pub(crate) fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What became of the datagrams so far.
-    pub fn counts(&self) -> CommandCounts {
+    /// Numbers of datagrams so far.
+    pub(crate) fn counts(&self) -> CommandCounts {
         self.shared.lock().clone()
+    }
+}
+
+impl CommandListener {
+    /// Ends the thread after the datagram that it processes.
+    fn stop(&mut self) {
+        self.shared.stop_requested.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic was reported when it happened.
+            let _ = thread.join();
+        }
+    }
+
+    /// Ends the thread; returns the final counts.
+    #[cfg(test)]
+    pub(crate) fn finish(mut self) -> CommandCounts {
+        self.stop();
+        self.counts()
     }
 }
 
 impl Drop for CommandListener {
     fn drop(&mut self) {
-        self.shared.stop_requested.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            // Its panic was told when it happened.
-            let _ = thread.join();
-        }
+        self.stop();
     }
 }
 
 impl ListenerState {
-    fn count(&self, obeyed: Result<bool, RejectReason>) {
+    fn count(&self, executed: Result<bool, RejectReason>) {
         let mut counts = self.lock();
-        match obeyed {
+        match executed {
             Ok(true) => counts.obeyed += 1,
             Ok(false) => counts.overruled += 1,
-            Err(why) => *counts.refused.entry(why).or_default() += 1,
+            Err(reason) => *counts.refused.entry(reason).or_default() += 1,
         }
     }
 
-    // A panic of the other side leaves counts that are still true.
+    // The counts are valid even if a thread panicked with the lock.
     fn lock(&self) -> MutexGuard<'_, CommandCounts> {
         self.counts.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,57 +1,57 @@
-//! How do other programs and team-mates take part? State out and commands in by UDP, and words among the team.
+//! How do other programs and team-mates communicate with the robot? State output, commands and team messages by UDP.
 //!
-//! `docs/network.md` says what is on the wire, `docs/network.proto` in which numbers.
+//! `docs/network.md` describes the messages, `docs/network.proto` their encoding.
 
-pub mod commands;
-pub mod state_sender;
-pub mod team;
+pub(crate) mod commands;
+mod polling;
+pub(crate) mod state_sender;
+pub(crate) mod team;
 #[cfg(test)]
 mod tests;
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use localize::{Field, Stamp};
+use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
-pub use commands::{CommandConfig, CommandListener, RemoteCommand};
-pub use pipeline::datagram::TeamLinkConfig;
-pub use state_sender::{OutputConfig, StateSender};
-pub use team::TeamTransport;
+pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand};
+pub(crate) use pipeline::datagram::TeamLinkConfig;
+pub(crate) use state_sender::{OutputConfig, StateSender};
+pub(crate) use team::TeamTransport;
 
-use crate::stream::{self, StreamConfig};
+use crate::stream::{self, StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
-use pipeline::log::Header;
 
-/// Everything that goes over the network; all of it is off unless configured.
+/// Content of network.toml. What is not configured is off.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct NetworkConfig {
-    /// Who gets our state by UDP: one `[[outputs]]` each.
+pub(crate) struct NetworkConfig {
+    /// Receivers of the state by UDP, one `[[outputs]]` each.
     pub outputs: Vec<OutputConfig>,
     /// Drive and kick commands by UDP.
     pub commands: Option<CommandConfig>,
-    /// Words among team-mates by UDP.
+    /// Team messages by UDP.
     pub team: Option<TeamLinkConfig>,
     /// The live stream for viewers.
     pub stream: Option<StreamConfig>,
 }
 
-/// What of it is running; dropping it ends it.
-pub struct Network {
+/// The running network threads. Dropping it ends them.
+pub(crate) struct Network {
     /// Commands of other programs.
     pub commands: Option<CommandListener>,
-    /// Words of team-mates: its reports are samples for the spine.
+    /// Team messages: the received reports are samples for the pipeline.
     pub team: Option<TeamTransport>,
-    /// The live stream.
-    pub stream: Option<stream::StreamServer>,
-    /// Who tells other programs.
-    pub state_sender: Option<StateSender>,
+    /// The live stream, kept until the end.
+    _stream: Option<stream::StreamServer>,
+    /// The state output, kept until the end.
+    _state_sender: Option<StateSender>,
 }
 
 impl NetworkConfig {
-    /// Reads a file of these sections; refuses what could not be started from it.
-    pub fn load(path: &Path) -> Result<Self> {
+    /// Reads and checks network.toml.
+    pub(crate) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let config: NetworkConfig =
@@ -71,26 +71,26 @@ impl NetworkConfig {
         Ok(())
     }
 
-    /// Starts what is configured, on the cycles of `feed`.
+    /// Starts the configured threads on the cycles of `feed`.
     ///
-    /// `header` and `field`: what viewers get first. `session`: larger for each start, nanoseconds since 1970 will do.
-    /// `clock`: the time that stamps samples, now. `obey`: carries out another program's command, or says that it does not.
-    pub fn start(
+    /// `session`: must increase with each start (nanoseconds since 1970). `clock`: current time in the clock of the samples.
+    /// `execute`: executes a remote command; false if it is overruled.
+    pub(crate) fn start(
         &self,
         feed: &Feed,
-        (header, field): (&Header, &Field),
+        preamble: StreamPreamble<'_>,
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
-        obey: impl FnMut(RemoteCommand) -> bool + Send + 'static,
+        execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Network> {
-        let stream = |config| stream::StreamServer::start(feed, header, field, config);
+        let stream = |config| stream::StreamServer::start(feed, preamble, config);
         let team = |config| TeamTransport::join(feed, config, session, clock);
-        let listen = |config| CommandListener::listen(config, obey);
+        let listen = |config| CommandListener::listen(config, execute);
         Ok(Network {
             commands: self.commands.as_ref().map(listen).transpose()?,
             team: self.team.as_ref().map(team).transpose()?,
-            stream: self.stream.as_ref().map(stream).transpose()?,
-            state_sender: (!self.outputs.is_empty())
+            _stream: self.stream.as_ref().map(stream).transpose()?,
+            _state_sender: (!self.outputs.is_empty())
                 .then(|| StateSender::start(feed, &self.outputs))
                 .transpose()?,
         })

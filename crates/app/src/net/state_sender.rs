@@ -1,27 +1,27 @@
-//! Who is told what the robot knows? A datagram for each cycle to each address, by a thread that nothing waits for.
+//! How do other programs get the robot's state? A thread sends a datagram per cycle to each address.
 
 use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 use anyhow::{Context, Result};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use super::polling::POLL_PERIOD;
 use pipeline::datagram::message::State;
 use pipeline::feed::{Feed, RecvError, Subscription};
 
-/// One who is told.
+/// A receiver of the state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct OutputConfig {
+pub(crate) struct OutputConfig {
     /// Host and port.
     pub to: String,
-    /// How it is written.
+    /// Encoding.
     pub format: StateFormat,
-    /// Our number.
+    /// This robot's number.
     pub robot: u32,
 }
 
@@ -35,53 +35,54 @@ impl Default for OutputConfig {
     }
 }
 
-/// How a state is written.
+/// Encoding of the state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum StateFormat {
+pub(crate) enum StateFormat {
     /// The messages of docs/network.proto.
     #[default]
     Protobuf,
-    /// The same names as JSON, one object a datagram.
+    /// The same names as JSON, one object per datagram.
     Json,
 }
 
-/// A thread that tells; dropping it ends it.
-pub struct StateSender {
+/// A thread that sends the state. Dropping it ends the thread.
+pub(crate) struct StateSender {
     stop_requested: Arc<AtomicBool>,
-    sent: Arc<AtomicU64>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// The thread looks this often whether it is to end.
-const POLL_PERIOD: Duration = Duration::from_millis(100);
+/// An address with its socket and encoding.
+struct Receiver {
+    socket: UdpSocket,
+    address: SocketAddr,
+    output: OutputConfig,
+}
 
 impl StateSender {
-    /// Tells each cycle of a feed to every address.
-    pub fn start(feed: &Feed, outputs: &[OutputConfig]) -> Result<Self> {
+    /// Sends each cycle of a feed to every address.
+    pub(crate) fn start(feed: &Feed, outputs: &[OutputConfig]) -> Result<Self> {
         let mut receivers = Vec::with_capacity(outputs.len());
         for output in outputs {
             let address =
                 resolve(&output.to).with_context(|| format!("[[outputs]] to = {:?}", output.to))?;
-            receivers.push((socket(address)?, address, output.clone()));
+            receivers.push(Receiver {
+                socket: socket(address)?,
+                address,
+                output: output.clone(),
+            });
         }
-        let (ending, sent) = (Arc::new(AtomicBool::new(false)), Arc::default());
-        let (stop, count) = (ending.clone(), Arc::clone(&sent));
-        // What is older than the newest is of no use to anybody.
+        let stop_requested = Arc::new(AtomicBool::new(false));
+        let stop = stop_requested.clone();
+        // Only the newest cycle is of use.
         let cycles = feed.subscribe(1);
         let thread = std::thread::Builder::new()
             .name("outputs".to_owned())
-            .spawn(move || send_states(&cycles, &receivers, &stop, &count))?;
+            .spawn(move || send_states(&cycles, &receivers, &stop))?;
         Ok(StateSender {
-            stop_requested: ending,
-            sent,
+            stop_requested,
             thread: Some(thread),
         })
-    }
-
-    /// Datagrams handed to the system.
-    pub fn sent(&self) -> u64 {
-        self.sent.load(Ordering::Relaxed)
     }
 }
 
@@ -89,52 +90,49 @@ impl Drop for StateSender {
     fn drop(&mut self) {
         self.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // Its panic was told when it happened.
+            // A panic was reported when it happened.
             let _ = thread.join();
         }
     }
 }
 
-fn send_states(
-    cycles: &Subscription,
-    receivers: &[(UdpSocket, SocketAddr, OutputConfig)],
-    ending: &AtomicBool,
-    sent: &AtomicU64,
-) {
-    while !ending.load(Ordering::Relaxed) {
+fn send_states(cycles: &Subscription, receivers: &[Receiver], stop: &AtomicBool) {
+    while !stop.load(Ordering::Relaxed) {
         let ((index, cycle), _) = match cycles.recv_indexed(POLL_PERIOD) {
             Ok(entry) => entry,
             Err(RecvError::Timeout) => continue,
             Err(RecvError::Closed) => return,
         };
-        for (socket, address, output) in receivers {
+        for Receiver {
+            socket,
+            address,
+            output,
+        } in receivers
+        {
             let state = State::from_cycle(output.robot, index, &cycle);
             let datagram = match output.format {
                 StateFormat::Protobuf => state.encode_to_vec(),
-                // Numbers and strings always have a form.
+                // Numbers and strings can always be serialised.
                 StateFormat::Json => serde_json::to_vec(&state).unwrap_or_default(),
             };
-            // Nobody there, or no network for a while: the next cycle is told anew.
-            sent.fetch_add(
-                u64::from(socket.send_to(&datagram, address).is_ok()),
-                Ordering::Relaxed,
-            );
+            // Without a receiver or a network the datagram is lost; the next cycle follows.
+            let _sent = socket.send_to(&datagram, address);
         }
     }
 }
 
-/// The first address of a name.
+/// The first address of `host:port`.
 pub(crate) fn resolve(name: &str) -> Result<SocketAddr> {
     name.to_socket_addrs()
-        .context("must be host:port")?
+        .context("invalid address (expected host:port)")?
         .next()
-        .context("no such host")
+        .context("unknown host")
 }
 
 /// A socket to send from.
 fn socket(to: SocketAddr) -> Result<UdpSocket> {
     let any: &str = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-    let socket = UdpSocket::bind(any).context("no socket to send from")?;
+    let socket = UdpSocket::bind(any).context("cannot open a socket")?;
     socket.set_nonblocking(true)?;
     Ok(socket)
 }

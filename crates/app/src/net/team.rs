@@ -1,4 +1,4 @@
-//! How do words get on and off the network? A multicast socket, a thread that hears, and one that tells of the newest
+//! How are team messages sent and received? A multicast socket, a receiving thread, and a thread that sends the newest
 //! cycle at the team's rate.
 
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
@@ -13,58 +13,62 @@ use localize::Stamp;
 use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
 
-use pipeline::datagram::{TeamLink, TeamLinkConfig, TeamLinkCounts};
+use super::polling::POLL_PERIOD;
+use pipeline::datagram::{TeamLink, TeamLinkConfig};
 use pipeline::feed::{Feed, RecvError, Subscription};
 
-/// The threads look this often whether they are to end.
-const POLL_PERIOD: Duration = Duration::from_millis(50);
-/// Reports that may wait for the spine: a second of five team-mates.
+/// Capacity of the queue of reports for the pipeline: a second of five team-mates.
 const MAX_PENDING_REPORTS: usize = 64;
-/// A word has some hundred bytes; a longer datagram is cut and so refused.
+/// A message has some hundred bytes; a longer datagram is cut and then rejected.
 const MAX_DATAGRAM_BYTES: usize = 4096;
 
-/// Our place in the team's talk; dropping it ends it.
-pub struct TeamTransport {
+/// Sends and receives team messages. Dropping it ends the threads.
+pub(crate) struct TeamTransport {
     reports: Receiver<TeamReport>,
+    #[cfg(test)]
     link: Arc<Mutex<TeamLink>>,
     stop_requested: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
 }
 
 impl TeamTransport {
-    /// Joins the group; tells the cycles of `feed`, hears the others.
+    /// Joins the multicast group; sends the cycles of `feed` and receives the reports of team-mates.
     ///
-    /// `clock`: the time that stamps samples and cycles, now. `session`: larger for each start.
-    pub fn join(
+    /// `clock`: current time in the clock of samples and cycles. `session`: must increase with each start.
+    pub(crate) fn join(
         feed: &Feed,
         config: &TeamLinkConfig,
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
     ) -> Result<Self> {
         let group = config.address()?;
-        let talk = Arc::new(Mutex::new(TeamLink::new(config, session)?));
-        let hearing = open_multicast_socket(group, config.interface)
+        let link = Arc::new(Mutex::new(TeamLink::new(config, session)?));
+        let receiver = open_multicast_socket(group, config.interface)
             .with_context(|| format!("[team] cannot join {group} on {}", config.interface))?;
-        hearing.set_read_timeout(Some(POLL_PERIOD))?;
-        let telling = hearing.try_clone()?;
-        let ending = Arc::new(AtomicBool::new(false));
-        let (sender, reports) = sync_channel(MAX_PENDING_REPORTS);
-        let mut link = TeamTransport {
+        receiver.set_read_timeout(Some(POLL_PERIOD))?;
+        let sender = TeamSender {
+            socket: receiver.try_clone()?,
+            group,
+            period: Duration::from_secs_f64(1.0 / config.rate),
+        };
+        let stop_requested = Arc::new(AtomicBool::new(false));
+        let (queue, reports) = sync_channel(MAX_PENDING_REPORTS);
+        let mut transport = TeamTransport {
             reports,
-            link: talk.clone(),
-            stop_requested: ending.clone(),
+            #[cfg(test)]
+            link: link.clone(),
+            stop_requested: stop_requested.clone(),
             threads: Vec::new(),
         };
-        let (heard, stop, time) = (talk.clone(), ending.clone(), clock.clone());
-        link.spawn("team hears", move || {
-            receive_loop(&hearing, &heard, &sender, &stop, time);
+        let (receiving, stop, time) = (link.clone(), stop_requested.clone(), clock.clone());
+        transport.spawn("team receive", move || {
+            receive_loop(&receiver, &receiving, &queue, &stop, time);
         })?;
         let cycles = feed.subscribe(1);
-        let period = Duration::from_secs_f64(1.0 / config.rate);
-        link.spawn("team tells", move || {
-            send_loop(&cycles, &talk, (&telling, group), period, &ending, clock);
+        transport.spawn("team send", move || {
+            sender.run(&cycles, &link, &stop_requested, clock);
         })?;
-        Ok(link)
+        Ok(transport)
     }
 
     fn spawn(&mut self, name: &str, run: impl FnOnce() + Send + 'static) -> Result<()> {
@@ -75,13 +79,20 @@ impl TeamTransport {
         Ok(())
     }
 
-    /// What team-mates said since the last call; give it to the spine as samples.
-    pub fn received_reports(&self) -> impl Iterator<Item = TeamReport> {
+    /// Reports of team-mates received since the last call; samples for the pipeline.
+    pub(crate) fn received_reports(&self) -> impl Iterator<Item = TeamReport> {
         self.reports.try_iter()
     }
 
-    /// Words taken and datagrams refused.
-    pub fn counts(&self) -> TeamLinkCounts {
+    /// The next report; None after the timeout.
+    #[cfg(test)]
+    pub(crate) fn wait_for_report(&self, timeout: Duration) -> Option<TeamReport> {
+        self.reports.recv_timeout(timeout).ok()
+    }
+
+    /// Numbers of accepted messages and rejected datagrams.
+    #[cfg(test)]
+    pub(crate) fn counts(&self) -> pipeline::datagram::TeamLinkCounts {
         lock(&self.link).counts().clone()
     }
 }
@@ -90,7 +101,7 @@ impl Drop for TeamTransport {
     fn drop(&mut self) {
         self.stop_requested.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // Its panic was told when it happened.
+            // A panic was reported when it happened.
             let _ = thread.join();
         }
     }
@@ -98,7 +109,7 @@ impl Drop for TeamTransport {
 
 fn open_multicast_socket(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
     let socket = Socket::new(Domain::IPV4, Type::DGRAM, Some(Protocol::UDP))?;
-    // Several robots of one machine (a simulation) hear the same group.
+    // Several robots on one machine (a simulation) receive from the same group.
     socket.set_reuse_address(true)?;
     socket.bind(&SocketAddrV4::new(*group.ip(), group.port()).into())?;
     socket.join_multicast_v4(group.ip(), &interface)?;
@@ -110,52 +121,60 @@ fn open_multicast_socket(group: SocketAddrV4, interface: Ipv4Addr) -> Result<Udp
 
 fn receive_loop(
     socket: &UdpSocket,
-    talk: &Mutex<TeamLink>,
+    link: &Mutex<TeamLink>,
     reports: &SyncSender<TeamReport>,
-    ending: &AtomicBool,
+    stop: &AtomicBool,
     clock: impl Fn() -> Stamp,
 ) {
     let mut datagram = [0; MAX_DATAGRAM_BYTES];
-    while !ending.load(Ordering::Relaxed) {
-        // A timeout, or a network that is away for a while: neither ends listening.
+    while !stop.load(Ordering::Relaxed) {
+        // A timeout, or a network that is down for a while: neither ends the thread.
         let Ok(length) = socket.recv(&mut datagram) else {
             continue;
         };
-        let report = lock(talk).receive(&datagram[..length], clock());
+        let report = lock(link).receive(&datagram[..length], clock());
         if let Ok(report) = report {
-            // A spine that stands still has no use for what is said meanwhile.
+            // If the pipeline does not take reports, new ones are dropped.
             let _ = reports.try_send(report);
         }
     }
 }
 
-fn send_loop(
-    cycles: &Subscription,
-    talk: &Mutex<TeamLink>,
-    (socket, group): (&UdpSocket, SocketAddrV4),
+/// Socket, address and period of the messages sent.
+struct TeamSender {
+    socket: UdpSocket,
+    group: SocketAddrV4,
     period: Duration,
-    ending: &AtomicBool,
-    clock: impl Fn() -> Stamp,
-) {
-    let mut due = Instant::now();
-    while !ending.load(Ordering::Relaxed) {
-        let cycle = match cycles.recv_timeout(POLL_PERIOD) {
-            Ok(cycle) => cycle,
-            Err(RecvError::Timeout) => continue,
-            Err(RecvError::Closed) => return,
-        };
-        let now = Instant::now();
-        if now < due {
-            continue;
+}
+
+impl TeamSender {
+    fn run(
+        &self,
+        cycles: &Subscription,
+        link: &Mutex<TeamLink>,
+        stop: &AtomicBool,
+        clock: impl Fn() -> Stamp,
+    ) {
+        let mut due = Instant::now();
+        while !stop.load(Ordering::Relaxed) {
+            let cycle = match cycles.recv_timeout(POLL_PERIOD) {
+                Ok(cycle) => cycle,
+                Err(RecvError::Timeout) => continue,
+                Err(RecvError::Closed) => return,
+            };
+            let now = Instant::now();
+            if now < due {
+                continue;
+            }
+            due = now + self.period;
+            let message = lock(link).encode_message(&cycle, clock());
+            // Without a network the message is lost; the next one is newer.
+            let _ = self.socket.send_to(&message, self.group);
         }
-        due = now + period;
-        let word = lock(talk).encode_message(&cycle, clock());
-        // No network for a while: the next word is a new one.
-        let _ = socket.send_to(&word, group);
     }
 }
 
-// A panic of the other side leaves counts and clocks that are still true.
-fn lock(talk: &Mutex<TeamLink>) -> MutexGuard<'_, TeamLink> {
-    talk.lock().unwrap_or_else(PoisonError::into_inner)
+// Counts and clocks are valid even if a thread panicked with the lock.
+fn lock(link: &Mutex<TeamLink>) -> MutexGuard<'_, TeamLink> {
+    link.lock().unwrap_or_else(PoisonError::into_inner)
 }

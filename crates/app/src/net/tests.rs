@@ -1,4 +1,4 @@
-//! Claims about the network: what is on the wire, and what no datagram can do.
+//! Claims about the network: the messages, and the rejection of malformed or unauthenticated datagrams.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::UdpSocket;
@@ -19,7 +19,7 @@ use super::{
     CommandConfig, CommandListener, NetworkConfig, OutputConfig, RemoteCommand, StateSender,
     TeamLinkConfig, TeamTransport,
 };
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::datagram::TeamLink;
 use pipeline::datagram::authentication::{MAC_BYTES, MacKey, RejectReason, append_mac};
 use pipeline::datagram::message::{
@@ -28,10 +28,10 @@ use pipeline::datagram::message::{
 use pipeline::feed::Feed;
 use pipeline::testing::random_cycle;
 
-const PATIENCE: Duration = Duration::from_secs(20);
-const PHRASE: &str = "a shared phrase";
+const TIMEOUT: Duration = Duration::from_secs(20);
+const SHARED_KEY: &str = "a shared phrase";
 
-/// A cycle of a robot that knows where it is and sees a ball.
+/// A cycle of a localized robot that detects a ball.
 fn localized_cycle(stamp: Stamp, x: f32, y: f32) -> Cycle {
     let mut cycle = random_cycle(2);
     cycle.stamp = stamp;
@@ -57,13 +57,13 @@ fn localized_cycle(stamp: Stamp, x: f32, y: f32) -> Cycle {
 fn link(robot: u32) -> TeamLinkConfig {
     TeamLinkConfig {
         robot,
-        key: Some(PHRASE.to_owned()),
+        key: Some(SHARED_KEY.to_owned()),
         ..TeamLinkConfig::default()
     }
 }
 
 fn team_link(robot: u32) -> TeamLink {
-    TeamLink::new(&link(robot), 1).expect("a talk")
+    TeamLink::new(&link(robot), 1).expect("a link")
 }
 
 fn command(sequence: u64) -> Command {
@@ -135,7 +135,7 @@ fn network_proto_matches_the_rust_messages() {
     ] {
         add(schema);
     }
-    // The derived schema knows one kind of signed number; prost writes the one that it is told.
+    // The derived schema has one kind of signed integer; prost writes the declared one.
     let plain = |names: BTreeSet<String>| -> BTreeSet<String> {
         names
             .into_iter()
@@ -155,14 +155,14 @@ fn state_is_sent_as_json_and_protobuf() {
         .iter()
         .zip(&receivers)
         .map(|(format, socket)| {
-            socket.set_read_timeout(Some(PATIENCE)).expect("set");
+            socket.set_read_timeout(Some(TIMEOUT)).expect("set");
             let to = socket.local_addr().expect("an address");
             let text = format!("to = \"{to}\"\nformat = \"{format}\"\nrobot = 4\n");
             toml::from_str::<OutputConfig>(&text).expect("a configuration")
         });
-    let sender = StateSender::start(&feed, &configs.collect::<Vec<_>>()).expect("a sender");
-    let told = localized_cycle(Stamp(7), 3.0, 1.0);
-    feed.publish(&Arc::new(told.clone()));
+    let _sender = StateSender::start(&feed, &configs.collect::<Vec<_>>()).expect("a sender");
+    let cycle = localized_cycle(Stamp(7), 3.0, 1.0);
+    feed.publish(&Arc::new(cycle.clone()));
     let mut datagram = [0; 65_536];
     let states = receivers.iter().enumerate().map(|(i, socket)| {
         let length = socket.recv(&mut datagram).expect("a datagram");
@@ -177,15 +177,9 @@ fn state_is_sent_as_json_and_protobuf() {
         assert_eq!((state.version, state.robot, state.stamp_ns), (1, 4, 7));
         let ball = state.ball.expect("a ball");
         assert_eq!(ball.on_field.expect("placed").x, 3.0);
-        assert_eq!(state.robots.len(), told.world.robots.len());
+        assert_eq!(state.robots.len(), cycle.world.robots.len());
         assert_eq!(state.pose.expect("a pose").y, 2.0);
     }
-    // It is counted when the system has taken it, which may be after it arrived.
-    let started = Instant::now();
-    while sender.sent() < 2 && started.elapsed() < PATIENCE {
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    assert_eq!(sender.sent(), 2);
 }
 
 #[test]
@@ -194,13 +188,13 @@ fn command_is_delivered_once_and_its_validity_is_capped() {
         bind: "127.0.0.1:0".to_owned(),
         ..CommandConfig::default()
     };
-    let (hand_on, orders) = std::sync::mpsc::sync_channel(8);
-    let obey = move |order: RemoteCommand| {
-        let kicks = order.kick.is_some();
-        hand_on.send(order).expect("taken");
+    let (sender, received) = std::sync::mpsc::sync_channel(8);
+    let execute = move |command: RemoteCommand| {
+        let kicks = command.kick.is_some();
+        sender.send(command).expect("received");
         kicks
     };
-    let commands = CommandListener::listen(&config, obey).expect("listening");
+    let commands = CommandListener::listen(&config, execute).expect("listening");
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a socket");
     let send = |content: &[u8]| socket.send_to(content, commands.address()).expect("sent");
     let long = Command {
@@ -213,28 +207,24 @@ fn command_is_delivered_once_and_its_validity_is_capped() {
         ..command(1)
     };
     send(&serde_json::to_vec(&long).expect("JSON"));
-    send(b"what is this?");
+    send(b"not a command");
     send(&long.encode_to_vec());
     send(&command(2).encode_to_vec());
-    let first = orders.recv_timeout(PATIENCE).expect("an order");
+    let first = received.recv_timeout(TIMEOUT).expect("a command");
     assert_eq!(first.valid_for, Duration::from_millis(100));
     assert_eq!(
         first.drive.map(|drive| (drive.x, drive.theta)),
         Some((0.5, 1.0))
     );
     assert!(first.needs_pose && first.kick.is_some_and(|kick| kick.lofted));
-    let second = orders.recv_timeout(PATIENCE).expect("an order");
+    let second = received.recv_timeout(TIMEOUT).expect("a command");
     assert!(!second.needs_pose && second.kick.is_none());
-    let started = Instant::now();
-    while commands.counts().overruled == 0 && started.elapsed() < PATIENCE {
-        std::thread::sleep(Duration::from_millis(1));
-    }
     let counts = CommandCounts {
         obeyed: 1,
         overruled: 1,
         refused: BTreeMap::from([(RejectReason::Foreign, 1), (RejectReason::Old, 1)]),
     };
-    assert_eq!(commands.counts(), counts);
+    assert_eq!(commands.finish(), counts);
 }
 
 #[test]
@@ -243,15 +233,15 @@ fn remote_commands_require_a_key() {
         bind: "0.0.0.0:0".to_owned(),
         ..CommandConfig::default()
     };
-    let refusal = CommandListener::listen(&config, |_| true)
+    let error = CommandListener::listen(&config, |_| true)
         .err()
-        .expect("refused");
-    assert!(refusal.to_string().contains("set a key"), "{refusal:#}");
+        .expect("rejected");
+    assert!(error.to_string().contains("set a key"), "{error:#}");
     config.key = Some("short".to_owned());
     assert!(CommandListener::listen(&config, |_| true).is_err());
     assert!(toml::from_str::<NetworkConfig>("[comands]\n").is_err());
-    let whole = include_str!("../../../../docs/network.md");
-    let example = whole
+    let document = include_str!("../../../../docs/network.md");
+    let example = document
         .split("```toml")
         .nth(1)
         .and_then(|rest| rest.split("```").next());
@@ -266,25 +256,25 @@ fn team_messages_are_received_with_times_in_our_clock_by_the_team_only() {
     let (mut a, mut b) = (team_link(1), team_link(2));
     let ahead = Stamp::from_seconds(1e6).0;
     let mut last = None;
-    // B's clock is 1e6 s ahead; the way takes 4 ms there and 2 ms back.
+    // The clock of b is 1e6 s ahead; messages take 4 ms to b and 2 ms to a.
     for k in 0..20_i64 {
         let now = k * 100_000_000;
-        let word = a.encode_message(&localized_cycle(Stamp(now), 1.0, 0.0), Stamp(now));
-        b.receive(&word, Stamp(now + 4_000_000 + ahead))
-            .expect("heard by b");
+        let message = a.encode_message(&localized_cycle(Stamp(now), 1.0, 0.0), Stamp(now));
+        b.receive(&message, Stamp(now + 4_000_000 + ahead))
+            .expect("received by b");
         assert_eq!(
-            b.receive(&word, Stamp(now + 5_000_000 + ahead)),
+            b.receive(&message, Stamp(now + 5_000_000 + ahead)),
             Err(RejectReason::Old)
         );
-        assert_eq!(a.receive(&word, Stamp(now)), Err(RejectReason::Own));
+        assert_eq!(a.receive(&message, Stamp(now)), Err(RejectReason::Own));
         let sent = now + 50_000_000;
-        let word = b.encode_message(
+        let message = b.encode_message(
             &localized_cycle(Stamp(sent - 10_000_000 + ahead), 3.0, 1.0),
             Stamp(sent + ahead),
         );
         last = Some((
-            a.receive(&word, Stamp(sent + 2_000_000))
-                .expect("heard by a"),
+            a.receive(&message, Stamp(sent + 2_000_000))
+                .expect("received by a"),
             sent,
         ));
     }
@@ -298,19 +288,19 @@ fn team_messages_are_received_with_times_in_our_clock_by_the_team_only() {
         key: Some("another phrase".to_owned()),
         ..link(3)
     };
-    let mut stranger = TeamLink::new(&strangers, 1).expect("a talk");
-    let word = stranger.encode_message(&localized_cycle(Stamp(0), 0.0, 0.0), Stamp(0));
-    assert_eq!(a.receive(&word, Stamp(0)), Err(RejectReason::Unsealed));
-    let mut others = TeamLink::new(&TeamLinkConfig { team: 2, ..link(3) }, 1).expect("a talk");
-    let word = others.encode_message(&localized_cycle(Stamp(0), 0.0, 0.0), Stamp(0));
-    assert_eq!(a.receive(&word, Stamp(0)), Err(RejectReason::Foreign));
+    let mut stranger = TeamLink::new(&strangers, 1).expect("a link");
+    let message = stranger.encode_message(&localized_cycle(Stamp(0), 0.0, 0.0), Stamp(0));
+    assert_eq!(a.receive(&message, Stamp(0)), Err(RejectReason::Unsealed));
+    let mut others = TeamLink::new(&TeamLinkConfig { team: 2, ..link(3) }, 1).expect("a link");
+    let message = others.encode_message(&localized_cycle(Stamp(0), 0.0, 0.0), Stamp(0));
+    assert_eq!(a.receive(&message, Stamp(0)), Err(RejectReason::Foreign));
 }
 
 #[test]
 fn teammates_exchange_reports_over_udp_multicast() {
     let started = Instant::now();
     let clock = move || Stamp(started.elapsed().as_nanos() as i64);
-    // A port of this process's own, so that two test runs do not hear each other; a key keeps out the rest.
+    // The port depends on the process, so that concurrent test runs do not receive each other's messages.
     let port = 20_000 + std::process::id() % 20_000;
     let config = |robot| TeamLinkConfig {
         group: format!("239.255.77.77:{port}"),
@@ -321,17 +311,17 @@ fn teammates_exchange_reports_over_udp_multicast() {
     let join =
         |i: usize| TeamTransport::join(&feeds[i], &config(i as u32 + 1), 1, clock).expect("joined");
     let links = [join(0), join(1)];
-    let mut heard = [false; 2];
-    while heard != [true; 2] && started.elapsed() < PATIENCE {
+    let mut received = [false; 2];
+    while received != [true; 2] && started.elapsed() < TIMEOUT {
         for i in 0..2 {
             feeds[i].publish(&Arc::new(localized_cycle(clock(), i as f32, 0.0)));
-            heard[i] |= links[i]
-                .received_reports()
-                .any(|report| report.robot == 2 - i as u32);
         }
-        std::thread::sleep(Duration::from_millis(5));
+        for i in 0..2 {
+            let report = links[i].wait_for_report(Duration::from_millis(5));
+            received[i] |= report.is_some_and(|report| report.robot == 2 - i as u32);
+        }
     }
-    assert_eq!(heard, [true; 2]);
+    assert_eq!(received, [true; 2]);
     assert!(links[0].counts().refused.get(&RejectReason::Own) > Some(&0));
 }
 
@@ -342,58 +332,58 @@ proptest! {
         noise in prop::collection::vec(any::<u8>(), 0..200),
     ) {
         let config = CommandConfig {
-            key: Some(PHRASE.to_owned()),
+            key: Some(SHARED_KEY.to_owned()),
             ..CommandConfig::default()
         };
-        let mut gate = CommandFilter::new(&config).expect("a gate");
-        let key = MacKey::new(PHRASE).expect("a key");
-        prop_assert!(gate.accept(&noise, 0.0).is_err());
+        let mut filter = CommandFilter::new(&config).expect("a filter");
+        let key = MacKey::new(SHARED_KEY).expect("a key");
+        prop_assert!(filter.accept(&noise, 0.0).is_err());
         let mut newest = None;
-        // Commands in any order, again, and with any one byte wrong.
+        // Commands in any order, repeated, and with a wrong byte.
         for (sequence, place, flip) in cuts {
             let sequence = sequence as u64;
             let whole = append_mac(command(sequence).encode_to_vec(), Some(&key));
             let mut broken = whole.clone();
             if let Some(byte) = broken.get_mut(place) {
                 *byte ^= flip;
-                prop_assert!(gate.accept(&broken, 0.0).is_err());
-                prop_assert!(gate.accept(&whole[..place], 0.0).is_err());
+                prop_assert!(filter.accept(&broken, 0.0).is_err());
+                prop_assert!(filter.accept(&whole[..place], 0.0).is_err());
             }
-            let passed = gate.accept(&whole, 0.0);
+            let result = filter.accept(&whole, 0.0);
             let fresh = newest.is_none_or(|newest| sequence > newest);
-            prop_assert_eq!(passed.is_ok(), fresh);
+            prop_assert_eq!(result.is_ok(), fresh);
             newest = newest.max(Some(sequence));
         }
     }
 
     #[test]
     fn malformed_datagrams_are_rejected_and_each_message_is_accepted_once(
-        words in prop::collection::vec((0_u64..30, any::<bool>()), 0..60),
+        deliveries in prop::collection::vec((0_u64..30, any::<bool>()), 0..60),
         noise in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..120), 0..20),
     ) {
         let open = TeamLinkConfig { key: None, ..link(1) };
-        let mut listener = TeamLink::new(&open, 1).expect("a talk");
+        let mut receiver = TeamLink::new(&open, 1).expect("a link");
         for datagram in &noise {
-            // Without a key a stranger may be taken at his word, but never for ourselves.
-            if let Ok(report) = listener.receive(datagram, Stamp(0)) {
+            // Without a key a message of another sender may be accepted, but not with our own number.
+            if let Ok(report) = receiver.receive(datagram, Stamp(0)) {
                 prop_assert!(report.robot != 1);
             }
         }
-        let mut listener = team_link(1);
-        let mut speaker = team_link(2);
-        let said: Vec<_> = (0..30)
-            .map(|k| speaker.encode_message(&localized_cycle(Stamp(k), 1.0, 1.0), Stamp(k)))
+        let mut receiver = team_link(1);
+        let mut sender = team_link(2);
+        let messages: Vec<_> = (0..30)
+            .map(|k| sender.encode_message(&localized_cycle(Stamp(k), 1.0, 1.0), Stamp(k)))
             .collect();
         let mut newest = None;
-        for (k, cut) in words {
-            let word = &said[k as usize];
-            if cut {
-                let short = word.len() - 1 - k as usize % (MAC_BYTES + 4);
-                prop_assert_eq!(listener.receive(&word[..short], Stamp(100)), Err(RejectReason::Unsealed));
+        for (k, truncated) in deliveries {
+            let message = &messages[k as usize];
+            if truncated {
+                let short = message.len() - 1 - k as usize % (MAC_BYTES + 4);
+                prop_assert_eq!(receiver.receive(&message[..short], Stamp(100)), Err(RejectReason::Unsealed));
                 continue;
             }
-            let heard = listener.receive(word, Stamp(100));
-            prop_assert_eq!(heard.is_ok(), newest.is_none_or(|newest| k > newest));
+            let result = receiver.receive(message, Stamp(100));
+            prop_assert_eq!(result.is_ok(), newest.is_none_or(|newest| k > newest));
             newest = newest.max(Some(k));
         }
     }

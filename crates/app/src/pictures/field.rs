@@ -1,4 +1,4 @@
-//! Where was the robot, and where did it think it was? The field from above with paths, as a picture.
+//! Where was the robot, and where was it estimated? The field from above with paths, as a picture.
 
 use localize::field::{Field, GoalColour, Marking};
 use localize::frames::{At, FieldFrame};
@@ -9,51 +9,51 @@ use tiny_skia::{
 use vision::image::Image;
 
 /// A field drawn from above, x to the right, y up.
-pub struct FieldDrawing {
+pub(crate) struct FieldDrawing {
     pixmap: Pixmap,
     scale: f32,
     half_extent: (f32, f32),
 }
 
 /// Colours of what is drawn; distinguishable with any colour vision.
-pub mod ink {
+pub(crate) mod ink {
     use tiny_skia::Color;
 
     /// The floor around the carpet.
-    pub fn surround() -> Color {
+    pub(crate) fn surround() -> Color {
         Color::from_rgba8(58, 60, 64, 255)
     }
     /// The carpet.
-    pub fn carpet() -> Color {
+    pub(crate) fn carpet() -> Color {
         Color::from_rgba8(38, 106, 64, 255)
     }
     /// Markings.
-    pub fn line() -> Color {
+    pub(crate) fn line() -> Color {
         Color::from_rgba8(232, 236, 232, 255)
     }
     /// The true path.
-    pub fn truth() -> Color {
+    pub(crate) fn truth() -> Color {
         Color::from_rgba8(20, 22, 26, 255)
     }
     /// The estimated path while tracking.
-    pub fn estimate() -> Color {
+    pub(crate) fn estimate() -> Color {
         Color::from_rgba8(255, 176, 0, 255)
     }
-    /// Found anew by a global search.
-    pub fn global() -> Color {
+    /// Pose found by the global search.
+    pub(crate) fn global() -> Color {
         Color::from_rgba8(80, 200, 255, 255)
     }
     /// The ball.
-    pub fn ball() -> Color {
+    pub(crate) fn ball() -> Color {
         Color::from_rgba8(255, 96, 32, 255)
     }
 }
 
 impl FieldDrawing {
     /// Draws the empty field to a width in pixels.
-    pub fn new(field: &Field, width_px: u32) -> Option<Self> {
+    pub(crate) fn new(field: &Field, width_px: u32) -> Option<Self> {
         let (half_x, half_y) = field.carpet_half_extent();
-        // A rim of floor around the carpet, so that goals and robots beyond it show.
+        // A margin of floor around the carpet, so that goals and robots outside it are visible.
         let half_extent = (half_x + 0.6, half_y + 0.6);
         let scale = width_px as f32 / (2.0 * half_extent.0);
         let height_px = (2.0 * half_extent.1 * scale).ceil() as u32;
@@ -74,7 +74,7 @@ impl FieldDrawing {
     }
 
     /// Joins points by a line of a width in pixels.
-    pub fn path(
+    pub(crate) fn path(
         &mut self,
         points: impl IntoIterator<Item = At<FieldFrame>>,
         colour: Color,
@@ -93,7 +93,7 @@ impl FieldDrawing {
     }
 
     /// A filled dot of a radius in pixels.
-    pub fn dot(&mut self, point: At<FieldFrame>, colour: Color, radius_px: f32) {
+    pub(crate) fn dot(&mut self, point: At<FieldFrame>, colour: Color, radius_px: f32) {
         let (x, y) = self.to_pixel(point.x, point.y);
         if let Some(path) = PathBuilder::from_circle(x, y, radius_px) {
             self.pixmap.fill_path(
@@ -107,7 +107,7 @@ impl FieldDrawing {
     }
 
     /// One line of text with its left top corner at pixels.
-    pub fn text(&mut self, left_px: u32, top_px: u32, text: &str, colour: Color) {
+    pub(crate) fn text(&mut self, left_px: u32, top_px: u32, text: &str, colour: Color) {
         let pixel = colour.premultiply().to_color_u8();
         let (width, height) = (self.pixmap.width(), self.pixmap.height());
         for (index, letter) in text.chars().enumerate() {
@@ -127,7 +127,7 @@ impl FieldDrawing {
     }
 
     /// The finished picture.
-    pub fn finish(self) -> Image {
+    pub(crate) fn finish(self) -> Image {
         let (width_px, height_px) = (self.pixmap.width() as usize, self.pixmap.height() as usize);
         let rgb = self
             .pixmap
@@ -223,13 +223,13 @@ fn paint(colour: Color) -> Paint<'static> {
     paint
 }
 
-/// Rows of a letter, bit 0 leftmost; none outside ASCII.
+/// Rows of a letter, bit 0 leftmost. None outside ASCII.
 fn glyph(letter: char) -> Option<[u8; 8]> {
     font8x8::legacy::BASIC_LEGACY.get(letter as usize).copied()
 }
 
-/// Two pictures side by side, the lower one centred on black.
-pub fn side_by_side(left: &Image, right: &Image) -> Image {
+/// Two pictures side by side, the smaller one centred vertically on black.
+pub(crate) fn side_by_side(left: &Image, right: &Image) -> Image {
     let width_px = left.width_px + right.width_px;
     let height_px = left.height_px.max(right.height_px);
     let mut rgb = vec![0; 3 * width_px * height_px];

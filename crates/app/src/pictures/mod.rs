@@ -1,4 +1,4 @@
-//! Pictures that commands write: an annotated camera image, a field from above.
+//! Pictures that commands write: an annotated camera image and a field from above.
 
-pub mod annotate;
-pub mod field;
+pub(crate) mod annotate;
+pub(crate) mod field;

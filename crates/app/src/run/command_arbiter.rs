@@ -1,4 +1,4 @@
-//! Who drives, and is the command still good? The one way from a path, a program or a hand to the wheels.
+//! Who commands the base, and is the command still valid? All commands to the base pass through the arbiter.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -6,168 +6,171 @@ use std::time::Duration;
 use hw::base::{Kick, MotionCommand};
 use localize::{Pose, Stamp};
 
-/// A pose older than this is none for whoever needs one to drive, seconds: four frames at 30 Hz.
+/// Maximum age of a pose for commands that need one, seconds: four images at 30 Hz.
 const POSE_AGE_MAX: f64 = 0.15;
-/// How long a command keeps lesser drivers from the wheels, seconds.
+/// Time for which a command blocks sources of lower priority, seconds.
 const SOURCE_HOLD_TIME: f64 = 0.5;
 
-/// Who commands; a later one of this list takes over from an earlier one.
+/// Source of a command, in order of increasing priority.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum CommandSource {
-    /// A path of this program's own.
+pub(crate) enum CommandSource {
+    /// A patrol of this program.
     Path,
-    /// Another program.
+    /// Another program (UDP).
     Program,
-    /// A hand at keyboard or game pad.
+    /// A person with keyboard or game pad.
     Operator,
 }
 
-/// Why a command was not taken.
+/// Why a command was rejected.
 #[derive(Debug, thiserror::Error)]
-pub enum CommandError {
+pub(crate) enum CommandError {
     /// The robot has no base.
-    #[error("this robot has no base")]
+    #[error("no base. Add [base] to hardware.toml")]
     NoBase,
-    /// The base refused.
+    /// The base driver rejected the command.
     #[error(transparent)]
     Base(#[from] hw::HwError),
-    /// Another drives.
-    #[error("{0:?} drives")]
+    /// A source of higher priority commands the base.
+    #[error("command preempted by source {0:?}")]
     Preempted(CommandSource),
-    /// The command needs a pose and there is none, or an old one: the wheels stop.
-    #[error("there is no fresh pose")]
+    /// The command needs a pose, and there is none or an old one. The wheels stop.
+    #[error("no pose newer than {POSE_AGE_MAX} s")]
     NoPose,
 }
 
-/// Where everyone who drives commands the robot; clones are the same.
+/// Passes commands of all sources to the base. Clones share the same state.
 #[derive(Clone, Default)]
-pub struct CommandArbiter {
+pub(crate) struct CommandArbiter {
     state: Arc<Mutex<ArbiterState>>,
 }
 
 #[derive(Default)]
 struct ArbiterState {
     base: Option<hw::BaseHandle>,
-    pose: Option<(Stamp, Pose)>,
-    /// Who commanded last, and when.
-    active_source: Option<(CommandSource, Stamp)>,
-    /// The last command is good only with a pose.
+    pose: Option<StampedPose>,
+    active_source: Option<ActiveSource>,
+    /// The last command is valid only with a pose.
     needs_pose: bool,
 }
 
+/// The source of the last command.
+struct ActiveSource {
+    source: CommandSource,
+    stamp: Stamp,
+}
+
+/// A pose and its time.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct StampedPose {
+    /// CLOCK_MONOTONIC.
+    pub stamp: Stamp,
+    /// On the field.
+    pub pose: Pose,
+}
+
 impl CommandArbiter {
-    /// A helm that commands nothing yet.
-    pub fn new() -> Self {
+    /// An arbiter without a base.
+    pub(crate) fn new() -> Self {
         CommandArbiter::default()
     }
 
-    /// From now on this base is commanded, if there is one.
-    pub fn attach_base(&self, base: Option<hw::BaseHandle>) {
+    /// Sets the base that receives the commands.
+    pub(crate) fn attach_base(&self, base: Option<hw::BaseHandle>) {
         self.lock().base = base;
     }
 
-    /// Drives until the deadline (CLOCK_MONOTONIC), or for as long as hardware.toml lets a command live if that is sooner.
+    /// Drives until the deadline (CLOCK_MONOTONIC) or the maximum command age of hardware.toml, whichever is earlier.
     ///
-    /// With `needs_pose` no command outlives the pose by more than 0.15 s, and the wheels stop as soon as there is none.
-    pub fn drive(
+    /// With `needs_pose` the command ends 0.15 s after the last pose, and the wheels stop as soon as the pose is lost.
+    pub(crate) fn drive(
         &self,
-        driver: CommandSource,
-        drive: MotionCommand,
+        source: CommandSource,
+        motion: MotionCommand,
         deadline: Stamp,
         needs_pose: bool,
     ) -> Result<(), CommandError> {
         let now = hw::now();
-        let mut shared = self.lock();
-        let base = shared.base.clone().ok_or(CommandError::NoBase)?;
-        shared.acquire(driver, now)?;
-        shared.needs_pose = needs_pose;
+        let mut state = self.lock();
+        let base = state.base.clone().ok_or(CommandError::NoBase)?;
+        state.acquire(source, now)?;
+        state.needs_pose = needs_pose;
         let mut deadline = deadline;
         if needs_pose {
-            let pose_until = shared.pose.map(|(stamp, _)| stamp + POSE_AGE_MAX);
+            let pose_until = state.pose.map(|pose| pose.stamp + POSE_AGE_MAX);
             let Some(until) = pose_until.filter(|until| *until > now) else {
                 base.halt(Duration::ZERO);
                 return Err(CommandError::NoPose);
             };
             deadline = deadline.min(until);
         }
-        Ok(base.drive(drive, deadline)?)
+        Ok(base.drive(motion, deadline)?)
     }
 
-    /// Kicks once, unless that cannot be done before the deadline.
-    pub fn kick(
+    /// Kicks once, if that is possible before the deadline.
+    pub(crate) fn kick(
         &self,
-        driver: CommandSource,
+        source: CommandSource,
         kick: Kick,
         deadline: Stamp,
     ) -> Result<(), CommandError> {
-        Ok(self.acquire_base(driver)?.kick(kick, deadline)?)
+        Ok(self.acquire_base(source)?.kick(kick, deadline)?)
     }
 
-    /// Turns the left and right dribbling wheel (rad/s, positive pulls the ball in) until the deadline.
-    pub fn dribble(
-        &self,
-        driver: CommandSource,
-        speeds: [f32; 2],
-        deadline: Stamp,
-    ) -> Result<(), CommandError> {
-        Ok(self.acquire_base(driver)?.dribble(speeds, deadline)?)
-    }
-
-    /// The base, if this driver may command it now.
-    fn acquire_base(&self, driver: CommandSource) -> Result<hw::BaseHandle, CommandError> {
-        let mut shared = self.lock();
-        let base = shared.base.clone().ok_or(CommandError::NoBase)?;
-        shared.acquire(driver, hw::now())?;
+    /// The base, if this source may command it now.
+    fn acquire_base(&self, source: CommandSource) -> Result<hw::BaseHandle, CommandError> {
+        let mut state = self.lock();
+        let base = state.base.clone().ok_or(CommandError::NoBase)?;
+        state.acquire(source, hw::now())?;
         Ok(base)
     }
 
-    /// Stops the wheels now, whoever drives.
-    pub fn halt(&self) {
+    /// Stops the wheels now, whatever the active source.
+    pub(crate) fn halt(&self) {
         let base = self.lock().base.clone();
         if let Some(base) = base {
             base.halt(Duration::ZERO);
         }
     }
 
-    /// Stops the wheels for good, waiting so long at most until the bus has been told; false if it was not.
-    pub fn close(&self, patience: Duration) -> bool {
+    /// Stops the wheels for good and waits up to `timeout` until the bus has the command. False if it failed.
+    pub(crate) fn close(&self, timeout: Duration) -> bool {
         let base = self.lock().base.clone();
-        base.is_none_or(|base| base.close(patience))
+        base.is_none_or(|base| base.close(timeout))
     }
 
-    /// The latest pose and its stamp.
-    pub fn pose(&self) -> Option<(Stamp, Pose)> {
+    /// The latest pose.
+    pub(crate) fn pose(&self) -> Option<StampedPose> {
         self.lock().pose
     }
 
-    /// The spine's word, once a cycle.
-    pub fn set_pose(&self, stamp: Stamp, pose: Option<Pose>) {
-        let mut shared = self.lock();
-        shared.pose = pose.map(|pose| (stamp, pose));
-        let blind = pose.is_none() && std::mem::take(&mut shared.needs_pose);
-        drop(shared);
-        if blind {
+    /// Sets the estimated pose, once per cycle. Stops the wheels if the pose is lost and the command needs it.
+    pub(crate) fn set_pose(&self, stamp: Stamp, pose: Option<Pose>) {
+        let mut state = self.lock();
+        state.pose = pose.map(|pose| StampedPose { stamp, pose });
+        let pose_lost = pose.is_none() && std::mem::take(&mut state.needs_pose);
+        drop(state);
+        if pose_lost {
             self.halt();
         }
     }
 
     fn lock(&self) -> MutexGuard<'_, ArbiterState> {
-        // Plain values: true whatever happened to a thread that held them.
+        // Plain values: valid even if a thread panicked with the lock.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl ArbiterState {
-    fn acquire(&mut self, driver: CommandSource, now: Stamp) -> Result<(), CommandError> {
-        match self.active_source {
-            Some((other, since)) if other > driver && now - since < SOURCE_HOLD_TIME => {
-                Err(CommandError::Preempted(other))
-            }
-            _ => {
-                self.active_source = Some((driver, now));
-                Ok(())
-            }
+    fn acquire(&mut self, source: CommandSource, now: Stamp) -> Result<(), CommandError> {
+        if let Some(active) = &self.active_source
+            && active.source > source
+            && now - active.stamp < SOURCE_HOLD_TIME
+        {
+            return Err(CommandError::Preempted(active.source));
         }
+        self.active_source = Some(ActiveSource { source, stamp: now });
+        Ok(())
     }
 }
 
@@ -177,28 +180,28 @@ mod tests {
 
     #[test]
     fn operator_preempts_programs_until_hold_time_expires() {
-        let mut shared = ArbiterState::default();
+        let mut state = ArbiterState::default();
         let at = |seconds| Stamp::from_seconds(seconds);
-        assert!(shared.acquire(CommandSource::Program, at(0.0)).is_ok());
-        assert!(shared.acquire(CommandSource::Operator, at(0.1)).is_ok());
+        assert!(state.acquire(CommandSource::Program, at(0.0)).is_ok());
+        assert!(state.acquire(CommandSource::Operator, at(0.1)).is_ok());
         assert!(matches!(
-            shared.acquire(CommandSource::Program, at(0.5)),
+            state.acquire(CommandSource::Program, at(0.5)),
             Err(CommandError::Preempted(CommandSource::Operator))
         ));
-        assert!(shared.acquire(CommandSource::Program, at(0.61)).is_ok());
+        assert!(state.acquire(CommandSource::Program, at(0.61)).is_ok());
     }
 
     #[test]
     fn drive_without_a_base_is_rejected() {
-        let helm = CommandArbiter::new();
+        let arbiter = CommandArbiter::new();
         let soon = hw::now() + 1.0;
-        let refused = helm.drive(
+        let result = arbiter.drive(
             CommandSource::Operator,
             MotionCommand::default(),
             soon,
             false,
         );
-        assert!(matches!(refused, Err(CommandError::NoBase)));
-        assert!(helm.close(Duration::ZERO));
+        assert!(matches!(result, Err(CommandError::NoBase)));
+        assert!(arbiter.close(Duration::ZERO));
     }
 }

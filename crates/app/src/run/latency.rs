@@ -1,23 +1,23 @@
-//! How long did it take? Times in bins of fixed number, so that a day's run needs no more memory than its first minute.
+//! How are latencies distributed? A histogram with a fixed number of bins, so that memory does not grow with time.
 
 use serde::Serialize;
 
 /// Width of a bin, milliseconds.
 const BIN_MS: f64 = 0.02;
-/// Bins; what takes longer than all of them is in the last.
+/// Number of bins. The last one holds all longer times.
 const BINS: usize = 10_000;
 
 /// A distribution of times.
 #[derive(Debug, Clone)]
-pub struct LatencyHistogram {
+pub(crate) struct LatencyHistogram {
     bins: Vec<u32>,
     count: u64,
     max_ms: f64,
 }
 
-/// A distribution in three numbers, milliseconds.
+/// Quantiles of a distribution, milliseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct LatencySummary {
+pub(crate) struct LatencySummary {
     /// Half are below.
     pub median: f64,
     /// 99 % are below.
@@ -37,16 +37,16 @@ impl Default for LatencyHistogram {
 }
 
 impl LatencyHistogram {
-    /// Counts one, milliseconds.
-    pub fn add(&mut self, time_ms: f64) {
+    /// Adds a time, milliseconds.
+    pub(crate) fn add(&mut self, time_ms: f64) {
         let bin = (time_ms.max(0.0) / BIN_MS) as usize;
         self.bins[bin.min(BINS - 1)] += 1;
         self.count += 1;
         self.max_ms = self.max_ms.max(time_ms);
     }
 
-    /// The distribution so far; zeros if nothing was counted.
-    pub fn summary(&self) -> LatencySummary {
+    /// The quantiles so far; zeros if empty.
+    pub(crate) fn summary(&self) -> LatencySummary {
         LatencySummary {
             median: self.quantile(0.5),
             p99: self.quantile(0.99),
@@ -54,13 +54,13 @@ impl LatencyHistogram {
         }
     }
 
-    /// The upper end of the bin that holds the given share's last.
+    /// The upper end of the bin that holds the quantile.
     fn quantile(&self, share: f64) -> f64 {
-        let wanted = (share * self.count as f64).ceil() as u64;
+        let rank = (share * self.count as f64).ceil() as u64;
         let mut counted = 0;
         for (bin, count) in self.bins.iter().enumerate() {
             counted += u64::from(*count);
-            if wanted > 0 && counted >= wanted {
+            if rank > 0 && counted >= rank {
                 return ((bin + 1) as f64 * BIN_MS).min(self.max_ms);
             }
         }

@@ -1,4 +1,4 @@
-//! How does the log outlive its disk? A log that cannot be written costs a word; another is begun as soon as there is room.
+//! What happens when the disk is full? The log ends with a message, and a new file starts as soon as there is space.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,30 +7,38 @@ use hw::realtime::lower_priority;
 use localize::{Field, Stamp};
 use serde::Serialize;
 
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::feed::Pace;
 use pipeline::log::{Header, LogConfig, Recorder};
 
-/// Time between attempts to begin a log after one failed, seconds.
+/// Time between attempts to start a new log, seconds.
 const RETRY_PERIOD: f64 = 0.5;
 
-/// What became of the logs of a run.
+/// Statistics of the logs of a run.
 #[derive(Debug, Clone, Default, Serialize)]
-pub struct LogSummary {
-    /// The files, in order; more than one after a disk was full.
+pub(crate) struct LogSummary {
+    /// The files, in order; more than one if the disk was full.
     pub files: Vec<PathBuf>,
     /// Cycles written.
     pub cycles: u64,
     /// Images written.
     pub images: u64,
-    /// Cycles that a slow or full disk cost.
+    /// Cycles lost to a slow or full disk.
     pub cycles_dropped: u64,
-    /// Images that a slow disk cost.
+    /// Images lost to a slow disk.
     pub images_dropped: u64,
 }
 
-/// Keeps the log of a run.
-pub struct LogRotation {
+/// The logs of a run after its end.
+pub(crate) struct FinishedLog {
+    /// Files and counts.
+    pub summary: LogSummary,
+    /// Why the last file could not be closed.
+    pub error: Option<String>,
+}
+
+/// Writes the log of a run, in a new file after a failure.
+pub(crate) struct LogRotation {
     path: PathBuf,
     header: Header,
     field: Field,
@@ -41,8 +49,8 @@ pub struct LogRotation {
 }
 
 impl LogRotation {
-    /// Begins the log; that it cannot be begun is an error here, and none later.
-    pub fn start(
+    /// Starts the log. Only here a failure is an error; later it is a message.
+    pub(crate) fn start(
         path: &Path,
         header: Header,
         field: &Field,
@@ -64,46 +72,49 @@ impl LogRotation {
         })
     }
 
-    /// Takes a cycle; returns what there is to say: that the log failed, or that another was begun.
-    pub fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
+    /// Writes a cycle. Returns a message if the log failed or a new one started.
+    pub(crate) fn write_cycle(&mut self, cycle: Arc<Cycle>) -> Option<String> {
         let now = hw::now();
-        let mut said = None;
+        let mut message = None;
         if self.recorder.is_none() && now > self.next_attempt {
             self.next_attempt = now + RETRY_PERIOD;
-            said = self.open_next_file();
+            message = self.open_next_file();
         }
         let Some(recorder) = &mut self.recorder else {
             self.summary.cycles_dropped += 1;
-            return said;
+            return message;
         };
         if let Err(error) = recorder.record_cycle(cycle) {
             self.summary.cycles_dropped += 1;
             self.close_file();
             self.next_attempt = now + RETRY_PERIOD;
             return Some(format!(
-                "the log cannot be written, the robot plays on: {error:#}"
+                "cannot write the log: {error:#}. The run continues without it"
             ));
         }
-        said
+        message
     }
 
-    /// A line for people into the log.
-    pub fn write_note(&self, stamp: Stamp, text: &str) {
+    /// Writes a text message into the log.
+    pub(crate) fn write_note(&self, stamp: Stamp, text: &str) {
         if let Some(recorder) = &self.recorder {
             recorder.note(stamp, text);
         }
     }
 
-    /// Writes what waits and closes the log; an error that only shows now is said.
-    pub fn finish(mut self) -> (LogSummary, Option<String>) {
-        let said = self.close_file();
-        (self.summary, said)
+    /// Writes the pending cycles and closes the log.
+    pub(crate) fn finish(mut self) -> FinishedLog {
+        let error = self.close_file();
+        FinishedLog {
+            summary: self.summary,
+            error,
+        }
     }
 
-    /// Ends the log that is written now, as far as it can be; one that holds nothing is taken away again.
+    /// Closes the current file and returns the error, if any. A file without cycles is removed.
     fn close_file(&mut self) -> Option<String> {
         let recorder = self.recorder.take()?;
-        let safe = recorder.flushed_cycles();
+        let flushed_cycles = recorder.flushed_cycles();
         match recorder.finish() {
             Ok(written) => {
                 self.summary.cycles += written.cycles;
@@ -113,13 +124,13 @@ impl LogRotation {
                 None
             }
             Err(error) => {
-                self.summary.cycles += safe;
-                if safe == 0
+                self.summary.cycles += flushed_cycles;
+                if flushed_cycles == 0
                     && let Some(path) = self.summary.files.pop()
                 {
                     let _gone = std::fs::remove_file(path);
                 }
-                Some(format!("the log was not closed: {error:#}"))
+                Some(format!("cannot close the log: {error:#}"))
             }
         }
     }
@@ -139,10 +150,10 @@ impl LogRotation {
             Ok(recorder) => {
                 self.recorder = Some(recorder);
                 self.summary.files.push(path.clone());
-                Some(format!("the log goes on in {}", path.display()))
+                Some(format!("the log continues in {}", path.display()))
             }
             Err(_) => {
-                // A header that did not fit is no log; that there is no room was said before.
+                // The file has no complete header. The failure has been reported before.
                 let _gone = std::fs::remove_file(&path);
                 None
             }

@@ -1,33 +1,32 @@
-//! What do other programs and team-mates get to know, and what may they ask? The robot's network.toml, joined with its wheels.
+//! How is a run connected to the network? network.toml, with remote commands passed to the arbiter.
 
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, ensure};
 use hw::base::{Kick, MotionCommand};
+use localize::Stamp;
 use localize::omni::Twist;
 use localize::team::TeamReport;
-use localize::{Field, Stamp};
 
 use super::command_arbiter::{CommandArbiter, CommandError, CommandSource};
 use crate::net::commands::CommandCounts;
 use crate::net::{Network, NetworkConfig, RemoteCommand};
-use crate::stream::StreamConfig;
+use crate::stream::{StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
-use pipeline::log::Header;
 
-/// The file beside robot.toml that says who is told what, and who may command.
-pub const NETWORK_FILE: &str = "network.toml";
+/// The network configuration in the robot's folder.
+pub(crate) const NETWORK_FILE: &str = "network.toml";
 
-/// The network's part of a run; dropping it ends it.
+/// The network threads of a run. Dropping it ends them.
 pub(super) struct RunNetwork {
     network: Network,
 }
 
-/// What is configured: by a file that was named, else by the robot's own if it has one; else nothing.
+/// Reads the network configuration: `file`, else the robot's own network.toml, else an empty one.
 ///
-/// `live`: where the live stream is offered in place of what the file says. `number`: ours by the settings
-/// (`team.number`), by which our own words are known when they come back; the team must know us by the same.
+/// `live`: address of the live stream, overrides the file's. `number`: the setting `team.number`, by which the robot
+/// recognises its own messages; `[team] robot` must be equal.
 pub(super) fn load_config(
     file: Option<&Path>,
     robot: &Path,
@@ -40,7 +39,7 @@ pub(super) fn load_config(
     if let (Some(team), Some(file)) = (&config.team, file) {
         ensure!(
             team.robot == number,
-            "{}: [team] robot = {}, but the settings say team.number = {number}: both are this robot's number",
+            "{}: [team] robot = {} differs from the setting team.number = {number}. Both are this robot's number: make them equal",
             file.display(),
             team.robot
         );
@@ -56,23 +55,24 @@ pub(super) fn load_config(
 }
 
 impl RunNetwork {
-    /// Starts what is configured: cycles of `feed` go out, commands go to `helm`.
+    /// Starts the configured threads: they send the cycles of `feed` and pass commands to `arbiter`.
     pub(super) fn start(
         config: &NetworkConfig,
         feed: &Feed,
-        about: (&Header, &Field),
-        helm: &CommandArbiter,
+        preamble: StreamPreamble<'_>,
+        arbiter: &CommandArbiter,
     ) -> Result<Self> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH);
         let session = since.map_or(0, |since| since.as_nanos() as u64);
-        let helm = helm.clone();
-        // Why not is counted by whoever sent it: the wheels do not turn.
-        let obey = move |order: RemoteCommand| execute_command(&helm, order, hw::now()).is_ok();
-        let network = config.start(feed, about, session, hw::now, obey)?;
+        let arbiter = arbiter.clone();
+        // The reason of a rejection is not reported: the sender sees that the wheels do not turn.
+        let execute =
+            move |command: RemoteCommand| execute_command(&arbiter, command, hw::now()).is_ok();
+        let network = config.start(feed, preamble, session, hw::now, execute)?;
         Ok(RunNetwork { network })
     }
 
-    /// What team-mates said since the last call.
+    /// Reports of team-mates received since the last call.
     pub(super) fn team_reports(&self) -> impl Iterator<Item = TeamReport> {
         self.network
             .team
@@ -80,7 +80,7 @@ impl RunNetwork {
             .flat_map(crate::net::TeamTransport::received_reports)
     }
 
-    /// What became of commands; none if nobody may command.
+    /// Counts of remote commands. None if remote commands are not configured.
     pub(super) fn command_counts(&self) -> Option<CommandCounts> {
         self.network
             .commands
@@ -89,28 +89,28 @@ impl RunNetwork {
     }
 }
 
-/// Carries out another program's command that came `now`.
+/// Executes another program's command received at `now`.
 fn execute_command(
-    helm: &CommandArbiter,
-    order: RemoteCommand,
+    arbiter: &CommandArbiter,
+    command: RemoteCommand,
     now: Stamp,
 ) -> Result<(), CommandError> {
-    let deadline = now + order.valid_for.as_secs_f64();
-    if let Some(kick) = order.kick {
+    let deadline = now + command.valid_for.as_secs_f64();
+    if let Some(kick) = command.kick {
         let kick = Kick {
             speed: kick.speed,
             lofted: kick.lofted,
         };
-        helm.kick(CommandSource::Program, kick, deadline)?;
+        arbiter.kick(CommandSource::Program, kick, deadline)?;
     }
-    if let Some(drive) = order.drive {
+    if let Some(drive) = command.drive {
         let twist = Twist {
             x: drive.x,
             y: drive.y,
             theta: drive.theta,
         };
-        let drive = MotionCommand::Twist(twist);
-        helm.drive(CommandSource::Program, drive, deadline, order.needs_pose)?;
+        let motion = MotionCommand::Twist(twist);
+        arbiter.drive(CommandSource::Program, motion, deadline, command.needs_pose)?;
     }
     Ok(())
 }
@@ -127,13 +127,13 @@ mod tests {
         let config = load_config(None, folder.path(), None, 3).expect("one number");
         assert_eq!(config.team.map(|team| team.robot), Some(3));
         let error = load_config(None, folder.path(), None, 1).expect_err("two numbers");
-        let told = error.to_string();
-        assert!(told.contains(&file.display().to_string()), "{told}");
+        let message = error.to_string();
+        assert!(message.contains(&file.display().to_string()), "{message}");
         assert!(
-            told.contains("robot = 3") && told.contains("team.number = 1"),
-            "{told}"
+            message.contains("robot = 3") && message.contains("team.number = 1"),
+            "{message}"
         );
-        // Who speaks to no team needs no number.
+        // Without a team any number is accepted.
         std::fs::write(&file, "").expect("written");
         assert!(load_config(None, folder.path(), None, 7).is_ok());
     }

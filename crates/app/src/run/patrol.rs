@@ -1,4 +1,4 @@
-//! How does the robot follow a path by its own eyes? Waypoints, steered to by the estimated pose; without one it stands.
+//! How does the robot follow waypoints? It steers by the estimated pose and stops without one.
 
 use std::path::Path;
 use std::time::Duration;
@@ -10,31 +10,31 @@ use localize::frames::wrap_angle;
 use localize::omni::Twist;
 use serde::Deserialize;
 
-use super::command_arbiter::{CommandArbiter, CommandSource};
+use super::command_arbiter::{CommandArbiter, CommandSource, StampedPose};
 use super::stop_flag::StopFlag;
 
-/// Commands are good for so long, seconds: two of them may be lost.
+/// Validity of a command, seconds: two of them may be lost.
 const COMMAND_VALIDITY: f64 = 0.06;
 /// Time between commands.
 const PERIOD: Duration = Duration::from_millis(20);
-/// Braking is planned with this deceleration, m/s².
+/// Deceleration before a waypoint, m/s².
 const DECELERATION: f32 = 1.0;
-/// How fast an error of heading is turned away, 1/s.
+/// Gain of the heading controller, 1/s.
 const HEADING_GAIN: f32 = 2.0;
 
 /// A patrol file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Patrol {
-    /// Places to pass in turn, over and over.
+pub(crate) struct Patrol {
+    /// Waypoints to pass in a loop.
     waypoints: Vec<Waypoint>,
-    /// Top speed, m/s.
+    /// Maximum speed, m/s.
     #[serde(default = "default_speed")]
     speed: f32,
-    /// Top rate of turn, degrees/s.
+    /// Maximum yaw rate, degrees/s.
     #[serde(default = "default_turn_rate_deg")]
     turn_rate_deg: f32,
-    /// A place counts as passed at this distance, metres.
+    /// A waypoint counts as passed at this distance, metres.
     #[serde(default = "default_passed")]
     passed: f32,
 }
@@ -49,7 +49,7 @@ fn default_passed() -> f32 {
     0.25
 }
 
-/// A place and the heading it is passed with.
+/// A position and the heading at which to pass it.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Waypoint {
@@ -64,13 +64,13 @@ struct Waypoint {
 
 impl Patrol {
     /// Reads a patrol file.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub(crate) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         let patrol: Patrol = toml::from_str(&text).with_context(|| path.display().to_string())?;
         ensure!(
             !patrol.waypoints.is_empty(),
-            "{}: waypoints: at least one is wanted",
+            "{}: empty waypoints (expected at least one)",
             path.display()
         );
         for (key, value) in [
@@ -80,22 +80,22 @@ impl Patrol {
         ] {
             ensure!(
                 value > 0.0 && value.is_finite(),
-                "{}: {key} = {value}: must be above zero",
+                "{}: invalid {key}: {value} (expected above 0)",
                 path.display()
             );
         }
         Ok(patrol)
     }
 
-    /// Drives until the end is asked for.
-    pub fn drive(&self, helm: &CommandArbiter, stop: &StopFlag) {
+    /// Drives until `stop` is raised.
+    pub(crate) fn drive(&self, arbiter: &CommandArbiter, stop: &StopFlag) {
         let mut next = 0;
         while !stop.is_raised() {
-            if let Some((_, pose)) = helm.pose() {
+            if let Some(StampedPose { pose, .. }) = arbiter.pose() {
                 let twist = self.velocity_command(&mut next, pose);
                 let deadline = hw::now() + COMMAND_VALIDITY;
-                // A refusal stops the wheels, or another drives; the next command tries again.
-                let _refused = helm.drive(
+                // After a rejection the next command tries again.
+                let _rejected = arbiter.drive(
                     CommandSource::Path,
                     MotionCommand::Twist(twist),
                     deadline,
@@ -109,13 +109,13 @@ impl Patrol {
     /// The velocity towards the next waypoint.
     fn velocity_command(&self, next: &mut usize, pose: Pose) -> Twist {
         let mut target = self.waypoints[*next];
-        let way = |target: Waypoint| (target.x - pose.x, target.y - pose.y);
-        let (x, y) = way(target);
+        let offset_to = |target: Waypoint| (target.x - pose.x, target.y - pose.y);
+        let (x, y) = offset_to(target);
         if x.hypot(y) < self.passed {
             *next = (*next + 1) % self.waypoints.len();
             target = self.waypoints[*next];
         }
-        let (x, y) = way(target);
+        let (x, y) = offset_to(target);
         let distance = x.hypot(y);
         let speed = (2.0 * DECELERATION * distance).sqrt().min(self.speed);
         let share = if distance > 0.0 {
@@ -124,12 +124,12 @@ impl Patrol {
             0.0
         };
         let (sin, cos) = pose.theta.sin_cos();
-        let turn_max = self.turn_rate_deg.to_radians();
-        let turn = wrap_angle(target.theta_deg.to_radians() - pose.theta) * HEADING_GAIN;
+        let yaw_rate_max = self.turn_rate_deg.to_radians();
+        let yaw_rate = wrap_angle(target.theta_deg.to_radians() - pose.theta) * HEADING_GAIN;
         Twist {
             x: share * (cos * x + sin * y),
             y: share * (cos * y - sin * x),
-            theta: turn.clamp(-turn_max, turn_max),
+            theta: yaw_rate.clamp(-yaw_rate_max, yaw_rate_max),
         }
     }
 }
@@ -173,7 +173,7 @@ mod tests {
             "waypoints = []",
             "speed = nan\nwaypoints = [{ x = 0.0, y = 0.0 }]",
         ] {
-            let error = patrol(text).expect_err("refused");
+            let error = patrol(text).expect_err("rejected");
             assert!(format!("{error:#}").contains("patrol.toml"), "{error:#}");
         }
     }

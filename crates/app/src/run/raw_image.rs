@@ -1,17 +1,17 @@
-//! A camera driver's frame as the pipeline takes it: the same bytes, without a copy.
+//! How does a driver's image become the pipeline's? The same buffer, without a copy.
 
 use hw::camera::{CapturedImage, Encoding};
 use pipeline::sample::RawImage;
 use vision::image::PixelFormat;
 
-/// The driver's frame with its buffer; JPEG must have been decoded.
-pub fn raw_image(frame: CapturedImage) -> RawImage {
+/// Converts the driver's image with its buffer; JPEG must have been decoded.
+pub(crate) fn raw_image(image: CapturedImage) -> RawImage {
     RawImage {
-        width_px: frame.width_px,
-        height_px: frame.height_px,
-        format: pixel_format(frame.encoding),
-        stride: frame.stride,
-        data: frame.data,
+        width_px: image.width_px,
+        height_px: image.height_px,
+        format: pixel_format(image.encoding),
+        stride: image.stride,
+        data: image.data,
     }
 }
 

@@ -1,4 +1,4 @@
-//! Which robot is this? A folder with robot.toml (eyes, wheels, field) and hardware.toml (devices).
+//! Which robot is this? A folder with robot.toml (camera, wheels, field) and hardware.toml (devices).
 
 use std::path::{Path, PathBuf};
 
@@ -7,25 +7,25 @@ use hw::HardwareConfig;
 
 use pipeline::setup::Setup;
 
-/// A robot and its devices, read and checked.
-pub struct RobotFolder {
+/// A robot's configuration and its devices, checked.
+pub(crate) struct RobotFolder {
     /// Its folder.
     pub folder: PathBuf,
-    /// Field, map and eyes.
+    /// Field, ground map and camera.
     pub setup: Setup,
     /// Devices.
     pub hardware: HardwareConfig,
 }
 
 impl RobotFolder {
-    /// Reads robot.toml and hardware.toml of a folder; robot.toml's own path does as well.
-    pub fn load(path: &Path) -> Result<Self> {
-        let (folder, robot_file) = resolve_robot_path(path)?;
+    /// Reads robot.toml and hardware.toml of a folder, or of the folder of a robot.toml.
+    pub(crate) fn load(path: &Path) -> Result<Self> {
+        let RobotPaths { folder, robot_file } = RobotPaths::resolve(path)?;
         let setup = Setup::load(&robot_file, None)?;
         let hardware = HardwareConfig::load(&folder.join("hardware.toml"))?;
         if hardware.camera.is_some() && setup.robot.camera.is_none() {
             bail!(
-                "{}: hardware.toml has a camera, so robot.toml needs [camera]",
+                "{}: hardware.toml has [camera], but robot.toml has none. Add [camera] to robot.toml",
                 folder.display()
             );
         }
@@ -37,17 +37,32 @@ impl RobotFolder {
     }
 }
 
-/// The folder and the robot file that a path names.
-pub fn resolve_robot_path(path: &Path) -> Result<(PathBuf, PathBuf)> {
-    if path.is_dir() {
-        return Ok((path.to_owned(), path.join("robot.toml")));
+/// A robot's folder and its robot file.
+pub(crate) struct RobotPaths {
+    /// Holds hardware.toml and network.toml.
+    pub folder: PathBuf,
+    /// robot.toml.
+    pub robot_file: PathBuf,
+}
+
+impl RobotPaths {
+    /// Paths for a robot's folder or its robot file.
+    pub(crate) fn resolve(path: &Path) -> Result<Self> {
+        if path.is_dir() {
+            return Ok(RobotPaths {
+                folder: path.to_owned(),
+                robot_file: path.join("robot.toml"),
+            });
+        }
+        if !path.exists() {
+            bail!(
+                "no such robot: {} (expected a folder with robot.toml and hardware.toml, as config/robots/virtual)",
+                path.display()
+            );
+        }
+        Ok(RobotPaths {
+            folder: path.parent().unwrap_or(Path::new("")).to_owned(),
+            robot_file: path.to_owned(),
+        })
     }
-    if !path.exists() {
-        bail!(
-            "{} is not there: a robot is a folder with robot.toml and hardware.toml, as config/robots/virtual",
-            path.display()
-        );
-    }
-    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-    Ok((folder, path.to_owned()))
 }

@@ -1,4 +1,4 @@
-//! What happens between start and stop? What devices deliver goes through the spine; the wheels stop before all else ends.
+//! What happens between start and stop? Samples of devices go through the pipeline; the wheels stop before anything else ends.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,35 +11,38 @@ use hw::camera::CapturedImage;
 use hw::{BaseDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
 use localize::Stamp;
 
+use super::arguments::Args;
 use super::command_arbiter::CommandArbiter;
 use super::log_rotation::LogRotation;
 use super::network::{self, RunNetwork};
 use super::patrol::Patrol;
+use super::raw_image::raw_image;
 use super::robot_folder::RobotFolder;
-use super::status::{OperatorNotices, RunReport, RunStatus};
+use super::status::{OperatorNotices, RunOutcome, RunReport, RunStatus};
 use super::stop_flag::StopFlag;
-use super::{Args, teleop};
-use crate::run::raw_image::raw_image;
-use pipeline::cycle::{Cycle, PIPELINE_FILE, Pipeline, PipelineConfig};
+use super::teleop;
+use crate::memory::{self, RUN_RETAINED_BYTES};
+use crate::stream::StreamPreamble;
+use pipeline::config::PIPELINE_FILE;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use pipeline::{Cycle, Pipeline, PipelineConfig};
 
-/// Samples that may wait for the spine: more than a second of every device.
+/// Capacity of the queue of device events: more than a second of every device.
 const EVENT_QUEUE_CAPACITY: usize = 1024;
-/// Longest wait for something to arrive: how soon a stop is noticed.
+/// Longest wait for an event: the latency of a stop.
 const EVENT_TIMEOUT: Duration = Duration::from_millis(20);
-/// Without a frame for so long the spine goes on without sight, seconds, and again after as long: six frames at 30 Hz.
+/// Without an image for this time the pipeline runs a cycle without one, seconds: six images at 30 Hz.
 const IMAGE_TIMEOUT: f64 = 0.2;
-/// How long the bus has to take the last stop.
+/// Time for the bus to take the last stop command.
 const STOP_TIMEOUT: Duration = Duration::from_millis(300);
-/// Freed memory that is kept for the next frames, bytes: some images and a log's chunks.
-const RETAINED_BYTES: i32 = 32 << 20;
-/// Cycles that may wait to be written as poses.
+
+/// Capacity of the queue of poses to write, cycles.
 const POSE_QUEUE_CAPACITY: usize = 300;
 
-/// A run that is set up.
+/// A run with everything that it needs.
 pub(super) struct RunLoop {
     robot: RobotFolder,
     pipeline: Pipeline,
@@ -55,7 +58,7 @@ pub(super) struct RunLoop {
 }
 
 impl RunLoop {
-    /// Reads and builds everything; whatever cannot be is an error now.
+    /// Reads the configuration and starts log and network.
     pub(super) fn new(
         args: &Args,
         robot: RobotFolder,
@@ -63,32 +66,36 @@ impl RunLoop {
         feed: Feed,
     ) -> Result<Self> {
         let config = PipelineConfig::load(&args.preset, args.config.as_deref())?;
-        let spine = Pipeline::new(&robot.setup, &config)?;
+        let pipeline = Pipeline::new(&robot.setup, &config)?;
         let log_config = LogConfig {
             images: args.images,
             ..LogConfig::default()
         };
         let header = header(&robot, &config)?;
         let field = &robot.setup.field;
-        let keep = |path: &Path| LogRotation::start(path, header.clone(), field, &log_config);
-        let keeper = args.record.as_deref().map(keep).transpose()?;
-        let helm = CommandArbiter::new();
-        let network = network::load_config(
+        let start_log = |path: &Path| LogRotation::start(path, header.clone(), field, &log_config);
+        let log = args.record.as_deref().map(start_log).transpose()?;
+        let arbiter = CommandArbiter::new();
+        let network_config = network::load_config(
             args.network.as_deref(),
             &robot.folder,
             args.live,
             config.team.number,
         )?;
-        let outside = RunNetwork::start(&network, &feed, (&header, field), &helm)?;
-        let poses = args.out.as_deref().map(PoseWriter::start).transpose()?;
+        let preamble = StreamPreamble {
+            header: &header,
+            field,
+        };
+        let network = RunNetwork::start(&network_config, &feed, preamble, &arbiter)?;
+        let pose_writer = args.out.as_deref().map(PoseWriter::start).transpose()?;
         Ok(RunLoop {
             robot,
-            pipeline: spine,
-            log: keeper,
-            pose_writer: poses,
+            pipeline,
+            log,
+            pose_writer,
             feed,
-            arbiter: helm,
-            network: outside,
+            arbiter,
+            network,
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -96,64 +103,71 @@ impl RunLoop {
         })
     }
 
-    /// Plays until the end is asked for.
+    /// Runs until `stop` is raised or the duration has passed.
     pub(super) fn run(mut self, stop: &StopFlag) -> Result<RunReport> {
         let mut status = RunStatus::new();
-        // Threads take over the priority of the one that starts them: those of log and network were started before.
+        // A thread inherits the priority of the thread that starts it. Log and network threads are already running.
         hw::realtime::request_low_latency();
-        hw::realtime::retain_freed_memory(RETAINED_BYTES);
+        memory::retain_freed_memory(RUN_RETAINED_BYTES);
         if let Some(priority) = self.realtime {
-            let _told = hw::realtime::set_realtime_priority(priority)
-                .inspect_err(|error| status.print_line(&format!("no real-time priority: {error}")));
-            let _told = hw::realtime::lock_memory()
-                .inspect_err(|error| status.print_line(&format!("memory is not locked: {error}")));
+            let _reported = hw::realtime::set_realtime_priority(priority).inspect_err(|error| {
+                status.print_line(&format!("cannot set the real-time priority: {error}"))
+            });
+            let _reported = hw::realtime::lock_memory()
+                .inspect_err(|error| status.print_line(&format!("cannot lock memory: {error}")));
         }
-        let inbox = EventQueue::new(EVENT_QUEUE_CAPACITY);
-        let devices = Devices::start(&self.robot.hardware, &self.robot.setup.robot, &inbox)?;
+        let events = EventQueue::new(EVENT_QUEUE_CAPACITY);
+        let devices = Devices::start(&self.robot.hardware, &self.robot.setup.robot, &events)?;
         self.arbiter
             .attach_base(devices.base.as_ref().map(BaseDriver::handle));
-        let driver = self.start_motion_thread(stop)?;
+        let motion_thread = self.start_motion_thread(stop)?;
         status.print_line(&start_message(&self.robot.hardware, self.teleop));
-        let mut watch = RunState::new();
+        let mut state = RunState::new();
         while !stop.is_raised() && status.elapsed() < self.duration {
-            if let Some(event) = inbox.pop_timeout(EVENT_TIMEOUT) {
-                self.handle_event(event, &mut watch, &mut status);
+            if let Some(event) = events.pop_timeout(EVENT_TIMEOUT) {
+                self.handle_event(event, &mut state, &mut status);
             }
-            if let Some(frame) = watch.missing_image(hw::now()) {
-                self.process_sample(Sample::Image(frame), &mut watch, &mut status);
+            if let Some(image) = state.missing_image(hw::now()) {
+                self.process_sample(Sample::Image(image), &mut state, &mut status);
             }
-            status.update_status_line(watch.last_cycle.as_deref(), || devices.health());
+            status.update_status_line(state.last_cycle.as_deref(), || devices.health());
         }
         let wheels_stopped = self.arbiter.close(STOP_TIMEOUT);
         let commands = self.network.command_counts();
         stop.raise();
         let health = devices.health();
         drop(devices);
-        if let Some(driver) = driver {
-            // A driver that panicked has said why; its wheels stand.
-            let _ended = driver.join();
+        if let Some(thread) = motion_thread {
+            // A panic has been reported, and the wheels have stopped.
+            let _ended = thread.join();
         }
-        if let Some(fault) = self.pose_writer.and_then(PoseWriter::finish) {
-            status.report_log_change(&fault);
+        if let Some(error) = self.pose_writer.and_then(PoseWriter::finish) {
+            status.report_log_change(&error);
         }
-        let kept = self.log.map(|keeper| {
-            let (kept, fault) = keeper.finish();
-            if let Some(fault) = fault {
-                status.report_log_change(&fault);
+        let log = self.log.map(|log| {
+            let finished = log.finish();
+            if let Some(error) = finished.error {
+                status.report_log_change(&error);
             }
-            kept
+            finished.summary
         });
-        let lost = (inbox.drop_counts(), watch.samples_refused);
-        Ok(status.into_report(lost, (wheels_stopped, commands), health, kept))
+        Ok(status.into_report(RunOutcome {
+            dropped: events.drop_counts(),
+            samples_refused: state.samples_refused,
+            wheels_stopped,
+            commands,
+            devices: health,
+            log,
+        }))
     }
 
     fn start_motion_thread(&mut self, stop: &StopFlag) -> Result<Option<JoinHandle<()>>> {
-        let (helm, stop) = (self.arbiter.clone(), stop.clone());
-        let name = |name: &str| std::thread::Builder::new().name(name.to_owned());
+        let (arbiter, stop) = (self.arbiter.clone(), stop.clone());
+        let builder = |name: &str| std::thread::Builder::new().name(name.to_owned());
         let started = match (self.patrol.take(), self.teleop) {
-            (Some(patrol), _) => name("patrol").spawn(move || patrol.drive(&helm, &stop)),
-            (None, true) => name("teleop").spawn(move || {
-                if let Err(error) = teleop::drive(&helm, &stop) {
+            (Some(patrol), _) => builder("patrol").spawn(move || patrol.drive(&arbiter, &stop)),
+            (None, true) => builder("teleop").spawn(move || {
+                if let Err(error) = teleop::drive(&arbiter, &stop) {
                     eprintln!("mirrorball: {error:#}");
                     stop.raise();
                 }
@@ -162,12 +176,12 @@ impl RunLoop {
         };
         started
             .map(Some)
-            .context("cannot start the driver's thread")
+            .context("cannot start the thread of patrol or teleop")
     }
 
-    fn handle_event(&mut self, event: DeviceEvent, watch: &mut RunState, status: &mut RunStatus) {
+    fn handle_event(&mut self, event: DeviceEvent, state: &mut RunState, status: &mut RunStatus) {
         let sample = match event {
-            DeviceEvent::Image(frame) => Sample::Image(watch.camera_image(frame)),
+            DeviceEvent::Image(image) => Sample::Image(state.camera_image(image)),
             DeviceEvent::Odometry(odometry) => Sample::Odometry(odometry),
             DeviceEvent::Command(command) => Sample::Command(command),
             DeviceEvent::Imu(imu) => Sample::Imu(imu),
@@ -178,7 +192,7 @@ impl RunLoop {
                 return;
             }
             event => {
-                if let Some(text) = watch.notices.update(&event) {
+                if let Some(text) = state.notices.update(&event) {
                     status.print_line(&text);
                     self.write_note(&text);
                 }
@@ -186,14 +200,14 @@ impl RunLoop {
             }
         };
         if is_finite(&sample) {
-            self.process_sample(sample, watch, status);
+            self.process_sample(sample, state, status);
         } else {
-            watch.samples_refused += 1;
+            state.samples_refused += 1;
         }
     }
 
-    fn process_sample(&mut self, sample: Sample, watch: &mut RunState, status: &mut RunStatus) {
-        let taken = hw::now();
+    fn process_sample(&mut self, sample: Sample, state: &mut RunState, status: &mut RunStatus) {
+        let received = hw::now();
         if matches!(sample, Sample::Image(_)) {
             for report in self.network.team_reports() {
                 self.pipeline.process_sample(Sample::TeamReport(report));
@@ -204,7 +218,7 @@ impl RunLoop {
         };
         self.arbiter.set_pose(cycle.stamp, cycle.estimate.pose);
         let published = hw::now();
-        status.count_cycle(&cycle, taken, published);
+        status.count_cycle(&cycle, received, published);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
         if let Some(poses) = &self.pose_writer {
@@ -213,21 +227,21 @@ impl RunLoop {
         if let Some(text) = self
             .log
             .as_mut()
-            .and_then(|keeper| keeper.write_cycle(cycle.clone()))
+            .and_then(|log| log.write_cycle(cycle.clone()))
         {
             status.report_log_change(&text);
         }
-        watch.last_cycle = Some(cycle);
+        state.last_cycle = Some(cycle);
     }
 
     fn write_note(&self, text: &str) {
-        if let Some(keeper) = &self.log {
-            keeper.write_note(hw::now(), text);
+        if let Some(log) = &self.log {
+            log.write_note(hw::now(), text);
         }
     }
 }
 
-/// What log and stream say of this run before its first cycle.
+/// Header of log and stream: the run's configuration.
 fn header(robot: &RobotFolder, config: &PipelineConfig) -> Result<Header> {
     let setup = &robot.setup;
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
@@ -247,22 +261,22 @@ fn start_message(hardware: &HardwareConfig, teleop: bool) -> String {
             .map(|camera| camera.device.as_str()),
     );
     names.extend(hardware.base.as_ref().map(|base| base.port.as_str()));
-    names.extend(hardware.inertial.iter().map(|one| one.port.as_str()));
+    names.extend(hardware.inertial.iter().map(|sensor| sensor.port.as_str()));
     let help = if teleop {
         format!("\n{}", teleop::HELP)
     } else {
         String::new()
     };
-    format!("playing with {}{help}", names.join(", "))
+    format!("running with {}{help}", names.join(", "))
 }
 
-/// What the loop remembers from event to event.
+/// State of the loop between events.
 struct RunState {
     last_cycle: Option<Arc<Cycle>>,
-    /// When the last frame came, or its absence was last made up for.
+    /// Time of the last image, or of the last cycle in place of one.
     last_image: Stamp,
     notices: OperatorNotices,
-    /// Samples that were no numbers.
+    /// Samples with values that are not finite.
     samples_refused: u64,
 }
 
@@ -276,19 +290,19 @@ impl RunState {
         }
     }
 
-    fn camera_image(&mut self, frame: CapturedImage) -> CameraImage {
+    fn camera_image(&mut self, image: CapturedImage) -> CameraImage {
         self.last_image = hw::now();
-        let stamp = frame.stamp;
-        // A picture of the past says nothing about where the robot is now.
-        let content = if frame.repeated {
+        let stamp = image.stamp;
+        // An old image does not show the current pose.
+        let content = if image.repeated {
             ImageContent::Unreadable("the camera repeats its image".to_owned())
         } else {
-            ImageContent::Pixels(SourceImage::Raw(raw_image(frame)))
+            ImageContent::Pixels(SourceImage::Raw(raw_image(image)))
         };
         CameraImage { stamp, content }
     }
 
-    /// In place of a frame that does not come: odometry carries the pose on.
+    /// An empty image in place of a missing one, so that odometry predicts the pose. None before the timeout.
     fn missing_image(&mut self, now: Stamp) -> Option<CameraImage> {
         if now - self.last_image < IMAGE_TIMEOUT {
             return None;
@@ -296,7 +310,7 @@ impl RunState {
         self.last_image = now;
         Some(CameraImage {
             stamp: now,
-            content: ImageContent::Unreadable("no frame from the camera".to_owned()),
+            content: ImageContent::Unreadable("no image from the camera".to_owned()),
         })
     }
 }
@@ -316,7 +330,7 @@ fn is_finite(sample: &Sample) -> bool {
     }
 }
 
-/// The table of poses, written by a thread of its own.
+/// Writes poses.csv in its own thread.
 struct PoseWriter {
     queue: SyncSender<Arc<Cycle>>,
     thread: JoinHandle<Result<()>>,
@@ -325,7 +339,7 @@ struct PoseWriter {
 impl PoseWriter {
     fn start(path: &Path) -> Result<Self> {
         let mut outputs = CsvOutputs::create(Some(path), None, None)?;
-        let (waiting, cycles): (_, Receiver<Arc<Cycle>>) = sync_channel(POSE_QUEUE_CAPACITY);
+        let (queue, cycles): (_, Receiver<Arc<Cycle>>) = sync_channel(POSE_QUEUE_CAPACITY);
         let write = move || {
             for cycle in cycles {
                 outputs.write(&cycle)?;
@@ -335,14 +349,11 @@ impl PoseWriter {
         let thread = std::thread::Builder::new()
             .name("poses".to_owned())
             .spawn(write)?;
-        Ok(PoseWriter {
-            queue: waiting,
-            thread,
-        })
+        Ok(PoseWriter { queue, thread })
     }
 
     fn write_cycle(&self, cycle: &Arc<Cycle>) {
-        // A disk too slow for a line of text a frame costs the line.
+        // If the disk is too slow, the row is lost.
         let _full = self.queue.try_send(Arc::clone(cycle));
     }
 
@@ -350,8 +361,8 @@ impl PoseWriter {
         drop(self.queue);
         match self.thread.join() {
             Ok(Ok(())) => None,
-            Ok(Err(error)) => Some(format!("the poses were not written: {error:#}")),
-            Err(_) => Some("the poses were not written".to_owned()),
+            Ok(Err(error)) => Some(format!("cannot write the poses: {error:#}")),
+            Err(_) => Some("cannot write the poses: the writer thread panicked".to_owned()),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! How is the robot doing? A line for people while it plays, lines when something changes, and one result at the end.
+//! What is the state of a run? A status line, messages on changes, and a report at the end.
 
 use std::io::IsTerminal;
 
@@ -10,81 +10,97 @@ use super::latency::{LatencyHistogram, LatencySummary};
 use super::log_rotation::LogSummary;
 use super::stderr_writer::StderrWriter;
 use crate::net::commands::CommandCounts;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::result_files::mode_name;
 
-/// Time between two looks of a terminal's status line, seconds.
+/// Period of the status line on a terminal, seconds.
 const TERMINAL_PERIOD: f64 = 0.5;
-/// Time between two status lines where no terminal is (a journal), seconds.
+/// Period of the status lines without a terminal (in a journal), seconds.
 const JOURNAL_PERIOD: f64 = 60.0;
-/// Changes that are kept for the result; a device that comes and goes all day is not kept for ever.
+/// Maximum number of changes in the report, against a device that reconnects all day.
 const CHANGES_MAX: usize = 10_000;
-/// When memory is first measured, seconds after the start: every table and buffer is there by then.
+/// Time of the first memory measurement, seconds after the start: by then all tables and buffers are allocated.
 const MEMORY_BASELINE_TIME: f64 = 60.0;
 
 /// What `--json` prints at the end.
 #[derive(Debug, Clone, Serialize)]
-pub struct RunReport {
-    /// How long it played, seconds.
+pub(crate) struct RunReport {
+    /// Duration, seconds.
     pub seconds: f64,
-    /// Frames that were looked at.
+    /// Images that vision processed.
     pub frames: u64,
-    /// Cycles without a usable frame.
+    /// Cycles without a usable image.
     pub blind: u64,
-    /// Cycles whose pose was carried on.
+    /// Cycles in mode tracking.
     pub tracking: u64,
-    /// Cycles whose pose was found on the whole field.
+    /// Cycles whose pose was found by the global search.
     pub global: u64,
     /// Cycles without a pose.
     pub lost: u64,
-    /// From the frame's exposure until its pose was published, milliseconds.
+    /// From the image's exposure until its pose was published, milliseconds.
     pub latency_ms: LatencySummary,
-    /// From the exposure until the spine took the frame, milliseconds.
+    /// From the exposure until the pipeline received the image, milliseconds.
     pub arrival_ms: LatencySummary,
     /// Image to features, milliseconds.
     pub see_ms: LatencySummary,
-    /// Features and motion to a pose, milliseconds.
+    /// Features to pose, milliseconds.
     pub localize_ms: LatencySummary,
-    /// Frames that a newer one replaced before they were looked at.
+    /// Images replaced by a newer one before they were processed.
     pub frames_replaced: u64,
-    /// Samples that gave way to newer ones.
+    /// Samples dropped in favour of newer ones.
     pub samples_dropped: u64,
-    /// Samples that were no numbers.
+    /// Samples with values that are not finite.
     pub samples_refused: u64,
-    /// Memory of the process after its first minute, MB; none of a shorter run.
+    /// Memory of the process after its first minute, MB. None for a shorter run.
     pub memory_first_mb: Option<f64>,
-    /// The most since then, MB.
+    /// Maximum since then, MB.
     pub memory_max_mb: Option<f64>,
     /// At the end, MB.
     pub memory_mb: f64,
-    /// The wheels were told to stop before the end; true without a base.
+    /// The base took the stop command before the end; true without a base.
     pub wheels_stopped: bool,
-    /// Commands of other programs, if they may command.
+    /// Counts of remote commands, if they are configured.
     pub commands: Option<CommandCounts>,
-    /// Every device.
+    /// State of every device.
     pub devices: Vec<HealthReport>,
-    /// Every change of a device, in order.
+    /// Every change of a device or the log, in order.
     pub changes: Vec<StateChange>,
     /// The log, if there was one.
     pub log: Option<LogSummary>,
 }
 
-/// A device, or the log, became something else.
+/// A change of a device or the log.
 #[derive(Debug, Clone, Serialize)]
-pub struct StateChange {
+pub(crate) struct StateChange {
     /// CLOCK_MONOTONIC, seconds.
     pub stamp_s: f64,
-    /// Which.
+    /// Name of the device, or "log".
     pub device: String,
-    /// What it is now.
+    /// New state.
     pub state: String,
-    /// Why.
+    /// Reason.
     pub reason: Option<String>,
 }
 
-/// Watches a run and tells about it.
-pub struct RunStatus {
-    began: Stamp,
+/// What the parts of a run report at its end.
+pub(crate) struct RunOutcome {
+    /// Images and samples dropped by the event queue.
+    pub dropped: hw::DroppedInputs,
+    /// Samples with values that are not finite.
+    pub samples_refused: u64,
+    /// The base took the stop command; true without a base.
+    pub wheels_stopped: bool,
+    /// Counts of remote commands, if they are configured.
+    pub commands: Option<CommandCounts>,
+    /// State of every device.
+    pub devices: Vec<HealthReport>,
+    /// The log, if there was one.
+    pub log: Option<LogSummary>,
+}
+
+/// Collects statistics of a run and prints its messages.
+pub(crate) struct RunStatus {
+    started: Stamp,
     stderr: StderrWriter,
     terminal: bool,
     next_line: Stamp,
@@ -103,14 +119,14 @@ pub struct RunStatus {
 }
 
 impl RunStatus {
-    /// Begins now.
-    pub fn new() -> Self {
-        let began = hw::now();
+    /// Starts now.
+    pub(crate) fn new() -> Self {
+        let started = hw::now();
         RunStatus {
-            began,
+            started,
             stderr: StderrWriter::start(),
             terminal: std::io::stderr().is_terminal(),
-            next_line: began + TERMINAL_PERIOD,
+            next_line: started + TERMINAL_PERIOD,
             line_shown: false,
             frames: 0,
             cycles_without_image: 0,
@@ -122,31 +138,31 @@ impl RunStatus {
             changes: Vec::new(),
             memory_first_mb: None,
             memory_max_mb: None,
-            next_memory: began + MEMORY_BASELINE_TIME,
+            next_memory: started + MEMORY_BASELINE_TIME,
         }
     }
 
     /// Seconds since the start.
-    pub fn elapsed(&self) -> f64 {
-        hw::now() - self.began
+    pub(crate) fn elapsed(&self) -> f64 {
+        hw::now() - self.started
     }
 
-    /// Counts a cycle; `taken` and `published`: when the spine took its frame, and when its pose was out.
-    pub fn count_cycle(&mut self, cycle: &Cycle, taken: Stamp, published: Stamp) {
+    /// Counts a cycle; `received` and `published`: when the pipeline received its image, and when its pose was published.
+    pub(crate) fn count_cycle(&mut self, cycle: &Cycle, received: Stamp, published: Stamp) {
         self.modes[cycle.estimate.mode as usize] += 1;
         if cycle.detections.is_none() {
             self.cycles_without_image += 1;
             return;
         }
         self.frames += 1;
-        self.arrival.add((taken - cycle.stamp) * 1e3);
+        self.arrival.add((received - cycle.stamp) * 1e3);
         self.latency.add((published - cycle.stamp) * 1e3);
         self.vision_time.add(f64::from(cycle.timings.see_ms));
         self.localize.add(f64::from(cycle.timings.localize_ms));
     }
 
-    /// A device changed; returns the words for the log.
-    pub fn report_device(&mut self, health: &HealthReport) -> String {
+    /// Reports a change of a device; returns the message for the log.
+    pub(crate) fn report_device(&mut self, health: &HealthReport) -> String {
         let state = state_name(health.state);
         let text = match &health.reason {
             Some(reason) => format!("{}: {state}: {reason}", health.device),
@@ -157,8 +173,8 @@ impl RunStatus {
         text
     }
 
-    /// Something happened to the log.
-    pub fn report_log_change(&mut self, text: &str) {
+    /// Reports a change of the log.
+    pub(crate) fn report_log_change(&mut self, text: &str) {
         self.record_change("log", "changed", Some(text.to_owned()));
         self.print_line(text);
     }
@@ -174,15 +190,15 @@ impl RunStatus {
         }
     }
 
-    /// A line of its own on standard error.
-    pub fn print_line(&mut self, text: &str) {
+    /// Prints a line on standard error.
+    pub(crate) fn print_line(&mut self, text: &str) {
         self.clear_status_line();
         let elapsed = self.elapsed();
         self.stderr.write(format!("[{elapsed:9.3}] {text}\n"));
     }
 
-    /// Shows the status line when its time has come.
-    pub fn update_status_line(
+    /// Prints the status line when it is due.
+    pub(crate) fn update_status_line(
         &mut self,
         last: Option<&Cycle>,
         devices: impl FnOnce() -> Vec<HealthReport>,
@@ -208,7 +224,7 @@ impl RunStatus {
     }
 
     fn format_status_line(&self, last: Option<&Cycle>, devices: &[HealthReport]) -> String {
-        let place = match last.map(|cycle| (cycle.estimate.mode, cycle.estimate.pose)) {
+        let pose = match last.map(|cycle| (cycle.estimate.mode, cycle.estimate.pose)) {
             Some((mode, Some(pose))) => format!(
                 "{} x {:.2} y {:.2} {:.0}°",
                 mode_name(mode),
@@ -220,7 +236,7 @@ impl RunStatus {
             None => "no cycle yet".to_owned(),
         };
         let mut line = format!(
-            "{:8.1} s  {place}  latency {:.1} ms (99 %: {:.1})",
+            "{:8.1} s  {pose}  latency {:.1} ms (99 %: {:.1})",
             self.elapsed(),
             self.latency.summary().median,
             self.latency.summary().p99
@@ -248,17 +264,14 @@ impl RunStatus {
         self.next_memory = now + 1.0;
         let memory = memory_mb();
         self.memory_first_mb.get_or_insert(memory);
-        self.memory_max_mb = Some(self.memory_max_mb.map_or(memory, |most| most.max(memory)));
+        self.memory_max_mb = Some(
+            self.memory_max_mb
+                .map_or(memory, |maximum| maximum.max(memory)),
+        );
     }
 
-    /// The result; with what was lost (given way, and no numbers), and what became of wheels and commands.
-    pub fn into_report(
-        mut self,
-        (inbox, samples_refused): (hw::DroppedInputs, u64),
-        (wheels_stopped, commands): (bool, Option<CommandCounts>),
-        devices: Vec<HealthReport>,
-        log: Option<LogSummary>,
-    ) -> RunReport {
+    /// The report of the run.
+    pub(crate) fn into_report(mut self, outcome: RunOutcome) -> RunReport {
         self.clear_status_line();
         let [tracking, global, lost] = self.modes;
         RunReport {
@@ -272,17 +285,17 @@ impl RunStatus {
             arrival_ms: self.arrival.summary(),
             see_ms: self.vision_time.summary(),
             localize_ms: self.localize.summary(),
-            frames_replaced: inbox.images,
-            samples_dropped: inbox.samples,
-            samples_refused,
+            frames_replaced: outcome.dropped.images,
+            samples_dropped: outcome.dropped.samples,
+            samples_refused: outcome.samples_refused,
             memory_first_mb: self.memory_first_mb,
             memory_max_mb: self.memory_max_mb,
             memory_mb: memory_mb(),
-            wheels_stopped,
-            commands,
-            devices,
+            wheels_stopped: outcome.wheels_stopped,
+            commands: outcome.commands,
+            devices: outcome.devices,
             changes: self.changes,
-            log,
+            log: outcome.log,
         }
     }
 }
@@ -294,10 +307,10 @@ impl Default for RunStatus {
 }
 
 impl RunReport {
-    /// The result in a few lines for people.
-    pub fn print(&self) {
+    /// Prints the report.
+    pub(crate) fn print(&self) {
         println!(
-            "{:.1} s: {} frames ({} tracked, {} found anew, {} lost; {} cycles without a frame)",
+            "{:.1} s: {} images; {} cycles tracking, {} from global search, {} lost, {} without an image",
             self.seconds, self.frames, self.tracking, self.global, self.lost, self.blind
         );
         let times = |name: &str, times: LatencySummary| {
@@ -307,13 +320,13 @@ impl RunReport {
             );
         };
         times("exposure to pose", self.latency_ms);
-        times("  frame's arrival", self.arrival_ms);
+        times("  image arrival", self.arrival_ms);
         times("  vision", self.see_ms);
-        times("  localisation", self.localize_ms);
+        times("  localization", self.localize_ms);
         println!("{:.1} MB of memory", self.memory_mb);
         for health in &self.devices {
             println!(
-                "{}: {}, {} messages, {} damaged, {} faults, opened again {} times",
+                "{}: {}, {} messages, {} damaged, {} faults, reopened {} times",
                 health.device,
                 state_name(health.state),
                 health.messages,
@@ -325,7 +338,7 @@ impl RunReport {
         if let Some(commands) = &self.commands {
             let refused: u64 = commands.refused.values().sum();
             println!(
-                "commands of other programs: {} carried out, {} overruled, {refused} refused",
+                "remote commands: {} executed, {} overruled, {refused} rejected",
                 commands.obeyed, commands.overruled
             );
         }
@@ -333,13 +346,13 @@ impl RunReport {
             println!("log: {}", file.display());
         }
         if !self.wheels_stopped {
-            println!("the base could not be told to stop");
+            println!("the base did not take the stop command");
         }
     }
 }
 
-/// The state's name, as JSON has it.
-pub fn state_name(state: HealthState) -> &'static str {
+/// The state's name in JSON.
+pub(crate) fn state_name(state: HealthState) -> &'static str {
     match state {
         HealthState::Absent => "absent",
         HealthState::Running => "running",
@@ -360,37 +373,37 @@ fn memory_mb() -> f64 {
     kilobytes.unwrap_or(0.0) / 1024.0
 }
 
-/// What battery, kicker and switches say that a person must know, told once each time it begins and ends.
+/// Messages about battery, kicker and switches, one when a condition begins and one when it ends.
 #[derive(Debug, Default)]
-pub struct OperatorNotices {
+pub(crate) struct OperatorNotices {
     emergency_stop: bool,
     kicker_broken: bool,
     motor_fault: [u8; 4],
 }
 
 impl OperatorNotices {
-    /// What is new in an event.
-    pub fn update(&mut self, event: &DeviceEvent) -> Option<String> {
+    /// The message of an event, if it changes a condition.
+    pub(crate) fn update(&mut self, event: &DeviceEvent) -> Option<String> {
         match event {
-            DeviceEvent::Switches(said) if said.emergency_stop != self.emergency_stop => {
-                self.emergency_stop = said.emergency_stop;
-                let verb = if said.emergency_stop {
+            DeviceEvent::Switches(report) if report.emergency_stop != self.emergency_stop => {
+                self.emergency_stop = report.emergency_stop;
+                let action = if report.emergency_stop {
                     "pressed"
                 } else {
                     "released"
                 };
-                Some(format!("the emergency stop was {verb}"))
+                Some(format!("the emergency stop was {action}"))
             }
-            DeviceEvent::Kicker(said) if said.charge_fault != self.kicker_broken => {
-                self.kicker_broken = said.charge_fault;
-                let verb = if said.charge_fault { "cannot" } else { "can" };
+            DeviceEvent::Kicker(report) if report.charge_fault != self.kicker_broken => {
+                self.kicker_broken = report.charge_fault;
+                let verb = if report.charge_fault { "cannot" } else { "can" };
                 Some(format!("the kicker {verb} charge"))
             }
-            DeviceEvent::Power(said) if said.motor_fault != self.motor_fault => {
-                self.motor_fault = said.motor_fault;
+            DeviceEvent::Power(report) if report.motor_fault != self.motor_fault => {
+                self.motor_fault = report.motor_fault;
                 Some(format!(
-                    "fault codes of the motors' drivers: {:?}",
-                    said.motor_fault
+                    "motor driver fault codes: {:?}",
+                    report.motor_fault
                 ))
             }
             _ => None,

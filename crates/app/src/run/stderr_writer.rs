@@ -1,34 +1,34 @@
-//! Who is told? Whoever reads standard error, by a thread of its own: a reader that is slow or gone holds up nobody.
+//! How are messages printed without blocking? A thread writes to standard error, so that a slow reader delays nobody.
 
 use std::io::Write;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Lines that may wait; beyond it new ones are lost.
+/// Capacity of the queue, lines. When it is full, new lines are lost.
 const QUEUE_CAPACITY: usize = 256;
-/// How long the end waits for a slow reader.
+/// Longest wait for a slow reader at the end.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(300);
 
-/// Writes to standard error, and never waits for it.
-pub struct StderrWriter {
+/// Writes to standard error without blocking the caller.
+pub(crate) struct StderrWriter {
     lines: Option<SyncSender<String>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl StderrWriter {
-    /// Starts the thread; without one nothing is told.
-    pub fn start() -> Self {
-        let (lines, waiting) = sync_channel::<String>(QUEUE_CAPACITY);
+    /// Starts the thread. If that fails, nothing is printed.
+    pub(crate) fn start() -> Self {
+        let (lines, queue) = sync_channel::<String>(QUEUE_CAPACITY);
         let write = move || {
             let mut out = std::io::stderr();
-            for text in waiting {
-                // Whoever watched may be gone; nothing of the robot depends on being watched.
+            for text in queue {
+                // The reader may be gone; that must not affect the robot.
                 let _gone = out.write_all(text.as_bytes());
             }
         };
         let thread = std::thread::Builder::new()
-            .name("tell".to_owned())
+            .name("stderr".to_owned())
             .spawn(write)
             .ok();
         StderrWriter {
@@ -37,8 +37,8 @@ impl StderrWriter {
         }
     }
 
-    /// Writes the text as it is, sooner or later.
-    pub fn write(&self, text: String) {
+    /// Queues the text as it is.
+    pub(crate) fn write(&self, text: String) {
         if let Some(lines) = &self.lines {
             let _full = lines.try_send(text);
         }
@@ -51,8 +51,8 @@ impl Drop for StderrWriter {
         let Some(thread) = self.thread.take() else {
             return;
         };
-        let until = Instant::now() + SHUTDOWN_TIMEOUT;
-        while !thread.is_finished() && Instant::now() < until {
+        let deadline = Instant::now() + SHUTDOWN_TIMEOUT;
+        while !thread.is_finished() && Instant::now() < deadline {
             std::thread::sleep(Duration::from_millis(1));
         }
     }

@@ -1,32 +1,32 @@
-//! When does it end? A signal (SIGTERM, SIGINT, SIGHUP) asks for the end; who asked is not asked back.
+//! When does the run end? A signal (SIGTERM, SIGINT, SIGHUP) or a thread raises the flag.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 
-/// Raised by a signal, or by whoever has seen enough; clones are the same.
+/// A flag that ends the run. Clones share the same state.
 #[derive(Debug, Clone, Default)]
-pub struct StopFlag {
+pub(crate) struct StopFlag {
     raised: Arc<AtomicBool>,
 }
 
 impl StopFlag {
-    /// Listens for signals; once a process.
-    pub fn on_signals() -> Result<Self> {
+    /// A flag raised by signals. May be made once per process.
+    pub(crate) fn on_signals() -> Result<Self> {
         let stop = StopFlag::default();
-        let heard = stop.clone();
-        ctrlc::set_handler(move || heard.raise()).context("cannot listen for signals")?;
+        let flag = stop.clone();
+        ctrlc::set_handler(move || flag.raise()).context("cannot install the signal handler")?;
         Ok(stop)
     }
 
-    /// Asks for the end.
-    pub fn raise(&self) {
+    /// Requests the end.
+    pub(crate) fn raise(&self) {
         self.raised.store(true, Ordering::Relaxed);
     }
 
-    /// True once the end was asked for.
-    pub fn is_raised(&self) -> bool {
+    /// True once the end was requested.
+    pub(crate) fn is_raised(&self) -> bool {
         self.raised.load(Ordering::Relaxed)
     }
 }

@@ -1,23 +1,4 @@
-//! What does a robot elsewhere see? Its live stream, read back into cycles.
-//!
-//! ```no_run
-//! # fn main() -> anyhow::Result<()> {
-//! use app::stream::{Client, Event};
-//! use std::time::Duration;
-//!
-//! let mut client = Client::connect("192.168.1.11:8765", Duration::from_secs(2))?;
-//! loop {
-//!     match client.next(Duration::from_millis(10))? {
-//!         // Once at the start: robot.toml, field.toml, map.npz and spine.toml, as a log has them.
-//!         Some(Event::Header(header)) => println!("{}", header.source),
-//!         // `logged.cycle` as the robot had it; its image apart, packed: `image.decode()` unpacks it.
-//!         Some(Event::Cycle(logged)) => println!("{:?}", logged.cycle.estimate.pose),
-//!         // Nothing new: draw.
-//!         None => {}
-//!     }
-//! }
-//! # }
-//! ```
+//! How is another robot's live stream read? Messages of the stream become cycles.
 
 use std::collections::HashMap;
 use std::io::ErrorKind;
@@ -37,26 +18,26 @@ use pipeline::log::read::{CycleAssembler, TopicKind};
 use pipeline::log::schema::{ABOUT_TOPIC, CYCLE_TOPIC, IMAGE_TOPIC, wire};
 use pipeline::log::{Header, LoggedCycle};
 
-/// The dialect of Foxglove's WebSocket protocol that the server speaks.
+/// The version of Foxglove's WebSocket protocol that the server uses.
 const SUBPROTOCOL: &str = "foxglove.sdk.v1";
-/// First byte of a binary message that holds a message of a channel.
+/// First byte of a binary message that carries data of a channel.
 const MESSAGE_DATA: u8 = 1;
 
 /// A connection to a live stream.
-pub struct StreamClient {
+pub(crate) struct StreamClient {
     socket: WebSocket<TcpStream>,
     address: String,
-    /// By the number under which we subscribed.
+    /// By subscription id.
     topics: HashMap<u32, SubscribedTopic>,
     assembler: CycleAssembler,
 }
 
-/// What arrived.
+/// A received event.
 #[derive(Debug)]
-pub enum StreamEvent {
-    /// What a log of this run starts with; comes first, and again whenever somebody else subscribes.
+pub(crate) enum StreamEvent {
+    /// The header of a log of this run. Comes first, and again whenever another viewer subscribes.
     Header(Box<Header>),
-    /// A cycle, with its image beside it if the stream carries images.
+    /// A cycle, with its encoded image if the stream carries images.
     Cycle(Box<LoggedCycle>),
 }
 
@@ -66,7 +47,7 @@ enum SubscribedTopic {
     Log(TopicKind),
 }
 
-/// A text message of the server, as far as we read it.
+/// The part of the server's text messages that is read.
 #[derive(Deserialize)]
 struct ServerMessage {
     op: String,
@@ -94,27 +75,27 @@ struct ChannelSubscription {
 }
 
 impl StreamClient {
-    /// Connects to `address` (`host:port`, with or without `ws://`) within `patience`.
-    pub fn connect(address: &str, patience: Duration) -> Result<Self> {
-        let place = address.trim_start_matches("ws://").trim_end_matches('/');
-        let socket =
-            connect_websocket(place, patience).with_context(|| format!("cannot watch {place}"))?;
+    /// Connects to `address` (`host:port`, with or without `ws://`) within `timeout`.
+    pub(crate) fn connect(address: &str, timeout: Duration) -> Result<Self> {
+        let host_port = address.trim_start_matches("ws://").trim_end_matches('/');
+        let socket = connect_websocket(host_port, timeout)
+            .with_context(|| format!("cannot connect to {host_port}"))?;
         Ok(StreamClient {
             socket,
-            address: place.to_owned(),
+            address: host_port.to_owned(),
             topics: HashMap::new(),
             assembler: CycleAssembler::default(),
         })
     }
 
-    /// What came since the last call, or comes within `patience`; none if nothing does.
+    /// The next event, received since the last call or within `timeout`. None after the timeout.
     ///
-    /// An error ends the connection: the robot is gone, or speaks another version.
-    pub fn next_event(&mut self, patience: Duration) -> Result<Option<StreamEvent>> {
-        let until = Instant::now() + patience;
+    /// An error ends the connection: the robot is gone, or has another version.
+    pub(crate) fn next_event(&mut self, timeout: Duration) -> Result<Option<StreamEvent>> {
+        let deadline = Instant::now() + timeout;
         loop {
-            let left = until.saturating_duration_since(Instant::now());
-            // The system takes zero for "for ever".
+            let left = deadline.saturating_duration_since(Instant::now());
+            // For the system a timeout of zero means none.
             let left = left.max(Duration::from_millis(1));
             self.socket.get_ref().set_read_timeout(Some(left))?;
             let event = match self.socket.read() {
@@ -132,27 +113,27 @@ impl StreamClient {
             if let Some(event) = event.with_context(|| format!("stream of {}", self.address))? {
                 return Ok(Some(event));
             }
-            if Instant::now() >= until {
+            if Instant::now() >= deadline {
                 return Ok(None);
             }
         }
     }
 
-    /// Subscribes to what a cycle is made of, when the server tells its channels.
+    /// Subscribes to the topics of a cycle when the server advertises its channels.
     fn handle_text(&mut self, text: &str) -> Result<()> {
-        let said: ServerMessage =
-            serde_json::from_str(text).context("it does not speak Foxglove's words")?;
-        if said.op != "advertise" {
+        let message: ServerMessage =
+            serde_json::from_str(text).context("not a message of Foxglove's protocol")?;
+        if message.op != "advertise" {
             return Ok(());
         }
         let mut subscriptions = Vec::new();
-        for AdvertisedChannel { id, topic } in said.channels {
-            let wanted = match topic.as_str() {
+        for AdvertisedChannel { id, topic } in message.channels {
+            let subscribed = match topic.as_str() {
                 ABOUT_TOPIC => SubscribedTopic::About,
                 CYCLE_TOPIC | IMAGE_TOPIC => SubscribedTopic::Log(TopicKind::from_name(&topic)),
                 _ => continue,
             };
-            self.topics.insert(id, wanted);
+            self.topics.insert(id, subscribed);
             subscriptions.push(ChannelSubscription { id, channel_id: id });
         }
         let subscribe = SubscribeRequest {
@@ -172,7 +153,7 @@ impl StreamClient {
             .split_first_chunk::<4>()
             .and_then(|(id, rest)| Some((id, rest.split_first_chunk::<8>()?)));
         let Some((id, (log_time, data))) = parts else {
-            bail!("a message of {} bytes", bytes.len());
+            bail!("message too short: {} bytes", bytes.len());
         };
         Ok(match self.topics.get(&u32::from_le_bytes(*id)) {
             Some(SubscribedTopic::About) => {
@@ -189,38 +170,42 @@ impl StreamClient {
     }
 }
 
-fn connect_websocket(place: &str, patience: Duration) -> Result<WebSocket<TcpStream>> {
-    let mut refused = None;
-    for address in place.to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, patience) {
-            Ok(stream) => return handshake(stream, place, patience),
-            Err(error) => refused = Some(error),
+fn connect_websocket(host_port: &str, timeout: Duration) -> Result<WebSocket<TcpStream>> {
+    let mut last_error = None;
+    for address in host_port.to_socket_addrs()? {
+        match TcpStream::connect_timeout(&address, timeout) {
+            Ok(stream) => return handshake(stream, host_port, timeout),
+            Err(error) => last_error = Some(error),
         }
     }
-    match refused {
+    match last_error {
         Some(error) => Err(error.into()),
-        None => bail!("no such host"),
+        None => bail!("unknown host"),
     }
 }
 
-fn handshake(stream: TcpStream, place: &str, patience: Duration) -> Result<WebSocket<TcpStream>> {
-    stream.set_read_timeout(Some(patience))?;
-    stream.set_write_timeout(Some(patience))?;
+fn handshake(
+    stream: TcpStream,
+    host_port: &str,
+    timeout: Duration,
+) -> Result<WebSocket<TcpStream>> {
+    stream.set_read_timeout(Some(timeout))?;
+    stream.set_write_timeout(Some(timeout))?;
     stream.set_nodelay(true)?;
-    let mut request = format!("ws://{place}/").into_client_request()?;
+    let mut request = format!("ws://{host_port}/").into_client_request()?;
     request.headers_mut().insert(
         "Sec-WebSocket-Protocol",
         HeaderValue::from_static(SUBPROTOCOL),
     );
-    let (socket, answer) = match tungstenite::client(request, stream) {
+    let (socket, response) = match tungstenite::client(request, stream) {
         Ok(done) => done,
-        Err(HandshakeError::Interrupted(_)) => bail!("it does not answer"),
+        Err(HandshakeError::Interrupted(_)) => bail!("no answer"),
         Err(HandshakeError::Failure(error)) => return Err(error.into()),
     };
-    let spoken = answer.headers().get("Sec-WebSocket-Protocol");
+    let protocol = response.headers().get("Sec-WebSocket-Protocol");
     ensure!(
-        spoken.is_some_and(|spoken| spoken == SUBPROTOCOL),
-        "it does not speak {SUBPROTOCOL}"
+        protocol.is_some_and(|protocol| protocol == SUBPROTOCOL),
+        "the server does not support {SUBPROTOCOL}"
     );
     Ok(socket)
 }

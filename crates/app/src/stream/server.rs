@@ -1,4 +1,4 @@
-//! Who is watching? Cycles from the feed become messages for those who subscribed; nobody there costs nothing.
+//! How do viewers get the stream? A thread publishes the cycles of the feed to subscribers; without subscribers it costs nothing.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,88 +10,89 @@ use foxglove::websocket::{ChannelView, Client, ServerListener};
 use foxglove::{WebSocketServer, WebSocketServerHandle};
 use localize::{Field, Stamp};
 
-use super::StreamConfig;
+use super::config::StreamConfig;
 use pipeline::feed::{Feed, RecvError, Subscription};
 use pipeline::log::Header;
 use pipeline::log::publisher::CyclePublisher;
 use pipeline::log::schema::{ABOUT_TOPIC, Context, CustomChannel, PROJECT_NAME, Topics, wire};
 
-/// Cycles that may wait to become messages; the image of the newest two stays.
+/// Capacity of the queue of cycles to publish; the newest two keep their images.
 const MAX_PENDING_CYCLES: usize = 8;
-/// A viewer is greeted within this time, even by a run that stands still.
+/// A new viewer gets the header within this time, even without new cycles.
 const HEADER_DEADLINE: Duration = Duration::from_millis(100);
 
-/// A live stream that is being offered; dropping it ends it.
-pub struct StreamServer {
+/// What viewers get when they subscribe: the start of a log of the run.
+#[derive(Clone, Copy)]
+pub(crate) struct StreamPreamble<'a> {
+    /// Configuration of the run.
+    pub header: &'a Header,
+    /// The field, for its drawing.
+    pub field: &'a Field,
+}
+
+/// A live stream. Dropping it ends it.
+pub(crate) struct StreamServer {
     handle: Option<WebSocketServerHandle>,
     stop_requested: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl StreamServer {
-    /// Offers the cycles of a feed to whoever connects.
-    ///
-    /// `header`: what a log of the run would start with; viewers get it when they subscribe.
-    pub fn start(
+    /// Offers the cycles of a feed to viewers.
+    pub(crate) fn start(
         feed: &Feed,
-        header: &Header,
-        field: &Field,
+        preamble: StreamPreamble<'_>,
         config: &StreamConfig,
     ) -> Result<Self> {
+        let StreamPreamble { header, field } = preamble;
         let quality = config.jpeg_quality;
         ensure!(
             (1..=100).contains(&quality),
-            "[stream] jpeg_quality = {quality}: must be 1 to 100"
+            "[stream] invalid jpeg_quality: {quality} (expected 1 to 100)"
         );
         ensure!(
             config.backlog > 0,
-            "[stream] backlog = 0: must be at least 1"
+            "[stream] invalid backlog: 0 (expected at least 1)"
         );
         let context = Context::new();
         let messages = CyclePublisher::new(Topics::new(&context)?, config.images, quality);
         let about = CustomChannel::new(&context, ABOUT_TOPIC)?;
-        let newcomer = Arc::new(AtomicBool::new(false));
+        let new_subscriber = Arc::new(AtomicBool::new(false));
         let handle = WebSocketServer::new()
             .name(PROJECT_NAME)
             .bind(config.bind.clone(), config.port)
             .message_backlog_size(config.backlog)
-            .listener(Arc::new(SubscribeListener(newcomer.clone())))
+            .listener(Arc::new(SubscribeListener(new_subscriber.clone())))
             .context(&context)
             .start_blocking()
             .with_context(|| {
                 format!("[stream] cannot listen on {}:{}", config.bind, config.port)
             })?;
-        let ending = Arc::new(AtomicBool::new(false));
-        let mut stage = StreamWorker {
+        let stop_requested = Arc::new(AtomicBool::new(false));
+        let mut worker = StreamWorker {
             cycles: feed.subscribe(MAX_PENDING_CYCLES),
             messages,
             about,
             header_message: header_message(header, config),
             field: field.clone(),
-            new_subscriber: newcomer,
-            stop_requested: ending.clone(),
+            new_subscriber,
+            stop_requested: stop_requested.clone(),
             _context: context,
         };
         let thread = std::thread::Builder::new()
             .name("stream".to_owned())
-            .spawn(move || stage.run())?;
+            .spawn(move || worker.run())?;
         Ok(StreamServer {
             handle: Some(handle),
-            stop_requested: ending,
+            stop_requested,
             thread: Some(thread),
         })
     }
 
     /// The port on which it listens.
-    pub fn port(&self) -> u16 {
+    #[cfg(test)]
+    pub(crate) fn port(&self) -> u16 {
         self.handle.as_ref().map_or(0, WebSocketServerHandle::port)
-    }
-
-    /// How many are watching.
-    pub fn client_count(&self) -> usize {
-        self.handle
-            .as_ref()
-            .map_or(0, WebSocketServerHandle::client_count)
     }
 }
 
@@ -99,7 +100,7 @@ impl Drop for StreamServer {
     fn drop(&mut self) {
         self.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // Its panic was told when it happened.
+            // A panic was reported when it happened.
             let _ = thread.join();
         }
         if let Some(handle) = self.handle.take() {
@@ -108,7 +109,7 @@ impl Drop for StreamServer {
     }
 }
 
-/// Notices who subscribes.
+/// Notices new subscriptions.
 struct SubscribeListener(Arc<AtomicBool>);
 
 impl ServerListener for SubscribeListener {
@@ -117,7 +118,7 @@ impl ServerListener for SubscribeListener {
     }
 }
 
-/// The thread's side.
+/// State of the publishing thread.
 struct StreamWorker {
     cycles: Subscription,
     messages: CyclePublisher,
@@ -126,7 +127,7 @@ struct StreamWorker {
     field: Field,
     new_subscriber: Arc<AtomicBool>,
     stop_requested: Arc<AtomicBool>,
-    /// Joins channels and viewers for as long as it lives.
+    /// Connects channels and viewers; must live as long as the thread.
     _context: Arc<Context>,
 }
 

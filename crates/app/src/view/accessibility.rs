@@ -1,10 +1,10 @@
-//! Names for what carries no text of its own: a screen reader says them, and a test asks for them.
+//! Accessible labels for widgets without text, for screen readers and for tests.
 
 use eframe::egui::Response;
 
-/// Gives a widget its name.
+/// Sets a widget's accessible label.
 pub(crate) trait AccessibleLabel {
-    /// The widget, known as `name` to whoever does not see it.
+    /// Labels the widget `name` for screen readers.
     fn with_accessible_label(self, name: &str) -> Self;
 }
 

@@ -1,4 +1,4 @@
-//! What does the pointer paint on the camera's image? Labels of colour classes, or what of the robot itself is in view.
+//! Painting on the camera image: colour class labels, or the mask of the robot's own parts.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -8,48 +8,48 @@ use localize::Stamp;
 use vision::colour::colour_table::{ColourTable, Label, TableKind};
 use vision::image::Image;
 
-/// What a stroke paints.
+/// What the brush paints.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum Tool {
-    /// Nothing: dragging pans.
+    /// Nothing; dragging pans the image.
     #[default]
     Pan,
-    /// Labels of this class, by its place in [`vision::colour::lookup_table::CLASS_NAMES`].
+    /// Labels of this class, an index into [`vision::colour::lookup_table::CLASS_NAMES`].
     Class(usize),
     /// The mask: the robot's own parts.
     Mask,
-    /// Away with the mask.
+    /// Erases the mask.
     EraseMask,
 }
 
 /// A labelled pixel.
 #[derive(Debug, Clone)]
 pub(crate) struct PixelLabel {
-    /// By its place in [`vision::colour::lookup_table::CLASS_NAMES`].
+    /// Index into [`vision::colour::lookup_table::CLASS_NAMES`].
     pub(crate) class: usize,
-    /// Red, green, blue there.
+    /// RGB value of the pixel.
     pub(crate) rgb: [u8; 3],
 }
 
-/// The brush, and what it has painted.
+/// The brush, its labels and its mask.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Brush {
-    /// What it paints.
+    /// Selected tool.
     pub(crate) tool: Tool,
-    /// Half its width, pixels.
+    /// Radius, pixels.
     pub(crate) radius_px: u16,
-    /// Labels by their image, column and row.
+    /// Labels by image stamp, column and row.
     pub(crate) labels: BTreeMap<(Stamp, [u16; 2]), PixelLabel>,
-    /// The images they are in.
+    /// Images that contain labels.
     pub(crate) labelled_images: Vec<(Stamp, Arc<Image>)>,
-    /// One entry a pixel; false where the robot sees itself.
+    /// One entry per pixel; false where the robot sees itself.
     pub(crate) mask: Option<Vec<bool>>,
-    /// Something was painted since the table was learned.
+    /// Labels or mask changed since the session last took them over.
     pub(crate) dirty: bool,
 }
 
 impl Brush {
-    /// A brush with which nothing was painted.
+    /// A brush without labels and mask.
     pub(crate) fn new() -> Self {
         Brush {
             radius_px: 3,
@@ -57,14 +57,14 @@ impl Brush {
         }
     }
 
-    /// Paints around a pixel of an image.
+    /// Paints a disc around a pixel of the image.
     pub(crate) fn paint(&mut self, stamp: Stamp, image: &Arc<Image>, at: egui::Vec2) {
         let (width, height) = (image.width_px as i32, image.height_px as i32);
-        let reach = i32::from(self.radius_px);
+        let radius = i32::from(self.radius_px);
         let (column, row) = (at.x.floor() as i32, at.y.floor() as i32);
-        for v in (row - reach).max(0)..(row + reach + 1).min(height) {
-            for u in (column - reach).max(0)..(column + reach + 1).min(width) {
-                if (u - column).pow(2) + (v - row).pow(2) <= reach * reach {
+        for v in (row - radius).max(0)..(row + radius + 1).min(height) {
+            for u in (column - radius).max(0)..(column + radius + 1).min(width) {
+                if (u - column).pow(2) + (v - row).pow(2) <= radius * radius {
                     self.paint_pixel(stamp, image, u as usize, v as usize);
                 }
             }
@@ -86,8 +86,8 @@ impl Brush {
             Tool::Class(class) => {
                 let rgb = &image.rgb[3 * at..3 * at + 3];
                 let rgb = [rgb[0], rgb[1], rgb[2]];
-                let place = (stamp, [u as u16, v as u16]);
-                self.labels.insert(place, PixelLabel { class, rgb });
+                let key = (stamp, [u as u16, v as u16]);
+                self.labels.insert(key, PixelLabel { class, rgb });
                 if self
                     .labelled_images
                     .iter()
@@ -99,20 +99,20 @@ impl Brush {
         }
     }
 
-    /// Forgets the labels.
+    /// Deletes all labels.
     pub(crate) fn clear_labels(&mut self) {
         self.labels.clear();
         self.labelled_images.clear();
         self.dirty = true;
     }
 
-    /// The table that the labels make; none without labels.
+    /// The colour table learned from the labels; None without labels.
     pub(crate) fn learn_colour_table(&self) -> Option<ColourTable> {
-        let label = |stroke: &PixelLabel| Label {
-            rgb: stroke.rgb,
-            class: vision::colour::lookup_table::CLASS_NAMES[stroke.class].to_owned(),
+        let to_label = |label: &PixelLabel| Label {
+            rgb: label.rgb,
+            class: vision::colour::lookup_table::CLASS_NAMES[label.class].to_owned(),
         };
-        let labels: Vec<Label> = self.labels.values().map(label).collect();
+        let labels: Vec<Label> = self.labels.values().map(to_label).collect();
         ColourTable::learn(&labels, TableKind::Yuv)
     }
 }

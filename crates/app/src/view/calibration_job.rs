@@ -1,4 +1,4 @@
-//! Runs a map calibration beside the view: it takes from seconds to minutes.
+//! Runs a map calibration in a separate thread: it takes from seconds to minutes.
 
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -8,28 +8,28 @@ use vision::calibrate::ImageResidual;
 
 use crate::commands::calibrate::{self, LinesArgs, MapArgs, Outcome};
 
-/// What to calibrate from.
+/// Input of the calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) enum CalibrationMethod {
-    /// Images of a strip of bars.
+    /// Images of a bar strip.
     #[default]
     Strip,
-    /// The same, with the mirror's profile trusted.
+    /// Images of a bar strip, with the mirror profile held fixed.
     StripWithProfile,
-    /// A drive over the field.
+    /// Images and field lines of a drive over the field.
     Lines,
 }
 
-/// What came of it: the summary, and image by image.
+/// Result of a calibration: summary, and residuals per image.
 pub(crate) type MapCalibration = (Outcome, Vec<ImageResidual>);
 
-/// A calibration under way.
+/// A running calibration.
 pub(crate) struct CalibrationJob(Receiver<Result<MapCalibration>>);
 
 impl CalibrationJob {
-    /// Starts a calibration of a folder; the map goes to `out`.
+    /// Starts a calibration from the images in `dir`; the map is written to `out`.
     pub(crate) fn start(
-        kind: CalibrationMethod,
+        method: CalibrationMethod,
         dir: PathBuf,
         out: PathBuf,
     ) -> std::io::Result<Self> {
@@ -38,7 +38,7 @@ impl CalibrationJob {
             .name("calibrate".to_owned())
             .spawn(move || {
                 let picture = None;
-                let found = match kind {
+                let result = match method {
                     CalibrationMethod::Lines => calibrate::calibrate_map_from_lines(&LinesArgs {
                         dir,
                         map: None,
@@ -50,23 +50,23 @@ impl CalibrationJob {
                             dir,
                             out,
                             picture,
-                            profile: kind == CalibrationMethod::StripWithProfile,
+                            profile: method == CalibrationMethod::StripWithProfile,
                         })
                     }
                 };
-                // The panel may be gone.
-                let _ = sender.send(found);
+                // The receiver is gone if the panel was closed.
+                let _ = sender.send(result);
             })?;
         Ok(CalibrationJob(receiver))
     }
 
-    /// What came of it, once.
+    /// The result, returned once when the calibration ends.
     pub(crate) fn poll(&self) -> Option<Result<MapCalibration>> {
         match self.0.try_recv() {
-            Ok(found) => Some(found),
+            Ok(result) => Some(result),
             Err(std::sync::mpsc::TryRecvError::Empty) => None,
             Err(std::sync::mpsc::TryRecvError::Disconnected) => {
-                Some(Err(anyhow::anyhow!("the calibration broke off")))
+                Some(Err(anyhow::anyhow!("the calibration thread panicked")))
             }
         }
     }

@@ -1,60 +1,60 @@
-//! How is each device? Rates, ages and errors, told from the stamps of what arrived: live, simulated or from a log.
+//! State of each device from the stamps of its samples: age, gaps and faults. Sources: live, simulated or a log.
 
 use std::collections::VecDeque;
 
 use localize::Stamp;
 
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
-/// Rates are counted over so many seconds.
+/// Averaging window of the sample rate, seconds.
 const RATE_WINDOW: f64 = 2.0;
-/// So many equal readings in a row come from no living sensor.
+/// Identical readings in a row after which a sensor counts as stuck.
 const STUCK_REPEATS: u32 = 20;
-/// A device is silent when its last sample is older than so many of its usual intervals.
+/// A device is silent if its last sample is older than this many of its usual intervals.
 const SILENT_INTERVALS: f64 = 5.0;
 
-/// One device.
+/// Statistics of one device.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DeviceHealth {
     /// Camera, wheels, compass, IMU.
     pub(crate) name: &'static str,
     recent: VecDeque<Stamp>,
-    /// When the last sample was taken.
+    /// Stamp of the last sample.
     pub(crate) last: Option<Stamp>,
-    /// All samples.
+    /// Number of samples.
     pub(crate) samples: u64,
     /// Longest time between two samples, seconds.
     pub(crate) longest_gap: f64,
-    /// Readings in a row that were equal to the last bit.
+    /// Bit-identical readings in a row.
     repeats: u32,
     reading: [u32; 6],
-    /// Faults, and the last one.
+    /// Number of faults.
     pub(crate) fault_count: u64,
-    /// What the last fault was.
+    /// Description of the last fault.
     pub(crate) last_fault: Option<String>,
 }
 
-/// What a device is doing.
+/// State of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum DeviceState {
-    /// Nothing came yet.
+    /// No sample has arrived.
     NoData,
-    /// It delivers.
+    /// Samples arrive.
     Running,
-    /// It delivered once.
+    /// Samples arrived, but have stopped.
     Silent,
-    /// It repeats itself.
+    /// Readings repeat bit for bit.
     Stuck,
 }
 
 impl DeviceState {
-    /// In a word.
+    /// Label in tables and reports.
     pub(crate) fn label(self) -> &'static str {
         match self {
-            DeviceState::NoData => "nothing came",
+            DeviceState::NoData => "no data",
             DeviceState::Running => "running",
             DeviceState::Silent => "silent",
-            DeviceState::Stuck => "stuck: repeats itself",
+            DeviceState::Stuck => "stuck: readings repeat",
         }
     }
 }
@@ -83,7 +83,7 @@ impl DeviceHealth {
         self.last.map(|last| now - last)
     }
 
-    /// What it is doing as of `now`.
+    /// State at `now`.
     pub(crate) fn state(&self, now: Stamp) -> DeviceState {
         let Some(age) = self.age(now) else {
             return DeviceState::NoData;
@@ -99,16 +99,16 @@ impl DeviceHealth {
     }
 }
 
-/// All devices of the robot.
+/// Statistics of all devices of the robot.
 #[derive(Debug, Clone)]
 pub(crate) struct DeviceMonitor {
-    /// One each.
+    /// Camera, wheels, compass, IMU.
     pub(crate) devices: [DeviceHealth; 4],
-    /// Of the last cycle.
+    /// Stamp of the last cycle.
     pub(crate) stamp: Stamp,
-    /// Cycles that did not get to the view.
+    /// Cycles dropped before they reached the view.
     pub(crate) dropped: u64,
-    /// Cycles seen.
+    /// Cycles received.
     pub(crate) cycles: u64,
 }
 
@@ -128,7 +128,7 @@ impl Default for DeviceMonitor {
 }
 
 impl DeviceMonitor {
-    /// Takes what a cycle brought; a clock set back begins anew.
+    /// Adds a cycle's samples; a stamp from the past resets all statistics.
     pub(crate) fn update(&mut self, cycle: &Cycle) {
         if cycle.stamp < self.stamp {
             *self = DeviceMonitor::default();
@@ -141,22 +141,22 @@ impl DeviceMonitor {
             camera.fault_count += 1;
             camera.last_fault = Some(fault.clone());
         } else {
-            // Two images with the same line points to the last bit are one image.
+            // Bit-identical line points mean a repeated image.
             let first = cycle.line_points.first();
             let reading = first.map_or([0; 6], |point| {
                 let last = cycle.line_points.last().map_or(point.at, |last| last.at);
                 let count = cycle.line_points.len() as u32;
-                let unlike = if count < 2 { cycle.stamp.0 as u32 } else { 0 };
+                let unique = if count < 2 { cycle.stamp.0 as u32 } else { 0 };
                 [
                     bits(point.at.x),
                     bits(point.at.y),
                     bits(last.x),
                     bits(last.y),
                     count,
-                    unlike,
+                    unique,
                 ]
             });
-            // Without points nothing tells one image from the next.
+            // Without line points, images cannot be compared: the stamp makes each reading unique.
             let reading = if first.is_none() {
                 [cycle.stamp.0 as u32; 6]
             } else {
@@ -164,20 +164,27 @@ impl DeviceMonitor {
             };
             camera.record(cycle.stamp, reading);
         }
-        for one in &cycle.inputs.odometry {
-            // Wheels at rest repeat themselves rightly.
-            let rests = one.dx == 0.0 && one.dy == 0.0 && one.dtheta == 0.0;
-            let unlike = if rests { one.stamp.0 as u32 } else { 0 };
-            let reading = [bits(one.dx), bits(one.dy), bits(one.dtheta), unlike, 0, 0];
-            wheels.record(one.stamp, reading);
+        for sample in &cycle.inputs.odometry {
+            // Equal readings are correct for wheels at rest: the stamp makes each reading unique.
+            let at_rest = sample.dx == 0.0 && sample.dy == 0.0 && sample.dtheta == 0.0;
+            let unique = if at_rest { sample.stamp.0 as u32 } else { 0 };
+            let reading = [
+                bits(sample.dx),
+                bits(sample.dy),
+                bits(sample.dtheta),
+                unique,
+                0,
+                0,
+            ];
+            wheels.record(sample.stamp, reading);
         }
-        for one in &cycle.inputs.compass {
-            compass.record(one.stamp, [bits(one.heading), 0, 0, 0, 0, 0]);
+        for sample in &cycle.inputs.compass {
+            compass.record(sample.stamp, [bits(sample.heading), 0, 0, 0, 0, 0]);
         }
-        for one in &cycle.inputs.imu {
-            let [ax, ay, az] = one.acceleration.map(bits);
-            let [rx, ry, rz] = one.rate.map(bits);
-            imu.record(one.stamp, [ax, ay, az, rx, ry, rz]);
+        for sample in &cycle.inputs.imu {
+            let [ax, ay, az] = sample.acceleration.map(bits);
+            let [rx, ry, rz] = sample.rate.map(bits);
+            imu.record(sample.stamp, [ax, ay, az, rx, ry, rz]);
         }
     }
 }

@@ -1,12 +1,12 @@
-//! How quickly is the window drawn? Frames over the last second, and over all.
+//! Frame rate of the window: over the last second, and over the whole session.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// The rate is counted over this long.
+/// Averaging window of the rate.
 const RATE_WINDOW: Duration = Duration::from_secs(1);
 
-/// Counts frames.
+/// Counts drawn frames.
 #[derive(Debug, Default)]
 pub(crate) struct FrameRateCounter {
     recent: VecDeque<Instant>,
@@ -15,7 +15,7 @@ pub(crate) struct FrameRateCounter {
 }
 
 impl FrameRateCounter {
-    /// A frame begins.
+    /// Records the start of a frame.
     pub(crate) fn record_frame(&mut self, now: Instant) {
         self.first.get_or_insert(now);
         self.frames += 1;
@@ -25,12 +25,12 @@ impl FrameRateCounter {
         }
     }
 
-    /// Frames over the last second.
+    /// Frames per second over the last second.
     pub(crate) fn frames_per_second(&self) -> f64 {
         self.recent.len() as f64 / RATE_WINDOW.as_secs_f64()
     }
 
-    /// All frames, and the seconds since the first.
+    /// Number of all frames, and seconds from the first to the last.
     pub(crate) fn totals(&self) -> (u64, f64) {
         let seconds = self.first.map_or(0.0, |first| {
             self.recent

@@ -1,28 +1,28 @@
-//! Where in the image is a point of the ground? The map's way back, found by a table and a few steps of Newton's.
+//! Inverse of the ground map: from a ground point to its pixel, by a table of initial pixels and Newton's method.
 
 use localize::frames::{At, RobotFrame};
 use vision::GroundMap;
 
-/// Directions and distances of the table that says where to start.
+/// Bearings and ranges of the table of initial pixels.
 const BEARINGS: usize = 180;
 const RANGES: usize = 64;
-/// Nearest distance of the table, metres; each range is a constant factor wider than the one before.
+/// Nearest range of the table, metres; ranges grow geometrically.
 const RANGE_MIN: f32 = 0.15;
-/// Farthest, metres.
+/// Farthest range of the table, metres.
 const RANGE_MAX: f32 = 20.0;
-/// Newton's steps: the map is smooth, from a neighbouring cell two suffice.
+/// Newton iterations at most: the map is smooth, so two suffice from a neighbouring cell.
 const STEPS: usize = 4;
-/// A found pixel shows the ground no farther off than so many pixels' worth.
+/// Largest distance between the requested and the found ground point, in pixel widths on the ground.
 const MAX_REPROJECTION_ERROR_PX: f32 = 1.0;
 
-/// Starting pixels by direction and distance.
+/// Initial pixels by bearing and range.
 #[derive(Debug, Clone)]
 pub(crate) struct InverseGroundMap {
     initial_pixels: Vec<Option<[u16; 2]>>,
 }
 
 impl InverseGroundMap {
-    /// Enters every pixel of the map into the table; empty cells take their neighbour's along the ray.
+    /// Builds the table from every pixel of the map; empty cells take a neighbour's pixel along their ray.
     pub(crate) fn new(map: &GroundMap) -> Self {
         let mut start: Vec<Option<[u16; 2]>> = vec![None; BEARINGS * RANGES];
         for row in 0..map.height_px {
@@ -45,18 +45,18 @@ impl InverseGroundMap {
         }
     }
 
-    /// Column and row that show a point of the ground; none where the camera does not see it.
+    /// Pixel (column, row) of a ground point; None if the camera does not see it.
     pub(crate) fn project(&self, map: &GroundMap, ground: At<RobotFrame>) -> Option<[f32; 2]> {
         let [column, row] = self.initial_pixels[cell(ground)?]?;
         let mut at = [f32::from(column), f32::from(row)];
         for _ in 0..STEPS {
             let here = map.interpolate(at[0], at[1])?;
-            let side = |du: f32, dv: f32| map.interpolate(at[0] + du, at[1] + dv);
-            // The border has a neighbour on one side alone.
+            let neighbour = |du: f32, dv: f32| map.interpolate(at[0] + du, at[1] + dv);
+            // Pixels at the border have a neighbour on one side only.
             let slope = |du: f32, dv: f32| {
-                side(du, dv)
+                neighbour(du, dv)
                     .map(|next| [next.x - here.x, next.y - here.y])
-                    .or_else(|| side(-du, -dv).map(|next| [here.x - next.x, here.y - next.y]))
+                    .or_else(|| neighbour(-du, -dv).map(|next| [here.x - next.x, here.y - next.y]))
             };
             let ([xu, yu], [xv, yv]) = (slope(1.0, 0.0)?, slope(0.0, 1.0)?);
             let determinant = xu * yv - xv * yu;
@@ -68,23 +68,23 @@ impl InverseGroundMap {
             if !step[0].is_finite() || !step[1].is_finite() {
                 return None;
             }
-            // A long step leaves the part of the image in which the slope holds.
-            let long = step[0].hypot(step[1]).max(1e-6);
-            let part = (20.0 / long).min(1.0);
+            // Limit the step: the linearisation holds only near the current pixel.
+            let length = step[0].hypot(step[1]).max(1e-6);
+            let scale = (20.0 / length).min(1.0);
             at = [
-                (at[0] + part * step[0]).clamp(0.0, (map.width_px - 1) as f32),
-                (at[1] + part * step[1]).clamp(0.0, (map.height_px - 1) as f32),
+                (at[0] + scale * step[0]).clamp(0.0, (map.width_px - 1) as f32),
+                (at[1] + scale * step[1]).clamp(0.0, (map.height_px - 1) as f32),
             ];
-            if long < 0.05 {
+            if length < 0.05 {
                 break;
             }
         }
         let found = map.interpolate(at[0], at[1])?;
-        let beside = map
+        let adjacent = map
             .interpolate(at[0] + 1.0, at[1])
             .or_else(|| map.interpolate(at[0] - 1.0, at[1]))?;
-        let size = found.distance_to(beside).max(0.01);
-        (found.distance_to(ground) < MAX_REPROJECTION_ERROR_PX * size).then_some(at)
+        let pixel_size = found.distance_to(adjacent).max(0.01);
+        (found.distance_to(ground) < MAX_REPROJECTION_ERROR_PX * pixel_size).then_some(at)
     }
 }
 
@@ -113,7 +113,7 @@ mod tests {
         let setup = Setup::load(&robot, None).expect("a robot");
         let (_, map) = setup.camera.expect("a camera");
         let inverse = InverseGroundMap::new(&map);
-        let (mut asked, mut found) = (0, 0);
+        let (mut points, mut found) = (0, 0);
         for v in (0..map.height_px).step_by(7) {
             for u in (0..map.width_px).step_by(7) {
                 let Some(ground) = map
@@ -122,14 +122,14 @@ mod tests {
                 else {
                     continue;
                 };
-                asked += 1;
+                points += 1;
                 if let Some([fu, fv]) = inverse.project(&map, ground) {
                     found += 1;
-                    let off = (fu - u as f32).hypot(fv - v as f32);
-                    assert!(off < 0.5, "({u}, {v}) came back as ({fu}, {fv})");
+                    let error = (fu - u as f32).hypot(fv - v as f32);
+                    assert!(error < 0.5, "({u}, {v}) came back as ({fu}, {fv})");
                 }
             }
         }
-        assert!(found * 100 >= asked * 98, "{found} of {asked}");
+        assert!(found * 100 >= points * 98, "{found} of {points}");
     }
 }

@@ -1,5 +1,6 @@
-//! What is painted pixel by pixel over camera and field? Classes, the unwarped floor, landscapes of error; in a thread of
-//! its own, so that the window stays quick, and always of the newest cycle alone.
+//! Renders the pixel layers in a separate thread: classes, bird's-eye view, distance field and error landscape.
+//!
+//! A new job replaces a waiting one, so that only the newest cycle is rendered.
 
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 
@@ -16,53 +17,53 @@ use vision::process::Vision;
 use super::palette;
 use super::source::rgb_image;
 use super::static_scene::StaticScene;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
-/// Half the side of the bird's-eye view, metres: a midfield robot sees the lines of half the field there.
+/// Half the side of the bird's-eye view, metres: covers about half the field around the robot.
 pub(crate) const BIRDS_EYE_HALF_EXTENT: f32 = 6.0;
-/// Its side, pixels: 2 cm each.
+/// Side of the bird's-eye view, pixels of 2 cm.
 pub(crate) const BIRDS_EYE_SIDE_PX: usize = 600;
-/// Side of a cell of the landscapes, metres.
+/// Cell size of the distance field and the error landscape, metres.
 pub(crate) const HEATMAP_CELL: f32 = 0.1;
-/// Mean distance that is painted darkest, metres: half the gap between the league's nearest parallel lines.
+/// Distance drawn darkest, metres: half the gap between the league's nearest parallel lines.
 const HEATMAP_MAX_DISTANCE: f32 = 0.75;
 
-/// What is to be painted.
+/// The layers to render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct LayerSelection {
-    /// The class of every pixel.
+    /// Colour class of every pixel.
     pub(crate) classes: bool,
-    /// The class of the pixels that vision reads.
+    /// Colour class of the pixels that vision samples.
     pub(crate) scan_pixels: bool,
-    /// Where the virtual sensors' windows are.
+    /// Windows of the virtual sensors.
     pub(crate) virtual_sensors: bool,
-    /// The floor from above.
+    /// Bird's-eye view of the ground.
     pub(crate) birds_eye: bool,
-    /// The distance to the nearest marking over the field.
+    /// Distance to the nearest marking, over the field.
     pub(crate) distance_field: bool,
-    /// The mean distance of this frame's points, were the robot there (minho2016).
+    /// Mean distance of the cycle's line points to the markings, over assumed robot positions (minho2016).
     pub(crate) error_landscape: bool,
 }
 
-/// One cycle to paint.
+/// One cycle to render.
 #[derive(Clone)]
 pub(crate) struct LayerJob {
     pub(crate) scene: Arc<StaticScene>,
     pub(crate) cycle: Arc<Cycle>,
     pub(crate) vision: VisionConfig,
-    /// Classes from painted labels, in place of the robot's own.
+    /// Colour table from painted labels; overrides the robot's own.
     pub(crate) colour_table: Option<Arc<ColourTable>>,
-    /// What the robot sees of itself, one entry a pixel; false where it does.
+    /// One entry per pixel; false where the robot sees itself.
     pub(crate) mask: Option<Arc<Vec<bool>>>,
-    /// Counts changes of what does not come with the cycle: settings, table, mask.
+    /// Counts changes of settings, colour table and mask.
     pub(crate) revision: u64,
     pub(crate) selection: LayerSelection,
 }
 
-/// What was painted.
+/// Rendered layers of one cycle.
 #[derive(Clone, Default)]
 pub(crate) struct RenderedLayers {
-    /// What was painted of.
+    /// The cycle they show.
     pub(crate) cycle: Option<Arc<Cycle>>,
     pub(crate) classes: Option<Arc<ColorImage>>,
     pub(crate) scan_pixels: Option<Arc<ColorImage>>,
@@ -70,7 +71,7 @@ pub(crate) struct RenderedLayers {
     pub(crate) virtual_sensors: Option<Arc<Vec<(&'static str, ImageRect)>>>,
     pub(crate) distance_field: Option<Arc<ColorImage>>,
     pub(crate) error_landscape: Option<Arc<ColorImage>>,
-    /// Why classes could not be painted.
+    /// Why the class layers could not be rendered.
     pub(crate) error: Option<String>,
 }
 
@@ -81,27 +82,27 @@ struct Mailbox {
     closed: bool,
 }
 
-/// The painting thread's desk: one job on it, one result.
+/// Handle of the rendering thread, with at most one job and one result waiting.
 pub(crate) struct LayerWorker {
     mailbox: Arc<(Mutex<Mailbox>, Condvar)>,
     last_request: Option<(Stamp, u64, LayerSelection)>,
 }
 
 impl LayerWorker {
-    /// Starts the thread; `wake` is called when something is painted.
+    /// Starts the thread; it calls `wake` after each rendered job.
     pub(crate) fn start(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        let desk = Arc::new((Mutex::new(Mailbox::default()), Condvar::new()));
-        let theirs = desk.clone();
+        let mailbox = Arc::new((Mutex::new(Mailbox::default()), Condvar::new()));
+        let thread_mailbox = mailbox.clone();
         std::thread::Builder::new()
             .name("layers".to_owned())
-            .spawn(move || run_worker(&theirs, &wake))?;
+            .spawn(move || run_worker(&thread_mailbox, &wake))?;
         Ok(LayerWorker {
-            mailbox: desk,
+            mailbox,
             last_request: None,
         })
     }
 
-    /// Lays a job on the desk, in place of one that waits; the same one twice is none.
+    /// Submits a job and replaces a waiting one. A job equal to the last one is ignored.
     pub(crate) fn submit(&mut self, job: LayerJob) {
         let key = (job.cycle.stamp, job.revision, job.selection);
         if job.selection == LayerSelection::default() || self.last_request == Some(key) {
@@ -112,7 +113,7 @@ impl LayerWorker {
         self.mailbox.1.notify_all();
     }
 
-    /// What was painted since the last call.
+    /// The result, if one is ready.
     pub(crate) fn take_result(&mut self) -> Option<RenderedLayers> {
         lock(&self.mailbox.0).result.take()
     }
@@ -125,142 +126,146 @@ impl Drop for LayerWorker {
     }
 }
 
-fn lock(desk: &Mutex<Mailbox>) -> std::sync::MutexGuard<'_, Mailbox> {
-    desk.lock().unwrap_or_else(PoisonError::into_inner)
+fn lock(mailbox: &Mutex<Mailbox>) -> std::sync::MutexGuard<'_, Mailbox> {
+    mailbox.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn run_worker(desk: &(Mutex<Mailbox>, Condvar), wake: &impl Fn()) {
-    let mut painter = LayerRenderer::default();
+fn run_worker(mailbox: &(Mutex<Mailbox>, Condvar), wake: &impl Fn()) {
+    let mut renderer = LayerRenderer::default();
     loop {
-        let mut held = lock(&desk.0);
-        while held.job.is_none() && !held.closed {
-            held = desk.1.wait(held).unwrap_or_else(PoisonError::into_inner);
+        let mut guard = lock(&mailbox.0);
+        while guard.job.is_none() && !guard.closed {
+            guard = mailbox
+                .1
+                .wait(guard)
+                .unwrap_or_else(PoisonError::into_inner);
         }
-        if held.closed {
+        if guard.closed {
             return;
         }
-        let job = held.job.take();
-        drop(held);
+        let job = guard.job.take();
+        drop(guard);
         if let Some(job) = job {
-            let painted = painter.render(&job);
-            lock(&desk.0).result = Some(painted);
+            let layers = renderer.render(&job);
+            lock(&mailbox.0).result = Some(layers);
             wake();
         }
     }
 }
 
-/// What painting keeps from one cycle to the next.
+/// Caches of the rendering thread.
 #[derive(Default)]
 struct LayerRenderer {
     vision: Option<(u64, Vision)>,
-    /// Class by the upper six bits of red, green and blue; 255 is not known yet.
+    /// Class by the upper six bits of R, G and B; 255 if not computed yet.
     class_cache: Vec<u8>,
-    /// Carpet, white and noise that the cells are of.
+    /// Carpet model of `class_cache`.
     carpet_model: Option<vision::colour::carpet_model::CarpetModel>,
-    /// Pixel of the image under each pixel of the bird's-eye view.
+    /// Scene key, and image pixel index of each bird's-eye pixel.
     birds_eye_pixels: Option<(usize, Vec<u32>)>,
     distance_layer: Option<(usize, Arc<ColorImage>)>,
 }
 
 impl LayerRenderer {
     fn render(&mut self, job: &LayerJob) -> RenderedLayers {
-        let mut painted = RenderedLayers {
+        let mut layers = RenderedLayers {
             cycle: Some(job.cycle.clone()),
             ..RenderedLayers::default()
         };
-        let stage = &job.scene;
-        let key = Arc::as_ptr(stage) as usize;
-        if let (Some(image), Some(eye)) = (rgb_image(&job.cycle), &stage.camera)
-            && (image.width_px, image.height_px) == (eye.map.width_px, eye.map.height_px)
+        let scene = &job.scene;
+        let key = Arc::as_ptr(scene) as usize;
+        if let (Some(image), Some(camera)) = (rgb_image(&job.cycle), &scene.camera)
+            && (image.width_px, image.height_px) == (camera.map.width_px, camera.map.height_px)
         {
             if job.selection.classes || job.selection.scan_pixels || job.selection.virtual_sensors {
                 match self.render_classes(job, image) {
-                    Ok((classes, scan)) => (painted.classes, painted.scan_pixels) = (classes, scan),
-                    Err(error) => painted.error = Some(error),
+                    Ok((classes, scan)) => (layers.classes, layers.scan_pixels) = (classes, scan),
+                    Err(error) => layers.error = Some(error),
                 }
-                let eyes = self
+                let vision = self
                     .vision
                     .as_ref()
                     .filter(|_| job.selection.virtual_sensors);
-                painted.virtual_sensors =
-                    eyes.map(|(_, eyes)| Arc::new(eyes.virtual_sensor_regions().to_vec()));
+                layers.virtual_sensors =
+                    vision.map(|(_, vision)| Arc::new(vision.virtual_sensor_regions().to_vec()));
             }
             if job.selection.birds_eye {
                 if self
                     .birds_eye_pixels
                     .as_ref()
-                    .is_none_or(|(known, _)| *known != key)
+                    .is_none_or(|(cached, _)| *cached != key)
                 {
-                    self.birds_eye_pixels = Some((key, birds_eye_pixels(stage)));
+                    self.birds_eye_pixels = Some((key, birds_eye_pixels(scene)));
                 }
                 let pixels = self
                     .birds_eye_pixels
                     .as_ref()
                     .map_or(&[][..], |(_, pixels)| pixels);
-                painted.birds_eye = Some(Arc::new(render_birds_eye(image, pixels)));
+                layers.birds_eye = Some(Arc::new(render_birds_eye(image, pixels)));
             }
         }
         if job.selection.distance_field {
             if self
                 .distance_layer
                 .as_ref()
-                .is_none_or(|(known, _)| *known != key)
+                .is_none_or(|(cached, _)| *cached != key)
             {
-                self.distance_layer = Some((key, Arc::new(render_distance_field(stage))));
+                self.distance_layer = Some((key, Arc::new(render_distance_field(scene))));
             }
-            painted.distance_field = self.distance_layer.as_ref().map(|(_, image)| image.clone());
+            layers.distance_field = self.distance_layer.as_ref().map(|(_, image)| image.clone());
         }
         if job.selection.error_landscape {
             let heading = job.cycle.estimate.pose.map(|pose| pose.theta);
             let heading = heading.or(job.cycle.inputs.compass.last().map(|last| last.heading));
-            painted.error_landscape = Some(Arc::new(render_error_landscape(
-                stage,
+            layers.error_landscape = Some(Arc::new(render_error_landscape(
+                scene,
                 &job.cycle.line_points,
                 heading.unwrap_or(0.0),
             )));
         }
-        painted
+        layers
     }
 
-    /// Classes of all pixels, and of those that vision reads.
+    /// Renders the classes of all pixels, and of the sampled pixels.
     fn render_classes(&mut self, job: &LayerJob, image: &Image) -> Result<(Layer, Layer), String> {
-        let stage = &job.scene;
-        let eye = stage.camera.as_ref().ok_or("no camera")?;
+        let scene = &job.scene;
+        let camera = scene.camera.as_ref().ok_or("no camera")?;
         if self
             .vision
             .as_ref()
             .is_none_or(|(of, _)| *of != job.revision)
         {
-            let width = stage.field.config.line_width;
+            let width = scene.field.config.line_width;
             let mask = job.mask.as_ref().map(|mask| mask.as_slice());
-            let mut eyes =
-                Vision::with_mask(&eye.map, &eye.config, mask, width, job.vision.clone())
+            let mut vision =
+                Vision::with_mask(&camera.map, &camera.config, mask, width, job.vision.clone())
                     .map_err(|error| error.to_string())?;
-            if let Some(table) = job.colour_table.as_deref().or(stage.colour_table.as_ref()) {
-                eyes.set_colour_table(table.clone());
+            if let Some(table) = job.colour_table.as_deref().or(scene.colour_table.as_ref()) {
+                vision.set_colour_table(table.clone());
             }
-            self.vision = Some((job.revision, eyes));
+            self.vision = Some((job.revision, vision));
             self.carpet_model = None;
         }
-        let Some((_, eyes)) = &mut self.vision else {
-            return Err("no eyes".to_owned());
+        let Some((_, vision)) = &mut self.vision else {
+            return Err("vision is not initialised".to_owned());
         };
-        eyes.process_lines(&image.view())
+        vision
+            .process_lines(&image.view())
             .map_err(|error| error.to_string())?;
-        let model = *eyes.carpet_model().ok_or("no carpet was learned")?;
+        let model = *vision.carpet_model().ok_or("no carpet colour learned")?;
         if self.carpet_model != Some(model) {
             self.carpet_model = Some(model);
             self.class_cache = vec![u8::MAX; 1 << 18];
         }
-        let table = job.colour_table.as_deref().or(stage.colour_table.as_ref());
+        let table = job.colour_table.as_deref().or(scene.colour_table.as_ref());
         let (colours, ball) = (&job.vision.colours, job.vision.objects.ball_hue_deg);
         let mut scan = None;
         if job.selection.scan_pixels {
             let mut layer =
                 ColorImage::filled([image.width_px, image.height_px], Color32::TRANSPARENT);
-            let classes = eyes.classify_samples(&image.view());
+            let classes = vision.classify_samples(&image.view());
             let classes = classes.map_err(|error| error.to_string())?.to_vec();
-            for (sample, class) in eyes.scan_pattern().samples.iter().zip(classes) {
+            for (sample, class) in vision.scan_pattern().samples.iter().zip(classes) {
                 let at = usize::from(sample.v) * image.width_px + usize::from(sample.u);
                 layer.pixels[at] = palette::class_colour(class);
             }
@@ -289,23 +294,23 @@ impl LayerRenderer {
 
 type Layer = Option<Arc<ColorImage>>;
 
-/// Index of the image's pixel under each of the bird's-eye view; `u32::MAX` where there is none.
-fn birds_eye_pixels(stage: &StaticScene) -> Vec<u32> {
-    let Some(eye) = &stage.camera else {
+/// Image pixel index of each bird's-eye pixel; `u32::MAX` if not visible.
+fn birds_eye_pixels(scene: &StaticScene) -> Vec<u32> {
+    let Some(camera) = &scene.camera else {
         return Vec::new();
     };
     let step = 2.0 * BIRDS_EYE_HALF_EXTENT / BIRDS_EYE_SIDE_PX as f32;
     let mut pixels = Vec::with_capacity(BIRDS_EYE_SIDE_PX * BIRDS_EYE_SIDE_PX);
     for row in 0..BIRDS_EYE_SIDE_PX {
         for column in 0..BIRDS_EYE_SIDE_PX {
-            // Forward is up, left is left.
+            // The robot's x axis (forward) points up, its y axis to the left.
             let ground = At::<RobotFrame>::new(
                 BIRDS_EYE_HALF_EXTENT - (row as f32 + 0.5) * step,
                 BIRDS_EYE_HALF_EXTENT - (column as f32 + 0.5) * step,
             );
-            let found = eye.inverse.project(&eye.map, ground);
+            let found = camera.inverse.project(&camera.map, ground);
             pixels.push(found.map_or(u32::MAX, |[u, v]| {
-                v.round() as u32 * eye.map.width_px as u32 + u.round() as u32
+                v.round() as u32 * camera.map.width_px as u32 + u.round() as u32
             }));
         }
     }
@@ -324,11 +329,11 @@ fn render_birds_eye(image: &Image, pixels: &[u32]) -> ColorImage {
     ColorImage::new([BIRDS_EYE_SIDE_PX, BIRDS_EYE_SIDE_PX], colours)
 }
 
-/// Columns and rows of a landscape over the carpet, and the value of each cell's middle; the first row is at the top.
+/// Heat map over the carpet of `value`, a distance (m), at each cell's centre; the first row is at the top.
 ///
-/// On this thread alone: the pool's threads are the robot's.
-fn render_over_field(stage: &StaticScene, value: impl Fn(f32, f32) -> f32) -> ColorImage {
-    let (half_x, half_y) = stage.field.carpet_half_extent();
+/// Runs on this thread only: the rayon pool belongs to the pipeline.
+fn render_over_field(scene: &StaticScene, value: impl Fn(f32, f32) -> f32) -> ColorImage {
+    let (half_x, half_y) = scene.field.carpet_half_extent();
     let columns = (2.0 * half_x / HEATMAP_CELL).round().max(1.0) as usize;
     let rows = (2.0 * half_y / HEATMAP_CELL).round().max(1.0) as usize;
     let (step_x, step_y) = (2.0 * half_x / columns as f32, 2.0 * half_y / rows as f32);
@@ -342,7 +347,7 @@ fn render_over_field(stage: &StaticScene, value: impl Fn(f32, f32) -> f32) -> Co
     ColorImage::new([columns, rows], pixels)
 }
 
-/// From bright yellow (0) over orange and purple to nearly black (1): brightness alone orders it.
+/// Colour map from bright yellow (0) over orange and purple to nearly black (1); its brightness is monotonic.
 fn apply_colormap(value: f32) -> Color32 {
     const STOPS: [[f32; 3]; 4] = [
         [252.0, 246.0, 170.0],
@@ -360,29 +365,29 @@ fn apply_colormap(value: f32) -> Color32 {
     Color32::from_rgb(r, g, b)
 }
 
-fn render_distance_field(stage: &StaticScene) -> ColorImage {
-    let distances: &DistanceField = &stage.distances;
-    render_over_field(stage, |x, y| distances.nearest(x, y).signed_distance.abs())
+fn render_distance_field(scene: &StaticScene) -> ColorImage {
+    let distances: &DistanceField = &scene.distances;
+    render_over_field(scene, |x, y| distances.nearest(x, y).signed_distance.abs())
 }
 
-/// Mean distance of the points from the markings, were the robot in the middle of each cell with this heading.
-fn render_error_landscape(stage: &StaticScene, points: &[LinePoint], heading: f32) -> ColorImage {
+/// Mean distance of the line points to the markings for a robot at each cell's centre with this heading.
+fn render_error_landscape(scene: &StaticScene, points: &[LinePoint], heading: f32) -> ColorImage {
     let (sin, cos) = heading.sin_cos();
-    let turned: Vec<[f32; 2]> = points
+    let rotated: Vec<[f32; 2]> = points
         .iter()
         .map(|point| {
             let at = point.at;
             [cos * at.x - sin * at.y, sin * at.x + cos * at.y]
         })
         .collect();
-    let per = 1.0 / turned.len().max(1) as f32;
-    let distances = &stage.distances;
-    render_over_field(stage, |x, y| {
-        // Far outliers would drown what the others say (nubot2013 bounds them alike).
+    let weight = 1.0 / rotated.len().max(1) as f32;
+    let distances = &scene.distances;
+    render_over_field(scene, |x, y| {
+        // Distances are bounded so that outliers do not dominate (as in nubot2013).
         let distance = |at: &[f32; 2]| {
-            let near = distances.nearest(x + at[0], y + at[1]);
-            near.signed_distance.abs().min(HEATMAP_MAX_DISTANCE)
+            let nearest = distances.nearest(x + at[0], y + at[1]);
+            nearest.signed_distance.abs().min(HEATMAP_MAX_DISTANCE)
         };
-        per * turned.iter().map(distance).sum::<f32>()
+        weight * rotated.iter().map(distance).sum::<f32>()
     })
 }

@@ -1,4 +1,4 @@
-//! Which panels stand where? Arrangements for the usual tasks, as starting points: every tile can be dragged and closed.
+//! Panel layouts for the usual tasks. They are starting points: every tile can be dragged and closed.
 
 use eframe::egui;
 use egui_tiles::{Linear, LinearDir, Tile, TileId, Tiles, Tree};
@@ -6,27 +6,27 @@ use serde::{Deserialize, Serialize};
 
 use super::panels::Pane;
 
-/// The tree's name; what is remembered of dragging goes by it.
+/// Id of the tile tree; egui stores drag state under it.
 const TREE_ID: &str = "panels";
 
-/// An arrangement.
+/// A panel layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum PanelLayout {
-    /// Beside the field: camera, field, how it goes.
+    /// Overview: camera, field, timeline and plots.
     Watch,
-    /// The camera large, with its settings.
+    /// Large camera image with the vision settings.
     Vision,
-    /// The field large, with errors.
+    /// Large field with localization errors.
     Localization,
-    /// A simulation and what is done to it.
+    /// Simulation and its disturbances.
     Simulate,
-    /// Colours, mask, map.
+    /// Colours, mask and ground map.
     Calibrate,
-    /// Every device.
+    /// State of every device.
     Health,
 }
 
-/// All of them, with their names and their keys.
+/// All layouts with their names, in the order of their number keys.
 pub(crate) const LAYOUTS: [(PanelLayout, &str); 6] = [
     (PanelLayout::Watch, "Watch"),
     (PanelLayout::Vision, "Eyes"),
@@ -36,14 +36,14 @@ pub(crate) const LAYOUTS: [(PanelLayout, &str); 6] = [
     (PanelLayout::Health, "Health"),
 ];
 
-/// The tiles of an arrangement.
-pub(crate) fn build_tree(preset: PanelLayout) -> Tree<Pane> {
+/// Builds the tile tree of a layout.
+pub(crate) fn build_tree(layout: PanelLayout) -> Tree<Pane> {
     let mut tiles = Tiles::default();
     let mut tabs = |panes: &[Pane]| {
         let panes = panes.iter().map(|pane| tiles.insert_pane(*pane)).collect();
         tiles.insert_tab_tile(panes)
     };
-    let root = match preset {
+    let root = match layout {
         PanelLayout::Watch => {
             let (camera, field) = (tabs(&[Pane::Camera]), tabs(&[Pane::Field]));
             let (plots, time) = (tabs(&[Pane::Plots, Pane::Health]), tabs(&[Pane::Timeline]));
@@ -90,16 +90,21 @@ pub(crate) fn build_tree(preset: PanelLayout) -> Tree<Pane> {
     Tree::new(egui::Id::unique(TREE_ID), root, tiles)
 }
 
-fn split(tiles: &mut Tiles<Pane>, way: LinearDir, children: [TileId; 2], share: f32) -> TileId {
-    tiles.insert_container(Linear::new_binary(way, children, share))
+fn split(
+    tiles: &mut Tiles<Pane>,
+    direction: LinearDir,
+    children: [TileId; 2],
+    share: f32,
+) -> TileId {
+    tiles.insert_container(Linear::new_binary(direction, children, share))
 }
 
-/// True if the panel is somewhere in the tree.
+/// True if the tree contains the panel.
 pub(crate) fn contains_pane(tree: &Tree<Pane>, pane: Pane) -> bool {
     tree.tiles.find_pane(&pane).is_some()
 }
 
-/// Opens a panel beside all others, or closes it.
+/// Closes a panel, or opens it to the right of all others.
 pub(crate) fn toggle_pane(tree: &mut Tree<Pane>, pane: Pane) {
     if let Some(tile) = tree.tiles.find_pane(&pane) {
         tree.remove_recursively(tile);
@@ -119,10 +124,10 @@ pub(crate) fn toggle_pane(tree: &mut Tree<Pane>, pane: Pane) {
     if let Some(Tile::Container(egui_tiles::Container::Linear(linear))) = tree.tiles.get_mut(root) {
         linear.add_child(tile);
     } else {
-        let beside = tree.tiles.insert_horizontal_tile(vec![root, tile]);
+        let row = tree.tiles.insert_horizontal_tile(vec![root, tile]);
         *tree = Tree::new(
             egui::Id::unique(TREE_ID),
-            beside,
+            row,
             std::mem::take(&mut tree.tiles),
         );
     }
@@ -136,11 +141,11 @@ mod tests {
     #[test]
     fn every_pane_is_in_a_layout_and_can_be_closed_and_reopened() {
         for pane in PANES {
-            let home = LAYOUTS
+            let containing = LAYOUTS
                 .iter()
-                .find(|(preset, _)| contains_pane(&build_tree(*preset), pane));
-            let (preset, _) = home.expect("an arrangement with it");
-            let mut tree = build_tree(*preset);
+                .find(|(layout, _)| contains_pane(&build_tree(*layout), pane));
+            let (layout, _) = containing.expect("a layout with this pane");
+            let mut tree = build_tree(*layout);
             toggle_pane(&mut tree, pane);
             assert!(!contains_pane(&tree, pane), "{pane:?} is closed");
             toggle_pane(&mut tree, pane);

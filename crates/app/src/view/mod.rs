@@ -1,8 +1,8 @@
-//! `mirrorball view`: what does the robot see and believe? A window for the person beside the field, on a log, on a
-//! simulation of its own, or on a run that goes on beside it.
+//! `mirrorball view`: what does the robot detect and estimate? A window on a log, on a simulation of its own, or on a
+//! running robot.
 //!
-//! Panels (`panels/`) draw what the session (`session`) holds; sources (`source/`) bring it; whatever takes time runs in
-//! threads of its own. The threads that drive never wait for any of it.
+//! Panels (`panels/`) draw what the session (`session`) holds. Sources (`source/`) deliver the cycles. Slow work runs in
+//! separate threads. The pipeline's threads never wait for the view.
 
 mod accessibility;
 mod brush;
@@ -32,48 +32,48 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, bail, ensure};
 use layout::PanelLayout;
 use session::Session;
-pub use window::{AfterRun, run_with_window};
+pub(crate) use window::{AfterRun, run_with_window};
 
-/// Look at a log, at a simulation of the view's own, or at a robot over the network.
+/// Show a log, a simulation or a robot's live stream in a window.
 #[derive(clap::Args)]
 #[command(
-    after_help = "Example: mirrorball view game.mcap\n         mirrorball view config/scenarios/demo.toml\n         mirrorball view 192.168.1.11:8765\n\n`?` in the window lists its keys."
+    after_help = "Example: mirrorball view game.mcap\n         mirrorball view config/scenarios/demo.toml\n         mirrorball view 192.168.1.11:8765\n\nPress `?` in the window for its shortcuts."
 )]
-pub struct Args {
+pub(crate) struct Args {
     /// A log (.mcap), a scenario (.toml), or host:port of a robot's live stream.
     source: Option<PathBuf>,
-    /// Start at this second.
+    /// Time to show first, seconds.
     #[arg(long, value_name = "SECONDS")]
     at: Option<f64>,
-    /// Start with these panels; else with those of the last time.
+    /// Panel layout at start. Default: the layout of the last session.
     #[arg(long, value_enum)]
     preset: Option<Task>,
-    /// Write a picture of the window, and leave.
+    /// Write a screenshot of the window, then exit.
     #[arg(long, value_name = "FILE.png")]
     screenshot: Option<PathBuf>,
-    /// Leave after so many seconds.
+    /// Exit after this many seconds.
     #[arg(long, value_name = "SECONDS")]
     leave_after: Option<f64>,
 }
 
-/// Arrangements of panels by the task they are for.
+/// Panel layouts, one per task.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Task {
     /// Camera, field, timeline and plots.
     Watch,
-    /// The camera large, with its settings.
+    /// Large camera image with the vision settings.
     Eyes,
-    /// The field large, with errors.
+    /// Large field with localization errors.
     Place,
-    /// A simulation and what is done to it.
+    /// Simulation and its disturbances.
     Simulate,
-    /// Colours, mask and map.
+    /// Colours, mask and ground map.
     Calibrate,
-    /// Every device.
+    /// State of every device.
     Health,
 }
 
-/// What `--json` prints.
+/// Output of `--json`.
 #[derive(serde::Serialize)]
 struct Outcome {
     frames: u64,
@@ -81,15 +81,18 @@ struct Outcome {
     frames_per_s: f64,
     cycles: u64,
     dropped_cycles: u64,
-    /// What went wrong last.
+    /// The last error.
     #[serde(skip)]
     error: Option<String>,
 }
 
 /// Runs the command.
-pub fn run(args: &Args, json: bool) -> Result<()> {
+pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
     for seconds in [args.at, args.leave_after].into_iter().flatten() {
-        ensure!(seconds.is_finite(), "{seconds} is no time");
+        ensure!(
+            seconds.is_finite(),
+            "invalid time: {seconds} (expected finite seconds)"
+        );
     }
     window::require_display()?;
     let mut session = match &args.source {
@@ -99,15 +102,15 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     if let Some(at) = args.at {
         session.seek(at);
     }
-    let wishes = window::WindowOptions {
+    let options = window::WindowOptions {
         layout: args.preset.map(Task::preset),
         screenshot: args.screenshot.clone(),
         close_after: args.leave_after,
         ..window::WindowOptions::default()
     };
-    let outcome = window::run_window(session, wishes)?;
-    if let (Some(_), Some(fault)) = (&args.screenshot, &outcome.error) {
-        bail!("{fault}");
+    let outcome = window::run_window(session, options)?;
+    if let (Some(_), Some(error)) = (&args.screenshot, &outcome.error) {
+        bail!("{error}");
     }
     if json {
         println!("{}", serde_json::to_string(&outcome)?);
@@ -115,8 +118,8 @@ pub fn run(args: &Args, json: bool) -> Result<()> {
     Ok(())
 }
 
-/// Shows a log with its run computed again beside the recorded one.
-pub fn show_recomputed(log: &Path) -> Result<()> {
+/// Shows a log, and recomputes its run for comparison with the recorded one.
+pub(crate) fn show_recomputed(log: &Path) -> Result<()> {
     window::require_display()?;
     let mut session = Session::open(log)?;
     let config = session.source_config.clone();

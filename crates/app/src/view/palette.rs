@@ -1,4 +1,4 @@
-//! In which colours? Okabe and Ito's eight, which stay apart whatever one's colour vision; and each sign has a shape too.
+//! Colours of the view: Okabe and Ito's palette, distinguishable with colour vision deficiency. Marks also differ in shape.
 
 use eframe::egui::Color32;
 use localize::estimate::Mode;
@@ -14,28 +14,28 @@ pub(crate) const VERMILION: Color32 = Color32::from_rgb(213, 94, 0);
 pub(crate) const PURPLE: Color32 = Color32::from_rgb(204, 121, 167);
 pub(crate) const GREY: Color32 = Color32::from_rgb(150, 150, 150);
 
-/// The carpet of the field panel: dark enough for every one of the eight.
+/// Carpet of the field panel: dark enough for contrast with every palette colour.
 pub(crate) const CARPET: Color32 = Color32::from_rgb(24, 62, 46);
-/// The floor around it.
+/// Floor around the carpet.
 pub(crate) const FLOOR: Color32 = Color32::from_rgb(38, 40, 44);
-/// Markings.
+/// Field markings.
 pub(crate) const LINE: Color32 = Color32::from_rgb(222, 228, 222);
-/// Where the robot takes itself to be.
+/// Estimated pose.
 pub(crate) const ESTIMATE: Color32 = ORANGE;
-/// Where it truly is.
+/// True pose.
 pub(crate) const TRUTH: Color32 = SKY;
 /// Line points.
 pub(crate) const LINE_POINT: Color32 = VERMILION;
-/// The field's lines in the camera's image, and rings on the ground.
+/// Projected field lines and the ground grid.
 pub(crate) const PROJECTED_LINE: Color32 = SKY;
-/// The ball.
+/// Ball.
 pub(crate) const BALL: Color32 = YELLOW;
 /// Robots.
 pub(crate) const ROBOT: Color32 = PURPLE;
 /// Goals and posts.
 pub(crate) const GOAL: Color32 = Color32::WHITE;
 
-/// The colour that a class is painted in.
+/// Display colour of a colour class. Not injective: all other classes share one grey.
 pub(crate) fn class_colour(class: ColourClass) -> Color32 {
     match class {
         ColourClass::BLACK => Color32::BLACK,
@@ -51,10 +51,10 @@ pub(crate) fn class_colour(class: ColourClass) -> Color32 {
     }
 }
 
-/// The colour and the words of a refusal.
+/// Display colour and description of a rejection reason.
 pub(crate) fn rejection_style(reason: RejectionReason) -> (Color32, &'static str) {
     match reason {
-        RejectionReason::NoAdjacentCarpet => (GREY, "no carpet beside it"),
+        RejectionReason::NoAdjacentCarpet => (GREY, "no adjacent carpet"),
         RejectionReason::TooNarrow => (YELLOW, "too narrow"),
         RejectionReason::TooWide => (SKY, "too wide"),
         RejectionReason::TooFaint => (PURPLE, "too faint"),
@@ -63,7 +63,7 @@ pub(crate) fn rejection_style(reason: RejectionReason) -> (Color32, &'static str
     }
 }
 
-/// The colour of a mode.
+/// Display colour of a localization mode.
 pub(crate) fn mode_colour(mode: Mode) -> Color32 {
     match mode {
         Mode::Tracking => GREEN,

@@ -1,18 +1,18 @@
-//! Which part is seen, how large? Scroll to zoom about the pointer, drag to pan, double-click for the whole.
+//! Pan and zoom of a picture: scroll zooms at the pointer, drag pans, double-click resets.
 
 use eframe::egui::{Color32, Painter, Pos2, Rect, Response, Ui, Vec2};
 
-/// Least and most enlargement over the whole picture.
+/// Zoom limits; 1 fits the whole picture.
 const ZOOM_RANGE: [f32; 2] = [0.5, 60.0];
-/// Scrolled points for an enlargement by e.
+/// Scrolled points per zoom factor of e.
 const SCROLL_POINTS_PER_E_FOLD: f32 = 300.0;
 
-/// A part of a picture whose coordinates are `f32` pairs, x to the right, y down.
+/// The visible part of a picture; its x axis points right, its y axis down.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct PanZoom {
-    /// Enlargement over the whole picture.
+    /// Zoom factor; 1 fits the whole picture.
     pub(crate) zoom: f32,
-    /// What is in the middle, as a part of the picture's size.
+    /// Picture position at the panel's centre, as a fraction of the picture's size.
     pub(crate) centre: Vec2,
 }
 
@@ -25,17 +25,17 @@ impl Default for PanZoom {
     }
 }
 
-/// How a picture lies on the screen.
+/// Transform from picture to screen coordinates.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ScreenTransform {
-    /// Where its left top corner is.
+    /// Screen position of the picture's top left corner.
     pub(crate) origin: Pos2,
-    /// Points a unit of the picture.
+    /// Screen points per picture unit.
     pub(crate) scale: f32,
 }
 
 impl PanZoom {
-    /// Follows pointer and wheel; `size`: the picture's. Dragging pans where `pans`.
+    /// Applies pointer and wheel input; `size` is the picture's. Dragging pans if `pans`.
     pub(crate) fn handle_input(
         &mut self,
         ui: &Ui,
@@ -66,7 +66,7 @@ impl PanZoom {
         self.transform(area, size)
     }
 
-    /// How the picture lies in an area.
+    /// The transform that places the picture in a screen area.
     pub(crate) fn transform(&self, area: Rect, size: Vec2) -> ScreenTransform {
         let scale = self.scale(area, size);
         ScreenTransform {
@@ -81,9 +81,9 @@ impl PanZoom {
     }
 }
 
-/// Paints what of `outer` lies outside `inner`: a software renderer pays for every pixel, those that are covered later too.
+/// Fills `outer` except `inner`: a software renderer also pays for pixels that are painted over later.
 pub(crate) fn fill_around(painter: &Painter, outer: Rect, inner: Rect, colour: Color32) {
-    // The edges, which are smoothed, lie under the picture.
+    // Overlap by one point: the fill's edges are anti-aliased and must lie under the picture.
     let inner = inner.shrink(1.0).intersect(outer);
     if !inner.is_positive() {
         painter.rect_filled(outer, 0.0, colour);
@@ -103,17 +103,17 @@ pub(crate) fn fill_around(painter: &Painter, outer: Rect, inner: Rect, colour: C
 }
 
 impl ScreenTransform {
-    /// Where a place of the picture is on the screen.
+    /// Screen position of a picture point.
     pub(crate) fn to_screen(self, x: f32, y: f32) -> Pos2 {
         self.origin + self.scale * Vec2::new(x, y)
     }
 
-    /// Which place of the picture is there.
+    /// Picture point at a screen position.
     pub(crate) fn from_screen(self, at: Pos2) -> Vec2 {
         (at - self.origin) / self.scale
     }
 
-    /// The whole picture on the screen.
+    /// Screen area of the whole picture.
     pub(crate) fn screen_rect(self, size: Vec2) -> Rect {
         Rect::from_min_size(self.origin, size * self.scale)
     }

@@ -1,4 +1,4 @@
-//! What is handed on? A picture of the window, or a folder with all that the view knows of a moment and a run.
+//! Screenshots of the window, and reports: a folder with the state of the shown cycle and of the run.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -11,9 +11,9 @@ use super::session::Session;
 use super::settings;
 use super::source::rgb_image;
 use super::time_series::Quantity;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
-/// Columns of the table of the run, with what they are scaled by.
+/// Columns of run.csv after the pose and the mode.
 const COLUMNS: [(&str, Quantity); 8] = [
     ("error_m", Quantity::PositionError),
     ("heading_error_deg", Quantity::HeadingError),
@@ -25,7 +25,7 @@ const COLUMNS: [(&str, Quantity); 8] = [
     ("localize_ms", Quantity::LocalizationTime),
 ];
 
-/// Writes a picture of the window.
+/// Writes a screenshot of the window.
 pub(crate) fn write_screenshot(picture: &ColorImage, path: &Path) -> Result<()> {
     let rgb = picture
         .pixels
@@ -41,7 +41,7 @@ pub(crate) fn write_screenshot(picture: &ColorImage, path: &Path) -> Result<()> 
     Ok(image.save(path)?)
 }
 
-/// Writes a report: report.md, run.csv, overlay.toml, and pictures of window and camera.
+/// Writes a report: report.md, run.csv, overlay.toml, and images of the window and the camera.
 pub(crate) fn write_report(
     folder: &Path,
     session: &Session,
@@ -50,7 +50,7 @@ pub(crate) fn write_report(
 ) -> Result<()> {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot create {}", folder.display()))?;
-    let put = |name: &str, text: String| {
+    let write = |name: &str, text: String| {
         let path = folder.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
     };
@@ -61,10 +61,10 @@ pub(crate) fn write_report(
     if let Some(image) = image {
         image.save(&folder.join("camera.png"))?;
     }
-    put("run.csv", run_csv(session))?;
+    write("run.csv", run_csv(session))?;
     let overlay = settings::diff_overlay(&PipelineConfig::default(), config);
-    put("overlay.toml", overlay.to_string())?;
-    put("report.md", report_markdown(session)?)
+    write("overlay.toml", overlay.to_string())?;
+    write("report.md", report_markdown(session)?)
 }
 
 fn run_csv(session: &Session) -> String {
@@ -125,14 +125,14 @@ fn report_markdown(session: &Session) -> Result<String> {
             100.0 * error
         )?;
     }
-    if let Some(again) = &session.recompute {
-        let error = again.series.mean_error().unwrap_or(f32::NAN);
+    if let Some(recompute) = &session.recompute {
+        let error = recompute.series.mean_error().unwrap_or(f32::NAN);
         writeln!(
             text,
-            "Computed again with overlay.toml: {:.2} cm, {} of {} poses differ",
+            "Recomputed with overlay.toml: {:.2} cm, {} of {} poses differ",
             100.0 * error,
-            again.changed_poses,
-            again.cycles
+            recompute.changed_poses,
+            recompute.cycles
         )?;
     }
     writeln!(text, "\n## Marks\n")?;

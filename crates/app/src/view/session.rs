@@ -1,4 +1,4 @@
-//! What is being looked at? One source with its stage, the moment shown, and all that was gathered of its run.
+//! State of the open source: its static scene, the shown cycle, and the metrics of its run.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,18 +17,19 @@ use super::source::sim_worker::{SimWorker, SourceRequest};
 use super::source::{DecodedCycle, Source, remote};
 use super::static_scene::StaticScene;
 use super::time_series::{CycleMetrics, TimeSeries};
-use pipeline::cycle::{PIPELINE_FILE, PipelineConfig};
+use pipeline::PipelineConfig;
+use pipeline::config::PIPELINE_FILE;
 use pipeline::log::LogIndex;
 use pipeline::setup::Setup;
 
-/// What moves the moment that is shown.
+/// Playback state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Playback {
-    /// The moment, seconds.
+    /// Shown time, seconds.
     pub(crate) time: f64,
-    /// It moves on by itself; of a live source: the newest is shown.
+    /// True while time advances; a live source then shows its newest cycle.
     pub(crate) playing: bool,
-    /// Seconds a second.
+    /// Log or simulated seconds per second.
     pub(crate) speed: f64,
 }
 
@@ -42,48 +43,48 @@ impl Default for Playback {
     }
 }
 
-/// A moment that somebody marked.
+/// A mark on the timeline.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Mark {
-    /// Seconds.
+    /// Time, seconds.
     pub(crate) time: f64,
-    /// Why.
+    /// Description.
     pub(crate) text: String,
 }
 
-/// Everything that panels draw.
+/// Everything that the panels draw.
 pub(crate) struct Session {
-    /// Where the cycles come from.
+    /// Source of the cycles.
     pub(crate) source: Source,
-    /// In words.
+    /// Title of the source.
     pub(crate) title: String,
-    /// Field, camera and map; none if the source does not say.
+    /// Field, camera and ground map; None if the source does not provide them.
     pub(crate) scene: Option<Arc<StaticScene>>,
-    /// The cycle that is shown.
+    /// The shown cycle.
     pub(crate) shown: Option<DecodedCycle>,
-    /// Numbers of the whole run, as far as it was read.
+    /// Metrics of the run, as far as it has been read.
     pub(crate) series: TimeSeries,
-    /// The same, computed once more with other settings.
+    /// The run recomputed with other settings.
     pub(crate) recompute: Option<Recompute>,
-    /// The moment that is shown.
+    /// Playback state.
     pub(crate) playback: Playback,
-    /// Marked moments, in order.
+    /// Marks, in time order.
     pub(crate) marks: Vec<Mark>,
-    /// What the source lacks, a line each.
+    /// What the source lacks, one line each.
     pub(crate) warnings: Vec<String>,
-    /// What went wrong last.
+    /// The last error.
     pub(crate) last_error: Option<String>,
-    /// The settings the source runs with (a log: ran with).
+    /// The settings that the source runs with, or that the log was recorded with.
     pub(crate) source_config: PipelineConfig,
-    /// Device by device.
+    /// State of the devices.
     pub(crate) devices: DeviceMonitor,
-    /// Layers painted last.
+    /// The layers rendered last.
     pub(crate) rendered_layers: RenderedLayers,
-    /// Classes learned from painted labels.
+    /// Colour table learned from painted labels.
     pub(crate) colour_table: Option<Arc<ColourTable>>,
-    /// What the robot sees of itself; false where it does.
+    /// One entry per pixel; false where the robot sees itself.
     pub(crate) mask: Option<Arc<Vec<bool>>>,
-    /// Counts changes of settings, table and mask.
+    /// Counts changes of settings, colour table and mask.
     pub(crate) revision: u64,
     metrics_reader: Option<MetricsReader>,
 }
@@ -113,7 +114,7 @@ impl Default for Session {
 }
 
 impl Session {
-    /// Opens a log (`.mcap`), a scenario (`.toml`), which then plays, or the stream of a robot (`host:port`).
+    /// Opens a log (`.mcap`), plays a scenario (`.toml`), or connects to a robot's stream (`host:port`).
     pub(crate) fn open(path: &Path) -> Result<Self> {
         let text = path.to_string_lossy();
         let port = text.rsplit_once(':').map(|(_, port)| port.parse::<u16>());
@@ -130,22 +131,22 @@ impl Session {
     /// Opens a log of any version.
     pub(crate) fn log(path: &Path) -> Result<Self> {
         let mut player = LogPlayer::new(LogIndex::open(path)?);
-        let mut missing = player.index().warnings().to_vec();
-        let stage = match player.load_setup() {
+        let mut warnings = player.index().warnings().to_vec();
+        let scene = match player.load_setup() {
             Ok(setup) => Some(Arc::new(StaticScene::new(setup))),
             Err(error) => {
-                missing.push(format!(
-                    "the log's robot cannot be built: {error:#}; field and map are missing"
+                warnings.push(format!(
+                    "cannot load the log's robot: {error:#}. Field and ground map are not shown"
                 ));
                 None
             }
         };
-        let ran_with = parse_config(
+        let recorded_config = parse_config(
             player.index().header().files.get(PIPELINE_FILE),
-            &mut missing,
+            &mut warnings,
         );
-        let base = base_config_of(stage.as_deref());
-        let survey = MetricsReader::start(player.index().clone(), base)?;
+        let base = base_config_of(scene.as_deref());
+        let metrics_reader = MetricsReader::start(player.index().clone(), base)?;
         let mut session = Session {
             title: format!("log {}", path.display()),
             playback: Playback {
@@ -153,10 +154,10 @@ impl Session {
                 ..Playback::default()
             },
             source: Source::Log(Box::new(player)),
-            scene: stage,
-            warnings: missing,
-            source_config: ran_with,
-            metrics_reader: Some(survey),
+            scene,
+            warnings,
+            source_config: recorded_config,
+            metrics_reader: Some(metrics_reader),
             ..Session::default()
         };
         session.step(1);
@@ -176,26 +177,26 @@ impl Session {
         Ok(Session::from_live(name, live, setup, config))
     }
 
-    /// Watches a robot over the network.
+    /// Connects to a robot over the network.
     pub(crate) fn connect(address: &str) -> Result<Self> {
         let inbox = CycleInbox::default();
         let remote = remote::connect(address, inbox.clone())?;
-        let mut missing: Vec<String> = remote.header.version_mismatch().into_iter().collect();
-        let ran_with = parse_config(remote.header.files.get(PIPELINE_FILE), &mut missing);
+        let mut warnings: Vec<String> = remote.header.version_mismatch().into_iter().collect();
+        let recorded_config = parse_config(remote.header.files.get(PIPELINE_FILE), &mut warnings);
         let live = LiveSource::new(inbox, None).with_guard(remote.guard, Some(remote.folder));
         let name = format!("{address}: {}", remote.header.source);
         Ok(Session {
-            warnings: missing,
-            ..Session::from_live(name, live, remote.setup, ran_with)
+            warnings,
+            ..Session::from_live(name, live, remote.setup, recorded_config)
         })
     }
 
-    /// Watches something that goes on by itself.
+    /// Creates a session of a live source.
     pub(crate) fn from_live(
         name: String,
         live: LiveSource,
         setup: Setup,
-        ran_with: PipelineConfig,
+        recorded_config: PipelineConfig,
     ) -> Self {
         Session {
             title: name,
@@ -205,12 +206,12 @@ impl Session {
                 playing: true,
                 ..Playback::default()
             },
-            source_config: ran_with,
+            source_config: recorded_config,
             ..Session::default()
         }
     }
 
-    /// The log's file.
+    /// Path of the log, if the source is one.
     pub(crate) fn log_path(&self) -> Option<PathBuf> {
         match &self.source {
             Source::Log(player) => Some(player.index().path().to_owned()),
@@ -218,31 +219,31 @@ impl Session {
         }
     }
 
-    /// The wheels, as far as the source says.
+    /// The wheel base; the default if the source does not provide one.
     pub(crate) fn base_config(&self) -> BaseConfig {
         base_config_of(self.scene.as_deref())
     }
 
-    /// First and last moment, seconds: of the log, or of all that was seen live.
+    /// First and last time of the log or of the live run, seconds.
     pub(crate) fn span(&self) -> Option<(f64, f64)> {
-        let held = self.source.span()?;
+        let span = self.source.span()?;
         let first = self.series.samples().first();
         Some((
-            first.map_or(held.0, |sample| sample.time.min(held.0)),
-            held.1,
+            first.map_or(span.0, |sample| sample.time.min(span.0)),
+            span.1,
         ))
     }
 
-    /// Takes what came, and moves the clock by `passed` seconds; true if there is something new to draw.
+    /// Takes new data of all threads, and advances the playback by `passed` seconds; true if there is new data to draw.
     pub(crate) fn update(&mut self, passed: f64) -> bool {
-        let mut news = false;
+        let mut changed = false;
         let base = self.base_config();
-        if let Some(survey) = &mut self.metrics_reader {
-            for sample in survey.poll() {
+        if let Some(metrics_reader) = &mut self.metrics_reader {
+            for sample in metrics_reader.poll() {
                 self.series.push(sample);
-                news = true;
+                changed = true;
             }
-            if survey.is_done() {
+            if metrics_reader.is_done() {
                 self.metrics_reader = None;
             }
         }
@@ -250,33 +251,33 @@ impl Session {
             && !recompute.done
         {
             recompute.poll();
-            news = true;
+            changed = true;
         }
         if let Source::Live(live) = &mut self.source {
-            let (came, mut dropped) = live.poll();
+            let (received, mut dropped) = live.poll();
             self.devices.dropped += dropped;
             if live.status.is_some() {
                 self.last_error.clone_from(&live.status);
             }
-            for shown in &came {
+            for shown in &received {
                 self.devices.update(&shown.cycle);
                 let lost = std::mem::take(&mut dropped);
                 self.series
                     .push(CycleMetrics::from_cycle(&shown.cycle, &base, lost));
             }
-            if self.playback.playing && !came.is_empty() {
+            if self.playback.playing && !received.is_empty() {
                 self.shown = live.newest();
                 self.playback.time = self.shown_time().unwrap_or(self.playback.time);
             }
-            news |= !came.is_empty();
+            changed |= !received.is_empty();
         } else if self.playback.playing {
             self.advance(passed);
-            news = true;
+            changed = true;
         }
-        news
+        changed
     }
 
-    /// The log's next moments, by the clock's speed.
+    /// Advances the log by `passed` seconds times the playback speed.
     fn advance(&mut self, passed: f64) {
         let Some((_, end)) = self.source.span() else {
             return;
@@ -291,7 +292,7 @@ impl Session {
         self.set_shown(found);
     }
 
-    /// Shows the moment `time`.
+    /// Shows the cycle at `time`.
     pub(crate) fn seek(&mut self, time: f64) {
         if !matches!(self.source, Source::Live(_)) {
             self.devices = DeviceMonitor::default();
@@ -303,7 +304,7 @@ impl Session {
         self.set_shown(found);
     }
 
-    /// Goes so many cycles on or back, and stands there.
+    /// Steps `by` cycles (negative: back) and pauses.
     pub(crate) fn step(&mut self, by: i64) {
         self.playback.playing = false;
         let at_end = self
@@ -315,7 +316,7 @@ impl Session {
             && at_end
         {
             worker.request(SourceRequest::Step);
-            // The cycle that comes is to be shown.
+            // Playing shows the new cycle as soon as it arrives.
             self.playback.playing = true;
             return;
         }
@@ -352,7 +353,7 @@ impl Session {
         }
     }
 
-    /// Plays or stands still; a simulation of the view's own stands still itself.
+    /// Toggles between playing and pause; the view's own simulation pauses too.
     pub(crate) fn toggle_playback(&mut self) {
         self.playback.playing = !self.playback.playing;
         let playing = self.playback.playing;
@@ -367,7 +368,7 @@ impl Session {
         }
     }
 
-    /// Seconds a second from now on; what somebody else drives keeps its own pace.
+    /// Sets the playback speed. Runs that the view does not own keep their speed.
     pub(crate) fn set_speed(&mut self, speed: f64) {
         self.playback.speed = speed.clamp(0.05, 100.0);
         if let Some(worker) = self.source.simulation() {
@@ -380,7 +381,7 @@ impl Session {
         self.shown.as_ref().map(|now| now.cycle.stamp.seconds())
     }
 
-    /// Marks the shown moment.
+    /// Adds a mark at the shown time.
     pub(crate) fn add_mark(&mut self, text: &str) {
         let time = self.playback.time;
         let place = self.marks.partition_point(|mark| mark.time <= time);
@@ -388,7 +389,7 @@ impl Session {
         self.marks.insert(place, Mark { time, text });
     }
 
-    /// Computes the log once more with other settings.
+    /// Starts to recompute the log with other settings.
     pub(crate) fn start_recompute(&mut self, config: &PipelineConfig) {
         let Some(path) = self.log_path() else {
             return;
@@ -399,40 +400,40 @@ impl Session {
         }
     }
 
-    /// The shown cycle as a job for the painter.
+    /// The shown cycle as a job for the layer worker.
     pub(crate) fn layer_job(
         &self,
         config: &PipelineConfig,
-        wanted: LayerSelection,
+        selection: LayerSelection,
     ) -> Option<LayerJob> {
-        let (stage, shown) = (self.scene.as_ref()?, self.shown.as_ref()?);
+        let (scene, shown) = (self.scene.as_ref()?, self.shown.as_ref()?);
         Some(LayerJob {
-            scene: stage.clone(),
+            scene: scene.clone(),
             cycle: shown.cycle.clone(),
             vision: config.vision.clone(),
             colour_table: self.colour_table.clone(),
-            mask: self.mask.clone().or_else(|| stage.mask.clone()),
+            mask: self.mask.clone().or_else(|| scene.mask.clone()),
             revision: self.revision,
-            selection: wanted,
+            selection,
         })
     }
 }
 
-fn base_config_of(stage: Option<&StaticScene>) -> BaseConfig {
-    stage
-        .and_then(|stage| stage.robot.base.clone())
+fn base_config_of(scene: Option<&StaticScene>) -> BaseConfig {
+    scene
+        .and_then(|scene| scene.robot.base.clone())
         .unwrap_or_default()
 }
 
-/// The settings in a log; those of another version as far as they are known here.
-fn parse_config(text: Option<&Vec<u8>>, missing: &mut Vec<String>) -> PipelineConfig {
+/// Parses the settings of a log. Settings of an incompatible version become the defaults, with a warning.
+fn parse_config(text: Option<&Vec<u8>>, warnings: &mut Vec<String>) -> PipelineConfig {
     let Some(text) = text else {
         return PipelineConfig::default();
     };
     let text = String::from_utf8_lossy(text);
     toml::from_str(&text).unwrap_or_else(|error: toml::de::Error| {
-        missing.push(format!(
-            "its settings are another version's ({}): the defaults are shown",
+        warnings.push(format!(
+            "cannot read the settings ({}): defaults are shown",
             error.message()
         ));
         PipelineConfig::default()

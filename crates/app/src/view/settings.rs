@@ -1,36 +1,36 @@
-//! Which settings are there, what do they mean, in which unit? Read off the configuration's own structs and their comments.
+//! Names, meanings, units and defaults of all settings, from the JSON schema of the configuration structs.
 
 use schemars::schema_for;
 use serde_json::Value as Json;
 
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
-/// In place of a value that is not given.
-pub(crate) const NOT_SET: &str = "not given";
+/// Placeholder for an optional value that is not set.
+pub(crate) const NOT_SET: &str = "not set";
 
-/// One setting.
+/// Description of one setting.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Setting {
-    /// Keys from the root: vision, scan, range_max.
+    /// Keys from the root, for example vision, scan, range_max.
     pub(crate) path: Vec<String>,
-    /// What it means: its comment in the source.
+    /// Meaning: the doc comment of its field.
     pub(crate) help: String,
-    /// In which unit; empty for counts, shares and choices.
+    /// Unit; empty for counts, ratios and choices.
     pub(crate) unit: &'static str,
-    /// What may be chosen; empty where it is no choice.
+    /// Allowed values of a choice; empty otherwise.
     pub(crate) choices: Vec<String>,
-    /// What it is unless somebody says otherwise.
+    /// Default value.
     pub(crate) default: toml::Value,
 }
 
 impl Setting {
-    /// Its keys joined by dots.
+    /// The keys joined by dots.
     pub(crate) fn name(&self) -> String {
         self.path.join(".")
     }
 }
 
-/// Every setting of vision and localisation, section by section.
+/// All settings of vision and localization, section by section.
 pub(crate) fn list_settings() -> Vec<Setting> {
     let schema = Json::from(schema_for!(PipelineConfig));
     let defaults = toml::Table::try_from(PipelineConfig::default()).unwrap_or_default();
@@ -49,7 +49,7 @@ pub(crate) fn get<'a>(table: &'a toml::Table, path: &[String]) -> Option<&'a tom
     table.get(last)
 }
 
-/// Puts a value at a path, with the sections on the way there.
+/// Sets the value at a path, and creates missing sections.
 pub(crate) fn set(table: &mut toml::Table, path: &[String], value: toml::Value) {
     let Some((last, sections)) = path.split_last() else {
         return;
@@ -67,7 +67,7 @@ pub(crate) fn set(table: &mut toml::Table, path: &[String], value: toml::Value) 
     table.insert(last.clone(), value);
 }
 
-/// Takes the value at a path away.
+/// Removes the value at a path.
 pub(crate) fn remove(table: &mut toml::Table, path: &[String]) {
     let Some((last, sections)) = path.split_last() else {
         return;
@@ -82,7 +82,7 @@ pub(crate) fn remove(table: &mut toml::Table, path: &[String]) {
     table.remove(last);
 }
 
-/// What of `config` differs from `base`: an overlay that `--config` takes.
+/// The settings of `config` that differ from `base`, as an overlay for `--config`.
 pub(crate) fn diff_overlay(base: &PipelineConfig, config: &PipelineConfig) -> toml::Table {
     let tables = [base, config].map(|config| toml::Table::try_from(config).unwrap_or_default());
     let mut overlay = toml::Table::new();
@@ -95,7 +95,7 @@ pub(crate) fn diff_overlay(base: &PipelineConfig, config: &PipelineConfig) -> to
     overlay
 }
 
-/// A value as people write it: 0.1 where a 32-bit float holds 0.10000000149.
+/// Rounds floats to the shortest decimal of their f32 value: 0.1 instead of 0.10000000149.
 pub(crate) fn round_to_f32(value: &toml::Value) -> toml::Value {
     match value {
         toml::Value::Float(number) => {
@@ -118,7 +118,7 @@ fn collect(
         return;
     };
     for (key, property) in properties {
-        // What may be left out, and is by default.
+        // An optional setting is missing in the table of defaults.
         let unset = toml::Value::from(NOT_SET);
         let default = defaults.get(key).unwrap_or(&unset);
         path.push(key.clone());
@@ -126,8 +126,8 @@ fn collect(
         match default {
             toml::Value::Table(inner) => collect(root, target, inner, path, settings),
             default => {
-                let own = property.get("description").and_then(Json::as_str);
-                let help = own.or(target.get("description").and_then(Json::as_str));
+                let description = property.get("description").and_then(Json::as_str);
+                let help = description.or(target.get("description").and_then(Json::as_str));
                 let help = help.unwrap_or_default().replace('\n', " ");
                 settings.push(Setting {
                     unit: infer_unit(key, &help, default),
@@ -142,7 +142,7 @@ fn collect(
     }
 }
 
-/// What a reference stands for.
+/// Resolves a `$ref` of the schema.
 fn resolve_ref<'a>(root: &'a Json, schema: &'a Json) -> &'a Json {
     let inner = schema
         .get("allOf")
@@ -183,7 +183,7 @@ fn choices(schema: &Json) -> Vec<String> {
     found
 }
 
-/// The unit that a name ends with, else the one that the comment names.
+/// The unit from the key's suffix, else from the doc comment.
 fn infer_unit(key: &str, help: &str, default: &toml::Value) -> &'static str {
     let number = matches!(
         default,
@@ -192,18 +192,18 @@ fn infer_unit(key: &str, help: &str, default: &toml::Value) -> &'static str {
     if !number {
         return "";
     }
-    for (end, unit) in [
+    for (suffix, unit) in [
         ("_deg", "°"),
         ("_px", "px"),
         ("_ms", "ms"),
         ("_hz", "Hz"),
         ("_percent", "%"),
     ] {
-        if key.ends_with(end) || key.contains(&format!("{end}_")) {
+        if key.ends_with(suffix) || key.contains(&format!("{suffix}_")) {
             return unit;
         }
     }
-    for (word, unit) in [
+    for (phrase, unit) in [
         ("m/s²", "m/s²"),
         ("m/s", "m/s"),
         ("metres per square root", "m/√m"),
@@ -223,7 +223,7 @@ fn infer_unit(key: &str, help: &str, default: &toml::Value) -> &'static str {
         (", pixels", "px"),
         ("turns;", "turns"),
     ] {
-        if help.contains(word) {
+        if help.contains(phrase) {
             return unit;
         }
     }

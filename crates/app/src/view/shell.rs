@@ -1,4 +1,4 @@
-//! The window: a bar of menus, the tiles, and the keys. It asks the session on and gives the painter its jobs.
+//! The window's content: menu bar, tiles and shortcuts. Updates the session and submits jobs to the layer worker.
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,51 +16,50 @@ use super::session::Session;
 use super::source::Source;
 use super::{palette, report, shortcuts};
 
-/// Between two looks for news while nothing plays.
+/// Repaint interval while nothing plays.
 const IDLE_REPAINT_INTERVAL: Duration = Duration::from_millis(100);
-/// From one frame to the next at least, while something plays: 60 frames a second.
+/// Least interval between frames while something plays: 60 frames per second.
 pub(crate) const FRAME_INTERVAL: Duration = Duration::from_millis(16);
-/// Scales to choose from.
+/// Selectable interface scales.
 const SCALES: [f32; 5] = [0.75, 1.0, 1.25, 1.5, 2.0];
 
-/// What a picture of the window is for.
+/// Where a screenshot goes.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum ScreenshotTarget {
-    /// A file of its own.
+    /// A PNG file.
     File(PathBuf),
-    /// Part of a report in a folder.
+    /// A report in this folder.
     Report(PathBuf),
 }
 
-/// Everything in the window.
+/// State of the whole window.
 pub(crate) struct View {
     pub(crate) session: Session,
     pub(crate) panels: Panels,
     pub(crate) tree: Tree<Pane>,
     pub(crate) layout: PanelLayout,
     pub(crate) help_open: bool,
-    /// The file or scenario to open next.
+    /// Text of the path field in the File menu.
     path_input: String,
     layer_worker: Option<LayerWorker>,
-    /// When the last frame began; those who wake the window look at it too.
+    /// Start of the last frame; also read by the repaint callback.
     last_frame_start: Arc<Mutex<Option<Instant>>>,
-    /// How quickly it draws.
     pub(crate) frame_rate: FrameRateCounter,
-    /// Pictures that were asked for and have not come yet.
+    /// Requested screenshots that egui has not delivered yet.
     pub(crate) pending_screenshots: Vec<ScreenshotTarget>,
     screenshot_image: Arc<Mutex<Option<Arc<egui::ColorImage>>>>,
-    /// What was done last, for the bar.
+    /// Result of the last action, for the menu bar.
     pub(crate) status_message: Option<String>,
 }
 
 impl View {
-    /// A window on a session.
-    pub(crate) fn new(session: Session, preset: PanelLayout) -> Self {
+    /// Creates the window's content for a session.
+    pub(crate) fn new(session: Session, layout: PanelLayout) -> Self {
         let mut view = View {
             session,
             panels: Panels::default(),
-            tree: layout::build_tree(preset),
-            layout: preset,
+            tree: layout::build_tree(layout),
+            layout,
             help_open: false,
             path_input: String::new(),
             layer_worker: None,
@@ -74,13 +73,13 @@ impl View {
         view
     }
 
-    /// Arranges the panels.
-    pub(crate) fn set_layout(&mut self, preset: PanelLayout) {
-        self.layout = preset;
-        self.tree = layout::build_tree(preset);
+    /// Rearranges the panels.
+    pub(crate) fn set_layout(&mut self, layout: PanelLayout) {
+        self.layout = layout;
+        self.tree = layout::build_tree(layout);
     }
 
-    /// Looks at something else.
+    /// Opens another source.
     pub(crate) fn open(&mut self, path: &std::path::Path, ctx: &egui::Context) {
         match Session::open(path) {
             Ok(session) => {
@@ -92,13 +91,13 @@ impl View {
         }
     }
 
-    /// Frames are drawn when cycles come.
+    /// Requests a repaint whenever a live source delivers a cycle.
     pub(crate) fn repaint_on_cycle(&self, ctx: &egui::Context) {
         if let Source::Live(live) = &self.session.source {
-            let (ctx, begun) = (ctx.clone(), self.last_frame_start.clone());
+            let (ctx, frame_start) = (ctx.clone(), self.last_frame_start.clone());
             live.inbox().set_on_cycle(move || {
-                let begun = *begun.lock().unwrap_or_else(PoisonError::into_inner);
-                let passed = begun.map_or(FRAME_INTERVAL, |begun| begun.elapsed());
+                let frame_start = *frame_start.lock().unwrap_or_else(PoisonError::into_inner);
+                let passed = frame_start.map_or(FRAME_INTERVAL, |start| start.elapsed());
                 ctx.request_repaint_after(FRAME_INTERVAL.saturating_sub(passed));
             });
         }
@@ -118,16 +117,16 @@ impl View {
         self.update_layers(ui.ctx());
         shortcuts::handle_shortcuts(ui, self);
         egui::Panel::top("bar").show(ui, |ui| self.menu_bar(ui));
-        // The window is cleared in the panels' colour; to fill it once more costs a software renderer a fifth of a frame.
-        let bare = egui::Frame::central_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
-        egui::CentralPanel::default().frame(bare).show(ui, |ui| {
-            let mut desk = PaneBehavior {
+        // The window is cleared in the panel colour. A second fill would cost a software renderer 20 % of a frame.
+        let frame = egui::Frame::central_panel(ui.style()).fill(egui::Color32::TRANSPARENT);
+        egui::CentralPanel::default().frame(frame).show(ui, |ui| {
+            let mut behavior = PaneBehavior {
                 session: &mut self.session,
                 panels: &mut self.panels,
             };
-            self.tree.ui(&mut desk, ui);
+            self.tree.ui(&mut behavior, ui);
             if self.tree.is_empty() {
-                ui.weak("All panels are closed: View opens them again.");
+                ui.weak("All panels are closed. Open them from the View menu.");
             }
         });
         if let Some(path) = self.panels.simulator.open_request.take() {
@@ -144,38 +143,41 @@ impl View {
         });
     }
 
-    /// Gives the painter what is seen, and takes what it painted.
+    /// Submits the visible layers to the layer worker, and takes its results.
     fn update_layers(&mut self, ctx: &egui::Context) {
         let (camera, field) = (
             self.panels.camera.layer_selection(),
             self.panels.field.layer_selection(),
         );
-        let camera_seen = layout::contains_pane(&self.tree, Pane::Camera);
-        let wanted = LayerSelection {
-            classes: camera.classes && camera_seen,
-            scan_pixels: camera.scan_pixels && camera_seen,
-            birds_eye: camera.birds_eye && camera_seen,
-            virtual_sensors: camera.virtual_sensors && camera_seen,
+        let camera_visible = layout::contains_pane(&self.tree, Pane::Camera);
+        let selection = LayerSelection {
+            classes: camera.classes && camera_visible,
+            scan_pixels: camera.scan_pixels && camera_visible,
+            birds_eye: camera.birds_eye && camera_visible,
+            virtual_sensors: camera.virtual_sensors && camera_visible,
             ..field
         };
         if self.layer_worker.is_none() {
             let ctx = ctx.clone();
             match LayerWorker::start(move || ctx.request_repaint()) {
-                Ok(layers) => self.layer_worker = Some(layers),
-                Err(error) => self.session.last_error = Some(format!("no painter: {error}")),
+                Ok(worker) => self.layer_worker = Some(worker),
+                Err(error) => {
+                    self.session.last_error =
+                        Some(format!("cannot start the layer worker: {error}"))
+                }
             }
         }
-        let Some(layers) = &mut self.layer_worker else {
+        let Some(worker) = &mut self.layer_worker else {
             return;
         };
         if let Some(job) = self
             .session
-            .layer_job(self.panels.parameters.config(), wanted)
+            .layer_job(self.panels.parameters.config(), selection)
         {
-            layers.submit(job);
+            worker.submit(job);
         }
-        if let Some(painted) = layers.take_result() {
-            self.session.rendered_layers = painted;
+        if let Some(rendered) = worker.take_result() {
+            self.session.rendered_layers = rendered;
         }
     }
 
@@ -183,30 +185,30 @@ impl View {
         ui.horizontal_wrapped(|ui| {
             ui.menu_button("File", |ui| self.file_menu(ui));
             ui.menu_button("View", |ui| self.view_menu(ui));
-            for (preset, name) in LAYOUTS {
-                if ui.selectable_label(self.layout == preset, name).clicked() {
-                    self.set_layout(preset);
+            for (layout, name) in LAYOUTS {
+                if ui.selectable_label(self.layout == layout, name).clicked() {
+                    self.set_layout(layout);
                 }
             }
-            if ui.button("?").on_hover_text("Keys").clicked() {
+            if ui.button("?").on_hover_text("Shortcuts").clicked() {
                 self.help_open = !self.help_open;
             }
             ui.separator();
             ui.label(&self.session.title);
             if let Some(now) = &self.session.shown {
                 let mode = now.cycle.estimate.mode;
-                let words = pipeline::log::mode_and_reason(&now.cycle.estimate);
-                ui.colored_label(palette::mode_colour(mode), words);
+                let text = pipeline::log::mode_and_reason(&now.cycle.estimate);
+                ui.colored_label(palette::mode_colour(mode), text);
             }
             ui.weak(format!(
                 "{:.0} frames/s",
                 self.frame_rate.frames_per_second()
             ));
-            if let Some(word) = &self.status_message {
-                ui.weak(word);
+            if let Some(message) = &self.status_message {
+                ui.weak(message);
             }
-            if let Some(fault) = &self.session.last_error {
-                ui.colored_label(palette::VERMILION, fault);
+            if let Some(error) = &self.session.last_error {
+                ui.colored_label(palette::VERMILION, error);
             }
         });
     }
@@ -249,12 +251,12 @@ impl View {
             }
         }
         ui.separator();
-        ui.strong("Light");
+        ui.strong("Theme");
         let mut theme = ui.ctx().options(|options| options.theme_preference);
         for (choice, name) in [
             (egui::ThemePreference::Dark, "Dark"),
             (egui::ThemePreference::Light, "Light"),
-            (egui::ThemePreference::System, "As the desktop"),
+            (egui::ThemePreference::System, "System"),
         ] {
             if ui.selectable_value(&mut theme, choice, name).clicked() {
                 ui.ctx().set_theme(choice);
@@ -271,40 +273,40 @@ impl View {
         }
     }
 
-    /// Takes a picture of the window into the working folder.
+    /// Saves a screenshot in the working directory.
     pub(crate) fn save_screenshot(&mut self, ctx: &egui::Context) {
         let name = format!("mirrorball_{:.3}s.png", self.session.playback.time);
         self.request_screenshot(ctx, ScreenshotTarget::File(name.into()));
     }
 
-    /// Writes a report into the working folder.
+    /// Saves a report in the working directory.
     pub(crate) fn save_report(&mut self, ctx: &egui::Context) {
         let name = format!("mirrorball_report_{:.3}s", self.session.playback.time);
         self.request_screenshot(ctx, ScreenshotTarget::Report(name.into()));
     }
 
-    /// Asks for a picture of the window; it comes with the next frame.
-    pub(crate) fn request_screenshot(&mut self, ctx: &egui::Context, picture: ScreenshotTarget) {
-        self.pending_screenshots.push(picture);
-        let (came, wake) = (self.screenshot_image.clone(), ctx.clone());
+    /// Requests a screenshot; egui delivers it with the next frame.
+    pub(crate) fn request_screenshot(&mut self, ctx: &egui::Context, target: ScreenshotTarget) {
+        self.pending_screenshots.push(target);
+        let (slot, wake) = (self.screenshot_image.clone(), ctx.clone());
         let callback = egui::ScreenshotCallback::new(move |image| {
-            *came.lock().unwrap_or_else(PoisonError::into_inner) = Some(image);
+            *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(image);
             wake.request_repaint();
         });
         ctx.send_viewport_cmd(egui::ViewportCommand::Screenshot(callback));
     }
 
     fn write_screenshots(&mut self) {
-        let came = self
+        let image = self
             .screenshot_image
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .take();
-        let Some(image) = came else {
+        let Some(image) = image else {
             return;
         };
-        for picture in std::mem::take(&mut self.pending_screenshots) {
-            let written = match &picture {
+        for target in std::mem::take(&mut self.pending_screenshots) {
+            let result = match &target {
                 ScreenshotTarget::File(path) => report::write_screenshot(&image, path),
                 ScreenshotTarget::Report(folder) => report::write_report(
                     folder,
@@ -313,16 +315,16 @@ impl View {
                     Some(&image),
                 ),
             };
-            let (ScreenshotTarget::File(path) | ScreenshotTarget::Report(path)) = &picture;
-            match written {
-                Ok(()) => self.status_message = Some(format!("written: {}", path.display())),
+            let (ScreenshotTarget::File(path) | ScreenshotTarget::Report(path)) = &target;
+            match result {
+                Ok(()) => self.status_message = Some(format!("wrote {}", path.display())),
                 Err(error) => self.session.last_error = Some(format!("{error:#}")),
             }
         }
     }
 }
 
-/// A key with Ctrl (Command on a Mac).
+/// A key combined with Ctrl (Command on macOS).
 pub(crate) const fn command_shortcut(key: Key) -> KeyboardShortcut {
     KeyboardShortcut::new(Modifiers::COMMAND, key)
 }

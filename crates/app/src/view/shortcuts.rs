@@ -1,38 +1,38 @@
-//! Which key does what? One table for the keys and for the window that lists them.
+//! Keyboard shortcuts: from pressed keys to actions, and the window that lists them.
 
 use eframe::egui::{self, Key, Modifiers, Ui};
 
 use super::layout::LAYOUTS;
 use super::shell::{View, command_shortcut};
 
-/// Seconds that Shift with an arrow leaps.
+/// Step of Shift with an arrow key, seconds.
 const SEEK_STEP: f64 = 1.0;
 
-/// What is listed under `?`.
+/// Rows of the window that `?` opens: keys and their effect.
 const SHORTCUTS: [(&str, &str); 17] = [
     ("Space", "play or pause"),
-    ("Left, Right", "a cycle back, on"),
-    ("Shift+Left, Shift+Right", "a second back, on"),
-    (
-        "Home, End",
-        "to the start, to the end (of a live source: now)",
-    ),
-    ("M", "mark this moment"),
-    ("[ and ]", "slower, faster"),
+    ("Left, Right", "previous or next cycle"),
+    ("Shift+Left, Shift+Right", "one second back or forward"),
+    ("Home, End", "to the start or end (live source: now)"),
+    ("M", "add a mark at the current time"),
+    ("[ and ]", "slower or faster"),
     ("1 to 6", "Watch, Eyes, Place, Simulate, Calibrate, Health"),
     ("B", "camera: bird's-eye view"),
     ("C", "camera: classes"),
     ("L", "camera: field lines"),
     ("G", "camera: ground grid"),
-    ("T", "light or dark"),
-    ("Ctrl +, Ctrl -, Ctrl 0", "larger, smaller, usual size"),
-    ("Ctrl+S", "screenshot into the working folder"),
-    ("Ctrl+R", "report into the working folder"),
+    ("T", "light or dark theme"),
+    (
+        "Ctrl +, Ctrl -, Ctrl 0",
+        "larger, smaller or normal interface scale",
+    ),
+    ("Ctrl+S", "save a screenshot in the working directory"),
+    ("Ctrl+R", "save a report in the working directory"),
     ("Ctrl+Q", "close the window"),
-    ("? or F1", "this list"),
+    ("? or F1", "show this list"),
 ];
 
-/// Does what the pressed keys say; while a text is typed, none.
+/// Applies the pressed shortcuts. A focused text field takes all keys but the Ctrl shortcuts.
 pub(crate) fn handle_shortcuts(ui: &mut Ui, view: &mut View) {
     let ctx = ui.ctx().clone();
     let command = |key| ctx.input_mut(|input| input.consume_shortcut(&command_shortcut(key)));
@@ -50,7 +50,7 @@ pub(crate) fn handle_shortcuts(ui: &mut Ui, view: &mut View) {
     }
     let plain = |key| ctx.input_mut(|input| input.consume_key(Modifiers::NONE, key));
     let shifted = |key| ctx.input_mut(|input| input.consume_key(Modifiers::SHIFT, key));
-    // A question mark needs Shift on some keyboards and none on others.
+    // The question mark needs Shift on some keyboards only, so any modifiers are accepted.
     let asked = ctx.input(|input| input.key_pressed(Key::Questionmark));
     if asked || plain(Key::F1) {
         view.help_open = !view.help_open;
@@ -123,9 +123,9 @@ fn handle_playback_keys(
     }
 }
 
-/// The window that lists the keys.
+/// Draws the window that lists the shortcuts.
 pub(crate) fn show_shortcut_list(ctx: &egui::Context, open: &mut bool) {
-    egui::Window::new("Keys")
+    egui::Window::new("Shortcuts")
         .open(open)
         .resizable(false)
         .collapsible(false)

@@ -1,4 +1,4 @@
-//! On which stage does the play go on? Field, camera and map of one source, with what drawing needs of them.
+//! The constant part of a source: field, camera and ground map, with the tables that drawing needs.
 
 use std::sync::Arc;
 
@@ -7,6 +7,7 @@ use localize::frames::{At, Pose, RobotFrame};
 use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
 use localize::robot::CameraConfig;
 use localize::robot::RobotConfig;
+use localize::tilt::map_from_ground;
 use vision::GroundMap;
 use vision::colour::colour_table::ColourTable;
 use vision::overlay::marking_points;
@@ -14,34 +15,32 @@ use vision::overlay::marking_points;
 use super::inverse_ground_map::InverseGroundMap;
 use pipeline::setup::Setup;
 
-/// Distance between points of a projected line, metres: a bent line still looks bent.
+/// Spacing of the points along a projected marking, metres: small enough to show the mirror's distortion.
 const MARKING_POINT_SPACING: f32 = 0.1;
-/// A gap between neighbours longer than so many steps is no line but the next marking.
+/// Neighbouring points farther apart than this many spacings belong to different markings.
 const GAP_STEPS: f32 = 1.5;
-/// Where the viewpoint is when no profile says it, metres: the league's robots are at most 0.8 m high.
-const DEFAULT_VIEWPOINT_HEIGHT: f32 = 0.78;
 
-/// Field, camera and map.
+/// Field, camera and ground map.
 pub(crate) struct StaticScene {
-    /// The robot's file.
+    /// Robot configuration.
     pub(crate) robot: RobotConfig,
     /// The field.
     pub(crate) field: Field,
-    /// Camera and map, with the way back from the ground into the image.
+    /// Camera with its ground map and the inverse map.
     pub(crate) camera: Option<CameraModel>,
-    /// Colours learned from labels.
+    /// The robot's colour table.
     pub(crate) colour_table: Option<ColourTable>,
-    /// What the robot sees of itself, one entry a pixel; false where it does.
+    /// One entry per pixel; false where the robot sees itself.
     pub(crate) mask: Option<Arc<Vec<bool>>>,
-    /// Distance to the nearest marking.
+    /// Distance to the nearest marking, for every point of the field.
     pub(crate) distances: DistanceField,
     /// Points along the markings, marking after marking.
     marking_points: Vec<At<localize::FieldFrame>>,
 }
 
-/// What the camera shows of the ground.
+/// Camera with the maps between image and ground.
 pub(crate) struct CameraModel {
-    /// The camera.
+    /// Camera configuration.
     pub(crate) config: CameraConfig,
     /// Pixel to ground.
     pub(crate) map: Arc<GroundMap>,
@@ -52,12 +51,14 @@ pub(crate) struct CameraModel {
 }
 
 impl StaticScene {
-    /// Works out what drawing needs: a fraction of a second for a large camera.
+    /// Computes the tables that drawing needs: a fraction of a second for a large image.
     pub(crate) fn new(setup: Setup) -> Self {
-        let height = setup.viewpoint_height.unwrap_or(DEFAULT_VIEWPOINT_HEIGHT);
-        let eye = setup.camera.map(|(camera, map)| CameraModel {
+        let height = setup
+            .viewpoint_height
+            .unwrap_or(localize::robot::DEFAULT_MIRROR_RIM_HEIGHT);
+        let camera = setup.camera.map(|(config, map)| CameraModel {
             inverse: InverseGroundMap::new(&map),
-            config: camera,
+            config,
             map,
             viewpoint_height: height,
         });
@@ -66,44 +67,37 @@ impl StaticScene {
             distances: DistanceField::new(&setup.field, &DistanceFieldConfig::default()),
             marking_points: marking_points(&setup.field.markings, MARKING_POINT_SPACING),
             field: setup.field,
-            camera: eye,
+            camera,
             colour_table: setup.colours,
             mask: setup.mask.map(Arc::new),
         }
     }
 
-    /// The markings as the camera should see them from a pose, leaning by `lean`: pieces of lines in pixels.
-    pub(crate) fn project_markings(&self, pose: Pose, lean: [f32; 2]) -> Vec<[[f32; 2]; 2]> {
-        let Some(eye) = &self.camera else {
+    /// Line segments of the markings in pixels, as the camera sees them from `pose` with the tilt (rad) `tilt`.
+    pub(crate) fn project_markings(&self, pose: Pose, tilt: [f32; 2]) -> Vec<[[f32; 2]; 2]> {
+        let Some(camera) = &self.camera else {
             return Vec::new();
         };
         let robot_from_field = pose.inverse();
-        let mut pieces = Vec::new();
+        let mut segments = Vec::new();
         let mut last: Option<(At<localize::FieldFrame>, [f32; 2])> = None;
         for &at in &self.marking_points {
-            let seen = eye.project(robot_from_field * at, lean);
-            if let (Some((before, from)), Some(to)) = (last, seen)
+            let pixel = camera.project(robot_from_field * at, tilt);
+            if let (Some((before, from)), Some(to)) = (last, pixel)
                 && before.distance_to(at) < GAP_STEPS * MARKING_POINT_SPACING
             {
-                pieces.push([from, to]);
+                segments.push([from, to]);
             }
-            last = seen.map(|pixel| (at, pixel));
+            last = pixel.map(|pixel| (at, pixel));
         }
-        pieces
+        segments
     }
 }
 
 impl CameraModel {
-    /// Where a point of the ground is in the image of a robot that leans.
-    pub(crate) fn project(&self, ground: At<RobotFrame>, [a, b]: [f32; 2]) -> Option<[f32; 2]> {
-        // The way back of the tilt in MATH.md 2: q = (p + a h) · h / (h − a·p), solved for p.
-        let height = self.viewpoint_height;
-        let (along, square) = (a * ground.x + b * ground.y, a * a + b * b);
-        let shift = (along - square * height) / (1.0 + along / height);
-        let upright = At::new(
-            ground.x - a * height - ground.x * shift / height,
-            ground.y - b * height - ground.y * shift / height,
-        );
-        self.inverse.project(&self.map, upright)
+    /// Pixel of a ground point in the image of a robot with this tilt; None if it is not visible.
+    pub(crate) fn project(&self, ground: At<RobotFrame>, tilt: [f32; 2]) -> Option<[f32; 2]> {
+        let [x, y] = map_from_ground([ground.x, ground.y], tilt, self.viewpoint_height)?;
+        self.inverse.project(&self.map, At::new(x, y))
     }
 }

@@ -1,4 +1,4 @@
-//! Panels without a window: what stands in them is asked for by its words, and clicked.
+//! Drives the view without a window: finds widgets by their label and clicks them.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -14,37 +14,37 @@ use super::session::Session;
 use super::shell::View;
 use super::source::live::CycleInbox;
 use super::source::sim_worker::{SimWorker, SourceRequest};
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::start_log;
 use pipeline::log::{ImageCompression, LogConfig};
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// Long enough for a loaded machine; nothing waits for it to pass.
+/// Generous for a loaded machine; no test waits for it unless it fails.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
 fn scenario() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml")
 }
 
-/// Records the first second of the demo.
+/// Records the first second of the demo scenario.
 fn record(path: &Path, images: ImageCompression) {
     let simulation = Simulation::load(&scenario(), None, Some(1.0)).expect("a scenario");
     let setup = simulation.setup().expect("a robot");
     let config = PipelineConfig::default();
-    let mut spine = Pipeline::new(&setup, &config).expect("a spine");
+    let mut pipeline = Pipeline::new(&setup, &config).expect("a pipeline");
     let log = LogConfig {
         images,
         ..LogConfig::default()
     };
     let mut recorder =
         start_log(path, "sim demo", Some(1), (&setup, &config), &log).expect("a log");
-    for cycle in simulation.filter_map(|sample| spine.process_sample(sample)) {
+    for cycle in simulation.filter_map(|sample| pipeline.process_sample(sample)) {
         recorder.record_cycle(Arc::new(cycle)).expect("written");
     }
     recorder.finish().expect("closed");
 }
 
-/// A log of one second, made once.
+/// A log of one second, recorded once.
 fn log() -> &'static Path {
     static LOG: OnceLock<(tempfile::TempDir, PathBuf)> = OnceLock::new();
     let (_, path) = LOG.get_or_init(|| {
@@ -72,11 +72,11 @@ fn open_demo_log(preset: PanelLayout) -> Harness<'static, View> {
     harness
 }
 
-/// Steps until something holds.
+/// Draws frames until `holds` is true.
 fn step_until(harness: &mut Harness<'_, View>, what: &str, holds: impl Fn(&View) -> bool) {
     let started = Instant::now();
     while !holds(harness.state()) {
-        assert!(started.elapsed() < TIMEOUT, "{what} did not come");
+        assert!(started.elapsed() < TIMEOUT, "timeout: {what}");
         std::thread::sleep(Duration::from_millis(5));
         harness.run_steps(1);
     }
@@ -153,7 +153,7 @@ fn layers_are_rendered_once_switched_on() {
     let green = classes.pixels.iter().filter(|&&pixel| pixel == carpet);
     assert!(
         green.count() * 5 > classes.pixels.len(),
-        "a fifth is carpet"
+        "at least 20 % of the pixels are carpet"
     );
     harness.get_by_label("Bird's-eye").click();
     step_until(&mut harness, "the floor", |view| {
@@ -174,20 +174,20 @@ fn error_landscape_minimum_is_at_the_true_position() {
         .error_landscape
         .clone()
         .expect("a landscape");
-    let stage = session.scene.as_ref().expect("a field");
+    let scene = session.scene.as_ref().expect("a field");
     let now = session.shown.as_ref().expect("a cycle");
     let truth = now.cycle.inputs.truth.as_ref().expect("truth").pose;
-    let (half_x, half_y) = stage.field.carpet_half_extent();
-    let bright = |pixel: &eframe::egui::Color32| u32::from(pixel.r()) + u32::from(pixel.g());
+    let (half_x, half_y) = scene.field.carpet_half_extent();
+    let brightness = |pixel: &eframe::egui::Color32| u32::from(pixel.r()) + u32::from(pixel.g());
     let best = (0..image.pixels.len())
-        .max_by_key(|&cell| bright(&image.pixels[cell]))
+        .max_by_key(|&cell| brightness(&image.pixels[cell]))
         .expect("cells");
     let x = (best % image.size[0]) as f32 / image.size[0] as f32 * 2.0 * half_x - half_x;
     let y = half_y - (best / image.size[0]) as f32 / image.size[1] as f32 * 2.0 * half_y;
-    let off = (x - truth.x).hypot(y - truth.y);
-    // The heading may be that of the other half: then so is the place.
-    let other = (x + truth.x).hypot(y + truth.y);
-    assert!(off.min(other) < 0.5, "({x}, {y}) for {truth:?}");
+    let error = (x - truth.x).hypot(y - truth.y);
+    // The field is symmetric: a heading of the other half gives the mirrored position.
+    let mirrored_error = (x + truth.x).hypot(y + truth.y);
+    assert!(error.min(mirrored_error) < 0.5, "({x}, {y}) for {truth:?}");
 }
 
 #[test]
@@ -258,8 +258,8 @@ fn truncated_log_opens_up_to_its_last_whole_chunk() {
     std::fs::write(&path, &bytes[..bytes.len() * 2 / 3]).expect("written");
     let mut harness = harness(Session::open(&path).expect("a session"), PanelLayout::Watch);
     harness.run_steps(3);
-    let told = "the log is cut: it has no summary, and ends with its last whole chunk";
-    harness.get_by_label(told);
+    let warning = "the log is cut: it has no summary, and ends with its last whole chunk";
+    harness.get_by_label(warning);
     let session = &harness.state().session;
     let (_, end) = session.source.span().expect("a span");
     assert!((0.3..0.8).contains(&end), "{end}");
@@ -285,15 +285,15 @@ fn simulation_worker_applies_a_kidnap() {
     let mut live = super::source::live::LiveSource::new(inbox, Some(worker));
     let started = Instant::now();
     loop {
-        let (came, _) = live.poll();
-        let there = came.iter().any(|shown| {
+        let (received, _) = live.poll();
+        let at_target = received.iter().any(|shown| {
             let truth = shown.cycle.inputs.truth.as_ref();
             truth.is_some_and(|truth| (truth.pose.x - 3.0).hypot(truth.pose.y - 1.0) < 0.5)
         });
-        if there {
+        if at_target {
             break;
         }
-        assert!(started.elapsed() < TIMEOUT, "it was not kidnapped");
+        assert!(started.elapsed() < TIMEOUT, "timeout: kidnap");
         std::thread::sleep(Duration::from_millis(5));
     }
 }

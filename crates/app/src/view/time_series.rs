@@ -1,4 +1,4 @@
-//! How did it go so far? A few numbers of every cycle, however long the run, for plots and the timeline.
+//! Metrics of every cycle of a run of any length, for plots and the timeline.
 
 use localize::estimate::Mode;
 use localize::frames::wrap_angle;
@@ -6,33 +6,33 @@ use localize::robot::BaseConfig;
 use vision::image::Image;
 
 use super::source::rgb_image;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
-/// Beyond so many samples every other one is left out, and from there on of what comes: a day at 30 Hz still fits.
+/// Capacity. When it is reached, every other sample is dropped and the stride of new samples doubles.
 const MAX_SAMPLES: usize = 120_000;
-/// Pixels looked at for the image's brightness and entropy: one in so many.
+/// One pixel in this many is used for the image's brightness and entropy.
 const PIXEL_STRIDE: usize = 23;
 
-/// Numbers of one cycle; NaN where there is none.
+/// Metrics of one cycle; NaN if not available.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CycleMetrics {
-    /// Seconds.
+    /// Stamp, seconds.
     pub(crate) time: f64,
-    /// Of the estimate.
+    /// Mode of the estimate.
     pub(crate) mode: Mode,
-    /// Estimated x, y (metres) and heading (radians).
+    /// Estimated x, y (m) and heading (rad), field frame.
     pub(crate) pose: [f32; 3],
-    /// True x, y and heading.
+    /// True x, y (m) and heading (rad), field frame.
     pub(crate) truth: [f32; 3],
     /// Values by [`Quantity`].
     pub(crate) values: [f32; QUANTITY_COUNT],
-    /// What arrived with it: images, odometry, headings, inertial readings.
+    /// Numbers of images, odometry, compass and IMU samples in the cycle.
     pub(crate) sample_counts: [u16; 4],
-    /// The frame could not be used.
+    /// The image could not be used.
     pub(crate) fault: bool,
 }
 
-/// What is plotted.
+/// Quantities that can be plotted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub(crate) enum Quantity {
@@ -62,10 +62,10 @@ pub(crate) enum Quantity {
     CyclePeriod,
 }
 
-/// How many there are.
+/// Number of quantities.
 pub(crate) const QUANTITY_COUNT: usize = Quantity::CyclePeriod as usize + 1;
 
-/// Samples in the order of time.
+/// Samples in time order.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct TimeSeries {
     samples: Vec<CycleMetrics>,
@@ -75,12 +75,12 @@ pub(crate) struct TimeSeries {
 }
 
 impl TimeSeries {
-    /// The samples.
+    /// All stored samples.
     pub(crate) fn samples(&self) -> &[CycleMetrics] {
         &self.samples
     }
 
-    /// The samples of an interval, one beyond on each side where there is one.
+    /// The samples of an interval, with one more on each side if there is one.
     pub(crate) fn between(&self, from: f64, to: f64) -> &[CycleMetrics] {
         let start = self.samples.partition_point(|sample| sample.time < from);
         let end = self.samples.partition_point(|sample| sample.time <= to);
@@ -89,11 +89,11 @@ impl TimeSeries {
 
     /// The last sample at or before a time.
     pub(crate) fn at(&self, time: f64) -> Option<&CycleMetrics> {
-        let behind = self.samples.partition_point(|sample| sample.time <= time);
-        self.samples.get(behind.checked_sub(1)?)
+        let later = self.samples.partition_point(|sample| sample.time <= time);
+        self.samples.get(later.checked_sub(1)?)
     }
 
-    /// Adds a sample; one from the past starts the series anew.
+    /// Adds a sample; a time from the past restarts the series.
     pub(crate) fn push(&mut self, mut sample: CycleMetrics) {
         if self.last_time.is_some_and(|last| sample.time < last) {
             *self = TimeSeries::default();
@@ -118,7 +118,7 @@ impl TimeSeries {
         }
     }
 
-    /// Samples a second of camera, wheels, compass and IMU over the last seconds before a time.
+    /// Sample rates of camera, wheels, compass and IMU over the last `seconds` before `time`, Hz.
     pub(crate) fn rates_hz(&self, time: f64, seconds: f64) -> [f64; 4] {
         let end = self.samples.partition_point(|sample| sample.time <= time);
         let start = self.samples.partition_point(|s| s.time <= time - seconds);
@@ -126,7 +126,7 @@ impl TimeSeries {
         let (Some(first), Some(last)) = (recent.first(), recent.last()) else {
             return [0.0; 4];
         };
-        // What the first one brought arrived before the span that is counted.
+        // The first cycle's samples arrived before the interval begins.
         let span = last.time - first.time;
         let share = self.stride.max(1) as f64 / span;
         [0, 1, 2, 3].map(|device| {
@@ -141,7 +141,7 @@ impl TimeSeries {
         })
     }
 
-    /// Mean position error over all samples that have one, metres.
+    /// Mean position error over all samples with ground truth, metres.
     pub(crate) fn mean_error(&self) -> Option<f32> {
         let errors = self
             .samples
@@ -155,12 +155,12 @@ impl TimeSeries {
 }
 
 impl CycleMetrics {
-    /// Its value of a quantity.
+    /// The value of a quantity; NaN if not available.
     pub(crate) fn value(&self, quantity: Quantity) -> f32 {
         self.values[quantity as usize]
     }
 
-    /// The numbers of a cycle; `dropped`: cycles that did not get here before it.
+    /// Computes the metrics of a cycle; `dropped` cycles were lost before it.
     pub(crate) fn from_cycle(cycle: &Cycle, base: &BaseConfig, dropped: u64) -> Self {
         let mut values = [f32::NAN; QUANTITY_COUNT];
         let mut set = |quantity: Quantity, value: f32| values[quantity as usize] = value;
@@ -178,15 +178,15 @@ impl CycleMetrics {
                     Quantity::PositionError,
                     pose.origin().distance_to(truth.pose.origin()),
                 );
-                let turn = wrap_angle(pose.theta - truth.pose.theta);
-                set(Quantity::HeadingError, turn.to_degrees());
+                let heading_error = wrap_angle(pose.theta - truth.pose.theta);
+                set(Quantity::HeadingError, heading_error.to_degrees());
             }
         }
         set(Quantity::LinePoints, cycle.line_points.len() as f32);
-        if let Some(seen) = &cycle.detections {
+        if let Some(detections) = &cycle.detections {
             set(
                 Quantity::RejectedCandidates,
-                seen.rejected_candidates.len() as f32,
+                detections.rejected_candidates.len() as f32,
             );
         }
         if let Some(image) = rgb_image(cycle) {
@@ -236,16 +236,16 @@ impl CycleMetrics {
     }
 }
 
-/// Speed of each wheel's rim as odometry tells it over the cycle, m/s.
+/// Rim speed of each wheel from the cycle's odometry, m/s.
 fn wheel_rim_speeds(cycle: &Cycle, base: &BaseConfig) -> Vec<f32> {
     let odometry = &cycle.inputs.odometry;
     let (Some(first), Some(last)) = (odometry.first(), odometry.last()) else {
         return Vec::new();
     };
-    // The first sample's own span is not known; all samples have the same.
+    // The first increment's interval is unknown and assumed equal to the mean of the others.
     let span = match odometry.len() {
         1 => 1.0 / f64::from(base.rate_hz),
-        many => (last.stamp - first.stamp) * many as f64 / (many - 1) as f64,
+        count => (last.stamp - first.stamp) * count as f64 / (count - 1) as f64,
     };
     if !(span > 0.0) {
         return Vec::new();
@@ -261,7 +261,7 @@ fn wheel_rim_speeds(cycle: &Cycle, base: &BaseConfig) -> Vec<f32> {
     base.wheel_angles_deg.iter().map(speed).collect()
 }
 
-/// Entropy of the image's brightness (bits; nubot2013 sets the exposure by it) and its mean, of 255.
+/// Entropy of the image's brightness (bits, as in nubot2013) and mean brightness (0 to 255).
 fn image_statistics(image: &Image) -> (f32, f32) {
     let mut counts = [0u32; 256];
     let (mut sum, mut total) = (0.0, 0u32);

@@ -1,4 +1,4 @@
-//! A window on this machine's display: opened, remembered, closed. Its thread steps back behind whatever drives.
+//! Opens the window, restores and saves its state, closes it. Its threads run at a lower priority than the pipeline.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,37 +17,35 @@ use super::session::Session;
 use super::shell::{ScreenshotTarget, View};
 use super::source::live::{CycleInbox, LiveSource};
 use super::source::remote;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 use pipeline::feed::Feed;
 use pipeline::setup::Setup;
 
-/// The name by which desktops and the folder of what is remembered know it.
+/// Application id: names the window for the desktop, and the folder of the saved state.
 const NAME: &str = "mirrorball";
-/// What is remembered goes by this key.
+/// Key of the saved state in the storage.
 const STORAGE_KEY: &str = "view";
-/// The window at first, points: fits a laptop.
+/// Initial window size, points: fits a laptop.
 const SIZE: [f32; 2] = [1280.0, 800.0];
-/// How far the view's threads step back: half as much processor time as `nice` gives at most.
+/// Nice value of the view's threads (0 to 19; higher yields more processor time to others).
 const NICE: i32 = 10;
-/// Freed memory that is kept for the next frame, bytes: what textures, meshes and a software renderer need for a few.
-const KEPT_BYTES: i32 = 64 << 20;
-/// A picture is taken after so many frames with a cycle: layers are painted by then.
+/// Frames drawn with a cycle before the screenshot is taken: layers are rendered by then.
 const SCREENSHOT_DELAY_FRAMES: u32 = 12;
 
-/// What the command line asks of the window.
+/// Options of the window, from the command line.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct WindowOptions {
-    /// In place of the remembered arrangement.
+    /// Overrides the saved layout.
     pub(crate) layout: Option<PanelLayout>,
-    /// A picture, and then out.
+    /// Write a screenshot here, then close.
     pub(crate) screenshot: Option<PathBuf>,
-    /// Out after so many seconds.
+    /// Close after this many seconds.
     pub(crate) close_after: Option<f64>,
-    /// Out as soon as this is true.
+    /// Close as soon as this is true.
     pub(crate) close_requested: Arc<AtomicBool>,
 }
 
-/// What is remembered from one time to the next.
+/// State saved between sessions.
 #[derive(Serialize, Deserialize)]
 struct SavedState {
     layout: PanelLayout,
@@ -57,58 +55,58 @@ struct SavedState {
     plots: plots::PlotsPanel,
 }
 
-/// Fails in a line where no window can be.
+/// Fails if no display is configured.
 pub(crate) fn require_display() -> Result<()> {
     if std::env::var_os("DISPLAY").is_none_or(|display| display.is_empty()) {
         bail!(
-            "no display to open a window on (DISPLAY is not set): go to a desktop, use `ssh -X`, or `xvfb-run`"
+            "cannot open a window: DISPLAY is not set. Run on a desktop, with `ssh -X`, or under `xvfb-run`"
         );
     }
     Ok(())
 }
 
 /// Shows a session until its window is closed.
-pub(crate) fn run_window(session: Session, wishes: WindowOptions) -> Result<Outcome> {
-    // The pool belongs to whoever computes: its threads begin before this one steps back.
+pub(crate) fn run_window(session: Session, options: WindowOptions) -> Result<Outcome> {
+    // Start the rayon threads first: new threads would inherit this thread's lower priority.
     rayon::broadcast(|_| ());
-    // Where it cannot step back (a stricter system), the view merely runs beside the others.
+    // Failure is harmless: the view then runs at normal priority.
     let _ = rustix::process::setpriority_process(None, NICE);
-    hw::realtime::retain_freed_memory(KEPT_BYTES);
-    let options = eframe::NativeOptions {
+    crate::memory::retain_freed_memory(crate::memory::WINDOW_RETAINED_BYTES);
+    let native_options = eframe::NativeOptions {
         viewport: egui::ViewportBuilder::default()
             .with_title(format!("Mirrorball: {}", session.title))
             .with_app_id(NAME)
             .with_inner_size(SIZE),
         renderer: eframe::Renderer::Glow,
-        // Cycles set the pace; a software renderer has no display to wait for.
+        // New cycles trigger repaints, and a software renderer has no display refresh to wait for.
         glow_options: eframe::egui_glow::GlowConfiguration {
             vsync: false,
             ..Default::default()
         },
-        // Nothing here fades; a software renderer computes it for every pixel.
+        // The view draws no gradients, and a software renderer would pay for dithering at every pixel.
         dithering: false,
-        persist_window: wishes.screenshot.is_none(),
+        persist_window: options.screenshot.is_none(),
         ..Default::default()
     };
     let outcome = Arc::new(Mutex::new(None));
-    let told = outcome.clone();
+    let outcome_slot = outcome.clone();
     let start = move |context: &eframe::CreationContext<'_>| {
-        let preset = wishes.layout.unwrap_or(PanelLayout::Watch);
-        let mut view = View::new(session, preset);
-        restore_state(&mut view, context.storage, &wishes);
+        let layout = options.layout.unwrap_or(PanelLayout::Watch);
+        let mut view = View::new(session, layout);
+        restore_state(&mut view, context.storage, &options);
         view.repaint_on_cycle(&context.egui_ctx);
         Ok(Box::new(ViewerApp {
             view,
-            options: wishes,
+            options,
             frames: 0,
             opened: Instant::now(),
-            outcome: told,
+            outcome: outcome_slot,
         }) as Box<dyn eframe::App>)
     };
-    eframe::run_native(NAME, options, Box::new(start)).map_err(|error| {
-        // Of the system's word the reason alone: where in its source it arose helps nobody.
-        let words = error.to_string();
-        let reason = words.rsplit(": ").next().unwrap_or(&words);
+    eframe::run_native(NAME, native_options, Box::new(start)).map_err(|error| {
+        // Keep only the reason: the error's prefix is a source location of the windowing library.
+        let text = error.to_string();
+        let reason = text.rsplit(": ").next().unwrap_or(&text);
         let display = std::env::var("DISPLAY").unwrap_or_default();
         anyhow!("cannot open a window on display {display}: {reason}")
     })?;
@@ -119,27 +117,27 @@ pub(crate) fn run_window(session: Session, wishes: WindowOptions) -> Result<Outc
     outcome.context("the window closed before it was drawn")
 }
 
-fn restore_state(view: &mut View, storage: Option<&dyn eframe::Storage>, wishes: &WindowOptions) {
-    // A picture shows what its command says, whoever takes it.
-    if wishes.screenshot.is_some() {
+fn restore_state(view: &mut View, storage: Option<&dyn eframe::Storage>, options: &WindowOptions) {
+    // A screenshot must depend on its command line only, not on saved state.
+    if options.screenshot.is_some() {
         return;
     }
-    let memory = storage.and_then(|storage| eframe::get_value::<SavedState>(storage, STORAGE_KEY));
-    let Some(memory) = memory else {
+    let saved = storage.and_then(|storage| eframe::get_value::<SavedState>(storage, STORAGE_KEY));
+    let Some(saved) = saved else {
         return;
     };
-    if wishes.layout.is_none() {
-        (view.layout, view.tree) = (memory.layout, memory.tree);
+    if options.layout.is_none() {
+        (view.layout, view.tree) = (saved.layout, saved.tree);
     }
-    view.panels.camera.layers = memory.camera;
-    view.panels.field.layers = memory.field;
-    view.panels.plots = memory.plots;
+    view.panels.camera.layers = saved.camera;
+    view.panels.field.layers = saved.field;
+    view.panels.plots = saved.plots;
 }
 
 struct ViewerApp {
     view: View,
     options: WindowOptions,
-    /// Frames since there is a cycle.
+    /// Frames drawn since the first cycle.
     frames: u32,
     opened: Instant,
     outcome: Arc<Mutex<Option<Outcome>>>,
@@ -149,19 +147,19 @@ impl eframe::App for ViewerApp {
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
         self.view.ui(ui);
         let ctx = ui.ctx();
-        let late = |seconds| self.opened.elapsed().as_secs_f64() > seconds;
-        if self.options.close_after.is_some_and(late)
+        let elapsed = |seconds| self.opened.elapsed().as_secs_f64() > seconds;
+        if self.options.close_after.is_some_and(elapsed)
             || self.options.close_requested.load(Ordering::Relaxed)
             || crate::interrupt::stop_requested()
         {
             ctx.send_viewport_cmd(egui::ViewportCommand::Close);
         }
         if let Some(path) = &self.options.screenshot {
-            let looks_at_nothing = self.view.session.title.is_empty();
-            self.frames += u32::from(self.view.session.shown.is_some() || looks_at_nothing);
+            let no_source = self.view.session.title.is_empty();
+            self.frames += u32::from(self.view.session.shown.is_some() || no_source);
             if self.frames == SCREENSHOT_DELAY_FRAMES {
-                let picture = ScreenshotTarget::File(path.clone());
-                self.view.request_screenshot(ctx, picture);
+                let target = ScreenshotTarget::File(path.clone());
+                self.view.request_screenshot(ctx, target);
             } else if self.frames > SCREENSHOT_DELAY_FRAMES
                 && self.view.pending_screenshots.is_empty()
             {
@@ -179,14 +177,14 @@ impl eframe::App for ViewerApp {
         if self.options.screenshot.is_some() {
             return;
         }
-        let memory = SavedState {
+        let saved = SavedState {
             layout: self.view.layout,
             tree: self.view.tree.clone(),
             camera: self.view.panels.camera.layers,
             field: self.view.panels.field.layers,
             plots: self.view.panels.plots.clone(),
         };
-        eframe::set_value(storage, STORAGE_KEY, &memory);
+        eframe::set_value(storage, STORAGE_KEY, &saved);
     }
 
     fn on_exit(&mut self, _gl: Option<&eframe::glow::Context>) {
@@ -204,22 +202,22 @@ impl eframe::App for ViewerApp {
     }
 }
 
-/// Cycles that may wait for the view to take them.
+/// Cycles queued for the view.
 const FEED_CAPACITY: usize = 16;
 
-/// What the window does when the run that it shows has ended.
+/// What the window does when its run has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum AfterRun {
-    /// Stays until it is closed, or until Ctrl-C.
+pub(crate) enum AfterRun {
+    /// Stays open until the user closes it or presses Ctrl-C.
     KeepOpen,
-    /// Goes with it.
+    /// Closes with the run.
     Close,
 }
 
-/// Runs `drive`, which publishes to the feed it is given, in a thread of its own, and shows its cycles in a window until
-/// that is closed; `drive` then goes on to its end, as it would with no window at all. A run that fails takes the window
-/// with it.
-pub fn run_with_window(
+/// Runs `drive` in a separate thread and shows the cycles it publishes to its feed in a window.
+///
+/// Closing the window does not end `drive`. An error of `drive` closes the window.
+pub(crate) fn run_with_window(
     name: &str,
     (setup, config): (Setup, PipelineConfig),
     after: AfterRun,
@@ -227,28 +225,28 @@ pub fn run_with_window(
 ) -> Result<()> {
     require_display()?;
     let feed = Feed::new();
-    let wishes = WindowOptions::default();
-    let leave = wishes.close_requested.clone();
+    let options = WindowOptions::default();
+    let close_requested = options.close_requested.clone();
     let inbox = CycleInbox::default();
-    let lease = remote::forward_feed(feed.subscribe(FEED_CAPACITY), inbox.clone())?;
+    let guard = remote::forward_feed(feed.subscribe(FEED_CAPACITY), inbox.clone())?;
     std::thread::scope(|scope| {
-        let driving = std::thread::Builder::new()
+        let driver = std::thread::Builder::new()
             .name("drive".to_owned())
             .spawn_scoped(scope, move || {
-                let driven = drive(feed);
-                leave.store(
-                    driven.is_err() || after == AfterRun::Close,
+                let result = drive(feed);
+                close_requested.store(
+                    result.is_err() || after == AfterRun::Close,
                     Ordering::Relaxed,
                 );
-                driven
+                result
             })?;
-        let live = LiveSource::new(inbox, None).with_guard(lease, None);
+        let live = LiveSource::new(inbox, None).with_guard(guard, None);
         let session = Session::from_live(name.to_owned(), live, setup, config);
-        if let Err(error) = run_window(session, wishes) {
-            eprintln!("mirrorball: {error:#}; the run goes on without a window");
+        if let Err(error) = run_window(session, options) {
+            eprintln!("mirrorball: {error:#}. The run continues without a window");
         }
-        driving
+        driver
             .join()
-            .unwrap_or_else(|_| Err(anyhow!("the run broke off")))
+            .unwrap_or_else(|_| Err(anyhow!("the run's thread panicked")))
     })
 }

@@ -1,4 +1,4 @@
-//! What turns the virtual robot's wheels? A base board, or a VESC for each.
+//! Which base does the virtual robot have? A base board, or a VESC for each wheel.
 
 use hw::config::Bus;
 use localize::Stamp;
@@ -9,7 +9,7 @@ use super::board::VirtualBoard;
 use super::drive_command::{CommandStats, DriveCommand};
 use super::vescs::{VescBus, VirtualVescs};
 
-/// Either.
+/// Firmware of the virtual base.
 pub(super) enum VirtualBase {
     Board(VirtualBoard),
     Vescs(VirtualVescs),
@@ -23,13 +23,13 @@ impl VirtualBase {
                 VirtualBase::Vescs(VirtualVescs::new(omni, ticks_per_turn, VescBus::Uart))
             }
             Bus::VescCan | Bus::VescSlcan => {
-                let reach = VescBus::Slcan { open: false };
-                VirtualBase::Vescs(VirtualVescs::new(omni, ticks_per_turn, reach))
+                let bus = VescBus::Slcan { open: false };
+                VirtualBase::Vescs(VirtualVescs::new(omni, ticks_per_turn, bus))
             }
         }
     }
 
-    /// The line was pulled out or put in.
+    /// The port was unplugged or plugged in.
     pub(super) fn on_reconnect(&mut self) {
         match self {
             VirtualBase::Board(board) => board.on_reconnect(),
@@ -37,7 +37,7 @@ impl VirtualBase {
         }
     }
 
-    /// Takes what was sent; returns the answers.
+    /// Processes received bytes; returns the answers.
     pub(super) fn receive(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
         match self {
             VirtualBase::Board(board) => {
@@ -48,12 +48,12 @@ impl VirtualBase {
         }
     }
 
-    /// What the wheels are to do now.
+    /// Commanded velocity now.
     pub(super) fn commanded_twist(&mut self, now: Stamp) -> Twist {
         self.drive_command().twist(now)
     }
 
-    /// What it was told.
+    /// Statistics of the commands.
     pub(super) fn command_stats(&mut self) -> CommandStats {
         self.drive_command().stats
     }
@@ -65,7 +65,7 @@ impl VirtualBase {
         }
     }
 
-    /// The inertial unit's message; VESCs have none.
+    /// Message of the IMU; VESCs have none.
     pub(super) fn encode_imu(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
         match self {
             VirtualBase::Board(board) => board.encode_imu(imu, time_us),
@@ -73,7 +73,7 @@ impl VirtualBase {
         }
     }
 
-    /// The compass's message; VESCs have none.
+    /// Message of the compass; VESCs have none.
     pub(super) fn encode_heading(&mut self, compass: &Compass, time_us: u32) -> Vec<u8> {
         match self {
             VirtualBase::Board(board) => board.encode_heading(compass, time_us),

@@ -1,4 +1,4 @@
-//! What does the virtual base board do? It counts wheels and tells of them, and turns them only for a fresh command.
+//! What does the virtual base board do? It sends encoder counts and status, and drives only on a fresh command.
 
 use hw::wire::StreamDecoder;
 use hw::wire::board::{self, Encoders, Heading, Inertia, Kicker, Message, Packet, Power, Switches};
@@ -10,7 +10,7 @@ use super::drive_command::DriveCommand;
 
 /// Time between reports of battery, kicker and switches, seconds.
 const STATUS_PERIOD: f64 = 0.1;
-/// What a charged battery and capacitor show.
+/// Voltages of a charged battery and capacitor.
 const BATTERY_MV: u16 = 25_200;
 const CAPACITOR_DV: u16 = 2_400;
 
@@ -41,13 +41,13 @@ impl VirtualBoard {
         }
     }
 
-    /// The line was pulled out or put in: what was half received is forgotten.
+    /// The port was unplugged or plugged in: partial messages are discarded.
     pub(super) fn on_reconnect(&mut self) {
         self.decoder.reset();
         self.drive_command.on_reconnect();
     }
 
-    /// Takes what was sent to the board.
+    /// Processes received bytes.
     pub(super) fn receive(&mut self, bytes: &[u8], now: Stamp) {
         self.decoder.extend(bytes);
         for packet in self.decoder.by_ref() {
@@ -76,18 +76,18 @@ impl VirtualBoard {
         }
     }
 
-    /// The encoders' message, and battery, kicker and switches when they are due.
+    /// Message of the encoders, and of battery, kicker and switches when they are due.
     pub(super) fn encode_status(
         &mut self,
         time: f64,
         time_us: u32,
-        turned: &[f64],
+        wheel_angles: &[f64],
         offset: u32,
         restarted: bool,
     ) -> Vec<u8> {
         let mut count = [0; 4];
-        for (count, turned) in count.iter_mut().zip(turned) {
-            let ticks = turned / std::f64::consts::TAU * f64::from(self.ticks_per_turn);
+        for (count, wheel_angle) in count.iter_mut().zip(wheel_angles) {
+            let ticks = wheel_angle / std::f64::consts::TAU * f64::from(self.ticks_per_turn);
             *count = (ticks.floor() as i64 as u32).wrapping_add(offset);
         }
         if restarted {
@@ -121,7 +121,7 @@ impl VirtualBoard {
         bytes
     }
 
-    /// The inertial unit's message.
+    /// Message of the IMU.
     pub(super) fn encode_imu(&mut self, imu: &Imu, time_us: u32) -> Vec<u8> {
         self.encode(Inertia {
             time_us,
@@ -130,7 +130,7 @@ impl VirtualBoard {
         })
     }
 
-    /// The compass's message.
+    /// Message of the compass.
     pub(super) fn encode_heading(&mut self, compass: &Compass, time_us: u32) -> Vec<u8> {
         self.encode(Heading {
             time_us,

@@ -1,4 +1,4 @@
-//! How is a camera faked? A local socket on which frames are sent in real time; a slow reader loses frames, not time.
+//! How is a camera simulated? A local socket that sends images in real time; a slow reader loses images.
 
 use std::io::{Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -12,23 +12,25 @@ use anyhow::{Context, Result};
 use hw::camera::Encoding;
 use hw::wire::image_stream::{HEADER_BYTES, ImageHeader, SETTINGS_BYTES};
 
-/// How long a reader may take for a frame before it is hung up on: a dead one must not hold the thread.
+use super::timing::raise_thread_priority;
+
+/// Longest time for a reader to take an image; then the connection is closed, so that it cannot block the thread.
 const IO_TIMEOUT: Duration = Duration::from_millis(500);
-/// Wanted room for a frame on its way, bytes: 480 × 480 pixels in three bytes each, and the system's own.
+/// Requested send buffer, bytes: an image of 480 × 480 pixels in three bytes each, with the system's overhead.
 const SEND_BUFFER_BYTES: usize = 1 << 20;
-/// Longest wait for a reader or a frame before the thread looks whether it is to end.
+/// Longest wait for a reader or an image: the latency of a stop.
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 
-/// A frame ready to be sent.
+/// An image to send.
 #[derive(Debug, Clone)]
 pub(super) struct QueuedImage {
-    /// When it was taken, CLOCK_MONOTONIC, nanoseconds.
+    /// Exposure time, CLOCK_MONOTONIC, nanoseconds.
     pub(super) stamp_ns: i64,
     /// Columns and rows.
     pub(super) size_px: [usize; 2],
     /// Red, green, blue.
     pub(super) rgb: Arc<Vec<u8>>,
-    /// Only this share of it is sent, and then nothing.
+    /// Only this share of it is sent, and then nothing more.
     pub(super) truncated_to: Option<f32>,
 }
 
@@ -49,27 +51,27 @@ struct CameraState {
 }
 
 impl VirtualCamera {
-    /// Listens at `path`; frames go out in the given encoding (RGB3 or YUYV).
+    /// Listens at `path`; sends images in the given encoding (RGB3 or YUYV).
     pub(super) fn start(path: &Path, encoding: Encoding) -> Result<Self> {
         let shared = Arc::new(CameraState::default());
-        let (own, at) = (Arc::clone(&shared), path.to_owned());
-        // The first listener is made here, so that a path that cannot be is an error at once.
+        let (state, socket_path) = (Arc::clone(&shared), path.to_owned());
+        // The first listener is created here, so that an invalid path is an error at once.
         let mut listener = Some(listen(path)?);
         let serve = move || {
-            super::raise_thread_priority();
+            raise_thread_priority();
             let mut sequence = 0;
-            while !own.stop_requested.load(Ordering::Relaxed) {
-                if own.unplugged.load(Ordering::Relaxed) {
+            while !state.stop_requested.load(Ordering::Relaxed) {
+                if state.unplugged.load(Ordering::Relaxed) {
                     listener = None;
-                    let _gone = std::fs::remove_file(&at);
+                    let _gone = std::fs::remove_file(&socket_path);
                     std::thread::sleep(POLL_PERIOD);
                     continue;
                 }
                 if listener.is_none() {
-                    listener = listen(&at).ok();
+                    listener = listen(&socket_path).ok();
                 }
                 match listener.as_ref().map(UnixListener::accept) {
-                    Some(Ok((peer, _))) => own.serve(peer, encoding, &mut sequence),
+                    Some(Ok((peer, _))) => state.serve(peer, encoding, &mut sequence),
                     _ => std::thread::sleep(POLL_PERIOD),
                 }
             }
@@ -84,13 +86,13 @@ impl VirtualCamera {
         })
     }
 
-    /// Sends this frame next; one that waits still is lost.
-    pub(super) fn send(&self, shot: QueuedImage) {
-        *self.shared.newest() = Some(shot);
+    /// Queues an image; an image that is still waiting is lost.
+    pub(super) fn send(&self, image: QueuedImage) {
+        *self.shared.newest() = Some(image);
         self.shared.image_queued.notify_all();
     }
 
-    /// Pulls the camera out, or puts it in again.
+    /// Unplugs the camera, or plugs it in again.
     pub(super) fn set_unplugged(&self, unplugged: bool) {
         self.shared.unplugged.store(unplugged, Ordering::Relaxed);
     }
@@ -100,7 +102,7 @@ impl Drop for VirtualCamera {
     fn drop(&mut self) {
         self.shared.stop_requested.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A thread that panicked has said why.
+            // A panic was reported when it happened.
             let _ended = thread.join();
         }
         let _gone = std::fs::remove_file(&self.path);
@@ -120,15 +122,15 @@ impl CameraState {
         self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sends frames to one reader until it is gone or the camera is unplugged.
+    /// Sends images to one reader until it is gone or the camera is unplugged.
     fn serve(&self, mut peer: UnixStream, encoding: Encoding, sequence: &mut u32) {
-        // A whole frame should fit, or sender and reader take turns; as much of it as the system allows.
+        // A whole image should fit, or sender and reader alternate. The system may allow less.
         let _less = socket2::SockRef::from(&peer).set_send_buffer_size(SEND_BUFFER_BYTES);
         let ready = peer
             .set_nonblocking(false)
             .and_then(|()| peer.set_read_timeout(Some(IO_TIMEOUT)))
             .and_then(|()| peer.set_write_timeout(Some(IO_TIMEOUT)));
-        // A reader says first how it wants its frames taken.
+        // A reader first sends the camera settings.
         let mut settings = [0; SETTINGS_BYTES];
         if ready.is_err() || peer.read_exact(&mut settings).is_err() {
             return;
@@ -139,25 +141,25 @@ impl CameraState {
                 .image_queued
                 .wait_timeout_while(self.newest(), POLL_PERIOD, |newest| newest.is_none())
                 .unwrap_or_else(PoisonError::into_inner);
-            let shot = newest.take();
+            let image = newest.take();
             drop(newest);
             if self.stop_requested.load(Ordering::Relaxed) || self.unplugged.load(Ordering::Relaxed)
             {
                 return;
             }
-            let Some(shot) = shot else { continue };
+            let Some(image) = image else { continue };
             *sequence = sequence.wrapping_add(1);
-            let pixels = encode(&shot, encoding, &mut bytes);
-            let pixels = match shot.truncated_to {
+            let pixels = encode(&image, encoding, &mut bytes);
+            let pixels = match image.truncated_to {
                 Some(share) => &pixels[..(pixels.len() as f32 * share) as usize],
                 None => pixels,
             };
-            let header = header(&shot, encoding, *sequence);
+            let header = header(&image, encoding, *sequence);
             if peer.write_all(&header).is_err() || peer.write_all(pixels).is_err() {
                 return;
             }
-            if shot.truncated_to.is_some() {
-                // The rest never comes, and nothing after it, until the reader hangs up.
+            if image.truncated_to.is_some() {
+                // Nothing more is sent until the reader closes the connection.
                 let mut nothing = [0; 16];
                 while !self.stop_requested.load(Ordering::Relaxed) {
                     match peer.read(&mut nothing) {
@@ -170,9 +172,9 @@ impl CameraState {
     }
 }
 
-/// What goes before a frame.
-fn header(shot: &QueuedImage, encoding: Encoding, sequence: u32) -> [u8; HEADER_BYTES] {
-    let [width_px, height_px] = shot.size_px;
+/// Header of an image.
+fn header(image: &QueuedImage, encoding: Encoding, sequence: u32) -> [u8; HEADER_BYTES] {
+    let [width_px, height_px] = image.size_px;
     let stride = encoding.row_bytes(width_px);
     let header = ImageHeader {
         fourcc: encoding.fourcc(),
@@ -181,18 +183,18 @@ fn header(shot: &QueuedImage, encoding: Encoding, sequence: u32) -> [u8; HEADER_
         stride: stride as u32,
         sequence,
         bytes: (stride * height_px) as u32,
-        stamp_ns: shot.stamp_ns,
+        stamp_ns: image.stamp_ns,
     };
     header.encode()
 }
 
-/// A frame's bytes; `yuyv` holds those of another encoding than the shot's own.
-fn encode<'a>(shot: &'a QueuedImage, encoding: Encoding, yuyv: &'a mut Vec<u8>) -> &'a [u8] {
+/// Pixels of an image; `yuyv` is the buffer for a conversion.
+fn encode<'a>(image: &'a QueuedImage, encoding: Encoding, yuyv: &'a mut Vec<u8>) -> &'a [u8] {
     if encoding != Encoding::Yuyv {
-        return &shot.rgb;
+        return &image.rgb;
     }
     yuyv.clear();
-    for pair in shot.rgb.chunks_exact(6) {
+    for pair in image.rgb.chunks_exact(6) {
         let [a, b] =
             [0, 3].map(|at| vision::image::rgb_to_yuv([pair[at], pair[at + 1], pair[at + 2]]));
         let mean = |a: u8, b: u8| ((u16::from(a) + u16::from(b)) / 2) as u8;

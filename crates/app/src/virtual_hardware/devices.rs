@@ -1,4 +1,4 @@
-//! What does each virtual device say when? Samples of the simulation in their wire formats, and the faults that are on.
+//! What does each virtual device send? Samples of the simulation in their wire formats, with the active faults.
 
 use anyhow::{Context, Result};
 use hw::camera::Encoding;
@@ -10,18 +10,19 @@ use sim::Sim;
 
 use super::base::VirtualBase;
 use super::camera::{QueuedImage, VirtualCamera};
-use super::faults::{FaultPlan, HardwareFault, HardwareFaultKind};
+use super::faults::{FaultInterval, FaultPlan, HardwareFault, HardwareFaultKind};
 use super::inertial::{ImuEncoder, ImuFault};
+use super::options::Options;
 use super::real_time_sim::ScheduledSample;
+use super::robot_folder;
 use super::serial_port::VirtualSerialPort;
-use super::{FaultInterval, Options, robot_folder};
 use pipeline::csv_table::{CsvWriter, format_seconds};
 
-/// Where the wheels' counters stand at the start: they wrap in every run, after five turns of a wheel.
+/// Initial value of the wheel counters: they overflow in every run, after five revolutions of a wheel.
 const INITIAL_COUNT: u32 = 0u32.wrapping_sub(20_000);
-/// Bytes of noise for one message of a line that carries nothing else.
+/// Bytes of noise in place of one message.
 const NOISE_BYTES: usize = 23;
-/// One byte in so many is wrong on a noisy line.
+/// On a noisy port one byte of this number is wrong.
 const BYTES_PER_ERROR: u32 = 200;
 
 /// All devices of the virtual robot.
@@ -34,7 +35,7 @@ pub(super) struct VirtualDevices {
     imu_encoder: ImuEncoder,
     faults: FaultPlan,
     pub(super) ground_truth: Option<CsvWriter>,
-    /// What the inertial unit said last, for one that is stuck.
+    /// Last message of the IMU, for the fault that repeats it.
     last_imu_bytes: Vec<u8>,
     last_image: Option<QueuedImage>,
     partial_images_sent: usize,
@@ -49,8 +50,9 @@ impl VirtualDevices {
         options: &Options<'_>,
         truth: Option<CsvWriter>,
     ) -> Result<Self> {
-        let at = options.folder;
-        std::fs::create_dir_all(at).with_context(|| format!("cannot make {}", at.display()))?;
+        let folder = options.folder;
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("cannot make {}", folder.display()))?;
         let base = sim.robot().base.clone().unwrap_or_default();
         let angles: Vec<f32> = base
             .wheel_angles_deg
@@ -63,10 +65,10 @@ impl VirtualDevices {
             _ => Encoding::Rgb8,
         };
         Ok(VirtualDevices {
-            base_port: VirtualSerialPort::connected(&at.join(robot_folder::BASE))?,
-            wit_port: VirtualSerialPort::connected(&at.join(robot_folder::WIT))?,
-            bno085_port: VirtualSerialPort::connected(&at.join(robot_folder::BNO085))?,
-            camera: VirtualCamera::start(&at.join(robot_folder::CAMERA), encoding)?,
+            base_port: VirtualSerialPort::connected(&folder.join(robot_folder::BASE))?,
+            wit_port: VirtualSerialPort::connected(&folder.join(robot_folder::WIT))?,
+            bno085_port: VirtualSerialPort::connected(&folder.join(robot_folder::BNO085))?,
+            camera: VirtualCamera::start(&folder.join(robot_folder::CAMERA), encoding)?,
             base_firmware: VirtualBase::new(options.bus, omni, base.ticks_per_turn),
             imu_encoder: ImuEncoder::default(),
             faults: plan,
@@ -79,7 +81,7 @@ impl VirtualDevices {
         })
     }
 
-    /// Lets a device say what is due; `time` is since the start.
+    /// Sends a sample by its device; `time`: seconds since the start.
     pub(super) fn deliver(&mut self, due: ScheduledSample, time: f64) -> Result<()> {
         self.update_connections(time)?;
         let answers = self
@@ -90,17 +92,17 @@ impl VirtualDevices {
         match due.sample {
             sim::SimSample::Odometry(_) => self.send_encoders(&due.wheel_angles, at, time),
             sim::SimSample::Imu(imu) => {
-                let inertia = self
+                let message = self
                     .base_firmware
                     .encode_imu(&imu, self.board_time_us(at, time));
-                self.send_base(&inertia, time);
+                self.send_base(&message, time);
                 self.send_imu(&imu, time);
             }
             sim::SimSample::Compass(compass) => {
-                let heading = self
+                let message = self
                     .base_firmware
                     .encode_heading(&compass, self.board_time_us(at, time));
-                self.send_base(&heading, time);
+                self.send_base(&message, time);
                 if !self.faults.is_active(HardwareFaultKind::ImuGarbage, time) {
                     self.wit_port.send(&ImuEncoder::encode_wit_angle(&compass));
                 }
@@ -120,7 +122,7 @@ impl VirtualDevices {
         Ok(())
     }
 
-    /// Pulls out and puts in what the plan says.
+    /// Unplugs and plugs in devices by the fault plan.
     fn update_connections(&mut self, time: f64) -> Result<()> {
         if self
             .faults
@@ -143,27 +145,27 @@ impl VirtualDevices {
         Ok(())
     }
 
-    /// The board's clock, µs.
+    /// Time of the board's clock, µs.
     fn board_time_us(&self, at: Stamp, time: f64) -> u32 {
         let step = self.faults.active(HardwareFaultKind::BaseClock, time);
         let stamp = at + step.map_or(0.0, |fault| fault.step);
-        // Wraps after 71 minutes, as the board's does.
+        // Overflows after 71 minutes, as the board's clock does.
         (stamp.0 / 1000) as u32
     }
 
-    fn send_encoders(&mut self, turned: &[f64], at: Stamp, time: f64) {
+    fn send_encoders(&mut self, wheel_angles: &[f64], at: Stamp, time: f64) {
         let restarts = self
             .faults
             .started_count(HardwareFaultKind::BaseRestarts, time);
         let restarted = restarts > std::mem::replace(&mut self.base_restarts, restarts);
         let time_us = self.board_time_us(at, time);
-        let said = match &mut self.base_firmware {
+        let message = match &mut self.base_firmware {
             VirtualBase::Board(board) => {
-                board.encode_status(time, time_us, turned, INITIAL_COUNT, restarted)
+                board.encode_status(time, time_us, wheel_angles, INITIAL_COUNT, restarted)
             }
-            VirtualBase::Vescs(vescs) => vescs.encode_status(turned, INITIAL_COUNT, at),
+            VirtualBase::Vescs(vescs) => vescs.encode_status(wheel_angles, INITIAL_COUNT, at),
         };
-        self.send_base(&said, time);
+        self.send_base(&message, time);
     }
 
     fn send_base(&mut self, message: &[u8], time: f64) {
@@ -191,27 +193,27 @@ impl VirtualDevices {
     }
 
     fn send_imu(&mut self, imu: &localize::sample::Imu, time: f64) {
-        let said = self.imu_encoder.encode_bno085(imu);
-        self.bno085_port.send(&said);
+        let message = self.imu_encoder.encode_bno085(imu);
+        self.bno085_port.send(&message);
         if self.faults.is_active(HardwareFaultKind::ImuGarbage, time) {
             let noise = self.random_bytes();
             return self.wit_port.send(&noise);
         }
         if !self.faults.is_active(HardwareFaultKind::ImuStuck, time) {
-            let damage = if self.faults.is_active(HardwareFaultKind::ImuNan, time) {
+            let fault = if self.faults.is_active(HardwareFaultKind::ImuNan, time) {
                 ImuFault::Saturated
             } else {
                 ImuFault::None
             };
-            self.last_imu_bytes = ImuEncoder::encode_wit_imu(imu, damage);
+            self.last_imu_bytes = ImuEncoder::encode_wit_imu(imu, fault);
         }
         self.wit_port.send(&self.last_imu_bytes);
     }
 
     fn send_image(&mut self, image: sim::simulation::SimImage, at: Stamp, time: f64) {
-        let off = self.faults.active(HardwareFaultKind::CameraClock, time);
-        let mut shot = QueuedImage {
-            stamp_ns: (at + off.map_or(0.0, |fault| fault.step)).0,
+        let clock_fault = self.faults.active(HardwareFaultKind::CameraClock, time);
+        let mut queued = QueuedImage {
+            stamp_ns: (at + clock_fault.map_or(0.0, |fault| fault.step)).0,
             size_px: [image.width_px, image.height_px],
             rgb: std::sync::Arc::new(image.rgb),
             truncated_to: None,
@@ -223,32 +225,32 @@ impl VirtualDevices {
             .faults
             .is_active(HardwareFaultKind::CameraHalfFrame, time)
         {
-            let begun = self
+            let started = self
                 .faults
                 .started_count(HardwareFaultKind::CameraHalfFrame, time);
-            if begun == self.partial_images_sent {
+            if started == self.partial_images_sent {
                 return;
             }
-            self.partial_images_sent = begun;
-            shot.truncated_to = Some(0.5);
+            self.partial_images_sent = started;
+            queued.truncated_to = Some(0.5);
         }
         if self
             .faults
             .is_active(HardwareFaultKind::CameraFreezes, time)
         {
-            let frozen = self.last_image.as_ref().unwrap_or(&shot);
-            shot.rgb = frozen.rgb.clone();
+            let frozen = self.last_image.as_ref().unwrap_or(&queued);
+            queued.rgb = frozen.rgb.clone();
         }
-        self.last_image = Some(shot.clone());
-        self.camera.send(shot);
+        self.last_image = Some(queued.clone());
+        self.camera.send(queued);
     }
 
-    pub(super) fn fault_intervals(&self, began: Stamp) -> Vec<FaultInterval> {
-        let happened = |fault: &HardwareFault| FaultInterval {
+    pub(super) fn fault_intervals(&self, start: Stamp) -> Vec<FaultInterval> {
+        let interval = |fault: &HardwareFault| FaultInterval {
             kind: fault.kind,
-            from_s: (began + fault.at).seconds(),
-            until_s: (began + fault.at + fault.duration).seconds(),
+            from_s: (start + fault.at).seconds(),
+            until_s: (start + fault.at + fault.duration).seconds(),
         };
-        self.faults.faults.iter().map(happened).collect()
+        self.faults.faults.iter().map(interval).collect()
     }
 }

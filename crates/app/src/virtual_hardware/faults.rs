@@ -1,11 +1,11 @@
-//! What goes wrong, and when? A plan of faults of the virtual hardware, for proving that the robot plays on.
+//! Which device fails, and when? A plan of faults of the virtual hardware, for testing fault tolerance.
 
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
 
-/// A plan: what fails, from when, for how long.
+/// A fault plan.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FaultPlan {
@@ -18,14 +18,14 @@ pub(super) struct FaultPlan {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct HardwareFault {
-    /// What fails.
+    /// Kind of the fault.
     pub(super) kind: HardwareFaultKind,
-    /// When it begins, seconds after the start.
+    /// Start, seconds after the start of the simulation.
     pub(super) at: f64,
-    /// How long it lasts, seconds.
+    /// Duration, seconds.
     #[serde(rename = "for")]
     pub(super) duration: f64,
-    /// Of a clock's step: how far, seconds.
+    /// Size of a clock step, seconds.
     #[serde(default = "default_clock_step")]
     pub(super) step: f64,
 }
@@ -34,25 +34,25 @@ fn default_clock_step() -> f64 {
     0.6
 }
 
-/// What can fail.
+/// Kinds of faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum HardwareFaultKind {
-    /// The camera sends the same image again and again.
+    /// The camera repeats the same image.
     CameraFreezes,
     /// The camera sends nothing.
     CameraSilent,
-    /// The camera sends half a frame and then nothing.
+    /// The camera sends half an image and then nothing.
     CameraHalfFrame,
-    /// The camera is pulled out.
+    /// The camera is unplugged.
     CameraUnplugged,
     /// The camera's clock is off by `step`.
     CameraClock,
-    /// The base board is pulled out.
+    /// The base board is unplugged.
     BaseUnplugged,
-    /// The base board says nothing.
+    /// The base board sends nothing.
     BaseSilent,
-    /// The base board's line carries noise instead of messages.
+    /// The base board sends noise instead of messages.
     BaseGarbage,
     /// One byte in 200 from the base board is wrong.
     BaseNoise,
@@ -60,14 +60,22 @@ pub(super) enum HardwareFaultKind {
     BaseRestarts,
     /// The base board's clock is off by `step`.
     BaseClock,
-    /// The inertial unit is pulled out.
+    /// The IMU is unplugged.
     ImuUnplugged,
-    /// The inertial unit repeats itself.
+    /// The IMU repeats the same values.
     ImuStuck,
-    /// The inertial unit sends what no sensor measures (its wire has no NaN: the end of the range).
+    /// The IMU sends saturated values (its wire format has no NaN).
     ImuNan,
-    /// The inertial unit's line carries noise instead of messages.
+    /// The IMU sends noise instead of messages.
     ImuGarbage,
+}
+
+/// Interval of a fault, CLOCK_MONOTONIC, seconds.
+#[derive(Serialize)]
+pub(super) struct FaultInterval {
+    pub(super) kind: HardwareFaultKind,
+    pub(super) from_s: f64,
+    pub(super) until_s: f64,
 }
 
 impl FaultPlan {
@@ -82,7 +90,7 @@ impl FaultPlan {
                     && fault.duration > 0.0
                     && (fault.at + fault.duration).is_finite()
                     && fault.step.abs() <= 1000.0,
-                "{}: {:?}: at and step must be seconds, for above zero",
+                "{}: {:?}: invalid times (expected at >= 0, for > 0, step within ±1000 s)",
                 path.display(),
                 fault.kind
             );
@@ -90,19 +98,19 @@ impl FaultPlan {
         Ok(plan)
     }
 
-    /// The fault of this kind that is on at a time.
+    /// The fault of this kind that is active at a time.
     pub(super) fn active(&self, kind: HardwareFaultKind, time: f64) -> Option<&HardwareFault> {
         self.faults.iter().find(|fault| {
             fault.kind == kind && fault.at <= time && time < fault.at + fault.duration
         })
     }
 
-    /// True while the fault is on.
+    /// True while a fault of this kind is active.
     pub(super) fn is_active(&self, kind: HardwareFaultKind, time: f64) -> bool {
         self.active(kind, time).is_some()
     }
 
-    /// How many faults of this kind have begun.
+    /// Number of faults of this kind that have started.
     pub(super) fn started_count(&self, kind: HardwareFaultKind, time: f64) -> usize {
         self.faults
             .iter()

@@ -1,4 +1,4 @@
-//! What do the virtual inertial units send? The simulator's readings as a WitMotion and as a BNO085 say them.
+//! What do the virtual IMUs send? The simulator's samples in the formats of a WitMotion and a BNO085.
 
 use hw::wire::STANDARD_GRAVITY;
 use hw::wire::bno085::Rvc;
@@ -6,25 +6,25 @@ use hw::wire::wit::{DataType, Wit};
 use localize::frames::wrap_angle;
 use localize::sample::{Compass, Imu};
 
-/// A sensor of each kind.
+/// State of the encoded sensors.
 #[derive(Debug, Default)]
 pub(super) struct ImuEncoder {
-    /// Yaw that the BNO085 has summed up since it was switched on, radians.
+    /// Yaw that the BNO085 has integrated since the start, radians.
     bno085_yaw: f32,
     index: u8,
     last: Option<localize::Stamp>,
 }
 
-/// What a reading is made into by a fault.
+/// Fault of an IMU sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ImuFault {
     None,
-    /// Every value at the end of its range.
+    /// Every value is at the end of its range.
     Saturated,
 }
 
 impl ImuEncoder {
-    /// A WitMotion's attitude.
+    /// Attitude message of a WitMotion.
     pub(super) fn encode_wit_angle(compass: &Compass) -> Vec<u8> {
         let yaw = wrap_angle(compass.heading) / std::f32::consts::PI * 32_768.0;
         let raw = [0, 0, yaw.round() as i16, 0];
@@ -32,11 +32,11 @@ impl ImuEncoder {
         Wit { kind, raw }.encode().to_vec()
     }
 
-    /// A WitMotion's acceleration and rate.
-    pub(super) fn encode_wit_imu(imu: &Imu, damage: ImuFault) -> Vec<u8> {
+    /// Acceleration and rate messages of a WitMotion.
+    pub(super) fn encode_wit_imu(imu: &Imu, fault: ImuFault) -> Vec<u8> {
         let raw = |values: [f32; 3], full_scale: f32| {
             let scaled = values.map(|value| (value / full_scale * 32_768.0).round() as i16);
-            match damage {
+            match fault {
                 ImuFault::None => [scaled[0], scaled[1], scaled[2], 0],
                 ImuFault::Saturated => [i16::MIN; 4],
             }
@@ -56,7 +56,7 @@ impl ImuEncoder {
         .collect()
     }
 
-    /// A BNO085's message.
+    /// Message of a BNO085.
     pub(super) fn encode_bno085(&mut self, imu: &Imu) -> Vec<u8> {
         let elapsed = self
             .last

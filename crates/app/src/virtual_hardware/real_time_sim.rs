@@ -1,5 +1,5 @@
-//! How does simulated time keep up with real time? The world runs a little ahead, so that each image is rendered when the
-//! moment comes that it shows.
+//! How does simulated time follow real time? The simulation runs slightly ahead, so that each image is rendered by the
+//! time of its stamp.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -12,25 +12,27 @@ use localize::Stamp;
 use localize::omni::Twist;
 use sim::{Sim, SimSample};
 
-/// How far the world runs ahead, seconds: longer than an image takes to render. The wheels obey as much later.
+use super::timing::sleep_until;
+
+/// Lead of the simulation, seconds: longer than the rendering of an image. It delays the wheel commands by the same time.
 const LEAD_TIME: f64 = 0.03;
-/// Time until the first sample, seconds: the devices' readers may open them meanwhile.
+/// Time until the first sample, seconds: readers can open the devices meanwhile.
 const START_DELAY: f64 = 0.2;
-/// Samples that may wait: more than come in the lead.
+/// Capacity of the queue of samples: more than in the lead time.
 const SAMPLE_CHANNEL_CAPACITY: usize = 64;
 
-/// A sample and when it is to be delivered.
+/// A sample and its delivery time.
 pub(super) struct ScheduledSample {
     /// CLOCK_MONOTONIC.
     pub(super) stamp: Stamp,
     pub(super) sample: SimSample,
-    /// How far each wheel had turned then, radians; of odometry.
+    /// Angle of each wheel since the start, radians; for odometry only.
     pub(super) wheel_angles: Vec<f64>,
 }
 
-/// The simulation in a thread of its own.
+/// The simulation in its own thread.
 pub(super) struct RealTimeSim {
-    began: Stamp,
+    start: Stamp,
     samples: Option<Receiver<ScheduledSample>>,
     shared: Arc<RealTimeSimState>,
     thread: Option<JoinHandle<()>>,
@@ -44,29 +46,29 @@ struct RealTimeSimState {
 }
 
 impl RealTimeSim {
-    /// Starts it; with `own_path` the scenario's path moves the robot.
+    /// Starts the thread; with `own_path` the scenario's path moves the robot.
     pub(super) fn start(sim: Sim, own_path: bool) -> Result<Self> {
         let (deliver, due) = sync_channel(SAMPLE_CHANNEL_CAPACITY);
         let shared = Arc::new(RealTimeSimState::default());
-        let began = hw::now() + START_DELAY;
-        let own = Arc::clone(&shared);
+        let start = hw::now() + START_DELAY;
+        let state = Arc::clone(&shared);
         let mut sim = sim;
         let play = move || {
-            let mut zero = began;
-            while !own.stop_requested.load(Ordering::Relaxed) {
+            let mut zero = start;
+            while !state.stop_requested.load(Ordering::Relaxed) {
                 if !own_path {
-                    sim.set_command(Some(*lock(&own.commanded_twist)));
+                    sim.set_command(Some(*lock(&state.commanded_twist)));
                 }
                 let sample = sim.next_sample();
                 let mut at = zero + sample.stamp().seconds();
                 let late = hw::now() - at;
                 if late > 0.0 {
-                    // A machine too slow for this world: better a pause than stamps of the past.
+                    // The machine is too slow: simulated time pauses, so that stamps are never in the past.
                     zero = zero + late;
                     at = at + late;
-                    *lock(&own.lag) += late;
+                    *lock(&state.lag) += late;
                 }
-                let turned = match &sample {
+                let wheel_angles = match &sample {
                     SimSample::Odometry(_) => sim.wheel_angles().collect(),
                     _ => Vec::new(),
                 };
@@ -74,49 +76,49 @@ impl RealTimeSim {
                     .send(ScheduledSample {
                         stamp: at,
                         sample,
-                        wheel_angles: turned,
+                        wheel_angles,
                     })
                     .is_err()
                 {
                     return;
                 }
-                super::sleep_until(at + -LEAD_TIME);
+                sleep_until(at + -LEAD_TIME);
             }
         };
         let thread = std::thread::Builder::new()
-            .name("world".to_owned())
+            .name("sim".to_owned())
             .spawn(play)?;
         Ok(RealTimeSim {
-            began,
+            start,
             samples: Some(due),
             shared,
             thread: Some(thread),
         })
     }
 
-    /// When its time began.
+    /// Time of the simulation's start.
     pub(super) fn start_stamp(&self) -> Stamp {
-        self.began
+        self.start
     }
 
-    /// How long the world had to stand still, seconds.
+    /// Time for which simulated time paused, seconds.
     pub(super) fn lag(&self) -> f64 {
         *lock(&self.shared.lag)
     }
 
-    /// The next sample; none if the world broke off. `wanted` is asked what the wheels do meanwhile.
+    /// The next sample. None if the simulation has ended. `commanded` returns the velocity of the wheels.
     pub(super) fn next_sample(
         &mut self,
-        wanted: impl FnOnce(Stamp) -> Twist,
+        commanded: impl FnOnce(Stamp) -> Twist,
     ) -> Result<Option<ScheduledSample>> {
-        *lock(&self.shared.commanded_twist) = wanted(hw::now());
+        *lock(&self.shared.commanded_twist) = commanded(hw::now());
         let Some(due) = &self.samples else {
             return Ok(None);
         };
-        // Some sensor says something a hundred times a second.
+        // There are about 100 samples a second.
         match due.recv_timeout(Duration::from_secs(10)) {
             Ok(due) => Ok(Some(due)),
-            Err(RecvTimeoutError::Timeout) => anyhow::bail!("the simulation stands still"),
+            Err(RecvTimeoutError::Timeout) => anyhow::bail!("the simulation delivers no samples"),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
         }
     }
@@ -127,13 +129,13 @@ impl Drop for RealTimeSim {
         self.shared.stop_requested.store(true, Ordering::Relaxed);
         self.samples = None;
         if let Some(thread) = self.thread.take() {
-            // A thread that panicked has said why.
+            // A panic was reported when it happened.
             let _ended = thread.join();
         }
     }
 }
 
 fn lock<T>(shared: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    // Plain values: true whatever happened to a thread that held them.
+    // Plain values: valid even if a thread panicked with the lock.
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,4 @@
-//! Where do the virtual devices lie? A folder that is a robot for `run`: robot.toml, hardware.toml and the devices by name.
+//! Where are the virtual devices? In a robot folder for `run`: robot.toml, hardware.toml and the devices.
 
 use std::path::PathBuf;
 
@@ -6,15 +6,16 @@ use anyhow::{Context, Result};
 use hw::config::Bus;
 use sim::Sim;
 
-use super::Options;
+use super::options::Options;
 use super::vescs::NODES;
 
-/// Names of the devices in the folder.
+/// File names of the devices in the folder.
 pub(super) const BASE: &str = "base";
 pub(super) const WIT: &str = "wit";
 pub(super) const BNO085: &str = "bno085";
 pub(super) const CAMERA: &str = "camera";
-/// Writes robot.toml and hardware.toml beside the devices: the folder is a robot that `run` plays with.
+
+/// Writes robot.toml and hardware.toml into the folder of the devices.
 pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()> {
     let mut robot = sim.robot().clone();
     if let Some(field) = &sim.scenario().field {
@@ -43,7 +44,7 @@ pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()>
         .as_ref()
         .map_or(0, |base| base.wheel_angles_deg.len());
     let hardware = format!(
-        "# The virtual robot of `mirrorball sim --hardware`; its devices lie beside this file.\n\
+        "# The virtual robot of `mirrorball sim --hardware`; its devices are in this folder.\n\
          [camera]\ndevice = \"unix:./{CAMERA}\"\nrate_hz = {rate_hz:?}\n\n\
          [base]\n{}port = \"./{BASE}\"\n\n\
          [[inertial]]\nsensor = \"wit\"\nport = \"./{WIT}\"\nimu = true\ncompass = {}\n",
@@ -60,7 +61,7 @@ pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()>
     Ok(())
 }
 
-/// The keys that say how the base is spoken to.
+/// Keys of the base's bus.
 fn base_keys(bus: Bus, wheels: usize) -> String {
     let nodes = &NODES[..wheels.min(NODES.len())];
     match bus {

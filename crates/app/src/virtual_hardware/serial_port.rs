@@ -1,4 +1,4 @@
-//! How is a serial device faked? A pseudo terminal under a name that stays, which can be pulled out and put in again.
+//! How is a serial device simulated? A pseudo terminal with a fixed name, which can be unplugged and plugged in again.
 
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 
-/// A serial line with this program as the device at its far end.
+/// A serial port with this program as its device.
 #[derive(Debug)]
 pub(super) struct VirtualSerialPort {
     path: PathBuf,
@@ -17,17 +17,17 @@ pub(super) struct VirtualSerialPort {
 }
 
 impl VirtualSerialPort {
-    /// Plugs a device in at `path`.
+    /// A port plugged in at `path`.
     pub(super) fn connected(path: &Path) -> Result<Self> {
-        let mut line = VirtualSerialPort {
+        let mut port = VirtualSerialPort {
             path: path.to_owned(),
             master: None,
         };
-        line.connect()?;
-        Ok(line)
+        port.connect()?;
+        Ok(port)
     }
 
-    /// Plugs it in, unless it is.
+    /// Plugs it in, if it is not.
     pub(super) fn connect(&mut self) -> Result<()> {
         if self.master.is_some() {
             return Ok(());
@@ -40,27 +40,27 @@ impl VirtualSerialPort {
         Ok(())
     }
 
-    /// Pulls it out: the name is gone, and whoever has it open hears of it.
+    /// Unplugs it: the name is removed, and open descriptors get a hang-up.
     pub(super) fn disconnect(&mut self) -> Result<()> {
         self.master = None;
         remove(&self.path)
     }
 
-    /// Sends bytes; what does not fit because nobody reads is lost, as on a wire.
+    /// Sends bytes. Without a reader, what exceeds the buffer is lost.
     pub(super) fn send(&self, bytes: &[u8]) {
         if let Some(device) = &self.master {
             let _nobody_reads = rustix::io::write(device, bytes);
         }
     }
 
-    /// What was sent to the device.
+    /// Reads the bytes sent to the device.
     pub(super) fn read(&self) -> Vec<u8> {
         let mut all = Vec::new();
         let Some(device) = &self.master else {
             return all;
         };
         let mut buffer = [0; 4096];
-        // A line that nobody has open fails to be read: nothing was sent.
+        // Reading fails while no program has the port open.
         while let Ok(count @ 1..) = rustix::io::read(device, &mut buffer[..]) {
             all.extend_from_slice(&buffer[..count]);
         }
@@ -70,18 +70,18 @@ impl VirtualSerialPort {
 
 impl Drop for VirtualSerialPort {
     fn drop(&mut self) {
-        // The folder may be gone already.
+        // The folder may have been removed.
         let _gone = self.disconnect();
     }
 }
 
-/// A pseudo terminal that carries every byte as it is, and the name to open it by.
+/// A pseudo terminal in raw mode, and its name.
 fn pseudo_terminal() -> Result<(OwnedFd, PathBuf), Errno> {
     let device = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
     grantpt(&device)?;
     unlockpt(&device)?;
     let name = ptsname(&device, Vec::new())?;
-    // Without this what the device sends would come back to it as an echo until a driver opens the line.
+    // Without raw mode the terminal echoes the device's bytes until a driver opens it.
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
     let end = open(&name, flags, Mode::empty())?;
     let mut settings = tcgetattr(&end)?;

@@ -8,7 +8,7 @@ use localize::omni::OmniKinematics;
 
 use super::drive_command::DriveCommand;
 
-/// Numbers of the wheels' controllers; the first is the one at the serial line.
+/// Ids of the wheels' controllers; the first one is at the serial port.
 pub(super) const NODES: [u8; 4] = [11, 12, 13, 14];
 /// Without a command the controllers stop after so long, milliseconds: what `timeout` in their settings must be.
 const TIMEOUT_MS: u16 = 100;
@@ -20,7 +20,7 @@ const TEMPERATURE_DDEG: i16 = 350;
 const START: u8 = 2;
 const PACKET_OVERHEAD_BYTES: usize = 5;
 
-/// How they are reached.
+/// How the controllers are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum VescBus {
     /// The first one's UART.
@@ -35,7 +35,7 @@ pub(super) struct VirtualVescs {
     bus: VescBus,
     ticks_per_turn: f32,
     received: Vec<u8>,
-    /// What each wheel is to do, rad/s.
+    /// Commanded speed of each wheel, rad/s.
     speeds: [f32; 4],
     /// Tachometers, and the turns they stand for.
     counts: [i32; 4],
@@ -61,7 +61,7 @@ impl VirtualVescs {
         }
     }
 
-    /// The line was pulled out or put in: what was half received is forgotten, and an adapter's channel is closed.
+    /// The port was unplugged or plugged in: partial messages are discarded, and an adapter's channel is closed.
     pub(super) fn on_reconnect(&mut self) {
         self.received.clear();
         self.drive_command.on_reconnect();
@@ -70,7 +70,7 @@ impl VirtualVescs {
         }
     }
 
-    /// Takes what was sent; returns the answers.
+    /// Processes received bytes; returns the answers.
     pub(super) fn receive(&mut self, bytes: &[u8], now: Stamp) -> Vec<u8> {
         self.received.extend_from_slice(bytes);
         match self.bus {
@@ -142,7 +142,7 @@ impl VirtualVescs {
         answers
     }
 
-    /// A round of commands is over with the last wheel's.
+    /// Sets a wheel's speed. The command of the last wheel completes a round.
     fn set_wheel_speed(&mut self, node: u8, erpm: i32, now: Stamp) {
         let wheels = self.omni.wheel_count();
         let Some(wheel) = NODES[..wheels].iter().position(|own| *own == node) else {

@@ -1,10 +1,10 @@
-//! What may a field's file say, and which sizes can no field have?
+//! The field file and the check of its sizes.
 
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-/// A field as its TOML file states it; lengths in metres, 0 leaves a marking out.
+/// Content of a field's TOML file. Lengths in metres; 0 leaves a marking out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
@@ -12,7 +12,7 @@ pub struct FieldConfig {
     pub length: f32,
     /// Along y, between the touch lines.
     pub width: f32,
-    /// What all sizes are measured to.
+    /// Reference of all sizes.
     #[serde(default)]
     pub measured_to: MeasuredTo,
     /// Width of the painted lines.
@@ -31,21 +31,21 @@ pub struct FieldConfig {
     /// Distance of the penalty spots from the goal line.
     #[serde(default)]
     pub penalty_spot: f32,
-    /// The small area before each goal.
+    /// The small area in front of each goal.
     #[serde(default)]
     pub goal_area: Area,
-    /// The large area before each goal.
+    /// The large area in front of each goal.
     #[serde(default)]
     pub penalty_area: Area,
     /// The goals, one at each end.
     pub goal: GoalConfig,
-    /// Walls around the carpet (the league's fields until 2001).
+    /// Walls around the carpet (league fields until 2001).
     #[serde(default)]
     pub walls: bool,
-    /// The line through the centre, across the field.
+    /// Line through the centre, across the field.
     #[serde(default = "default_true")]
     pub halfway_line: bool,
-    /// Further painted lines: [x0, y0, x1, y1] of their centre line.
+    /// Further lines: [x0, y0, x1, y1] of their centre lines.
     #[serde(default)]
     pub extra_lines: Vec<[f32; 4]>,
 }
@@ -54,18 +54,18 @@ fn default_true() -> bool {
     true
 }
 
-/// Are a field's sizes given between line centres, or to the outer edges as in the rule book?
+/// Reference of a field's sizes: line centres, or outer edges as in the rule book.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MeasuredTo {
     /// Between the centres of the lines.
     Centres,
-    /// To the outer edges of the lines (the rule book's way).
+    /// To the outer edges of the lines, as in the rule book.
     #[default]
     OuterEdges,
 }
 
-/// A rectangle before a goal.
+/// A rectangle in front of a goal.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Area {
@@ -91,7 +91,7 @@ pub struct GoalConfig {
     pub colours: [GoalColour; 2],
 }
 
-/// What a goal looks like: a white frame with a net, or a coloured box.
+/// Appearance of a goal: a white frame with a net, or a coloured box.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GoalColour {
@@ -103,7 +103,7 @@ pub enum GoalColour {
     Yellow,
 }
 
-/// Why there is no field.
+/// Why a field cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum FieldError {
     /// The file cannot be read.
@@ -111,7 +111,7 @@ pub enum FieldError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The file is not a field.
@@ -122,41 +122,40 @@ pub enum FieldError {
         /// Line and reason.
         source: Box<toml::de::Error>,
     },
-    /// A size that no field can have.
+    /// A size that is out of range.
     #[error("{key} = {value}: {reason}")]
     InvalidSize {
         /// The key in the file.
         key: &'static str,
         /// Its value, metres.
         value: f32,
-        /// What it must be.
+        /// What is wrong with it.
         reason: &'static str,
     },
-    /// As `Size`, with the file named.
+    /// Like `InvalidSize`, with the file's name.
     #[error("{}: {source}", path.display())]
     InFile {
         /// The file.
         path: PathBuf,
-        /// What is wrong in it.
+        /// The invalid size.
         source: Box<FieldError>,
     },
 }
 
 impl FieldConfig {
-    /// Refuses sizes that no field can have.
+    /// Refuses sizes that are out of range or contradict each other.
     pub(super) fn check(&self) -> Result<(), FieldError> {
         check(self)
     }
 }
 
-/// Refuses sizes that no field can have.
 fn check(config: &FieldConfig) -> Result<(), FieldError> {
     for (key, value) in [
         ("length", config.length),
         ("width", config.width),
         ("line_width", config.line_width),
     ] {
-        // The largest football pitch is 120 m long; tables grow with the area.
+        // The largest football pitch is 120 m long. The tables' memory grows with the area.
         if !(value > 0.0 && value <= 200.0) {
             return invalid_size(
                 key,
@@ -182,9 +181,9 @@ fn check(config: &FieldConfig) -> Result<(), FieldError> {
         return invalid_size("line_width", config.line_width, reason);
     }
     let extra = config.extra_lines.iter().flatten();
-    // A marking may lie beyond the lines, not beyond a second field beside this one.
-    let far = config.length.max(config.width);
-    if let Some(&value) = extra.into_iter().find(|value| !(value.abs() <= far)) {
+    // A marking may lie outside the boundary, within the size of one more field.
+    let limit = config.length.max(config.width);
+    if let Some(&value) = extra.into_iter().find(|value| !(value.abs() <= limit)) {
         return invalid_size(
             "extra_lines",
             value,
@@ -198,7 +197,7 @@ fn invalid_size(key: &'static str, value: f32, reason: &'static str) -> Result<(
     Err(FieldError::InvalidSize { key, value, reason })
 }
 
-/// Sizes that may be zero: key, value, largest value, and why not more.
+/// Sizes that may be zero: key, value, upper limit, and the reason for the limit.
 fn size_limits(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str); 13] {
     let FieldConfig {
         goal,
@@ -209,15 +208,15 @@ fn size_limits(config: &FieldConfig) -> [(&'static str, f32, f32, &'static str);
     let (half_length, half_width) = (config.length / 2.0, config.width / 2.0);
     let wide = "does not fit on the goal line";
     let deep = "reaches beyond the halfway line";
-    // A field may have one area only.
+    // Without a penalty area, the goal area may cover the field's half.
     let whole = Area {
         depth: half_length,
         width: config.width,
     };
     let both = penalty_area.depth > 0.0 && penalty_area.width > 0.0;
     let (inside, deeper, wider) = if both {
-        let around = "reaches beyond the penalty area";
-        (*penalty_area, around, around)
+        let beyond_penalty_area = "reaches beyond the penalty area";
+        (*penalty_area, beyond_penalty_area, beyond_penalty_area)
     } else {
         (whole, deep, wide)
     };

@@ -1,22 +1,22 @@
-//! What do goals of two colours say about a pose? In which half it lies, and whether a goal is where it should be.
+//! Likelihood of a pose by goals of two colours (docs/methods.md 9.3).
 //!
-//! The goal-colour test of lima2001 4.5, in two forms: as the paper has it, point by point inside the nearest goal
-//! (`relocalise::hough::settle`), and as a likelihood that weighs hypotheses and the half of a tracked pose.
+//! lima2001 4.5 tests the goal colours point by point inside the nearest goal (`global_search::hough`). Here the observed
+//! goals weight hypotheses and the field half of a tracked pose.
 
 use crate::field::{Field, GoalColour};
 use crate::frames::{At, FieldFrame, Pose, RobotFrame};
 use crate::global_search::branch_and_bound::half_turn;
 use crate::sample::GoalObservation;
 
-/// Deviation (in standard deviations, squared) beyond which a goal's colour is something else: a banner, a spectator.
+/// Limit of the squared deviation of a goal, in standard deviations. Beyond it the colour is that of another object.
 const MAHALANOBIS_SQUARED_MAX: f32 = 9.0;
 
-/// Where the goals stand, if their colours tell them apart.
+/// Positions of the goals. Empty if both have the same colour.
 #[derive(Debug, Clone)]
 pub(crate) struct ColouredGoals {
     goals: Vec<(GoalColour, At<FieldFrame>)>,
-    /// How far the seen middle of a goal's foot may be from the middle of its box, metres: carpet reaches into it, and
-    /// half of it may be hidden.
+    /// Standard deviation of the visible middle of a goal from the middle of its box, metres: the carpet extends into it,
+    /// and half of it may be occluded.
     position_std: f32,
 }
 
@@ -24,13 +24,13 @@ impl ColouredGoals {
     pub(crate) fn new(field: &Field) -> Self {
         let goal = &field.config.goal;
         let middle = (field.length + goal.depth) / 2.0;
-        let [ahead, behind] = goal.colours;
-        let goals = if ahead == behind {
+        let [positive_x, negative_x] = goal.colours;
+        let goals = if positive_x == negative_x {
             Vec::new()
         } else {
             vec![
-                (ahead, At::new(middle, 0.0)),
-                (behind, At::new(-middle, 0.0)),
+                (positive_x, At::new(middle, 0.0)),
+                (negative_x, At::new(-middle, 0.0)),
             ]
         };
         ColouredGoals {
@@ -39,37 +39,39 @@ impl ColouredGoals {
         }
     }
 
-    /// Negative log likelihood of goals seen from a pose.
-    pub(crate) fn cost(&self, pose: Pose, sights: &[GoalObservation]) -> f32 {
-        sights
+    /// Negative log likelihood of the observed goals at a pose.
+    pub(crate) fn cost(&self, pose: Pose, observed: &[GoalObservation]) -> f32 {
+        observed
             .iter()
-            .map(|sight| self.observation_cost(pose, sight))
+            .map(|goal| self.observation_cost(pose, goal))
             .sum()
     }
 
-    fn observation_cost(&self, pose: Pose, sight: &GoalObservation) -> f32 {
-        let mut goals = self.goals.iter().filter(|goal| goal.0 == sight.colour);
+    fn observation_cost(&self, pose: Pose, observation: &GoalObservation) -> f32 {
+        let mut goals = self
+            .goals
+            .iter()
+            .filter(|(colour, _)| *colour == observation.colour);
         let Some((_, goal)) = goals.next() else {
             return 0.0;
         };
-        let off = (pose * sight.at).distance_to(*goal);
-        let variance = sight.std * sight.std + self.position_std * self.position_std;
-        0.5 * (off * off / variance).min(MAHALANOBIS_SQUARED_MAX)
+        let distance = (pose * observation.at).distance_to(*goal);
+        let variance = observation.std * observation.std + self.position_std * self.position_std;
+        0.5 * (distance * distance / variance).min(MAHALANOBIS_SQUARED_MAX)
     }
 
-    /// Log odds for a pose against its half turn.
-    pub(crate) fn half_log_odds(&self, pose: Pose, sights: &[GoalObservation]) -> f32 {
-        self.cost(half_turn(pose), sights) - self.cost(pose, sights)
+    /// Log odds of a pose against its half turn.
+    pub(crate) fn half_log_odds(&self, pose: Pose, observed: &[GoalObservation]) -> f32 {
+        self.cost(half_turn(pose), observed) - self.cost(pose, observed)
     }
 }
 
-/// The colour that the image shows at a point of the ground, if a goal of such a colour was seen in that direction no
-/// farther away.
-pub(crate) fn colour_at(at: At<RobotFrame>, sights: &[GoalObservation]) -> Option<GoalColour> {
-    let covers = |sight: &&GoalObservation| {
-        let (bearing, range) = (sight.at.bearing(), sight.at.distance());
-        let off = crate::frames::wrap_angle(at.bearing() - bearing).abs();
-        off <= (0.5 * sight.width).atan2(range) && at.distance() >= range - 2.0 * sight.std
+/// Colour of an observed goal that covers a ground point: same direction, and not behind it.
+pub(crate) fn colour_at(at: At<RobotFrame>, observed: &[GoalObservation]) -> Option<GoalColour> {
+    let covers = |goal: &&GoalObservation| {
+        let (bearing, range) = (goal.at.bearing(), goal.at.distance());
+        let deviation = crate::frames::wrap_angle(at.bearing() - bearing).abs();
+        deviation <= (0.5 * goal.width).atan2(range) && at.distance() >= range - 2.0 * goal.std
     };
-    sights.iter().find(covers).map(|sight| sight.colour)
+    observed.iter().find(covers).map(|goal| goal.colour)
 }

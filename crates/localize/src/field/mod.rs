@@ -1,7 +1,8 @@
-//! What is painted on the floor, and what stands on it? A field read from TOML becomes marking centre lines.
+//! The field: markings as centre lines, and goals, from a TOML file.
 
 mod config;
 pub(crate) mod goal_colours;
+pub(crate) mod ray;
 
 use std::path::Path;
 
@@ -19,36 +20,36 @@ pub enum Marking {
         /// The other end.
         to: At<FieldFrame>,
     },
-    /// A circle or a part of one.
+    /// A circle or an arc.
     Arc {
-        /// Its centre.
+        /// Centre.
         centre: At<FieldFrame>,
         /// Radius of the line's centre, metres.
         radius: f32,
-        /// Where it starts, radians.
+        /// Start angle, radians.
         start: f32,
-        /// How far it goes counter-clockwise, radians.
+        /// Length counter-clockwise, radians.
         sweep: f32,
     },
     /// A filled disc.
     Spot {
-        /// Its centre.
+        /// Centre.
         centre: At<FieldFrame>,
         /// Radius of the painted disc, metres.
         radius: f32,
     },
 }
 
-/// A field ready for use: line centres, whatever its file measured to.
+/// A field with its markings as centre lines, whatever its file measures to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
-    /// The file's content.
+    /// Content of the file.
     pub config: FieldConfig,
     /// Between the centres of the goal lines, metres.
     pub length: f32,
     /// Between the centres of the touch lines, metres.
     pub width: f32,
-    /// All markings by their centre lines.
+    /// Centre lines of all markings.
     pub markings: Vec<Marking>,
 }
 
@@ -69,10 +70,10 @@ impl Field {
         })
     }
 
-    /// Lays out the markings; sizes that contradict each other are refused.
+    /// Lays out the markings. Sizes that contradict each other are refused.
     pub fn new(config: FieldConfig) -> Result<Self, FieldError> {
         config.check()?;
-        // By how much a line's centre lies inside what the file's sizes are measured to.
+        // Distance of a line's centre inside the file's reference.
         let inset = match config.measured_to {
             MeasuredTo::Centres => 0.0,
             MeasuredTo::OuterEdges => config.line_width / 2.0,
@@ -165,7 +166,7 @@ fn rectangle(x0: f32, y0: f32, x1: f32, y1: f32) -> [Marking; 4] {
     ]
 }
 
-/// Quarter circles about the corners that the file's sizes meet in.
+/// Quarter circles about the corners of the file's reference rectangle.
 fn corner_arcs(config: &FieldConfig, radius: f32) -> [Marking; 4] {
     use std::f32::consts::{FRAC_PI_2, PI};
     let (x, y) = (config.length / 2.0, config.width / 2.0);

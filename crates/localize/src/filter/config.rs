@@ -1,4 +1,4 @@
-//! Which filter, and how far does it believe each witness?
+//! Settings of the pose filters.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -6,79 +6,79 @@ use serde::{Deserialize, Serialize};
 use super::decentralised::DecentralisedConfig;
 use crate::sensors::collision::CollisionConfig;
 
-/// Which filter fuses what the witnesses say?
+/// Kind of pose filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FilterKind {
-    /// One filter over pose, twist, biases, scales and latency.
+    /// One filter over pose, twist, biases, scales and latency (docs/methods.md 8.1).
     #[default]
     Joint,
-    /// A filter for vision, one for odometry, each corrected with the commanded motion, and a node that fuses them
-    /// (minho2016 eqs 6–9).
+    /// One filter for vision and one for odometry, both predicted with the commanded motion, and a node that fuses them
+    /// (minho2016 eqs 6 to 9).
     Decentralised,
 }
 
-/// How far each witness of the motion is believed.
+/// Noise of each motion sensor and of the prediction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FilterConfig {
-    /// Which filter.
+    /// Kind of filter.
     pub kind: FilterKind,
-    /// Random part of the way driven, metres per square root of a metre (slip on carpet).
+    /// Random walk of the position per distance driven, metres per square root of a metre (slip on carpet).
     pub odometry_noise_per_metre: f32,
-    /// Random part of the heading per way driven, degrees per square root of a metre.
+    /// Random walk of the heading per distance driven, degrees per square root of a metre.
     pub heading_noise_per_metre_deg: f32,
-    /// Random part of the turn, radians per square root of a radian.
+    /// Random walk of the heading per rotation, radians per square root of a radian.
     pub heading_noise_per_radian: f32,
-    /// Unreported motion, metres per square root of a second.
+    /// Random walk of the position that the wheels do not measure, metres per square root of a second.
     pub odometry_drift: f32,
-    /// Unreported turning, degrees per square root of a second.
+    /// Random walk of the heading that the wheels do not measure, degrees per square root of a second.
     pub odometry_drift_deg: f32,
-    /// Acceleration at which wheels may slide freely, m/s²; at half of it they hardly do. Only an inertial unit tells it.
+    /// Acceleration at which the wheels slide freely, m/s². At half of it they slide by a quarter. Needs an inertial unit.
     pub slip_acceleration: f32,
-    /// Standard deviation of odometry's scale before it was ever compared with sight; 0 trusts its scale.
+    /// Initial standard deviation of the odometry scales. 0 fixes the scales at 1.
     pub odometry_scale_std: f32,
-    /// How fast the scales wander, per square root of a second (carpet direction, wear, load).
+    /// Random walk of the scales, per square root of a second (carpet direction, wear, load).
     pub odometry_scale_drift: f32,
-    /// How fast the noise above is learnt from how far sights deviate from expectations, per frame; 0 keeps it as
-    /// stated. 0.02 learns within some seconds.
+    /// Learning rate per image of the wheel noise factor (docs/methods.md 8.8). 0 keeps the noise as configured; 0.02
+    /// learns within some seconds.
     pub noise_adaptation_rate: f32,
-    /// Part of a matched pose's error that the next frames repeat (map, field, uneven light), metres: added to every
-    /// frame's result, so that a thousand frames do not promise a tenth of a millimetre.
+    /// Part of a match's position error that successive images repeat (map, field, uneven light), metres. It is added to
+    /// each update and bounds the accuracy of many images.
     pub systematic_position_std: f32,
-    /// The same of its heading, degrees.
+    /// The same for the heading, degrees.
     pub systematic_heading_std_deg: f32,
-    /// How fast the twist changes unforeseen, m/s per square root of a second, while no inertial unit tells: so much that
-    /// wheels alone say how it goes on.
+    /// Random walk of the velocity without an inertial unit, m/s per square root of a second. Large, so that the wheels
+    /// determine the velocity.
     pub velocity_process_noise: f32,
-    /// The same of the turn, rad/s per square root of a second.
+    /// The same for the yaw rate, rad/s per square root of a second.
     pub yaw_rate_process_noise: f32,
-    /// Noise of the gyro, degrees per square root of a second; twice a cheap unit's, for vibration.
+    /// Gyro noise, degrees per square root of a second: twice that of a cheap unit, for vibration.
     pub gyro_noise_deg: f32,
-    /// The gyro's bias before it was ever compared, degrees/s.
+    /// Initial standard deviation of the gyro bias, degrees/s.
     pub gyro_bias_std_deg: f32,
-    /// How fast it wanders (warmth), degrees/s per square root of a second.
+    /// Random walk of the gyro bias (temperature), degrees/s per square root of a second.
     pub gyro_bias_drift_deg: f32,
-    /// How far the gyro's scale about the vertical may be off before it was ever compared, 1.
+    /// Standard deviation of the gyro scale about z before the first update.
     pub gyro_scale_std: f32,
-    /// Noise of the accelerometer, m/s per square root of a second: three times a cheap unit's 0.015; how it
-    /// rattles is watched and comes on top.
+    /// Accelerometer noise, m/s per square root of a second: three times the 0.015 of a cheap unit. The measured vibration
+    /// is added.
     pub accelerometer_noise: f32,
-    /// Its bias before it was ever compared, m/s².
+    /// Initial standard deviation of the accelerometer bias, m/s².
     pub accelerometer_bias_std: f32,
-    /// How fast that wanders (warmth), m/s² per square root of a second.
+    /// Random walk of the accelerometer bias (temperature), m/s² per square root of a second.
     pub accelerometer_bias_drift: f32,
-    /// How far robots lean (one sigma, each direction) before anything was seen of it, degrees.
+    /// Standard deviation of the tilt of a standing robot, per axis, degrees.
     pub tilt_std_deg: f32,
-    /// How far the inertial unit is mounted aslant of the camera, degrees: constant, and found while driving.
+    /// Standard deviation of the tilt of the inertial unit against the camera, degrees. Constant, estimated while driving.
     pub imu_mount_std_deg: f32,
-    /// Time from the exposure of a frame to its stamp, seconds; 0 where stamps are those of the exposure.
+    /// Time from an image's exposure to its stamp, seconds. 0 if stamps are those of the exposure.
     pub camera_latency: f32,
-    /// How far `camera_latency` may be off, seconds: it is then estimated while driving; 0 takes it as stated.
+    /// Standard deviation of `camera_latency`, seconds. Above 0 the latency is estimated while driving; 0 fixes it.
     pub camera_latency_std: f32,
-    /// When wheels are not believed.
+    /// Limits of the collision detector.
     pub collision: CollisionConfig,
-    /// The members of the decentralised filter.
+    /// Settings of the decentralised filter.
     pub decentralised: DecentralisedConfig,
 }
 

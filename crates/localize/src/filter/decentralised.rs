@@ -1,31 +1,30 @@
-//! How does minho2016 fuse vision with odometry? Two filters, each corrected with the commanded motion, and a node.
+//! Decentralised filter of minho2016 IV.C, eqs 6 to 9 (docs/methods.md 8.11).
 //!
-//! IV.C: every member (vision, odometry) is a Kalman filter that predicts with what the motors were told and corrects
-//! with what its sensor measured. The fusing node adds what each member learnt since the last cycle, as information
-//! (eqs 6–9). The members go on from the node's estimate ("the local estimates are corrected using global
-//! information"), so that odometry cannot run away. Headings are kept unwrapped within a cycle.
+//! Each member (vision, odometry) is a Kalman filter that predicts with the commanded motion and corrects with its own
+//! measurement. The node adds what each member learned since the last cycle, in information form. The members continue
+//! from the node's estimate, so odometry does not drift away.
 
 use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pose_gaussian::{innovation, retract};
+use super::pose_gaussian::{PoseMeasurement, retract};
 use super::{FilterConfig, PredictionInput, WheelIncrement};
 use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
-/// What the members are told of their prediction and of when they are lost.
+/// Noise of the commanded motion, and timeout of the wheels.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DecentralisedConfig {
-    /// How far the commanded motion is from the real one, share of it (motors lag, wheels slip).
+    /// Standard deviation of the commanded motion, as a share of it (motors lag, wheels slip).
     pub command_noise: f32,
-    /// The same at rest, metres per square root of a second.
+    /// Random walk of the position at rest, metres per square root of a second.
     pub command_drift: f32,
-    /// The same of the turn at rest, degrees per square root of a second.
+    /// Random walk of the heading at rest, degrees per square root of a second.
     pub command_drift_deg: f32,
-    /// Wheels that were silent for so long are no member, seconds.
+    /// Age of the last wheel sample at which odometry is no longer a member, seconds.
     pub wheel_timeout: f32,
 }
 
@@ -40,74 +39,93 @@ impl Default for DecentralisedConfig {
     }
 }
 
-/// A local filter; information is what the node last heard of it, none while it is lost.
+/// Information form of a Gaussian: P⁻¹ and P⁻¹X.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Information {
+    matrix: Matrix3<f32>,
+    vector: Vector3<f32>,
+}
+
+impl Information {
+    fn zero() -> Self {
+        Information {
+            matrix: Matrix3::zeros(),
+            vector: Vector3::zeros(),
+        }
+    }
+}
+
+/// A member's local filter.
 #[derive(Debug, Clone, PartialEq)]
 struct LocalFilter {
     covariance: Matrix3<f32>,
-    sent_information: Option<(Matrix3<f32>, Vector3<f32>)>,
+    /// Information last sent to the node. None while the member has no measurement.
+    sent: Option<Information>,
 }
 
 impl LocalFilter {
     fn new(covariance: Matrix3<f32>) -> Self {
         LocalFilter {
             covariance,
-            sent_information: None,
+            sent: None,
         }
     }
 
-    /// The local Kalman filter: predicted deviation and noise, measured deviation and noise, both from the node's
-    /// last estimate. Its deviation; none if nothing can be inverted.
+    /// Kalman filter step. Deviations are relative to the node's last estimate.
+    ///
+    /// Returns the posterior deviation, or None if S is singular.
     fn update(
         &mut self,
         predicted: &Vector3<f32>,
-        process: &Matrix3<f32>,
+        process_noise: &Matrix3<f32>,
         measured: &Vector3<f32>,
-        noise: &Matrix3<f32>,
+        measurement_noise: &Matrix3<f32>,
     ) -> Option<Vector3<f32>> {
-        let expected = self.covariance + process;
-        let gain = expected * (expected + noise).try_inverse()?;
-        let left = expected - gain * expected;
-        self.covariance = (left + left.transpose()) * 0.5;
-        let mut off = measured - predicted;
-        off[2] = wrap_angle(off[2]);
-        Some(predicted + gain * off)
+        let prior = self.covariance + process_noise;
+        let gain = prior * (prior + measurement_noise).try_inverse()?;
+        let posterior = prior - gain * prior;
+        self.covariance = (posterior + posterior.transpose()) * 0.5;
+        let mut innovation = measured - predicted;
+        innovation[2] = wrap_angle(innovation[2]);
+        Some(predicted + gain * innovation)
     }
 
-    /// Eqs 6 and 7: what it learnt since it last told; a member that is lost takes back what it said.
-    fn information_increment(
-        &mut self,
-        deviation: Option<Vector3<f32>>,
-    ) -> (Matrix3<f32>, Vector3<f32>) {
-        let now = deviation.and_then(|deviation| {
-            let information = self.covariance.try_inverse()?;
-            Some((information, information * deviation))
+    /// Eqs 6 and 7: information gained since the last cycle. A member without a measurement withdraws its information.
+    fn information_increment(&mut self, deviation: Option<Vector3<f32>>) -> Information {
+        let current = deviation.and_then(|deviation| {
+            let matrix = self.covariance.try_inverse()?;
+            Some(Information {
+                matrix,
+                vector: matrix * deviation,
+            })
         });
-        let nothing = (Matrix3::zeros(), Vector3::zeros());
-        let (before, after) = (
-            self.sent_information.unwrap_or(nothing),
-            now.unwrap_or(nothing),
-        );
-        self.sent_information = now;
-        (after.0 - before.0, after.1 - before.1)
+        let before = self.sent.unwrap_or_else(Information::zero);
+        let after = current.unwrap_or_else(Information::zero);
+        self.sent = current;
+        Information {
+            matrix: after.matrix - before.matrix,
+            vector: after.vector - before.vector,
+        }
     }
 }
 
-/// The net of filters.
+/// The node with its two members.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DecentralisedFilter {
     /// The node's estimate after its last cycle.
     fused_pose: Pose,
     covariance: Matrix3<f32>,
-    /// The node's P⁻¹ and P⁻¹X, X as deviation from `fused`: nothing before a member told something.
-    information: Matrix3<f32>,
-    information_vector: Vector3<f32>,
+    /// The node's information about the deviation from `fused_pose`. Zero before the first measurement.
+    information: Information,
     vision: LocalFilter,
     odometry: LocalFilter,
-    /// Motion since the last cycle, in the robot's frame then: as commanded, and as the wheels report it.
+    /// Commanded motion since the last cycle, robot frame at that time.
     commanded_motion: Pose,
+    /// Motion measured by the wheels since the last cycle, same frame.
     wheel_motion: Pose,
-    /// Since the last cycle, and since the wheels were heard, seconds.
+    /// Time since the last cycle, seconds.
     elapsed: f32,
+    /// Time since the last wheel sample, seconds. Infinite after a timeout.
     wheel_silence: f32,
     command: Twist,
     wheel_twist: Twist,
@@ -120,8 +138,7 @@ impl DecentralisedFilter {
         DecentralisedFilter {
             fused_pose: pose,
             covariance: *covariance,
-            information: Matrix3::zeros(),
-            information_vector: Vector3::zeros(),
+            information: Information::zero(),
             vision: LocalFilter::new(*covariance),
             odometry: LocalFilter::new(*covariance),
             commanded_motion: Pose::new(0.0, 0.0, 0.0),
@@ -135,7 +152,7 @@ impl DecentralisedFilter {
         }
     }
 
-    /// The node's estimate, moved on by what the wheels report, or else by what the motors were told.
+    /// The node's estimate, moved by the wheels, or by the command without them.
     pub(super) fn pose(&self) -> Pose {
         let motion = if self.wheels_active() {
             self.wheel_motion
@@ -169,27 +186,31 @@ impl DecentralisedFilter {
         self.wheel_silence.is_finite() && !self.collision.is_active()
     }
 
-    pub(super) fn predict(&mut self, span: &PredictionInput, config: &FilterConfig) {
-        if span.shock {
+    pub(super) fn predict(&mut self, input: &PredictionInput, config: &FilterConfig) {
+        if input.shock {
             self.collision.trigger(&config.collision);
         }
-        self.collision.advance_time(span.dt);
-        self.elapsed += span.dt;
-        self.wheel_silence += span.dt;
+        self.collision.advance_time(input.dt);
+        self.elapsed += input.dt;
+        self.wheel_silence += input.dt;
         if self.wheel_silence > config.decentralised.wheel_timeout {
             self.wheel_silence = f32::INFINITY;
         }
-        self.command = span.command.unwrap_or(self.wheel_twist);
-        let step = self.command.scaled(span.dt);
-        self.commanded_motion = compose_arc(self.commanded_motion, [step.x, step.y, step.theta]);
+        self.command = input.command.unwrap_or(self.wheel_twist);
+        let step = self.command.scaled(input.dt);
+        self.commanded_motion = compose_arc(self.commanded_motion, step);
     }
 
-    pub(super) fn update_wheels(&mut self, way: &WheelIncrement, _config: &FilterConfig) {
-        let [dx, dy, dtheta] = way.motion;
+    pub(super) fn update_wheels(&mut self, increment: &WheelIncrement, _config: &FilterConfig) {
+        let [dx, dy, dtheta] = increment.motion;
         let step = Pose::new(dx, dy, dtheta);
         self.wheel_motion = compose(self.wheel_motion, step);
         self.wheel_silence = 0.0;
-        let per_second = if way.dt > 0.0 { 1.0 / way.dt } else { 0.0 };
+        let per_second = if increment.dt > 0.0 {
+            1.0 / increment.dt
+        } else {
+            0.0
+        };
         self.wheel_twist = Twist {
             x: dx * per_second,
             y: dy * per_second,
@@ -201,90 +222,97 @@ impl DecentralisedFilter {
         self.wheel_silence = f32::INFINITY;
     }
 
-    /// One cycle of the net: members filter and tell, the node fuses (eqs 8 and 9).
+    /// One cycle: the members filter, the node fuses their information (eqs 8 and 9).
     ///
-    /// `sight`: the pose that vision measured and its covariance; none where vision is lost.
-    pub(super) fn fuse(&mut self, sight: Option<(Pose, Matrix3<f32>)>, config: &FilterConfig) {
-        // All as deviations from where the node's estimate was, headings as small angles about it.
+    /// `measurement`: pose measured by vision. None without one.
+    pub(super) fn fuse(&mut self, measurement: Option<PoseMeasurement>, config: &FilterConfig) {
+        // All deviations are relative to the node's last estimate, so headings are small angles.
         let origin = self.fused_pose;
-        let commanded = innovation(origin, compose(origin, self.commanded_motion));
-        let process = self.command_covariance(config);
-        let seen = sight.and_then(|(pose, noise)| {
-            let measured = innovation(origin, pose);
-            self.vision.update(&commanded, &process, &measured, &noise)
+        let commanded = compose(origin, self.commanded_motion).difference(origin);
+        let process_noise = self.command_covariance(config);
+        let vision = measurement.and_then(|PoseMeasurement { pose, covariance }| {
+            let measured = pose.difference(origin);
+            self.vision
+                .update(&commanded, &process_noise, &measured, &covariance)
         });
-        if seen.is_none() {
-            self.vision.covariance += process;
+        if vision.is_none() {
+            self.vision.covariance += process_noise;
         }
-        let driven = self.wheels_active().then(|| {
-            let measured = innovation(origin, compose(origin, self.wheel_motion));
+        let odometry = self.wheels_active().then(|| {
+            let measured = compose(origin, self.wheel_motion).difference(origin);
             let noise = self.wheel_covariance(config);
             self.odometry
-                .update(&commanded, &process, &measured, &noise)
+                .update(&commanded, &process_noise, &measured, &noise)
         });
-        let driven = driven.flatten();
-        if driven.is_none() {
-            // Regained, it begins from what the net then knows.
-            self.odometry.covariance = self.covariance + process;
+        let odometry = odometry.flatten();
+        if odometry.is_none() {
+            // When the wheels return, this member starts from the node's covariance.
+            self.odometry.covariance = self.covariance + process_noise;
         }
-        for (part, share) in [
-            self.vision.information_increment(seen),
-            self.odometry.information_increment(driven),
+        for increment in [
+            self.vision.information_increment(vision),
+            self.odometry.information_increment(odometry),
         ] {
-            self.information += part;
-            self.information_vector += share;
+            self.information.matrix += increment.matrix;
+            self.information.vector += increment.vector;
         }
-        let covariance = self.information.try_inverse().filter(|covariance| {
+        let covariance = self.information.matrix.try_inverse().filter(|covariance| {
             let variances = covariance.diagonal();
-            variances.iter().all(|one| *one > 0.0 && one.is_finite())
+            variances
+                .iter()
+                .all(|variance| *variance > 0.0 && variance.is_finite())
         });
         match covariance {
-            Some(covariance) if seen.is_some() || driven.is_some() => {
-                self.fused_pose = retract(origin, &(covariance * self.information_vector));
+            Some(covariance) if vision.is_some() || odometry.is_some() => {
+                self.fused_pose = retract(origin, &(covariance * self.information.vector));
                 self.covariance = (covariance + covariance.transpose()) * 0.5;
             }
-            // No member is left: the commanded motion alone.
+            // Without members the commanded motion alone.
             _ => {
                 self.fused_pose = compose(origin, self.commanded_motion);
-                self.covariance += process;
-                (self.information, self.information_vector) = (Matrix3::zeros(), Vector3::zeros());
+                self.covariance += process_noise;
+                self.information = Information::zero();
             }
         }
-        self.rebase_information(&innovation(origin, self.fused_pose));
+        self.rebase_information(&self.fused_pose.difference(origin));
         self.commanded_motion = Pose::new(0.0, 0.0, 0.0);
         self.wheel_motion = Pose::new(0.0, 0.0, 0.0);
         self.elapsed = 0.0;
     }
 
-    /// What was told, as deviations from the new estimate.
+    /// Expresses all information relative to the new estimate, `step` away from the old one.
     fn rebase_information(&mut self, step: &Vector3<f32>) {
-        self.information_vector -= self.information * step;
-        for member in [&mut self.vision, &mut self.odometry] {
-            if let Some((information, vector)) = &mut member.sent_information {
-                *vector -= *information * step;
-            }
+        let sent = [&mut self.vision, &mut self.odometry].map(|member| member.sent.as_mut());
+        let node = std::iter::once(&mut self.information);
+        for information in node.chain(sent.into_iter().flatten()) {
+            information.vector -= information.matrix * step;
         }
     }
 
+    /// Process noise: uncertainty of the commanded motion.
     fn command_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
-        let own = &config.decentralised;
-        let way = own.command_noise * self.commanded_motion.x.hypot(self.commanded_motion.y);
-        let turn = own.command_noise * self.commanded_motion.theta;
-        let position = way * way + own.command_drift * own.command_drift * self.elapsed;
-        let heading = turn * turn + own.command_drift_deg.to_radians().powi(2) * self.elapsed;
+        let noise = &config.decentralised;
+        let translation =
+            noise.command_noise * self.commanded_motion.x.hypot(self.commanded_motion.y);
+        let rotation = noise.command_noise * self.commanded_motion.theta;
+        let position =
+            translation * translation + noise.command_drift * noise.command_drift * self.elapsed;
+        let heading =
+            rotation * rotation + noise.command_drift_deg.to_radians().powi(2) * self.elapsed;
         Matrix3::from_diagonal(&Vector3::new(position, position, heading))
     }
 
+    /// Measurement noise of the wheels (docs/methods.md 8.5).
     fn wheel_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
-        let way = self.wheel_motion.x.hypot(self.wheel_motion.y);
-        let position = config.odometry_noise_per_metre * config.odometry_noise_per_metre * way
+        let length = self.wheel_motion.x.hypot(self.wheel_motion.y);
+        let position = config.odometry_noise_per_metre * config.odometry_noise_per_metre * length
             + config.odometry_drift * config.odometry_drift * self.elapsed;
-        let heading = config.heading_noise_per_metre_deg.to_radians().powi(2) * way
+        let heading = config.heading_noise_per_metre_deg.to_radians().powi(2) * length
             + config.heading_noise_per_radian
                 * config.heading_noise_per_radian
                 * self.wheel_motion.theta.abs()
             + config.odometry_drift_deg.to_radians().powi(2) * self.elapsed;
-        // A robot that stands still since its last cycle has moved by nothing, but not by less than the floor.
+        // The floor keeps the matrix invertible for a robot at rest.
         Matrix3::from_diagonal(&Vector3::new(position, position, heading).add_scalar(1e-9))
     }
 
@@ -294,29 +322,30 @@ impl DecentralisedFilter {
         self.odometry.covariance *= factor;
     }
 
+    /// The same estimate in the other field half.
     pub(super) fn half_turned(&self) -> Self {
-        let mut other = self.clone();
+        let mut turned = self.clone();
         let pose = self.fused_pose;
-        other.fused_pose = Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI);
+        turned.fused_pose = Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI);
         for matrix in [
-            &mut other.covariance,
-            &mut other.vision.covariance,
-            &mut other.odometry.covariance,
+            &mut turned.covariance,
+            &mut turned.vision.covariance,
+            &mut turned.odometry.covariance,
         ] {
             for i in 0..2 {
                 matrix[(i, 2)] = -matrix[(i, 2)];
                 matrix[(2, i)] = -matrix[(2, i)];
             }
         }
-        for member in [&mut other.vision, &mut other.odometry] {
-            member.sent_information = None;
+        for member in [&mut turned.vision, &mut turned.odometry] {
+            member.sent = None;
         }
-        (other.information, other.information_vector) = (Matrix3::zeros(), Vector3::zeros());
-        other
+        turned.information = Information::zero();
+        turned
     }
 }
 
-/// A pose moved by a motion in its own frame.
+/// `pose` moved by a motion in its own frame.
 fn compose(pose: Pose, motion: Pose) -> Pose {
     let (sin, cos) = pose.theta.sin_cos();
     Pose::new(
@@ -326,8 +355,10 @@ fn compose(pose: Pose, motion: Pose) -> Pose {
     )
 }
 
-/// The same for a motion on an arc.
-fn compose_arc(pose: Pose, [x, y, turn]: [f32; 3]) -> Pose {
-    let (sin, cos) = (0.5 * turn).sin_cos();
-    compose(pose, Pose::new(cos * x - sin * y, sin * x + cos * y, turn))
+/// `pose` moved by a motion on an arc, approximated by its chord at half the rotation.
+fn compose_arc(pose: Pose, motion: Twist) -> Pose {
+    let Twist { x, y, theta } = motion;
+    let (sin, cos) = (0.5 * theta).sin_cos();
+    let chord = Pose::new(cos * x - sin * y, sin * x + cos * y, theta);
+    compose(pose, chord)
 }

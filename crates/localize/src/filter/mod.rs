@@ -1,6 +1,6 @@
-//! Where is the robot between sights, and how sure? Wheels, inertial unit and matched poses become one belief.
+//! Pose filters: fusion of wheels, inertial unit and matched images (docs/methods.md 8).
 //!
-//! `joint` is one filter over everything that moves or errs; `decentralised` is minho2016's net of filters.
+//! `joint` is one extended Kalman filter over motion and sensor errors. `decentralised` is the filter of minho2016.
 
 mod config;
 pub mod decentralised;
@@ -17,95 +17,104 @@ use crate::omni::Twist;
 
 use decentralised::DecentralisedFilter;
 use joint::JointFilter;
-use pose_gaussian::PosePosterior;
+use pose_gaussian::{PoseMeasurement, PosePosterior};
 
-/// A stretch of time between two samples, and what is known of the motion in it.
+/// Input of a prediction: an interval between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PredictionInput {
-    /// How long, seconds.
+    /// Length, seconds.
     pub dt: f32,
-    /// What the inertial unit says of it; none where there is none.
+    /// Measurement of the inertial unit. None without a unit.
     pub imu: Option<ImuInterval>,
-    /// What the motors were told.
+    /// Commanded twist.
     pub command: Option<Twist>,
-    /// Is the acceleration more than motors can do?
+    /// Does the acceleration exceed what the motors can do?
     pub shock: bool,
 }
 
-/// What the inertial unit says of a stretch of time, robot frame.
+/// Measurement of the inertial unit over an interval, robot frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ImuInterval {
-    /// Mean specific force along x and y, gravity's part of it included, m/s².
+    /// Mean specific force along x and y, with gravity's share, m/s².
     pub specific_force: [f32; 2],
     /// Mean rate, rad/s.
     pub rate: [f32; 3],
-    /// About z at the stretch's end, rad/s.
+    /// Rate about z at the end, rad/s.
     pub yaw_rate: f32,
-    /// How much the accelerometer's readings scatter beside one another, m/s² (one sigma).
+    /// Standard deviation of the specific force from reading to reading, m/s².
     pub vibration_std: f32,
-    /// From reading to reading, seconds.
+    /// Time between readings, seconds.
     pub sample_period: f32,
 }
 
-/// What the wheels said of one of their intervals.
+/// Motion measured by the wheels over one of their intervals.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WheelIncrement {
-    /// Metres forward and to the left, radians, robot frame at the interval's start.
+    /// Forward and left (metres), rotation (radians), robot frame at the start.
     pub motion: [f32; 3],
-    /// Length of the interval, seconds; 0 if it is the time since the belief began.
+    /// Length of the interval, seconds. 0 stands for the time since the filter's start.
     pub dt: f32,
-    /// What no motion explains of the wheels' ways, metres.
+    /// Residual of the wheels' least squares, metres.
     pub slip: f32,
-    /// Does an inertial unit watch, so that a collision can be told?
+    /// Is an inertial unit active, so that collisions can be detected?
     pub imu_active: bool,
 }
 
-/// How is a frame's lean expected to be, beyond what its points were bent by?
+/// Prior of an image's tilt beyond the one by which its points were compensated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TiltPrior {
-    /// As the belief knows of it, errors common with the pose's included.
+    /// From the filter's state, correlated with the pose.
     FromState,
-    /// Another one in every frame: none, with this standard deviation, radians.
+    /// Independent in each image: zero with this standard deviation, radians.
     Independent(f32),
 }
 
-/// A pose with its uncertainty, and what else is believed of the robot's motion.
+/// Tilt of the robot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TiltEstimate {
+    /// (a, b), radians (docs/methods.md 3.1).
+    pub mean: [f32; 2],
+    /// Standard deviation of each component, radians.
+    pub std: f32,
+}
+
+/// Estimate of pose and motion with its covariance.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(
     clippy::large_enum_variant,
-    reason = "one filter is in use; a box would cost every belief an allocation"
+    reason = "one filter is in use; a box would cost each filter an allocation"
 )]
 pub enum PoseFilter {
-    /// See [`Fusion::Joint`].
+    /// See [`FilterKind::Joint`].
     Joint(JointFilter),
-    /// See [`Fusion::Decentralised`].
+    /// See [`FilterKind::Decentralised`].
     Decentralised(DecentralisedFilter),
 }
 
 macro_rules! either {
-    ($belief:expr, $one:ident => $call:expr) => {
-        match $belief {
-            PoseFilter::Joint($one) => $call,
-            PoseFilter::Decentralised($one) => $call,
+    ($either:expr, $filter:ident => $call:expr) => {
+        match $either {
+            PoseFilter::Joint($filter) => $call,
+            PoseFilter::Decentralised($filter) => $call,
         }
     };
 }
 
 impl PoseFilter {
-    /// A pose just found; scales and biases of an earlier belief are kept, since wheels and units are the same.
+    /// A filter at a new pose. Scales and biases of the `previous` filter are kept, since the sensors are the same.
     pub fn new(
         pose: Pose,
         covariance: &Matrix3<f32>,
-        known: Option<&PoseFilter>,
+        previous: Option<&PoseFilter>,
         config: &FilterConfig,
     ) -> Self {
         match config.kind {
             FilterKind::Joint => {
-                let known = known.and_then(|known| match known {
+                let previous = previous.and_then(|previous| match previous {
                     PoseFilter::Joint(joint) => Some(joint),
                     PoseFilter::Decentralised(_) => None,
                 });
-                PoseFilter::Joint(JointFilter::new(pose, covariance, known, config))
+                PoseFilter::Joint(JointFilter::new(pose, covariance, previous, config))
             }
             FilterKind::Decentralised => {
                 PoseFilter::Decentralised(DecentralisedFilter::new(pose, covariance, config))
@@ -113,19 +122,19 @@ impl PoseFilter {
         }
     }
 
-    /// The expected pose.
+    /// The estimated pose.
     pub fn pose(&self) -> Pose {
-        either!(self, one => one.pose())
+        either!(self, filter => filter.pose())
     }
 
     /// Of (x, y, θ), metres and radians.
     pub fn covariance(&self) -> Matrix3<f32> {
-        either!(self, one => one.covariance())
+        either!(self, filter => filter.covariance())
     }
 
-    /// The robot's velocity in its own frame.
+    /// Velocity in the robot frame.
     pub fn twist(&self) -> Twist {
-        either!(self, one => one.twist())
+        either!(self, filter => filter.twist())
     }
 
     /// Estimated scales of the odometry: metres per metre, radians per radian.
@@ -136,7 +145,7 @@ impl PoseFilter {
         }
     }
 
-    /// The gyro's estimated bias about the vertical, rad/s.
+    /// Estimated gyro bias about z, rad/s.
     pub fn gyro_bias(&self) -> f32 {
         match self {
             PoseFilter::Joint(joint) => joint.gyro_bias(),
@@ -144,25 +153,25 @@ impl PoseFilter {
         }
     }
 
-    /// Estimated time from a frame's exposure to its stamp, seconds.
+    /// Estimated time from an image's exposure to its stamp, seconds.
     pub fn latency(&self) -> f32 {
         match self {
             PoseFilter::Joint(joint) => joint.latency(),
-            PoseFilter::Decentralised(one) => one.latency(),
+            PoseFilter::Decentralised(filter) => filter.latency(),
         }
     }
 
-    /// Does a collision last, so that the wheels are not believed?
+    /// Is a collision in progress, so that wheel samples are skipped?
     pub fn in_collision(&self) -> bool {
-        either!(self, one => one.in_collision())
+        either!(self, filter => filter.in_collision())
     }
 
     /// Largest standard deviation of the position in any direction, metres.
     pub fn position_std(&self) -> f32 {
         let p = self.covariance();
         let mean = 0.5 * (p[(0, 0)] + p[(1, 1)]);
-        let half = 0.5 * (p[(0, 0)] - p[(1, 1)]);
-        (mean + half.hypot(p[(0, 1)])).max(0.0).sqrt()
+        let half_difference = 0.5 * (p[(0, 0)] - p[(1, 1)]);
+        (mean + half_difference.hypot(p[(0, 1)])).max(0.0).sqrt()
     }
 
     /// Standard deviation of the heading, radians.
@@ -170,132 +179,139 @@ impl PoseFilter {
         self.covariance()[(2, 2)].max(0.0).sqrt()
     }
 
-    /// Moves on by a stretch of time.
-    pub fn predict(&mut self, span: &PredictionInput, config: &FilterConfig) {
-        either!(self, one => one.predict(span, config));
+    /// Predicts over an interval.
+    pub fn predict(&mut self, input: &PredictionInput, config: &FilterConfig) {
+        either!(self, filter => filter.predict(input, config));
     }
 
-    /// Hears the wheels at the end of their interval.
-    pub fn update_wheels(&mut self, way: &WheelIncrement, config: &FilterConfig) {
-        either!(self, one => one.update_wheels(way, config));
+    /// Updates by the wheels at the end of their interval.
+    pub fn update_wheels(&mut self, increment: &WheelIncrement, config: &FilterConfig) {
+        either!(self, filter => filter.update_wheels(increment, config));
     }
 
-    /// The wheels' counting was interrupted: it begins anew here.
+    /// Begins a new wheel interval without an update.
     pub fn restart_wheels(&mut self) {
-        either!(self, one => one.restart_wheels());
+        either!(self, filter => filter.restart_wheels());
     }
 
-    /// The robot stands still, and has for `seconds` more.
+    /// Updates by an interval of `seconds` in which the robot stood still.
     pub fn zero_velocity_update(&mut self, seconds: f32) {
         if let PoseFilter::Joint(joint) = self {
             joint.zero_velocity_update(seconds);
         }
     }
 
-    /// A frame showed nothing.
+    /// Takes note of an image without enough line points.
     pub fn update_without_vision(&mut self, config: &FilterConfig) {
-        if let PoseFilter::Decentralised(one) = self {
-            one.fuse(None, config);
+        if let PoseFilter::Decentralised(filter) = self {
+            filter.fuse(None, config);
         }
     }
 
-    /// Lean of the camera and its standard deviation, radians; none where no inertial unit tells.
-    pub fn tilt(&self) -> Option<([f32; 2], f32)> {
+    /// Tilt of the camera. None without an inertial unit.
+    pub fn tilt(&self) -> Option<TiltEstimate> {
         match self {
             PoseFilter::Joint(joint) => joint.tilt(),
             PoseFilter::Decentralised(_) => None,
         }
     }
 
-    /// What a matcher is told beforehand of pose and lean at a frame's exposure.
-    pub fn pose_prior(&self, lean: TiltPrior) -> PosePrior {
+    /// Prior of pose and tilt at an image's exposure, for the matcher.
+    pub fn pose_prior(&self, tilt_prior: TiltPrior) -> PosePrior {
         PosePrior {
             pose: self.pose(),
             information: self
-                .predicted_covariance(lean)
+                .predicted_covariance(tilt_prior)
                 .try_inverse()
                 .unwrap_or_else(Matrix5::zeros),
         }
     }
 
-    /// Of pose and lean at a frame's exposure, what is not known of the latency included.
-    fn predicted_covariance(&self, lean: TiltPrior) -> Matrix5 {
+    /// S: covariance of (x, y, θ, a, b) at an image's exposure, including the latency's uncertainty.
+    fn predicted_covariance(&self, tilt_prior: TiltPrior) -> Matrix5 {
         match self {
-            PoseFilter::Joint(joint) => joint.predicted_covariance(lean),
-            PoseFilter::Decentralised(one) => {
-                let std = match lean {
+            PoseFilter::Joint(joint) => joint.predicted_covariance(tilt_prior),
+            PoseFilter::Decentralised(filter) => {
+                let std = match tilt_prior {
                     TiltPrior::FromState => 1.0,
                     TiltPrior::Independent(std) => std,
                 };
                 let mut full = Matrix5::from_diagonal_element(std * std);
                 full.fixed_view_mut::<3, 3>(0, 0)
-                    .copy_from(&one.covariance());
+                    .copy_from(&filter.covariance());
                 full
             }
         }
     }
 
-    /// Squared deviation of a match under this belief's expectation in its own standard deviations (3 degrees of
-    /// freedom): an update x⁺ − x has covariance P − P⁺.
+    /// D² of docs/methods.md 8.9 with 3 degrees of freedom: the match against the prediction, under the update's
+    /// covariance S − P_y.
     pub fn normalized_innovation_squared(&self, matched: &Match) -> f32 {
-        let expected = self.predicted_covariance(TiltPrior::FromState);
-        let expected = expected.fixed_view::<3, 3>(0, 0);
-        // Directions that the match left free do not move; a hundredth of P keeps them invertible.
-        let update = expected * 1.01 - matched.covariance;
-        let innovation = pose_gaussian::innovation(self.pose(), matched.pose);
-        update.try_inverse().map_or(0.0, |inverse| {
+        let predicted = self.predicted_covariance(TiltPrior::FromState);
+        let predicted = predicted.fixed_view::<3, 3>(0, 0);
+        // Directions that the match left free are not updated. One per cent of S keeps them invertible.
+        let covariance = predicted * 1.01 - matched.covariance;
+        let innovation = matched.pose.difference(self.pose());
+        covariance.try_inverse().map_or(0.0, |inverse| {
             innovation.dot(&(inverse * innovation)).max(0.0)
         })
     }
 
-    /// Fuses a pose that was found without this belief's expectation, with its covariance.
-    pub fn update_pose(&mut self, pose: Pose, sight: &Matrix3<f32>, config: &FilterConfig) {
-        if let PoseFilter::Decentralised(one) = self {
-            one.fuse(Some((pose, *sight)), config);
-            return;
-        }
-        if let PoseFilter::Joint(joint) = self {
-            let expected = joint.predicted_covariance(TiltPrior::FromState);
-            if let Some(shown) = pose_gaussian::kalman_update(joint.pose(), &expected, pose, sight)
-            {
-                joint.update(&shown, TiltPrior::FromState, config);
-            }
-        }
-    }
-
-    /// Takes over what a match found under this belief's expectation, and draws from it what it says about everything
-    /// else.
-    pub fn update(&mut self, matched: &Match, lean: TiltPrior, config: &FilterConfig) {
+    /// Updates by a pose that was measured independently of the prediction.
+    pub fn update_pose(&mut self, pose: Pose, covariance: &Matrix3<f32>, config: &FilterConfig) {
+        let measurement = PoseMeasurement {
+            pose,
+            covariance: *covariance,
+        };
         match self {
             PoseFilter::Joint(joint) => {
-                let shown = PosePosterior {
+                let predicted = joint.predicted_covariance(TiltPrior::FromState);
+                let posterior =
+                    pose_gaussian::kalman_update(joint.pose(), &predicted, &measurement);
+                if let Some(posterior) = posterior {
+                    joint.update(&posterior, TiltPrior::FromState, config);
+                }
+            }
+            PoseFilter::Decentralised(filter) => filter.fuse(Some(measurement), config),
+        }
+    }
+
+    /// Updates by a match that already contains this filter's prediction (docs/methods.md 8.7).
+    pub fn update(&mut self, matched: &Match, tilt_prior: TiltPrior, config: &FilterConfig) {
+        match self {
+            PoseFilter::Joint(joint) => {
+                let posterior = PosePosterior {
                     pose: matched.pose,
-                    lean: matched.tilt,
+                    tilt: matched.tilt,
                     covariance: matched.pose_tilt_covariance,
                 };
-                joint.update(&shown, lean, config);
+                joint.update(&posterior, tilt_prior, config);
             }
-            PoseFilter::Decentralised(one) => {
-                let expected = one.covariance();
-                let found = (matched.pose, &matched.covariance);
-                let sight =
-                    pose_gaussian::recover_measurement(one.pose(), &expected, found.0, found.1);
-                one.fuse(sight, config);
+            PoseFilter::Decentralised(filter) => {
+                let posterior = PoseMeasurement {
+                    pose: matched.pose,
+                    covariance: matched.covariance,
+                };
+                let measurement = pose_gaussian::recover_measurement(
+                    filter.pose(),
+                    &filter.covariance(),
+                    &posterior,
+                );
+                filter.fuse(measurement, config);
             }
         }
     }
 
-    /// Widens the pose's uncertainty by `factor` (variance): something moved the robot that no witness reported, which
-    /// says nothing about scales and biases.
+    /// Multiplies the pose's covariance by `factor` after an unreported motion. Scales and biases keep theirs.
     pub fn inflate_covariance(&mut self, factor: f32) {
-        either!(self, one => one.inflate_covariance(factor.max(1.0)));
+        either!(self, filter => filter.inflate_covariance(factor.max(1.0)));
     }
 
-    /// The same belief seen from the other half of the field.
+    /// The same estimate in the other field half.
     pub fn half_turned(&self) -> Self {
         match self {
             PoseFilter::Joint(joint) => PoseFilter::Joint(joint.half_turned()),
-            PoseFilter::Decentralised(one) => PoseFilter::Decentralised(one.half_turned()),
+            PoseFilter::Decentralised(filter) => PoseFilter::Decentralised(filter.half_turned()),
         }
     }
 }

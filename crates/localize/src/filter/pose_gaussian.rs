@@ -1,72 +1,74 @@
-//! What does a sight say by itself, and what together with an expectation? Gaussians of poses, headings on the circle.
+//! Gaussians of poses, with headings on the circle: fusion, and the measurement contained in a posterior.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::FilterConfig;
-use crate::frames::{Pose, wrap_angle};
+use crate::frames::Pose;
 use crate::matching::Matrix5;
 
-/// What is believed of pose and lean after a frame.
+/// Posterior of pose and tilt after an image.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PosePosterior {
     pub(super) pose: Pose,
-    /// Beyond the lean that was expected, radians.
-    pub(super) lean: [f32; 2],
+    /// Tilt (a, b) beyond the expected one, radians.
+    pub(super) tilt: [f32; 2],
     /// Of (x, y, θ, a, b).
     pub(super) covariance: Matrix5,
 }
 
-/// From the expected pose to another.
-pub(super) fn innovation(expected: Pose, pose: Pose) -> Vector3<f32> {
-    Vector3::new(
-        pose.x - expected.x,
-        pose.y - expected.y,
-        wrap_angle(pose.theta - expected.theta),
-    )
+/// A pose measured independently of the prediction.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PoseMeasurement {
+    pub(super) pose: Pose,
+    /// Of (x, y, θ).
+    pub(super) covariance: Matrix3<f32>,
 }
 
-/// The pose so far from another.
+/// `pose` plus a difference in (x, y, θ), the inverse of [`Pose::difference`].
 pub(super) fn retract(pose: Pose, step: &Vector3<f32>) -> Pose {
     Pose::new(pose.x + step[0], pose.y + step[1], pose.theta + step[2])
 }
 
-/// Expectation (with its covariance of pose and lean) and a sight of the pose independent of it, together.
+/// Kalman update of a predicted pose and tilt by a pose measurement. None if S is singular.
+///
+/// `predicted_covariance`: of (x, y, θ, a, b).
 pub(super) fn kalman_update(
-    expected: Pose,
-    covariance: &Matrix5,
-    pose: Pose,
-    sight: &Matrix3<f32>,
+    predicted: Pose,
+    predicted_covariance: &Matrix5,
+    measurement: &PoseMeasurement,
 ) -> Option<PosePosterior> {
-    let with = covariance.fixed_columns::<3>(0);
-    let gain = with * (with.fixed_rows::<3>(0) + sight).try_inverse()?;
-    let left = covariance - gain * with.transpose();
-    let step = gain * innovation(expected, pose);
+    let cross = predicted_covariance.fixed_columns::<3>(0);
+    let gain = cross * (cross.fixed_rows::<3>(0) + measurement.covariance).try_inverse()?;
+    let posterior = predicted_covariance - gain * cross.transpose();
+    let step = gain * measurement.pose.difference(predicted);
     Some(PosePosterior {
-        pose: retract(expected, &step.fixed_rows::<3>(0).into_owned()),
-        lean: [step[3], step[4]],
-        covariance: (left + left.transpose()) * 0.5,
+        pose: retract(predicted, &step.fixed_rows::<3>(0).into_owned()),
+        tilt: [step[3], step[4]],
+        covariance: (posterior + posterior.transpose()) * 0.5,
     })
 }
 
-/// The sight alone, given what became of an expectation by it; none where it said nothing.
+/// The measurement that took a prediction to `posterior`. None if it carried no information.
 pub(super) fn recover_measurement(
-    expected: Pose,
-    covariance: &Matrix3<f32>,
-    found: Pose,
-    left: &Matrix3<f32>,
-) -> Option<(Pose, Matrix3<f32>)> {
-    // Directions that the sight left free keep a little of the expectation's information, so that it can be inverted.
-    let before = covariance.try_inverse()?;
-    let after = left.try_inverse()?;
-    let sight = (after - before * 0.999).try_inverse()?;
-    if !sight.diagonal().iter().all(|variance| *variance > 0.0) {
+    predicted: Pose,
+    predicted_covariance: &Matrix3<f32>,
+    posterior: &PoseMeasurement,
+) -> Option<PoseMeasurement> {
+    let before = predicted_covariance.try_inverse()?;
+    let after = posterior.covariance.try_inverse()?;
+    // A thousandth of the prior's information remains, so that directions without measurement stay invertible.
+    let covariance = (after - before * 0.999).try_inverse()?;
+    if !covariance.diagonal().iter().all(|variance| *variance > 0.0) {
         return None;
     }
-    let step = sight * after * innovation(expected, found);
-    Some((retract(expected, &step), (sight + sight.transpose()) * 0.5))
+    let step = covariance * after * posterior.pose.difference(predicted);
+    Some(PoseMeasurement {
+        pose: retract(predicted, &step),
+        covariance: (covariance + covariance.transpose()) * 0.5,
+    })
 }
 
-/// What frame after frame repeats of a sight's error.
+/// Q_rep of docs/methods.md 8.7: the part of a match's error that successive images repeat.
 pub(super) fn systematic_covariance(config: &FilterConfig) -> Matrix3<f32> {
     let position = config.systematic_position_std * config.systematic_position_std;
     let heading = config.systematic_heading_std_deg.to_radians().powi(2);

@@ -1,21 +1,21 @@
-//! Which way do the lines run? The robot's heading from histograms of its line points (minho2016 V.B).
+//! What is the direction of the lines? The robot's heading from histograms of its line points (minho2016 V.B).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::sample::LinePoint;
 
-/// The histograms.
+/// Settings of the histograms.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HeadingHistogramConfig {
-    /// How far the heading may have turned since the last frame, degrees (minho2016 V.B: 40).
+    /// Largest change of heading since the last image, degrees (minho2016 V.B: 40).
     pub search_range_deg: f32,
     /// Step of the rotation, degrees.
     pub step_deg: f32,
     /// Width of a bin, metres: about a line's width.
     pub bin_width: f32,
-    /// Points beyond this are not counted, metres.
+    /// Points beyond this range are not counted, metres.
     pub range_max: f32,
 }
 
@@ -30,8 +30,10 @@ impl Default for HeadingHistogramConfig {
     }
 }
 
-/// The heading within `turn_max_deg` of `last` (radians) at which the points gather most in rows and columns; none
-/// without points. Lines run both ways, so that the answer is one of four a quarter turn apart: the one near `last`.
+/// The heading within `search_range_deg` of `last` (radians) at which the histograms along x and y have the highest
+/// peaks; None without points.
+///
+/// Lines are parallel to both axes, so that four headings 90° apart fit equally. The result is the one near `last`.
 pub fn histogram_heading(
     points: &[LinePoint],
     last: f32,
@@ -48,14 +50,14 @@ pub fn histogram_heading(
     let best = (0..peaks.len())
         .rev()
         .max_by(|&a, &b| peaks[a].total_cmp(&peaks[b]))?;
-    // The middle of the best and its neighbours, weighed by what they stand out.
+    // The mean of the best step and its neighbours, weighted by their squared height above the lowest peak.
     let floor = peaks.iter().copied().fold(f32::MAX, f32::min);
     let (mut sum, mut weight) = (0.0, 0.0);
-    let around = best.saturating_sub(2)..(best + 3).min(peaks.len());
-    for (k, peak) in around.clone().zip(&peaks[around]) {
-        let out = (peak - floor).powi(2);
-        sum += out * (k as f32 - half as f32);
-        weight += out;
+    let neighbours = best.saturating_sub(2)..(best + 3).min(peaks.len());
+    for (k, peak) in neighbours.clone().zip(&peaks[neighbours]) {
+        let prominence = (peak - floor).powi(2);
+        sum += prominence * (k as f32 - half as f32);
+        weight += prominence;
     }
     let step = if weight > 0.0 {
         sum / weight
@@ -67,7 +69,7 @@ pub fn histogram_heading(
     ))
 }
 
-/// Sum of the highest bins of the histograms along x and y, with the points turned by `heading` (radians).
+/// Sum of the highest bins of the histograms along x and y, with the points rotated by `heading` (radians).
 pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingHistogramConfig) -> f32 {
     let bins = (2.0 * config.range_max / config.bin_width) as usize + 2;
     let mut along = vec![0.0_f32; bins];
@@ -82,7 +84,7 @@ pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingHistog
             (&mut along, cos * x - sin * y),
             (&mut across, sin * x + cos * y),
         ] {
-            // Shared between two bins, so that a line between them is not halved.
+            // Each point is split between two bins, so that a line on their border is not halved.
             let place = (value + config.range_max) / config.bin_width;
             let bin = place as usize;
             let part = place - bin as f32;

@@ -1,6 +1,6 @@
-//! Where on the field, from nothing? The three papers' ways and our own behind one door, chosen by configuration.
+//! Where on the field is the robot, without a prior pose? Four methods behind one interface, chosen by configuration.
 //!
-//! Each returns poses; these are then matched to the end, told apart and ranked by likelihood alike.
+//! Each method returns poses. All are then refined by matching, deduplicated and ranked by likelihood in the same way.
 
 pub mod branch_and_bound;
 pub mod heading_histogram;
@@ -23,28 +23,28 @@ use crate::sample::{GoalObservation, LinePoint};
 
 use hough::{Hough, HoughConfig, confirm_by_goal_colours};
 use monte_carlo::{MonteCarlo, MonteCarloConfig};
-use scan_map::{ScanMap, ScanMapConfig};
+use scan_map::{CellMatch, ScanMap, ScanMapConfig};
 
-/// Who looks for the pose on the whole field.
+/// The method of global localization.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GlobalSearchMethod {
-    /// Branch and bound over all poses (ours).
+    /// Branch and bound over all poses (own).
     #[default]
     Exact,
-    /// Hough transform and correlation with the field's lines (lima2001 4).
+    /// Hough transform, correlated with the field's lines (lima2001 4).
     Hough,
-    /// Distances on scan lines compared with every cell's (minho2016 IV).
+    /// Distances on scan lines, compared with those of every cell (minho2016 IV).
     ScanMap,
-    /// Particles (nubot2013 4).
+    /// Particle filter (nubot2013 4).
     MonteCarlo,
 }
 
-/// Relocalisation.
+/// Settings of global localization.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GlobalSearchConfig {
-    /// Which one.
+    /// The method.
     pub method: GlobalSearchMethod,
     /// Settings of `hough`.
     pub hough: HoughConfig,
@@ -52,51 +52,69 @@ pub struct GlobalSearchConfig {
     pub scan_map: ScanMapConfig,
     /// Settings of `monte_carlo`.
     pub monte_carlo: MonteCarloConfig,
-    /// Heading by histograms, where a relocaliser needs one and no compass gives it.
+    /// Heading from histograms, for methods that need a heading when there is no compass.
     pub heading_histogram: HeadingHistogramConfig,
 }
 
-/// Cells of the scan map that are matched to the end, per heading.
+/// Cells of the scan map that are refined by matching, per heading.
 const SCAN_MAP_CANDIDATES: usize = 6;
 
-/// How far off their cells and particles may be, metres: the matcher's first reach.
+/// Least distance between two of these cells, metres.
+const SCAN_MAP_SEPARATION_MIN: f32 = 0.4;
+
+/// Largest error of a method's poses, metres: the matcher's initial kernel scale.
 const START_ERROR: f32 = 0.4;
 
-/// One of the four.
+/// Global localization by one of the four methods.
 #[derive(Debug, Clone)]
 pub enum GlobalSearch {
-    /// Uses the search that the localizer has anyway.
+    /// Branch and bound; uses the localizer's own search.
     Exact,
-    /// lima2001 4, and the field for its goal test.
-    Hough(Box<Hough>, Box<Field>),
+    /// lima2001 4.
+    Hough {
+        /// The transform.
+        hough: Box<Hough>,
+        /// The field, for the goal colour test.
+        field: Box<Field>,
+    },
     /// minho2016 IV.
-    ScanMap(Arc<ScanMap>, HeadingHistogramConfig),
-    /// nubot2013 4, and the cycles of a frame that stands alone.
-    MonteCarlo(Box<MonteCarlo>, usize),
+    ScanMap {
+        /// The map, shared with the localizer.
+        map: Arc<ScanMap>,
+        /// For the heading.
+        heading_histogram: HeadingHistogramConfig,
+    },
+    /// nubot2013 4.
+    MonteCarlo {
+        /// The particles.
+        filter: Box<MonteCarlo>,
+        /// Iterations on a single image, which no odometry connects to others.
+        iterations_max: usize,
+    },
 }
 
-/// A frame to be located.
+/// The input of global localization: one image's measurements.
 #[derive(Debug, Clone, Copy)]
 pub struct SearchInput<'a> {
-    /// The field's distances.
+    /// The field's distance look-up.
     pub distances: &'a DistanceField,
-    /// Line points, all finite.
+    /// Line points (robot frame, metres), all finite.
     pub points: &'a [LinePoint],
-    /// The compass.
+    /// The compass's heading.
     pub heading_prior: Option<HeadingPrior>,
-    /// Goals seen by their colours.
+    /// Goals detected by their colours.
     pub goals: &'a [GoalObservation],
-    /// No odometry leads from here to a next frame: what can be found must be found now.
+    /// No odometry connects this image to the next one, so that particles must converge on it alone.
     pub single_image: bool,
 }
 
 impl GlobalSearch {
-    /// Builds what the configured one needs.
+    /// Builds the tables of the configured method.
     pub fn new(field: &Field, distances: &DistanceField, config: &GlobalSearchConfig) -> Self {
         GlobalSearch::with_scan_map(field, distances, config, None)
     }
 
-    /// The same with a scan map that is there already.
+    /// As `new`, with a scan map that exists already.
     pub(crate) fn with_scan_map(
         field: &Field,
         distances: &DistanceField,
@@ -107,133 +125,153 @@ impl GlobalSearch {
             GlobalSearchMethod::Exact => GlobalSearch::Exact,
             GlobalSearchMethod::Hough => {
                 let hough = Hough::new(field, config.hough.clone());
-                GlobalSearch::Hough(Box::new(hough), Box::new(field.clone()))
+                GlobalSearch::Hough {
+                    hough: Box::new(hough),
+                    field: Box::new(field.clone()),
+                }
             }
             GlobalSearchMethod::ScanMap => {
                 let build = || Arc::new(ScanMap::new(field, distances, config.scan_map.clone()));
                 let map = scan_map.cloned().unwrap_or_else(build);
-                GlobalSearch::ScanMap(map, config.heading_histogram.clone())
+                GlobalSearch::ScanMap {
+                    map,
+                    heading_histogram: config.heading_histogram.clone(),
+                }
             }
             GlobalSearchMethod::MonteCarlo => {
                 let config = config.monte_carlo.clone();
-                let cycles = config.iterations_max;
-                let filter = MonteCarlo::new(field, distances, config);
-                GlobalSearch::MonteCarlo(Box::new(filter), cycles)
+                let iterations_max = config.iterations_max;
+                let filter = Box::new(MonteCarlo::new(field, distances, config));
+                GlobalSearch::MonteCarlo {
+                    filter,
+                    iterations_max,
+                }
             }
         }
     }
 
-    /// Does it carry something from frame to frame?
+    /// True if particles are carried from image to image.
     pub fn is_in_progress(&self) -> bool {
-        matches!(self, GlobalSearch::MonteCarlo(filter, _) if !filter.particles().is_empty())
+        matches!(self, GlobalSearch::MonteCarlo { filter, .. } if !filter.particles().is_empty())
     }
 
-    /// Begins anew.
+    /// Removes all particles.
     pub fn reset(&mut self) {
-        if let GlobalSearch::MonteCarlo(filter, _) = self {
+        if let GlobalSearch::MonteCarlo { filter, .. } = self {
             filter.reset();
         }
     }
 
-    /// The robot moved (robot frame: metres, metres, radians).
+    /// Moves the particles by odometry (robot frame: metres, metres, radians).
     pub fn predict(&mut self, motion: [f32; 3]) {
-        if let GlobalSearch::MonteCarlo(filter, _) = self {
+        if let GlobalSearch::MonteCarlo { filter, .. } = self {
             filter.predict(motion);
         }
     }
 
-    /// The particles, of the one that has some.
+    /// The particles; empty for the other methods.
     pub fn particles(&self) -> &[Pose] {
         match self {
-            GlobalSearch::MonteCarlo(filter, _) => filter.particles(),
+            GlobalSearch::MonteCarlo { filter, .. } => filter.particles(),
             _ => &[],
         }
     }
 
-    /// Memory held, bytes; a scan map is the localizer's.
+    /// Memory held, bytes, without the scan map, which the localizer counts.
     pub fn memory_bytes(&self) -> usize {
         match self {
-            GlobalSearch::Exact | GlobalSearch::ScanMap(..) => 0,
-            GlobalSearch::Hough(hough, _) => hough.memory_bytes(),
-            GlobalSearch::MonteCarlo(filter, _) => filter.memory_bytes(),
+            GlobalSearch::Exact | GlobalSearch::ScanMap { .. } => 0,
+            GlobalSearch::Hough { hough, .. } => hough.memory_bytes(),
+            GlobalSearch::MonteCarlo { filter, .. } => filter.memory_bytes(),
         }
     }
 
-    /// Poses that explain the sight, most probable first.
+    /// Poses that explain the measurements, most probable first.
     pub fn find_hypotheses(
         &mut self,
         search: &mut BranchAndBound,
         matcher: &mut Matcher,
-        sight: &SearchInput,
+        input: &SearchInput,
     ) -> Vec<Hypothesis> {
         let SearchInput {
             distances,
             points,
             heading_prior: prior,
             goals,
-            single_image: alone,
-        } = *sight;
+            single_image,
+        } = *input;
         let starts: Vec<Pose> = match self {
             GlobalSearch::Exact => {
                 return search.find_hypotheses(distances, matcher, points, prior);
             }
-            GlobalSearch::Hough(hough, field) => {
-                let found = hough.find_poses(points, prior);
-                let found: Vec<Pose> = found.into_iter().map(|(_, pose)| pose).collect();
-                // The paper takes the first maximum that is confirmed; several are, and the points tell them apart.
-                let settled = confirm_by_goal_colours(field, &found, goals);
-                if settled.is_empty() { found } else { settled }
+            GlobalSearch::Hough { hough, field } => {
+                let scored = hough.find_poses(points, prior);
+                let poses: Vec<Pose> = scored.into_iter().map(|scored| scored.pose).collect();
+                // The paper takes the first confirmed maximum. Several are confirmed; ranking by the points decides.
+                let confirmed = confirm_by_goal_colours(field, &poses, goals);
+                if confirmed.is_empty() {
+                    poses
+                } else {
+                    confirmed
+                }
             }
-            GlobalSearch::ScanMap(map, heading) => search_scan_map(map, heading, points, prior),
-            GlobalSearch::MonteCarlo(filter, cycles) => {
-                let cycles = if alone { *cycles } else { 1 };
-                return search_monte_carlo(filter, cycles, search, matcher, sight);
+            GlobalSearch::ScanMap {
+                map,
+                heading_histogram,
+            } => search_scan_map(map, heading_histogram, points, prior),
+            GlobalSearch::MonteCarlo {
+                filter,
+                iterations_max,
+            } => {
+                let iterations = if single_image { *iterations_max } else { 1 };
+                return search_monte_carlo(filter, iterations, search, matcher, input);
             }
         };
         search.rank(distances, matcher, points, &starts, prior, START_ERROR)
     }
 }
 
-/// Cycles until the particles have gathered somewhere that explains the points; elsewhere they are scattered anew.
+/// Iterates until the particles converge on a pose that explains the points; on any other pose they are redrawn.
 fn search_monte_carlo(
     filter: &mut MonteCarlo,
-    cycles: usize,
+    iterations: usize,
     search: &mut BranchAndBound,
     matcher: &mut Matcher,
-    sight: &SearchInput,
+    input: &SearchInput,
 ) -> Vec<Hypothesis> {
-    for _ in 0..cycles {
-        let Some(pose) = filter.update(sight.points, sight.heading_prior) else {
+    for _ in 0..iterations {
+        let Some(pose) = filter.update(input.points, input.heading_prior) else {
             continue;
         };
-        let found = search.rank(
-            sight.distances,
+        let ranked = search.rank(
+            input.distances,
             matcher,
-            sight.points,
+            input.points,
             &[pose],
-            sight.heading_prior,
+            input.heading_prior,
             START_ERROR,
         );
-        if found
+        if ranked
             .first()
             .is_some_and(|best| best.inlier_share >= filter.config().inlier_share_min)
         {
-            return found;
+            return ranked;
         }
         filter.reset();
     }
     Vec::new()
 }
 
-/// Under the compass's heading made exact by the histograms; without a compass under all four of the histograms'.
+/// Searches under the compass's heading, refined by histograms; without a compass under all four headings of the
+/// histograms.
 fn search_scan_map(
     map: &ScanMap,
     config: &HeadingHistogramConfig,
     points: &[LinePoint],
     prior: Option<HeadingPrior>,
 ) -> Vec<Pose> {
-    let (last, quarters) = prior.map_or((0.0, 4), |prior| (prior.heading, 1));
-    let wide = HeadingHistogramConfig {
+    let (start, quarters) = prior.map_or((0.0, 4), |prior| (prior.heading, 1));
+    let histogram = HeadingHistogramConfig {
         search_range_deg: if prior.is_some() {
             config.search_range_deg
         } else {
@@ -241,15 +279,20 @@ fn search_scan_map(
         },
         ..config.clone()
     };
-    let Some(heading) = histogram_heading(points, last, &wide) else {
+    let Some(heading) = histogram_heading(points, start, &histogram) else {
         return Vec::new();
     };
-    let mut found: Vec<(f32, Pose)> = (0..quarters)
+    let mut matches: Vec<CellMatch> = (0..quarters)
         .flat_map(|quarter| {
             let heading = heading + quarter as f32 * std::f32::consts::FRAC_PI_2;
-            map.find_poses(points, heading, SCAN_MAP_CANDIDATES, 0.4)
+            map.find_poses(
+                points,
+                heading,
+                SCAN_MAP_CANDIDATES,
+                SCAN_MAP_SEPARATION_MIN,
+            )
         })
         .collect();
-    found.sort_by(|a, b| a.0.total_cmp(&b.0));
-    found.into_iter().map(|(_, pose)| pose).collect()
+    matches.sort_by(|a, b| a.error.total_cmp(&b.error));
+    matches.into_iter().map(|found| found.pose).collect()
 }

@@ -1,4 +1,7 @@
-//! Monte Carlo localisation (nubot2013 4): where do particles gather that odometry moves and line points weigh?
+//! Monte Carlo localization (nubot2013 4): odometry moves particles, line points weight them.
+//!
+//! The random generator is part of the filter's state and starts from `MonteCarloConfig::seed`. Equal seeds and equal
+//! inputs give equal particles.
 
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{RngExt, SeedableRng};
@@ -9,40 +12,40 @@ use crate::field::Field;
 use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::HeadingPrior;
 use crate::matching::distance_field::DistanceField;
+use crate::random::standard_normal;
 use crate::sample::LinePoint;
-use crate::synthetic::drive::standard_normal;
 
-/// The particle filter.
+/// Settings of the particle filter.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MonteCarloConfig {
-    /// Particles (nubot2013 4: 600).
+    /// Number of particles (nubot2013 4: 600).
     pub particles: usize,
-    /// Fewest particles once they have gathered; equal to `particles` keeps their number as the paper does.
+    /// Number of particles after convergence; equal to `particles` keeps it constant, as the paper does.
     pub particles_min: usize,
     /// σ of eq. 2, metres.
     pub point_std: f32,
-    /// Deviation beyond which a point weighs no further, in σ; the paper's exponential has no end, so that a single
-    /// outlier could outweigh a hundred points.
+    /// Deviation at which a point's error is cut off, in σ. The paper's exponential is unbounded, so that one outlier
+    /// could outweigh a hundred points.
     pub deviation_max: f32,
-    /// Share of the particles that must go on to count after weighing: the likelihood is tempered until they do.
-    /// 0 takes the paper's plain product (eq. 3).
+    /// Smallest effective share of the particles after weighting; the likelihood is tempered until it is reached. 0 is
+    /// the paper's plain product (eq. 3).
     pub effective_share_min: f32,
-    /// Random part of the motion per metre and radian driven.
+    /// Standard deviation of the motion per metre and radian driven.
     pub motion_noise: f32,
-    /// Scatter of resampled particles, metres.
+    /// Standard deviation of the noise added to resampled positions, metres.
     pub jitter: f32,
-    /// The same for headings, degrees.
+    /// Standard deviation of the noise added to resampled headings, degrees.
     pub jitter_deg: f32,
-    /// Converged when the particles' position spreads less than this, metres.
+    /// Converged if the standard deviation of the positions is below this, metres.
     pub converged_std: f32,
-    /// And their heading less than this, degrees.
+    /// Converged if also the standard deviation of the headings is below this, degrees.
     pub converged_std_deg: f32,
-    /// Share of inliers that the gathered pose must have, or the particles are scattered anew.
+    /// Smallest share of inliers of the converged pose; below it the particles are redrawn.
     pub inlier_share_min: f32,
-    /// Cycles on the points of a frame that nothing leads to or from.
+    /// Iterations on a single image, which no odometry connects to others.
     pub iterations_max: usize,
-    /// Starts the generator: the same seed and samples give the same particles.
+    /// Seed of the random generator: equal seeds and samples give equal particles.
     pub seed: u64,
 }
 
@@ -66,17 +69,27 @@ impl Default for MonteCarloConfig {
     }
 }
 
-/// Side of a cell of the look-up sensor model, metres.
+/// Side of a cell of the sensor model's look-up table, metres.
 const CELL: f32 = 0.05;
 
-/// Particles weighed side by side: eight vector registers of numbers.
+/// Particles weighted at once: eight vector registers of f32.
 const LANES: usize = 64;
+
+/// Mean and standard deviations of the particles.
+#[derive(Debug, Clone, Copy)]
+struct ParticleStatistics {
+    mean: Pose,
+    /// Metres.
+    position_std: f32,
+    /// Radians.
+    heading_std: f32,
+}
 
 /// A set of particles over one field.
 #[derive(Debug, Clone)]
 pub struct MonteCarlo {
     config: MonteCarloConfig,
-    /// (d/σ)²/2 of eq. 2 in 255ths of its end.
+    /// (d/σ)²/2 of eq. 2, in units of 1/255 of its cut-off value.
     table: Vec<u8>,
     columns: usize,
     rows: usize,
@@ -84,15 +97,17 @@ pub struct MonteCarlo {
     half_y: f32,
     particles: Vec<Pose>,
     resampled: Vec<Pose>,
+    /// Logarithms of the weights before `temper`, weights after it.
     weights: Vec<f32>,
+    /// Seeded by the configuration.
     rng: Xoshiro256PlusPlus,
 }
 
 impl MonteCarlo {
-    /// Fills the look-up table; no particles yet.
+    /// Fills the look-up table and seeds the generator; there are no particles yet.
     pub fn new(field: &Field, distances: &DistanceField, config: MonteCarloConfig) -> Self {
         let (half_x, half_y) = field.carpet_half_extent();
-        // A ring of cells outside: there a deviation counts in full.
+        // One ring of cells outside the carpet holds the cut-off value.
         let columns = (2.0 * half_x / CELL).ceil() as usize + 3;
         let rows = (2.0 * half_y / CELL).ceil() as usize + 3;
         let end = 0.5 * config.deviation_max * config.deviation_max;
@@ -129,7 +144,7 @@ impl MonteCarlo {
         &self.config
     }
 
-    /// The particles; none before the first cycle.
+    /// The particles; empty before the first update.
     pub fn particles(&self) -> &[Pose] {
         &self.particles
     }
@@ -139,12 +154,12 @@ impl MonteCarlo {
         self.table.len()
     }
 
-    /// Forgets all particles.
+    /// Removes all particles; the generator's state is kept.
     pub fn reset(&mut self) {
         self.particles.clear();
     }
 
-    /// Positions at random over the field, headings by compass (nubot2013 4) or at random.
+    /// Draws positions uniformly over the carpet, and headings from the compass (nubot2013 4) or uniformly.
     fn initialise_particles(&mut self, prior: Option<HeadingPrior>) {
         for _ in 0..self.config.particles {
             let x = (self.rng.random::<f32>() * 2.0 - 1.0) * self.half_x;
@@ -157,13 +172,13 @@ impl MonteCarlo {
         }
     }
 
-    /// Motion model P(l | l′, a): every particle is moved by odometry (robot frame) with its own error.
+    /// Motion model P(l | l′, a): moves each particle by odometry (dx, dy, dθ in the robot frame) with its own error.
     pub fn predict(&mut self, motion: [f32; 3]) {
-        let [dx, dy, turn] = motion;
-        let noise = self.config.motion_noise * (dx.hypot(dy) + turn.abs());
+        let [dx, dy, dtheta] = motion;
+        let noise = self.config.motion_noise * (dx.hypot(dy) + dtheta.abs());
         for particle in &mut self.particles {
-            let mut off = || noise * standard_normal(&mut self.rng);
-            let (mx, my, mt) = (dx + off(), dy + off(), turn + off());
+            let mut error = || noise * standard_normal(&mut self.rng);
+            let (mx, my, mt) = (dx + error(), dy + error(), dtheta + error());
             let (sin, cos) = (particle.theta + 0.5 * mt).sin_cos();
             *particle = Pose::new(
                 particle.x + cos * mx - sin * my,
@@ -173,7 +188,7 @@ impl MonteCarlo {
         }
     }
 
-    /// One cycle: weigh by the points, resample; the mean once the particles have gathered.
+    /// One iteration: weights the particles by the points and resamples; the mean if the particles have converged.
     pub fn update(&mut self, points: &[LinePoint], prior: Option<HeadingPrior>) -> Option<Pose> {
         if self.particles.is_empty() {
             self.initialise_particles(prior);
@@ -184,12 +199,11 @@ impl MonteCarlo {
         self.converged_mean()
     }
 
-    /// log P(o | l) = Σ −d²/2σ² (eqs 2 and 3), from the table; particles side by side, so that a point is moved to the
-    /// field for many of them at once.
+    /// log P(o | l) = Σ −d²/2σ² (eqs 2 and 3), from the table. A point is transformed for `LANES` particles at once.
     fn compute_log_weights(&mut self, points: &[LinePoint]) {
         let end = 0.5 * self.config.deviation_max * self.config.deviation_max;
         let per_cell = 1.0 / CELL;
-        // Through the middle of the ring of cells around the carpet, which stands for all that lies outside.
+        // Positions outside are clamped to the ring of cells around the carpet.
         let (right, bottom) = ((self.columns - 1) as f32, (self.rows - 1) as f32);
         self.weights.clear();
         for particles in self.particles.chunks(LANES) {
@@ -217,14 +231,14 @@ impl MonteCarlo {
         }
     }
 
-    /// Turns logs into weights, tempered so that enough particles go on to count.
+    /// Turns logarithms into weights, tempered so that the effective number of particles stays large enough.
     fn temper(&mut self) {
-        let top = self.weights.iter().copied().fold(f32::MIN, f32::max);
-        let wanted = self.config.effective_share_min * self.weights.len() as f32;
+        let log_max = self.weights.iter().copied().fold(f32::MIN, f32::max);
+        let effective_min = self.config.effective_share_min * self.weights.len() as f32;
         let effective = |power: f32, logs: &[f32]| {
             let (mut sum, mut squares) = (0.0, 0.0);
             for log in logs {
-                let weight = ((log - top) * power).exp();
+                let weight = ((log - log_max) * power).exp();
                 sum += weight;
                 squares += weight * weight;
             }
@@ -232,17 +246,17 @@ impl MonteCarlo {
         };
         let mut power = 1.0;
         for _ in 0..8 {
-            if effective(power, &self.weights) >= wanted {
+            if effective(power, &self.weights) >= effective_min {
                 break;
             }
             power *= 0.6;
         }
         for log in &mut self.weights {
-            *log = ((*log - top) * power).exp();
+            *log = ((*log - log_max) * power).exp();
         }
     }
 
-    /// Low-variance resampling: one random number, equal steps through the summed weights.
+    /// Low-variance resampling: one random number, then equal steps through the cumulated weights.
     fn resample(&mut self) {
         let total: f32 = self.weights.iter().sum();
         let count = self.count();
@@ -265,47 +279,48 @@ impl MonteCarlo {
         std::mem::swap(&mut self.particles, &mut self.resampled);
     }
 
-    /// Particles of the next cycle: the more they spread, the more of them.
+    /// Number of particles after resampling; grows with the standard deviation of their positions.
     fn count(&self) -> usize {
         let (most, least) = (self.config.particles, self.config.particles_min);
         if least >= most {
             return most;
         }
-        let (_, position, _) = self.statistics();
-        let part = (position / (4.0 * self.config.converged_std)).min(1.0);
+        let part = (self.statistics().position_std / (4.0 * self.config.converged_std)).min(1.0);
         least + ((most - least) as f32 * part) as usize
     }
 
-    /// Mean, standard deviation of position (metres) and of heading (radians).
-    fn statistics(&self) -> (Pose, f32, f32) {
-        let per_one = 1.0 / self.particles.len().max(1) as f32;
+    fn statistics(&self) -> ParticleStatistics {
+        let per_particle = 1.0 / self.particles.len().max(1) as f32;
         let (mut x, mut y, mut sin, mut cos) = (0.0, 0.0, 0.0, 0.0);
         for particle in &self.particles {
-            x += particle.x * per_one;
-            y += particle.y * per_one;
+            x += particle.x * per_particle;
+            y += particle.y * per_particle;
             let (s, c) = particle.theta.sin_cos();
-            sin += s * per_one;
-            cos += c * per_one;
+            sin += s * per_particle;
+            cos += c * per_particle;
         }
         let mean = Pose::new(x, y, sin.atan2(cos));
         let (mut position, mut heading) = (0.0, 0.0);
         for particle in &self.particles {
-            position += ((particle.x - x).powi(2) + (particle.y - y).powi(2)) * per_one;
-            heading += wrap_angle(particle.theta - mean.theta).powi(2) * per_one;
+            position += ((particle.x - x).powi(2) + (particle.y - y).powi(2)) * per_particle;
+            heading += wrap_angle(particle.theta - mean.theta).powi(2) * per_particle;
         }
-        (mean, position.sqrt(), heading.sqrt())
+        ParticleStatistics {
+            mean,
+            position_std: position.sqrt(),
+            heading_std: heading.sqrt(),
+        }
     }
 
     fn converged_mean(&self) -> Option<Pose> {
-        let (mean, position, heading) = self.statistics();
-        (position < self.config.converged_std
-            && heading < self.config.converged_std_deg.to_radians())
-        .then_some(mean)
+        let statistics = self.statistics();
+        (statistics.position_std < self.config.converged_std
+            && statistics.heading_std < self.config.converged_std_deg.to_radians())
+        .then_some(statistics.mean)
     }
 }
 
-/// The nearest whole number of one between 0 and 2²², in a way that compilers turn into vectors: added to 2²³, it is
-/// the mantissa.
+/// The nearest integer to a number of 0 to 2²², in a form that compilers vectorize: added to 2²³, it is the mantissa.
 fn round_to_u32(value: f32) -> u32 {
     const SHIFT: f32 = 8_388_608.0;
     (value + SHIFT).to_bits() & 0x007f_ffff

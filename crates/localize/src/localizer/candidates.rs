@@ -1,6 +1,6 @@
-//! Which of several poses is it? Hypotheses that odometry carries along until the frames' points have decided.
+//! Pose hypotheses of an ambiguous start. Odometry moves them until the images decide between them.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{FilterConfig, PoseFilter, TiltPrior};
@@ -10,70 +10,66 @@ use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::sample::{GoalObservation, LinePoint};
 
-/// Most hypotheses kept.
+/// Maximum number of hypotheses.
 const CANDIDATES_MAX: usize = 12;
 
-/// Log probability below the best at which a hypothesis is dropped.
+/// Hypotheses whose log probability is this far below the best are dropped.
 const LOG_WEIGHT_RANGE: f32 = 10.0;
 
-/// Log probability of a hypothesis that this frame brought up, below those that earlier frames had found already.
+/// Penalty in log probability for a hypothesis that earlier images did not support.
 const NEW_CANDIDATE_PENALTY: f32 = 3.0;
 
 #[derive(Debug, Clone)]
 struct Candidate {
     filter: PoseFilter,
     hypothesis: Hypothesis,
-    /// Logarithm of the probability, up to a constant.
+    /// Log probability up to a constant.
     log_weight: f32,
 }
 
-/// Hypotheses with their weights, best first.
+/// Weighted hypotheses, most probable first.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Candidates {
+pub(super) struct Candidates {
     candidates: Vec<Candidate>,
 }
 
-/// What one frame has to say.
-pub(crate) struct FrameMeasurements<'a> {
-    pub(crate) distances: &'a DistanceField,
-    pub(crate) points: &'a [LinePoint],
-    pub(crate) prior: Option<HeadingPrior>,
-    /// Goals that tell the halves apart, and what was seen of them.
-    pub(crate) goals: (&'a ColouredGoals, &'a [GoalObservation]),
-    /// Poses stand for their half turns too.
-    pub(crate) fold_half_turn: bool,
-    /// By how much the points' joint likelihood is tempered.
-    pub(crate) likelihood_exponent: f32,
+/// Measurements of one image.
+pub(super) struct FrameMeasurements<'a> {
+    pub(super) distances: &'a DistanceField,
+    pub(super) points: &'a [LinePoint],
+    pub(super) heading_prior: Option<HeadingPrior>,
+    /// The field's coloured goals and the observed ones.
+    pub(super) goals: (&'a ColouredGoals, &'a [GoalObservation]),
+    /// Each pose stands for its half turn too.
+    pub(super) fold_half_turn: bool,
+    /// Exponent of the points' likelihood, below 1 since their errors are correlated.
+    pub(super) likelihood_exponent: f32,
 }
 
 impl Candidates {
-    pub(crate) fn is_empty(&self) -> bool {
+    pub(super) fn is_empty(&self) -> bool {
         self.candidates.is_empty()
     }
 
-    pub(crate) fn clear(&mut self) {
-        self.candidates.clear();
-    }
-
-    /// All beliefs, for odometry to move.
-    pub(crate) fn filters_mut(&mut self) -> impl Iterator<Item = &mut PoseFilter> {
+    /// All filters, for odometry to move.
+    pub(super) fn filters_mut(&mut self) -> impl Iterator<Item = &mut PoseFilter> {
         self.candidates
             .iter_mut()
             .map(|candidate| &mut candidate.filter)
     }
 
-    /// The best, with its probability.
-    pub(crate) fn best(&self) -> Option<(&PoseFilter, &Hypothesis)> {
+    /// The most probable hypothesis and its filter.
+    pub(super) fn best(&self) -> Option<(&PoseFilter, &Hypothesis)> {
         let best = self.candidates.first()?;
         Some((&best.filter, &best.hypothesis))
     }
 
-    /// All but the best; with their half turns (the best's first) where these are as probable.
-    pub(crate) fn runners_up(&self, folded: bool) -> Vec<Hypothesis> {
+    /// All hypotheses but the best. With `fold_half_turn`, half turns are included, that of the best first.
+    pub(super) fn runners_up(&self, fold_half_turn: bool) -> Vec<Hypothesis> {
         let mut all = Vec::new();
-        for (k, one) in self.candidates.iter().enumerate() {
-            let mut hypothesis = one.hypothesis.clone();
-            if folded {
+        for (k, candidate) in self.candidates.iter().enumerate() {
+            let mut hypothesis = candidate.hypothesis.clone();
+            if fold_half_turn {
                 hypothesis.probability *= 0.5;
                 all.push(Hypothesis {
                     pose: half_turn(hypothesis.pose),
@@ -87,119 +83,120 @@ impl Candidates {
         all
     }
 
-    /// Covariance about the best with all others at their probabilities.
-    pub(crate) fn covariance(&self) -> Matrix3<f32> {
+    /// Covariance of the mixture about the best hypothesis.
+    pub(super) fn covariance(&self) -> Matrix3<f32> {
         let Some(best) = self.candidates.first() else {
             return Matrix3::zeros();
         };
-        self.candidates.iter().fold(Matrix3::zeros(), |sum, one| {
-            let apart = pose_difference(one.filter.pose(), best.filter.pose());
-            let spread = one.filter.covariance() + apart * apart.transpose();
-            sum + spread * one.hypothesis.probability
-        })
+        self.candidates
+            .iter()
+            .fold(Matrix3::zeros(), |sum, candidate| {
+                let offset = candidate.filter.pose().difference(best.filter.pose());
+                let scatter = candidate.filter.covariance() + offset * offset.transpose();
+                sum + scatter * candidate.hypothesis.probability
+            })
     }
 
-    /// Weighs the hypotheses by a frame's points and compass, and takes in those that the search `found` anew.
-    pub(crate) fn update(
+    /// Updates and weights the hypotheses by an image, and adds new ones that the search `found`.
+    pub(super) fn update(
         &mut self,
         matcher: &mut Matcher,
         search: &BranchAndBound,
-        evidence: &FrameMeasurements,
+        measurements: &FrameMeasurements,
         found: &[Hypothesis],
         config: &FilterConfig,
     ) {
-        for one in &mut self.candidates {
-            one.update(matcher, search, evidence, config);
+        for candidate in &mut self.candidates {
+            candidate.update(matcher, search, measurements, config);
         }
-        let start = if self.candidates.is_empty() {
+        let initial_log_weight = if self.candidates.is_empty() {
             0.0
         } else {
             -NEW_CANDIDATE_PENALTY
         };
         for hypothesis in found {
             let pose = hypothesis.pose;
-            let known = self.candidates.iter().any(|one| {
-                let carried = one.filter.pose();
-                search.is_same_hypothesis(carried, pose)
-                    || evidence.fold_half_turn
-                        && search.is_same_hypothesis(half_turn(carried), pose)
+            let known = self.candidates.iter().any(|candidate| {
+                let candidate_pose = candidate.filter.pose();
+                search.is_same_hypothesis(candidate_pose, pose)
+                    || measurements.fold_half_turn
+                        && search.is_same_hypothesis(half_turn(candidate_pose), pose)
             });
             if known {
                 continue;
             }
             let cost = matcher
-                .evaluate(evidence.distances, evidence.points, pose)
+                .evaluate(measurements.distances, measurements.points, pose)
                 .cost;
             self.candidates.push(Candidate {
                 filter: PoseFilter::new(pose, &hypothesis.covariance, None, config),
                 hypothesis: hypothesis.clone(),
-                log_weight: start
-                    - evidence.likelihood_exponent * cost
-                    - evidence.negative_log_likelihood(pose),
+                log_weight: initial_log_weight
+                    - measurements.likelihood_exponent * cost
+                    - measurements.negative_log_likelihood(pose),
             });
         }
-        self.normalise();
+        self.normalize();
     }
 
-    /// Sorts, drops the improbable and sets the probabilities.
-    fn normalise(&mut self) {
+    /// Sorts, drops improbable hypotheses and computes the probabilities.
+    fn normalize(&mut self) {
         self.candidates
             .sort_by(|a, b| b.log_weight.total_cmp(&a.log_weight));
         let top = self.candidates.first().map_or(0.0, |best| best.log_weight);
         self.candidates.truncate(CANDIDATES_MAX);
         self.candidates
-            .retain(|one| one.log_weight >= top - LOG_WEIGHT_RANGE);
-        for one in &mut self.candidates {
-            one.log_weight -= top;
+            .retain(|candidate| candidate.log_weight >= top - LOG_WEIGHT_RANGE);
+        for candidate in &mut self.candidates {
+            candidate.log_weight -= top;
         }
-        let total: f32 = self.candidates.iter().map(|one| one.log_weight.exp()).sum();
-        for one in &mut self.candidates {
-            one.hypothesis.probability = one.log_weight.exp() / total;
+        let weights = self.candidates.iter().map(|candidate| candidate.log_weight);
+        let total: f32 = weights.map(f32::exp).sum();
+        for candidate in &mut self.candidates {
+            candidate.hypothesis.probability = candidate.log_weight.exp() / total;
         }
     }
 }
 
 impl Candidate {
-    /// Matches the moved hypothesis to the frame and notes what that cost.
+    /// Matches the predicted hypothesis to the image and lowers its weight by the cost.
     fn update(
         &mut self,
         matcher: &mut Matcher,
         search: &BranchAndBound,
-        evidence: &FrameMeasurements,
+        measurements: &FrameMeasurements,
         config: &FilterConfig,
     ) {
         let pose = self.filter.pose();
         if search.is_half_turn_symmetric()
-            && evidence.negative_log_likelihood(pose)
-                > evidence.negative_log_likelihood(half_turn(pose))
+            && measurements.negative_log_likelihood(pose)
+                > measurements.negative_log_likelihood(half_turn(pose))
         {
             self.filter = self.filter.half_turned();
         }
-        let spread = self.filter.position_std() + 3.0 * self.filter.heading_std();
-        let lean = TiltPrior::Independent(matcher.tilt_std());
-        let expected = self.filter.pose_prior(lean);
-        let matched =
-            matcher.refine_with_prior(evidence.distances, evidence.points, expected, spread);
-        self.filter.update(&matched, lean, config);
-        self.log_weight -= evidence.likelihood_exponent
+        let start_error = self.filter.position_std() + 3.0 * self.filter.heading_std();
+        let tilt_prior = TiltPrior::Independent(matcher.tilt_std());
+        let matched = matcher.refine_with_prior(
+            measurements.distances,
+            measurements.points,
+            self.filter.pose_prior(tilt_prior),
+            start_error,
+        );
+        self.filter.update(&matched, tilt_prior, config);
+        self.log_weight -= measurements.likelihood_exponent
             * (matched.cost + 0.5 * matched.mahalanobis_squared)
-            + evidence.negative_log_likelihood(matched.pose);
+            + measurements.negative_log_likelihood(matched.pose);
         self.hypothesis = Hypothesis::from_match(&matched);
     }
 }
 
 impl FrameMeasurements<'_> {
-    /// What compass and goals have against a pose (negative log likelihood).
+    /// Negative log likelihood of a pose by compass and goals.
     fn negative_log_likelihood(&self, pose: Pose) -> f32 {
-        let by_compass = self.prior.map_or(0.0, |prior| {
+        let compass = self.heading_prior.map_or(0.0, |prior| {
             0.5 * (wrap_angle(pose.theta - prior.heading) / prior.std).powi(2)
         });
-        let (goals, sights) = self.goals;
-        by_compass + goals.cost(pose, sights)
+        let (goals, observed) = self.goals;
+        compass + goals.cost(pose, observed)
     }
-}
-
-/// From pose b to pose a, headings on the circle.
-pub(crate) fn pose_difference(a: Pose, b: Pose) -> Vector3<f32> {
-    Vector3::new(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
 }

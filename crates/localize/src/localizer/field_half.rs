@@ -1,50 +1,51 @@
-//! Which half of the field? What compass readings say about it, and whether the compass still turns with the robot.
+//! Field half: log odds from compass readings and coloured goals, and a test whether the compass works
+//! (docs/methods.md 9.2).
 
 use crate::config::CompassConfig;
 use crate::frames::wrap_angle;
 use crate::stamp::Stamp;
 
-/// Evidence that the belief's half of the field is the right one.
+/// Log odds of the field half of the tracked pose.
 ///
-/// Readings of one compass are no independent witnesses: a stuck one, or one beside a motor, contradicts for as long as
-/// it likes. Once the half is well established, only a compass that was seen to turn with the robot may overturn it.
+/// The errors of one compass are correlated: a stuck one, or one next to a motor, contradicts permanently. An established
+/// half is therefore only overturned by a compass that was observed to follow the robot's rotation.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HalfEvidence {
-    /// Log odds that the half is right rather than the other one.
+    /// Of the tracked half against the other one.
     log_odds: f32,
-    /// Earned by many readings, or told.
+    /// The log odds have reached their maximum, or the half was given.
     established: bool,
     compass_monitor: Option<CompassMonitor>,
 }
 
-/// Part of a frame's evidence by goals that counts: neighbouring frames show the same goal in the same light.
+/// Weight of one image's goals, below 1 since successive images show the same goal in the same light.
 const GOAL_EVIDENCE_SHARE: f32 = 0.2;
 
-/// How the belief's heading minus the compass's behaves: constant if the compass lives, whatever its offset.
+/// Deviation of the tracked heading from the compass. It is constant if the compass works, whatever its offset.
 #[derive(Debug, Clone, Copy)]
 struct CompassMonitor {
     stamp: Stamp,
-    /// The deviation when the watch began; the others are relative to it.
+    /// Deviation at the start. The others are relative to it.
     reference_deviation: f32,
     mean_deviation: f32,
     count: f32,
     smoothed_deviation: f32,
-    /// The belief's heading when the watch began.
+    /// Tracked heading at the start.
     start_heading: f32,
-    /// Largest turn since.
-    turn_max: f32,
+    /// Largest rotation since the start.
+    rotation_max: f32,
 }
 
 impl HalfEvidence {
-    /// As after a search: known with these odds, but not by many readings.
-    pub(super) fn with_log_odds(odds: f32) -> Self {
+    /// Half after a global search: these log odds, not established.
+    pub(super) fn with_log_odds(log_odds: f32) -> Self {
         HalfEvidence {
-            log_odds: odds,
+            log_odds,
             ..HalfEvidence::default()
         }
     }
 
-    /// Told by someone who knows.
+    /// Half given from outside: established.
     pub(super) fn external(config: &CompassConfig) -> Self {
         HalfEvidence {
             log_odds: config.log_odds_max,
@@ -53,37 +54,34 @@ impl HalfEvidence {
         }
     }
 
-    /// Log odds that the belief's half is right.
+    /// Log odds of the tracked half.
     pub(super) fn log_odds(&self) -> f32 {
         self.log_odds
     }
 
-    /// Coloured goals were seen, with these log odds for the belief's half.
-    pub(super) fn update_goals(&mut self, odds: f32, config: &CompassConfig) {
-        let most = config.reading_log_odds_max;
-        self.log_odds = (self.log_odds + GOAL_EVIDENCE_SHARE * odds.clamp(-most, most))
+    /// Adds the log odds of an image's coloured goals.
+    pub(super) fn update_goals(&mut self, log_odds: f32, config: &CompassConfig) {
+        let limit = config.reading_log_odds_max;
+        self.log_odds = (self.log_odds + GOAL_EVIDENCE_SHARE * log_odds.clamp(-limit, limit))
             .clamp(-config.log_odds_max, config.log_odds_max);
         self.established |= self.log_odds >= config.log_odds_max;
     }
 
-    /// The belief went to the other half.
+    /// The tracked pose was turned to the other half.
     pub(super) fn apply_half_turn(&mut self) {
-        *self = HalfEvidence {
-            log_odds: -self.log_odds,
-            established: false,
-            compass_monitor: None,
-        };
+        *self = HalfEvidence::with_log_odds(-self.log_odds);
     }
 
-    /// Someone else's word, log odds: team-mates who know their half see the ball here or opposite.
-    pub(super) fn add_log_odds(&mut self, odds: f32, config: &CompassConfig) {
-        if odds.is_finite() {
-            self.log_odds = (self.log_odds + odds).clamp(-config.log_odds_max, config.log_odds_max);
+    /// Adds log odds from another source than compass or goals. They do not establish the half.
+    pub(super) fn add_log_odds(&mut self, log_odds: f32, config: &CompassConfig) {
+        if log_odds.is_finite() {
+            self.log_odds =
+                (self.log_odds + log_odds).clamp(-config.log_odds_max, config.log_odds_max);
         }
     }
 
-    /// Hears a reading while the belief's heading is `heading`.
-    pub(super) fn receive_compass(
+    /// Adds a compass reading. `heading`: tracked heading at `stamp`.
+    pub(super) fn update_compass(
         &mut self,
         stamp: Stamp,
         heading: f32,
@@ -91,35 +89,35 @@ impl HalfEvidence {
         config: &CompassConfig,
     ) {
         let deviation = wrap_angle(heading - reading);
-        let watch = match self.compass_monitor {
-            Some(watch) => watch.update(stamp, heading, deviation, config),
+        let monitor = match self.compass_monitor {
+            Some(monitor) => monitor.update(stamp, heading, deviation, config),
             None => CompassMonitor::new(stamp, heading, deviation),
         };
-        self.compass_monitor = Some(watch);
-        let evidence = reading_log_odds(deviation, config);
-        let lives = watch.turn_max >= config.verified_turn_deg.to_radians();
-        if evidence >= 0.0 || lives || !self.established {
+        self.compass_monitor = Some(monitor);
+        let log_odds = reading_log_odds(deviation, config);
+        let verified = monitor.rotation_max >= config.verified_turn_deg.to_radians();
+        if log_odds >= 0.0 || verified || !self.established {
             self.log_odds =
-                (self.log_odds + evidence).clamp(-config.log_odds_max, config.log_odds_max);
+                (self.log_odds + log_odds).clamp(-config.log_odds_max, config.log_odds_max);
             self.established |= self.log_odds >= config.log_odds_max;
         }
     }
 }
 
 impl CompassMonitor {
-    fn new(at: Stamp, heading: f32, deviation: f32) -> Self {
+    fn new(stamp: Stamp, heading: f32, deviation: f32) -> Self {
         CompassMonitor {
-            stamp: at,
+            stamp,
             reference_deviation: deviation,
             mean_deviation: 0.0,
             count: 1.0,
             smoothed_deviation: 0.0,
             start_heading: heading,
-            turn_max: 0.0,
+            rotation_max: 0.0,
         }
     }
 
-    /// One reading later; begun anew if the compass no longer turns with the robot.
+    /// Adds a reading. Restarts if the compass does not follow the robot's rotation.
     fn update(
         mut self,
         stamp: Stamp,
@@ -127,16 +125,16 @@ impl CompassMonitor {
         deviation: f32,
         config: &CompassConfig,
     ) -> Self {
-        let since = self.stamp.seconds_until(stamp).max(0.0) as f32;
+        let seconds = self.stamp.seconds_until(stamp).max(0.0) as f32;
         self.stamp = stamp;
         let relative = wrap_angle(deviation - self.reference_deviation);
-        // Noise averages out over a few tenths of a second; a compass that sticks does not come back in that time.
-        let share = 1.0 - (-since / config.smoothing_time).exp();
+        // Smoothing removes the noise. The deviation of a stuck compass remains.
+        let share = 1.0 - (-seconds / config.smoothing_time).exp();
         self.smoothed_deviation += share * wrap_angle(relative - self.smoothed_deviation);
         self.count += 1.0;
         self.mean_deviation += wrap_angle(relative - self.mean_deviation) / self.count;
-        self.turn_max = self
-            .turn_max
+        self.rotation_max = self
+            .rotation_max
             .max(wrap_angle(heading - self.start_heading).abs());
         if wrap_angle(self.smoothed_deviation - self.mean_deviation).abs()
             > 3.0 * config.std_deg.to_radians()
@@ -147,11 +145,11 @@ impl CompassMonitor {
     }
 }
 
-/// Log odds of one reading for the half in which the heading deviates by `deviation` from it.
+/// Log odds of one reading for the half in which the heading deviates from it by `deviation`, radians.
 fn reading_log_odds(deviation: f32, config: &CompassConfig) -> f32 {
     let std = config.std_deg.to_radians();
-    let other = std::f32::consts::PI - deviation.abs();
-    (0.5 * (other * other - deviation * deviation) / (std * std))
+    let other_deviation = std::f32::consts::PI - deviation.abs();
+    (0.5 * (other_deviation * other_deviation - deviation * deviation) / (std * std))
         .clamp(-config.reading_log_odds_max, config.reading_log_odds_max)
 }
 
@@ -159,15 +157,15 @@ fn reading_log_odds(deviation: f32, config: &CompassConfig) -> f32 {
 mod tests {
     use super::*;
 
-    /// Ten seconds at 30 Hz of a robot that turns at 0.5 rad/s, the compass told by `reading`.
-    fn feed_compass(evidence: &mut HalfEvidence, from: f32, reading: impl Fn(f32, usize) -> f32) {
+    /// Ten seconds at 30 Hz of a robot that rotates at 0.5 rad/s. `reading`: compass heading from heading and index.
+    fn feed_compass(half: &mut HalfEvidence, start: f32, reading: impl Fn(f32, usize) -> f32) {
         let config = CompassConfig::default();
         for k in 0..300 {
-            let time = from + k as f32 / 30.0;
+            let time = start + k as f32 / 30.0;
             let heading = wrap_angle(0.5 * time);
             let noise = 0.1 * (k as f32 * 2.4).sin();
             let reading = wrap_angle(reading(heading, k) + noise);
-            evidence.receive_compass(
+            half.update_compass(
                 Stamp::from_seconds(f64::from(time)),
                 heading,
                 reading,
@@ -197,7 +195,7 @@ mod tests {
         let mut half = HalfEvidence::with_log_odds(2.0);
         let config = CompassConfig::default();
         for k in 0..3 {
-            half.receive_compass(Stamp(k * 33_000_000), 0.0, 3.1, &config);
+            half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, &config);
         }
         assert!(half.log_odds() < -2.0, "{}", half.log_odds());
     }

@@ -1,16 +1,16 @@
-//! Where is the robot, when nothing leads there? The whole field, and the hypotheses that earlier frames left.
+//! Localization without a tracked pose: a search of the whole field, together with the hypotheses of earlier images.
 
 use super::Localizer;
+use super::candidates::{Candidates, FrameMeasurements};
 use super::field_half::HalfEvidence;
-use crate::estimate::{Estimate, Mode, Reason};
+use crate::estimate::{Estimate, Reason};
 use crate::global_search::SearchInput;
-use crate::global_search::branch_and_bound::HeadingPrior;
-use crate::localizer::candidates::FrameMeasurements;
-use crate::sample::LinePoint;
+use crate::global_search::branch_and_bound::{HeadingPrior, Hypothesis};
+use crate::sample::{GoalObservation, LinePoint};
 use crate::stamp::Stamp;
 
 impl Localizer {
-    /// The heading by a compass reading that is young enough for this frame.
+    /// Heading prior from the last compass reading. None if the reading is too old for this image.
     pub(super) fn heading_prior(&self, stamp: Stamp) -> Option<HeadingPrior> {
         let compass = self.last_compass?;
         let age = compass.stamp.seconds_until(stamp).abs();
@@ -20,94 +20,92 @@ impl Localizer {
         })
     }
 
-    /// Looks for the pose on the whole field, together with the hypotheses that earlier frames left.
-    pub(super) fn localize_globally(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
+    /// Lost or Ambiguous: searches the whole field and updates the candidates. The search methods are those of
+    /// docs/methods.md 6.
+    pub(super) fn localize_globally(
+        &mut self,
+        stamp: Stamp,
+        points: &[LinePoint],
+        mut candidates: Candidates,
+    ) -> Estimate {
         let goals = self.take_goals(stamp);
-        let mode = &self.config.mode;
-        if points.len() < mode.points_min {
+        if points.len() < self.config.mode.points_min {
+            self.keep_candidates(candidates);
             return self.lost_estimate(stamp, Reason::FewPoints, Vec::new());
         }
-        let prior = self.heading_prior(stamp);
-        let sight = SearchInput {
+        let heading_prior = self.heading_prior(stamp);
+        let input = SearchInput {
             distances: &self.distance_field,
             points,
-            heading_prior: prior,
+            heading_prior,
             goals: &goals,
             single_image: self.last_odometry.is_none(),
         };
         let found = self
             .global_search
-            .find_hypotheses(&mut self.search, &mut self.matcher, &sight);
+            .find_hypotheses(&mut self.search, &mut self.matcher, &input);
         if found.is_empty() && self.global_search.is_in_progress() {
+            self.keep_candidates(candidates);
             return self.lost_estimate(stamp, Reason::Searching, found);
         }
-        let known = self.config.compass.half_known_log_odds;
-        let tell = |pose| self.coloured_goals.half_log_odds(pose, &goals).abs() >= known;
-        let told = prior.is_some() || found.iter().any(|one| tell(one.pose));
-        let folded = self.search.is_half_turn_symmetric() && !told;
-        let count = points.len() as f32;
-        let fits = found.first().is_some_and(|best| {
-            best.inlier_share >= mode.global_inlier_share_min
-                && best.inlier_share * count >= mode.inliers_min
-        });
-        if !fits {
-            self.candidates.clear();
-            self.global_search.reset();
+        if !self.is_plausible_match(&found, points.len()) {
+            self.lose_pose();
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         }
-        let used = self.config.branch_and_bound.points_max as f32;
-        let evidence = FrameMeasurements {
+        let half_observed = heading_prior.is_some() || self.goals_decide_half(&found, &goals);
+        let fold_half_turn = self.search.is_half_turn_symmetric() && !half_observed;
+        let points_used = self.config.branch_and_bound.points_max as f32;
+        let measurements = FrameMeasurements {
             distances: &self.distance_field,
             points,
-            prior,
+            heading_prior,
             goals: (&self.coloured_goals, &goals),
-            fold_half_turn: folded,
+            fold_half_turn,
             likelihood_exponent: self.config.branch_and_bound.likelihood_exponent
-                * (used / count).min(1.0),
+                * (points_used / points.len() as f32).min(1.0),
         };
-        self.candidates.update(
+        candidates.update(
             &mut self.matcher,
             &self.search,
-            &evidence,
+            &measurements,
             &found,
             &self.config.filter,
         );
-        let Some((belief, best)) = self.candidates.best() else {
+        let estimate = self.candidate_estimate(stamp, &candidates, fold_half_turn);
+        let Some((estimate, (filter, best))) = estimate.zip(candidates.best()) else {
+            self.lose_pose();
             return self.lost_estimate(stamp, Reason::NoMatch, found);
         };
-        let decided = best.probability >= mode.decision_probability;
-        let estimate = Estimate {
-            stamp,
-            pose: Some(belief.pose()),
-            covariance: self.candidates.covariance(),
-            mode: Mode::Global,
-            reason: (folded || !decided).then_some(Reason::Ambiguous),
-            residual: best.residual,
-            inlier_share: best.inlier_share,
-            line_points: points.len(),
-            tilt: best.tilt,
-            half_known: decided && !folded,
-            odometry_scales: belief.scales(),
-            twist: Some(belief.twist()),
-            collision: belief.in_collision(),
-            gyro_bias: belief.gyro_bias(),
-            latency: belief.latency(),
-            runners_up: self.candidates.runners_up(folded),
-        };
-        if decided {
-            self.filter = Some(belief.clone());
-            self.candidates.clear();
-            self.global_search.reset();
-            let odds = if folded {
+        if self.is_decided(best) {
+            let log_odds = if fold_half_turn {
                 0.0
             } else {
                 self.config.compass.half_known_log_odds
             };
-            self.half_evidence = HalfEvidence::with_log_odds(odds);
+            let filter = filter.clone();
             self.mean_inlier_share = estimate.inlier_share;
-            self.last_global_check = stamp;
-            self.alternative = None;
+            self.start_tracking(stamp, filter, HalfEvidence::with_log_odds(log_odds));
+        } else {
+            self.keep_candidates(candidates);
         }
         estimate
+    }
+
+    /// Does the best hypothesis explain enough points?
+    fn is_plausible_match(&self, found: &[Hypothesis], count: usize) -> bool {
+        let mode = &self.config.mode;
+        found.first().is_some_and(|best| {
+            best.inlier_share >= mode.global_inlier_share_min
+                && best.inlier_share * count as f32 >= mode.inliers_min
+        })
+    }
+
+    /// Do coloured goals decide the field half of at least one hypothesis?
+    fn goals_decide_half(&self, found: &[Hypothesis], goals: &[GoalObservation]) -> bool {
+        let log_odds_min = self.config.compass.half_known_log_odds;
+        found.iter().any(|hypothesis| {
+            let log_odds = self.coloured_goals.half_log_odds(hypothesis.pose, goals);
+            log_odds.abs() >= log_odds_min
+        })
     }
 }

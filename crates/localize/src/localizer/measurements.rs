@@ -1,28 +1,34 @@
-//! What is heard between frames? Wheels, inertial unit, commands, compass and goals move what is believed, in the order of
-//! their stamps; a frame that comes late goes back to its own time.
+//! Samples between images: wheels, inertial unit, commands, compass and goals, in the order of their stamps.
+//!
+//! An image is older than the newest samples, since cameras are slow. The state after the last image is therefore kept
+//! with all samples since (docs/methods.md 8.10).
 
 use super::motion_inputs::{MotionInputs, MotionMeasurement};
-use super::{BUFFERED_MAX, Localizer};
+use super::{BUFFERED_MAX, LastOdometry, Localizer, Snapshot};
 use crate::filter::{PoseFilter, PredictionInput};
-use crate::localizer::candidates::Candidates;
+use crate::omni::Twist;
 use crate::sample::{Compass, GoalObservation, Imu, Odometry, VelocityCommand};
 use crate::stamp::Stamp;
 
 impl Localizer {
-    /// Moves the expected pose. Samples come in the order of their stamps, before the frame of
-    /// the same stamp; a frame may come later than newer odometry.
+    /// Adds a motion of the wheels. Samples arrive in the order of their stamps and before the image of the same stamp.
+    /// An image may be older than the newest odometry.
     pub fn add_odometry(&mut self, sample: &Odometry) {
         let motion = [sample.dx, sample.dy, sample.dtheta];
         if motion.iter().any(|value| !value.is_finite()) {
             self.odometry_continuous = false;
             return;
         }
-        let gap = self.config.mode.odometry_gap_max;
-        let Some((previous, _)) = self.last_odometry else {
-            self.last_odometry = Some((sample.stamp, [0.0; 3]));
-            // Its interval began at the last frame, if at all.
+        let gap_max = self.config.mode.odometry_gap_max;
+        let Some(previous) = self.last_odometry else {
+            self.last_odometry = Some(LastOdometry {
+                stamp: sample.stamp,
+                twist: Twist::default(),
+            });
+            // The interval of a first sample is assumed to begin at the last image.
             let seconds = self.filter_stamp.seconds_until(sample.stamp);
-            self.odometry_continuous = self.has_pose_hypotheses() && (0.0..=gap).contains(&seconds);
+            self.odometry_continuous =
+                self.has_pose_hypotheses() && (0.0..=gap_max).contains(&seconds);
             if self.odometry_continuous {
                 self.move_particles(sample.stamp, motion);
                 self.receive(MotionMeasurement::Wheels(*sample));
@@ -31,33 +37,37 @@ impl Localizer {
             }
             return;
         };
-        let interval = previous.seconds_until(sample.stamp);
+        let interval = previous.stamp.seconds_until(sample.stamp);
         if interval <= 0.0 {
             self.count_out_of_order();
             return;
         }
         self.out_of_order_count = 0;
-        self.last_odometry = Some((sample.stamp, motion.map(|value| value / interval as f32)));
-        if interval > gap {
+        let [x, y, theta] = motion.map(|value| value / interval as f32);
+        self.last_odometry = Some(LastOdometry {
+            stamp: sample.stamp,
+            twist: Twist { x, y, theta },
+        });
+        if interval > gap_max {
             self.odometry_continuous &= self
                 .motion_inputs
                 .imu_active(sample.stamp, &self.config.attitude);
             self.receive(MotionMeasurement::WheelsRestarted(*sample));
             return;
         }
-        // A part of the interval may have been bridged already, for a frame between two samples.
-        let left = self
+        // `predict_to` has already moved the particles over a part of the interval if an image lies within it.
+        let remaining = self
             .particles_stamp
             .seconds_until(sample.stamp)
             .min(interval);
-        if left > 0.0 {
-            let part = (left / interval) as f32;
-            self.move_particles(sample.stamp, motion.map(|value| value * part));
+        if remaining > 0.0 {
+            let share = (remaining / interval) as f32;
+            self.move_particles(sample.stamp, motion.map(|value| value * share));
         }
         self.receive(MotionMeasurement::Wheels(*sample));
     }
 
-    /// Feels how the robot turns, leans and is pushed. In the order of the stamps, as all samples.
+    /// Adds a reading of the inertial unit. Readings that are not finite are dropped.
     pub fn add_imu(&mut self, sample: &Imu) {
         let values = sample.acceleration.iter().chain(&sample.rate);
         if values.copied().all(f32::is_finite) {
@@ -65,7 +75,7 @@ impl Localizer {
         }
     }
 
-    /// Notes what the motors are told.
+    /// Adds a velocity command. Commands that are not finite are dropped.
     pub fn add_command(&mut self, sample: &VelocityCommand) {
         let twist = sample.twist;
         if [twist.x, twist.y, twist.theta]
@@ -76,22 +86,9 @@ impl Localizer {
         }
     }
 
-    /// Does something nearby (iron, a motor's current) turn the compass away from what the gyro says, or change the
-    /// strength of the magnetic field?
-    pub fn compass_disturbed(&self) -> bool {
-        self.magnetic_disturbance || self.motion_inputs.attitude.compass_disturbed()
-    }
-
-    /// Roll, pitch and yaw by the inertial unit, radians.
-    pub fn attitude(&self) -> &crate::sensors::attitude::Attitude {
-        &self.motion_inputs.attitude
-    }
-
-    /// Notes a compass reading; it decides the half of the field, and where a search begins.
+    /// Adds a compass reading, unless the magnetic field is disturbed. It decides the field half and gives the global search its heading prior.
     pub fn add_compass(&mut self, sample: &Compass) {
-        let heading = self.config.compass.heading(sample);
-        self.magnetic_disturbance = heading.is_none();
-        let Some(heading) = heading else {
+        let Some(heading) = self.config.compass.heading(sample) else {
             return;
         };
         self.last_compass = Some(Compass { heading, ..*sample });
@@ -104,186 +101,197 @@ impl Localizer {
                 &self.config.attitude,
             );
         let config = &self.config.compass;
-        if let Some(belief) = &self.filter
+        if let Some(track) = self.state.track_mut()
             && undisturbed
             && self.filter_stamp.seconds_until(sample.stamp).abs() <= config.age_max
         {
-            self.half_evidence
-                .receive_compass(sample.stamp, belief.pose().theta, heading, config);
+            let expected = track.filter.pose().theta;
+            track
+                .half_evidence
+                .update_compass(sample.stamp, expected, heading, config);
         }
     }
 
-    /// Notes the goals that the frame of this stamp shows, before its line points are seen; where their colours differ,
-    /// they decide the half of the field too.
-    pub fn add_goals(&mut self, stamp: Stamp, sights: &[GoalObservation]) {
-        let sane = |sight: &&GoalObservation| {
-            let sizes = [sight.at.x, sight.at.y, sight.std, sight.width];
-            sizes.iter().all(|value| value.is_finite()) && sight.std >= 0.0
+    /// Adds the goals in the image of this stamp, before its line points. Goals of different colours decide the field
+    /// half.
+    pub fn add_goals(&mut self, stamp: Stamp, goals: &[GoalObservation]) {
+        let is_valid = |goal: &&GoalObservation| {
+            let sizes = [goal.at.x, goal.at.y, goal.std, goal.width];
+            sizes.iter().all(|value| value.is_finite()) && goal.std >= 0.0
         };
-        self.pending_goals = Some((stamp, sights.iter().filter(sane).copied().collect()));
+        self.pending_goals = Some((stamp, goals.iter().filter(is_valid).copied().collect()));
     }
 
-    /// The goals noted for a frame.
+    /// The goals in the image of this stamp.
     pub(super) fn take_goals(&mut self, stamp: Stamp) -> Vec<GoalObservation> {
-        let noted = self.pending_goals.take().filter(|(of, _)| *of == stamp);
-        noted.map_or_else(Vec::new, |(_, sights)| sights)
+        let pending = self
+            .pending_goals
+            .take()
+            .filter(|(goals_stamp, _)| *goals_stamp == stamp);
+        pending.map_or_else(Vec::new, |(_, goals)| goals)
     }
 
-    /// Hears log odds for the half of the field in which the belief is, rather than the other one, of a source that is
-    /// no compass: the team's ball (`team::TeamView::half_evidence`).
-    pub fn add_half_log_odds(&mut self, odds: f32) {
-        if self.filter.is_some() {
-            self.half_evidence.add_log_odds(odds, &self.config.compass);
+    /// Adds log odds of the tracked pose's field half from another source than the compass: the team's ball
+    /// (docs/methods.md 12.3).
+    pub fn add_half_log_odds(&mut self, log_odds: f32) {
+        if let Some(track) = self.state.track_mut() {
+            track
+                .half_evidence
+                .add_log_odds(log_odds, &self.config.compass);
         }
     }
 
-    /// For a frame that is older than what was heard since (cameras are slow): back to the last frame, forward to this
-    /// one; what was heard after it is returned.
+    /// Keeps the state after an image, for a next image that is older than samples received meanwhile.
+    pub(super) fn take_snapshot(&mut self) {
+        self.buffered.clear();
+        self.snapshot = self.has_pose_hypotheses().then(|| {
+            Box::new(Snapshot {
+                filter_stamp: self.filter_stamp,
+                motion_inputs: self.motion_inputs.clone(),
+                state: self.state.clone(),
+            })
+        });
+    }
+
+    /// For an image that is older than samples already received: restores the snapshot and replays the samples up to
+    /// the exposure. Returns the later ones.
     pub(super) fn rewind_to(&mut self, exposed: Stamp) -> Vec<MotionMeasurement> {
-        let Some(base) = self
+        let Some(snapshot) = self
             .snapshot
-            .take_if(|base| base.filter_stamp <= exposed && exposed < self.filter_stamp)
+            .take_if(|snapshot| snapshot.filter_stamp <= exposed && exposed < self.filter_stamp)
         else {
             return Vec::new();
         };
-        self.filter_stamp = base.filter_stamp;
-        self.motion_inputs = base.motion_inputs;
-        self.filter = base.filter;
-        self.alternative = base.alternative;
-        self.candidates = base.candidates;
+        // Compass readings are not buffered, so evidence received since the snapshot is kept.
+        let half_evidence = self.state.track().map(|track| track.half_evidence);
+        self.filter_stamp = snapshot.filter_stamp;
+        self.motion_inputs = snapshot.motion_inputs;
+        self.state = snapshot.state;
+        if let (Some(track), Some(half_evidence)) = (self.state.track_mut(), half_evidence) {
+            track.half_evidence = half_evidence;
+        }
         let mut later = std::mem::take(&mut self.buffered);
-        let after = later.partition_point(|one| one.stamp() <= exposed);
-        for one in later.drain(..after) {
-            self.receive(one);
+        let split = later.partition_point(|measurement| measurement.stamp() <= exposed);
+        for measurement in later.drain(..split) {
+            self.receive(measurement);
         }
         later
     }
 
     /// Is there anything that odometry moves?
     pub(super) fn has_pose_hypotheses(&self) -> bool {
-        self.filter.is_some() || !self.candidates.is_empty() || self.global_search.is_in_progress()
+        !self.state.is_lost() || self.global_search.is_in_progress()
     }
 
-    /// Has the motion been reported without a gap from the last frame to this one?
+    /// Does odometry or an inertial unit cover the time from the last image to this one without a gap?
     pub(super) fn odometry_covers(&self, stamp: Stamp) -> bool {
-        let gap = self.config.mode.odometry_gap_max;
+        let gap_max = self.config.mode.odometry_gap_max;
         self.odometry_continuous
             && self.has_pose_hypotheses()
-            && self.filter_stamp.seconds_until(stamp) <= gap
+            && self.filter_stamp.seconds_until(stamp) <= gap_max
             && (self.motion_inputs.imu_active(stamp, &self.config.attitude)
                 || self
                     .last_odometry
-                    .is_some_and(|(last, _)| last.seconds_until(stamp) <= gap))
+                    .is_some_and(|last| last.stamp.seconds_until(stamp) <= gap_max))
     }
 
-    /// Carries on from the last sample to the frame.
+    /// Predicts all hypotheses from the last sample to an image.
     pub(super) fn predict_to(&mut self, stamp: Stamp) {
         let seconds = self.particles_stamp.seconds_until(stamp) as f32;
         if seconds > 0.0 {
-            let rate = self.last_odometry.map_or([0.0; 3], |(_, rate)| rate);
-            self.move_particles(stamp, rate.map(|value| value * seconds));
+            let twist = self
+                .last_odometry
+                .map_or(Twist::default(), |last| last.twist);
+            let step = twist.scaled(seconds);
+            self.move_particles(stamp, [step.x, step.y, step.theta]);
         }
         if self.filter_stamp < stamp {
-            let span = self.motion_inputs.prediction_input(
+            let input = self.motion_inputs.prediction_input(
                 self.filter_stamp,
                 stamp,
                 &self.config.attitude,
             );
-            self.predict(&span, stamp);
+            self.predict(&input, stamp);
         }
     }
 
-    /// Moves the relocaliser's particles.
-    pub(super) fn move_particles(&mut self, stamp: Stamp, motion: [f32; 3]) {
+    /// Moves the particles of the global search.
+    fn move_particles(&mut self, stamp: Stamp, motion: [f32; 3]) {
         self.particles_stamp = stamp;
         self.global_search.predict(motion);
     }
 
-    fn predict(&mut self, span: &PredictionInput, to: Stamp) {
+    fn predict(&mut self, input: &PredictionInput, to: Stamp) {
         self.filter_stamp = to;
         let config = &self.config.filter;
-        for_each_filter(
-            &mut self.filter,
-            &mut self.alternative,
-            &mut self.candidates,
-            |belief| {
-                belief.predict(span, config);
-            },
-        );
+        self.state
+            .for_each_filter(|filter| filter.predict(input, config));
     }
 
-    /// Moves belief, rival and candidates by a sample, and notes it for a late frame.
-    pub(super) fn receive(&mut self, witness: MotionMeasurement) {
-        let stamp = witness.stamp();
-        // What moves nothing needs no time either: the next frame's search begins then.
-        let reached = if self.filter_stamp.0 == i64::MIN {
+    /// Applies a sample to all filters and buffers it for a late image.
+    pub(super) fn receive(&mut self, measurement: MotionMeasurement) {
+        let stamp = measurement.stamp();
+        // Before the first image or sample there is no interval to predict over.
+        let from = if self.filter_stamp.0 == i64::MIN {
             stamp
         } else {
             self.filter_stamp
         };
-        let ahead = stamp.max(reached);
-        let rested = if let MotionMeasurement::Imu(imu) = &witness {
-            let config = &self.config.filter.collision;
-            let (span, rested) =
-                self.motion_inputs
-                    .receive_imu(imu, reached, &self.config.attitude, config);
-            self.predict(&span, ahead);
-            rested
-        } else {
-            let span = self
+        let to = stamp.max(from);
+        let (attitude, collision) = (&self.config.attitude, &self.config.filter.collision);
+        let (input, stationary) = if let MotionMeasurement::Imu(imu) = &measurement {
+            let prediction = self
                 .motion_inputs
-                .prediction_input(reached, ahead, &self.config.attitude);
-            self.predict(&span, ahead);
-            None
+                .receive_imu(imu, from, attitude, collision);
+            (prediction.input, prediction.stationary)
+        } else {
+            (
+                self.motion_inputs.prediction_input(from, to, attitude),
+                None,
+            )
         };
-        self.apply_measurement(&witness, rested);
+        self.predict(&input, to);
+        self.apply_measurement(&measurement, stationary);
         if self.buffered.len() >= BUFFERED_MAX {
             self.buffered.clear();
             self.snapshot = None;
         }
-        self.buffered.push(witness);
+        self.buffered.push(measurement);
     }
 
-    /// Tells belief, rival and candidates what a witness said at the time they have reached.
-    fn apply_measurement(&mut self, witness: &MotionMeasurement, rested: Option<f32>) {
+    /// Updates all filters by a sample at the time to which they are predicted.
+    ///
+    /// `stationary`: seconds of this interval during which the robot stood still.
+    fn apply_measurement(&mut self, measurement: &MotionMeasurement, stationary: Option<f32>) {
         let (config, attitude) = (&self.config.filter, &self.config.attitude);
-        let motion = &mut self.motion_inputs;
-        let way = match witness {
-            MotionMeasurement::Wheels(odometry) => Some(motion.receive_wheels(odometry, attitude)),
+        let inputs = &mut self.motion_inputs;
+        match measurement {
+            MotionMeasurement::Wheels(odometry) => {
+                let increment = inputs.receive_wheels(odometry, attitude);
+                self.state
+                    .for_each_filter(|filter| filter.update_wheels(&increment, config));
+            }
             MotionMeasurement::WheelsRestarted(odometry) => {
-                motion.restart_wheels(odometry.stamp);
-                None
+                inputs.restart_wheels(odometry.stamp);
+                self.state.for_each_filter(PoseFilter::restart_wheels);
             }
-            MotionMeasurement::Command(command) => {
-                motion.receive_command(command.twist);
-                None
+            MotionMeasurement::Command(command) => inputs.receive_command(command.twist),
+            MotionMeasurement::Imu(_) => {
+                if let Some(seconds) = stationary {
+                    self.state
+                        .for_each_filter(|filter| filter.zero_velocity_update(seconds));
+                }
             }
-            MotionMeasurement::Imu(_) => None,
-        };
-        for_each_filter(
-            &mut self.filter,
-            &mut self.alternative,
-            &mut self.candidates,
-            |belief| {
-                if matches!(witness, MotionMeasurement::WheelsRestarted(_)) {
-                    belief.restart_wheels();
-                }
-                if let Some(way) = &way {
-                    belief.update_wheels(way, config);
-                }
-                if let Some(seconds) = rested {
-                    belief.zero_velocity_update(seconds);
-                }
-            },
-        );
+        }
     }
 
-    /// A sample older than the last: left out, unless the source's clock was set back.
+    /// Counts a sample older than the last one. It is dropped, but after `out_of_order_max` the source's clock is assumed
+    /// to have been set back, and localization restarts.
     pub(super) fn count_out_of_order(&mut self) {
         self.out_of_order_count += 1;
         if self.out_of_order_count >= self.config.mode.out_of_order_max {
             self.out_of_order_count = 0;
-            self.reset();
+            self.lose_pose();
             self.last_odometry = None;
             self.last_compass = None;
             self.motion_inputs = MotionInputs::default();
@@ -291,19 +299,4 @@ impl Localizer {
             self.particles_stamp = Stamp(i64::MIN);
         }
     }
-}
-
-/// Every belief that the motion moves.
-fn for_each_filter(
-    belief: &mut Option<PoseFilter>,
-    rival: &mut Option<(PoseFilter, u32)>,
-    candidates: &mut Candidates,
-    act: impl FnMut(&mut PoseFilter),
-) {
-    let belief = belief.iter_mut();
-    let rival = rival.iter_mut().map(|(belief, _)| belief);
-    belief
-        .chain(rival)
-        .chain(candidates.filters_mut())
-        .for_each(act);
 }

@@ -1,19 +1,19 @@
-//! Where is the robot now, and does it know? Tracking while the sights agree, suspicion when they do not, a search of
-//! the whole field when there is no pose, and several hypotheses while nothing has decided between them.
+//! Localization of one robot on one field: a state machine over pose filters.
 //!
-//! Track → suspect → lost → relocalise follows nubot2013 4 (five cycles), with more evidence than its two thresholds:
-//! share of inliers, deviation from the prediction, the best pose of the whole field, the compass.
+//! Each image is matched under the prediction while it agrees (Tracking), compared with the whole field when it does not
+//! (Suspect), and searched on the whole field without a pose (Lost). Several hypotheses are kept until the images
+//! decide between them (Ambiguous). `state` holds the states and their transitions.
 
-pub(crate) mod candidates;
+mod candidates;
 mod field_half;
 mod global_localization;
 mod measurements;
 mod motion_inputs;
 mod output;
+mod state;
 mod tilt_bias;
 mod track;
 
-use std::path::Path;
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
@@ -25,138 +25,121 @@ use crate::field::goal_colours::ColouredGoals;
 use crate::filter::{PoseFilter, TiltPrior};
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::BranchAndBound;
-use crate::global_search::scan_map::{CacheStatus, ScanMap};
+use crate::global_search::scan_map::ScanMap;
 use crate::global_search::{GlobalSearch, GlobalSearchMethod};
-use crate::localizer::candidates::Candidates;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::omni::Twist;
 use crate::sample::{Compass, GoalObservation, LinePoint};
 use crate::stamp::Stamp;
 
+use candidates::Candidates;
 use field_half::HalfEvidence;
 use motion_inputs::{MotionInputs, MotionMeasurement};
+use output::MatchFigures;
+use state::State;
 use tilt_bias::TiltBias;
 
-/// Follows one robot over one field.
+/// Localizes one robot on one field.
 #[derive(Debug, Clone)]
 pub struct Localizer {
     config: LocalizeConfig,
     distance_field: DistanceField,
     search: BranchAndBound,
     global_search: GlobalSearch,
-    /// For the relocaliser or the tracker that needs it.
+    /// Only if the global search or the tracker uses it.
     scan_map: Option<Arc<ScanMap>>,
     matcher: Matcher,
-    /// Variances of "somewhere on the field".
-    uniform_covariance: Matrix3<f32>,
-    filter: Option<PoseFilter>,
-    /// Up to when belief, rival and candidates have been moved.
-    filter_stamp: Stamp,
-    /// What inertial unit, wheels and commands said last.
-    motion_inputs: MotionInputs,
-    tilt_bias: TiltBias,
-    /// Of the frame at hand.
-    tilt_prior: TiltPrior,
-    /// Variances of the lean that the last tracked frame left.
-    tilt_variances: Option<[f32; 2]>,
-    /// Up to when the relocaliser's particles have been moved.
-    particles_stamp: Stamp,
-    /// The last odometry sample and the rate of motion it showed (per second).
-    last_odometry: Option<(Stamp, [f32; 3])>,
-    /// No gap in the odometry since the last frame.
-    odometry_continuous: bool,
-    last_compass: Option<Compass>,
-    /// Did the last reading of the magnetic field say nothing but that something is nearby?
-    magnetic_disturbance: bool,
     coloured_goals: ColouredGoals,
-    /// Goals that the frame of this stamp shows.
-    pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
-    half_evidence: HalfEvidence,
-    /// A pose that explains the points better than the belief, and in how many frames it did.
-    alternative: Option<(PoseFilter, u32)>,
-    /// Hypotheses that nothing has decided between yet; none while there is a belief.
-    candidates: Candidates,
-    /// Suspect frames in a row, by the rule of thresholds.
-    suspect_frames: u32,
-    mean_inlier_share: f32,
-    last_global_check: Stamp,
-    out_of_order_count: u32,
-    /// As it was after the last frame: a frame that comes later than odometry of its time goes on from here.
+    /// Covariance of a uniform distribution over the field.
+    uniform_covariance: Matrix3<f32>,
+    state: State,
+    /// Time to which all filters of `state` are predicted.
+    filter_stamp: Stamp,
+    motion_inputs: MotionInputs,
+    /// State after the last image. An image older than newer samples restarts from it.
     snapshot: Option<Box<Snapshot>>,
-    /// What was heard since then.
+    /// Samples since the snapshot.
     buffered: Vec<MotionMeasurement>,
+    /// Time to which the particles of the global search are predicted.
+    particles_stamp: Stamp,
+    last_odometry: Option<LastOdometry>,
+    /// No gap in the odometry since the last image.
+    odometry_continuous: bool,
+    out_of_order_count: u32,
+    last_compass: Option<Compass>,
+    /// Goals in the image of this stamp.
+    pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
+    tilt_bias: TiltBias,
+    /// Prior of the current image's tilt.
+    tilt_prior: TiltPrior,
+    /// Posterior variances of the tilt in the last tracked image, rad².
+    tilt_variances: Option<[f32; 2]>,
+    /// Smoothed over about a second of tracked images.
+    mean_inlier_share: f32,
 }
 
-/// What odometry moves, at one time.
+/// What odometry changes, at the time of one image.
 #[derive(Debug, Clone)]
 struct Snapshot {
     filter_stamp: Stamp,
     motion_inputs: MotionInputs,
-    filter: Option<PoseFilter>,
-    alternative: Option<(PoseFilter, u32)>,
-    candidates: Candidates,
+    state: State,
 }
 
-/// Most samples kept for a late frame: a second of wheels, inertial unit and commands at 1 kHz each.
+/// The last odometry sample.
+#[derive(Debug, Clone, Copy)]
+struct LastOdometry {
+    stamp: Stamp,
+    /// Mean over its interval. Zero for the first sample.
+    twist: Twist,
+}
+
+/// Most samples buffered for a late image: one second of wheels, inertial unit and commands at 1 kHz each.
 const BUFFERED_MAX: usize = 3000;
 
 impl Localizer {
-    /// Builds the field's tables, in parallel; knows nothing yet.
+    /// Builds the field's tables in parallel. The pose is unknown at first.
     pub fn new(field: &Field, config: LocalizeConfig) -> Self {
-        Localizer::build(field, config, None).0
+        Localizer::with_scan_map(field, config, None)
     }
 
-    /// The same with a folder where a scan map, which takes a second to build, is kept from run to run; says where it
-    /// came from if the configuration needs one.
-    pub fn with_cache(
-        field: &Field,
-        config: LocalizeConfig,
-        folder: &Path,
-    ) -> (Self, Option<CacheStatus>) {
-        Localizer::build(field, config, Some(folder))
+    /// True if the configuration needs a scan map, which takes a second to build.
+    pub fn needs_scan_map(config: &LocalizeConfig) -> bool {
+        config.global_search.method == GlobalSearchMethod::ScanMap
+            || config.tracker == Tracker::ScanMap
     }
 
-    fn build(
-        field: &Field,
-        config: LocalizeConfig,
-        folder: Option<&Path>,
-    ) -> (Self, Option<CacheStatus>) {
+    /// The same with a scan map built earlier from this field and configuration; one is built if needed and not given.
+    pub fn with_scan_map(field: &Field, config: LocalizeConfig, stored: Option<ScanMap>) -> Self {
         let distances = DistanceField::new(field, &config.distance_field);
-        let by = config.global_search.method;
-        let needed = by == GlobalSearchMethod::ScanMap || config.tracker == Tracker::ScanMap;
         let scan_map = || {
-            let config = config.global_search.scan_map.clone();
-            needed.then(|| match folder {
-                Some(folder) => {
-                    let (map, origin) = ScanMap::load_or_build(folder, field, &distances, config);
-                    (Arc::new(map), Some(origin))
-                }
-                None => (Arc::new(ScanMap::new(field, &distances, config)), None),
-            })
+            let scan_config = config.global_search.scan_map.clone();
+            let build = || ScanMap::new(field, &distances, scan_config);
+            Localizer::needs_scan_map(&config).then(|| Arc::new(stored.unwrap_or_else(build)))
         };
         let search = || BranchAndBound::new(field, &distances, config.branch_and_bound.clone());
         let (search, scan_map) = rayon::join(search, scan_map);
-        let (scan_map, origin) = scan_map.unzip();
-        let relocaliser = GlobalSearch::with_scan_map(
+        let global_search = GlobalSearch::with_scan_map(
             field,
             &distances,
             &config.global_search,
             scan_map.as_ref(),
         );
         let (half_x, half_y) = field.carpet_half_extent();
-        let turn = std::f32::consts::PI * std::f32::consts::PI / 3.0;
-        let localizer = Localizer {
+        let heading_variance = std::f32::consts::PI * std::f32::consts::PI / 3.0;
+        Localizer {
             matcher: Matcher::new(config.matching.clone()),
             distance_field: distances,
             search,
-            global_search: relocaliser,
+            global_search,
             scan_map,
             uniform_covariance: Matrix3::from_diagonal(&Vector3::new(
                 half_x * half_x / 3.0,
                 half_y * half_y / 3.0,
-                turn,
+                heading_variance,
             )),
-            filter: None,
+            state: State::Lost,
             filter_stamp: Stamp(i64::MIN),
             motion_inputs: MotionInputs::default(),
             tilt_bias: TiltBias::new(&config.attitude),
@@ -166,34 +149,22 @@ impl Localizer {
             last_odometry: None,
             odometry_continuous: false,
             last_compass: None,
-            magnetic_disturbance: false,
             coloured_goals: ColouredGoals::new(field),
             pending_goals: None,
-            half_evidence: HalfEvidence::default(),
-            alternative: None,
-            candidates: Candidates::default(),
-            suspect_frames: 0,
             mean_inlier_share: 0.0,
-            last_global_check: Stamp(i64::MIN),
             out_of_order_count: 0,
             snapshot: None,
             buffered: Vec::new(),
             config,
-        };
-        (localizer, origin.flatten())
+        }
     }
 
-    /// The configuration in use.
-    pub fn config(&self) -> &LocalizeConfig {
-        &self.config
+    /// The scan map, if the configuration needs one.
+    pub fn scan_map(&self) -> Option<&ScanMap> {
+        self.scan_map.as_deref()
     }
 
-    /// The distance look-up, for drawing and for other matchers.
-    pub fn distance_field(&self) -> &DistanceField {
-        &self.distance_field
-    }
-
-    /// Memory held by the field's tables, bytes.
+    /// Size of the field's tables, bytes.
     pub fn memory_bytes(&self) -> usize {
         let scan_map = self.scan_map.as_ref().map_or(0, |map| map.memory_bytes());
         self.distance_field.memory_bytes()
@@ -202,23 +173,25 @@ impl Localizer {
             + scan_map
     }
 
-    /// Particles of the relocaliser, if it has some.
+    /// Particles of the Monte Carlo search. Empty for other methods.
     pub fn particles(&self) -> &[Pose] {
         self.global_search.particles()
     }
 
-    /// Starts from a pose that is known (placed by hand, a team-mate's word), half included.
+    /// Starts tracking from a known pose (placed by hand, or a team-mate's message). Its field half counts as established.
     pub fn set_pose(&mut self, stamp: Stamp, pose: Pose, covariance: &Matrix3<f32>) {
-        self.reset();
-        self.filter = Some(PoseFilter::new(pose, covariance, None, &self.config.filter));
-        self.half_evidence = HalfEvidence::external(&self.config.compass);
+        self.lose_pose();
+        let filter = PoseFilter::new(pose, covariance, None, &self.config.filter);
+        let half_evidence = HalfEvidence::external(&self.config.compass);
+        self.start_tracking(stamp, filter, half_evidence);
         self.filter_stamp = stamp;
         self.particles_stamp = stamp;
-        self.last_global_check = stamp;
         self.odometry_continuous = true;
     }
 
-    /// Takes a frame's line points to a pose. Points that are not finite are left out.
+    /// Estimates the pose from an image's line points. Points that are not finite are dropped.
+    ///
+    /// The image is applied at its exposure, `stamp` minus the camera latency (docs/methods.md 8.10).
     pub fn process_points(&mut self, stamp: Stamp, points: &[LinePoint]) -> Estimate {
         let mut points: Vec<LinePoint> = points
             .iter()
@@ -226,53 +199,48 @@ impl Localizer {
             .copied()
             .collect();
         let exposed = stamp + -f64::from(self.latency());
-        if let Some((of, _)) = &mut self.pending_goals
-            && *of == stamp
+        if let Some((goals_stamp, _)) = &mut self.pending_goals
+            && *goals_stamp == stamp
         {
-            *of = exposed;
+            *goals_stamp = exposed;
         }
         let later = self.rewind_to(exposed);
         if self.has_pose_hypotheses() && self.filter_stamp.seconds_until(exposed) < 0.0 {
             self.count_out_of_order();
             if self.out_of_order_count > 0 {
-                return self.estimate(stamp, Some(Reason::OutOfOrder), None, Vec::new());
+                let reason = Some(Reason::OutOfOrder);
+                return self.estimate(stamp, reason, MatchFigures::default(), Vec::new());
             }
         }
-        let led = self.odometry_covers(exposed);
-        if led {
+        let covered = self.odometry_covers(exposed);
+        if covered {
             self.predict_to(exposed);
         }
-        if !led || self.config.tracker == Tracker::None {
-            self.reset();
+        if !covered || self.config.tracker == Tracker::None {
+            self.lose_pose();
         }
         self.odometry_continuous = true;
-        let passed = self.filter_stamp.seconds_until(exposed);
+        let elapsed = self.filter_stamp.seconds_until(exposed);
         self.filter_stamp = exposed;
         self.particles_stamp = self.particles_stamp.max(exposed);
-        let lean = self.compensate_tilt(exposed, &mut points);
-        let mut estimate = if self.filter.is_some() {
-            self.track(exposed, &points)
-        } else {
-            self.localize_globally(exposed, &points)
+        let imu_tilt = self.compensate_tilt(exposed, &mut points);
+        let mut estimate = match std::mem::take(&mut self.state) {
+            State::Lost => self.localize_globally(exposed, &points, Candidates::default()),
+            State::Ambiguous(candidates) => self.localize_globally(exposed, &points, candidates),
+            State::Tracking(track) => self.track(exposed, &points, track, None),
+            State::Suspect(track, suspicion) => {
+                self.track(exposed, &points, track, Some(suspicion))
+            }
         };
-        if let Some((felt, expected)) = lean {
-            self.update_tilt_bias(felt, &expected, &estimate, passed as f32);
-            for (value, mean) in estimate.tilt.iter_mut().zip(expected.mean) {
+        if let Some(imu_tilt) = imu_tilt {
+            self.update_tilt_bias(&imu_tilt, &estimate, elapsed as f32);
+            for (value, mean) in estimate.tilt.iter_mut().zip(imu_tilt.expected.mean) {
                 *value += mean;
             }
         }
-        self.buffered.clear();
-        self.snapshot = self.has_pose_hypotheses().then(|| {
-            Box::new(Snapshot {
-                filter_stamp: self.filter_stamp,
-                motion_inputs: self.motion_inputs.clone(),
-                filter: self.filter.clone(),
-                alternative: self.alternative.clone(),
-                candidates: self.candidates.clone(),
-            })
-        });
-        for one in later {
-            self.receive(one);
+        self.take_snapshot();
+        for measurement in later {
+            self.receive(measurement);
         }
         Estimate {
             stamp,
@@ -281,61 +249,50 @@ impl Localizer {
         }
     }
 
-    /// An estimate of a frame's exposure moved on to its stamp, where the two differ.
+    /// Predicts an estimate from the exposure to the image's stamp.
     fn predict_estimate_to(&mut self, stamp: Stamp, estimate: Estimate) -> Estimate {
         let seconds = estimate.stamp.seconds_until(stamp);
         if !(seconds > 0.0) {
             return estimate;
         }
-        // Beyond the last sample on a copy: later samples will tell it better.
-        let beyond = self.filter_stamp.seconds_until(stamp);
-        let Some(mut belief) = self.filter.clone() else {
+        // The part after the last sample is predicted on a copy, since later samples will measure it.
+        let unmeasured = self.filter_stamp.seconds_until(stamp);
+        let Some(mut filter) = self.state.filter().cloned() else {
             return estimate;
         };
-        if beyond > 0.0 {
+        if unmeasured > 0.0 {
             let config = &self.config.attitude;
-            let span =
+            let input =
                 self.motion_inputs
                     .clone()
                     .prediction_input(self.filter_stamp, stamp, config);
-            belief.predict(&span, &self.config.filter);
+            filter.predict(&input, &self.config.filter);
         }
         Estimate {
-            pose: estimate.pose.and(Some(belief.pose())),
+            pose: estimate.pose.and(Some(filter.pose())),
             covariance: estimate
                 .pose
-                .map_or(estimate.covariance, |_| belief.covariance()),
-            twist: estimate.twist.and(Some(belief.twist())),
+                .map_or(estimate.covariance, |_| filter.covariance()),
+            twist: estimate.twist.and(Some(filter.twist())),
             ..estimate
         }
     }
 
-    /// From a frame's exposure to its stamp, as far as is known, seconds.
+    /// Time from an image's exposure to its stamp, seconds: estimated while tracking, else as configured.
     fn latency(&self) -> f32 {
-        self.filter
-            .as_ref()
+        self.state
+            .filter()
             .map_or(self.config.filter.camera_latency, PoseFilter::latency)
-    }
-
-    fn reset(&mut self) {
-        self.filter = None;
-        self.candidates.clear();
-        self.global_search.reset();
-        self.half_evidence = HalfEvidence::default();
-        self.alternative = None;
-        self.suspect_frames = 0;
-        self.snapshot = None;
-        self.buffered.clear();
     }
 }
 
-/// Only points that a camera can have seen take part.
+/// Could a camera have measured this point?
 fn is_plausible(point: &LinePoint) -> bool {
-    let value = |value: f32| value.is_finite() && value.abs() < 100.0;
-    value(point.at.x)
-        && value(point.at.y)
-        && value(point.std_radial)
-        && value(point.std_tangential)
+    let in_range = |value: f32| value.is_finite() && value.abs() < 100.0;
+    in_range(point.at.x)
+        && in_range(point.at.y)
+        && in_range(point.std_radial)
+        && in_range(point.std_tangential)
         && point.std_radial >= 0.0
         && point.std_tangential >= 0.0
 }

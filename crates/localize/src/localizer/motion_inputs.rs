@@ -1,4 +1,4 @@
-//! What is felt and wanted of the motion? Inertial unit, wheels and commands, made ready for every belief alike.
+//! Motion measurements: turns samples of inertial unit, wheels and commands into the inputs of the pose filters.
 
 use crate::filter::{ImuInterval, PredictionInput, WheelIncrement};
 use crate::omni::Twist;
@@ -7,12 +7,12 @@ use crate::sensors::attitude::{Attitude, AttitudeConfig};
 use crate::sensors::collision::CollisionConfig;
 use crate::stamp::Stamp;
 
-/// A sample that moves beliefs.
+/// A sample that changes the pose filters.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum MotionMeasurement {
-    /// Of the wheels; their interval is shorter than the longest gap.
+    /// Wheel odometry.
     Wheels(Odometry),
-    /// Of the wheels, but its interval is unknown or too long: counting begins anew.
+    /// Wheel odometry whose interval is unknown or too long. A new interval begins at its stamp.
     WheelsRestarted(Odometry),
     Imu(Imu),
     Command(VelocityCommand),
@@ -21,47 +21,57 @@ pub(super) enum MotionMeasurement {
 impl MotionMeasurement {
     pub(super) fn stamp(&self) -> Stamp {
         match self {
-            MotionMeasurement::Wheels(one) | MotionMeasurement::WheelsRestarted(one) => one.stamp,
-            MotionMeasurement::Imu(one) => one.stamp,
-            MotionMeasurement::Command(one) => one.stamp,
+            MotionMeasurement::Wheels(odometry) | MotionMeasurement::WheelsRestarted(odometry) => {
+                odometry.stamp
+            }
+            MotionMeasurement::Imu(imu) => imu.stamp,
+            MotionMeasurement::Command(command) => command.stamp,
         }
     }
 }
 
-/// How much an accelerometer rattles is learnt within so long, seconds.
+/// Time constant of the vibration estimate, seconds.
 const VIBRATION_TIME_CONSTANT: f32 = 1.0;
-/// One reading proves no more than so many times what was known, and this, (m/s²)²: a shock is no rattling.
+/// One reading counts at most as this multiple of the vibration variance plus the step below. A shock is no vibration.
 const VIBRATION_GROWTH_MAX: f32 = 9.0;
+/// (m/s²)².
 const VIBRATION_VARIANCE_STEP: f32 = 0.01;
+
+/// Age at which the wheels' acceleration is no longer used, seconds.
+const WHEEL_ACCELERATION_AGE_MAX: f64 = 0.1;
 
 /// The last reading of the inertial unit.
 #[derive(Debug, Clone, Copy)]
 struct LastImu {
     stamp: Stamp,
-    /// Specific force along x and y, m/s².
+    /// Along x and y, m/s².
     specific_force: [f32; 2],
+    /// rad/s.
     rate: [f32; 3],
-    /// How fast that changes, rad/s².
+    /// Derivative of the rate, rad/s².
     angular_acceleration: [f32; 3],
-    /// How fast the force changed, m/s³, and what of it scatters from reading to reading, (m/s²)².
+    /// Derivative of the specific force, m/s³.
     jerk: [f32; 2],
+    /// Variance of the specific force from reading to reading, (m/s²)².
     vibration_variance: f32,
-    /// Since the one before, seconds.
+    /// Time since the previous reading, seconds.
     sample_period: f32,
     shock: bool,
-    /// Force and rate times their duration that beliefs were given since.
+    /// Integrals of specific force (x, y) and rate that the filters already received after this reading.
     integrated: [f32; 5],
 }
 
 impl LastImu {
-    /// What it says of the last `left` seconds before it, when beliefs were given the rest already.
-    fn remaining_interval(&self, before: &LastImu, left: f32) -> ImuInterval {
-        // A gyro tells the rate of a moment: between two of them it changes evenly.
-        let told: [f32; 5] = std::array::from_fn(|k| match k {
+    /// This reading's interval without the part that the filters received by extrapolation of the reading `before`.
+    ///
+    /// `remaining`: length of the result, seconds.
+    fn remaining_interval(&self, before: &LastImu, remaining: f32) -> ImuInterval {
+        // A gyro measures the rate at an instant. Between two readings it is interpolated linearly.
+        let mean: [f32; 5] = std::array::from_fn(|k| match k {
             0 | 1 => self.specific_force[k],
             _ => 0.5 * (before.rate[k - 2] + self.rate[k - 2]),
         });
-        let rest = |k: usize| (told[k] * self.sample_period - before.integrated[k]) / left;
+        let rest = |k: usize| (mean[k] * self.sample_period - before.integrated[k]) / remaining;
         ImuInterval {
             specific_force: [rest(0), rest(1)],
             rate: [rest(2), rest(3), rest(4)],
@@ -71,32 +81,32 @@ impl LastImu {
         }
     }
 
-    /// Jerk of the force up to a later reading, and how much readings scatter by then.
+    /// Jerk up to a later reading, and the updated vibration variance.
     ///
-    /// Second differences of independent errors have six times their variance; what a robot does is smooth beside them,
-    /// and a shock is no scatter.
+    /// Second differences of independent errors have six times their variance. The robot's own acceleration is smooth
+    /// in comparison.
     fn estimate_vibration(&self, imu: &Imu, seconds: f32) -> ([f32; 2], f32) {
         let jerk = [0, 1].map(|k| (imu.acceleration[k] - self.specific_force[k]) / seconds);
-        let off = [0, 1].map(|k| (jerk[k] - self.jerk[k]) * seconds);
-        let proved = (off[0] * off[0] + off[1] * off[1]) / 12.0;
-        let most = VIBRATION_GROWTH_MAX * self.vibration_variance + VIBRATION_VARIANCE_STEP;
+        let difference = [0, 1].map(|k| (jerk[k] - self.jerk[k]) * seconds);
+        let variance = (difference[0] * difference[0] + difference[1] * difference[1]) / 12.0;
+        let limit = VIBRATION_GROWTH_MAX * self.vibration_variance + VIBRATION_VARIANCE_STEP;
         let share = (seconds / VIBRATION_TIME_CONSTANT).min(1.0);
         (
             jerk,
-            self.vibration_variance + share * (proved.min(most) - self.vibration_variance),
+            self.vibration_variance + share * (variance.min(limit) - self.vibration_variance),
         )
     }
 
-    /// What it says of `seconds`, `since` after it, when nothing newer was heard; noted as given.
+    /// Extrapolation over `seconds`, beginning `since` seconds after this reading. Counted as received by the filters.
     ///
-    /// The rate changes as it did: a robot that begins to turn is not seen a few milliseconds late.
+    /// The rate continues with its derivative, so a rotation that begins is not delayed by a few milliseconds.
     fn extrapolate(&mut self, since: f32, seconds: f32) -> ImuInterval {
-        let ahead = since + 0.5 * seconds;
+        let middle = since + 0.5 * seconds;
         let rate: [f32; 3] =
-            std::array::from_fn(|k| self.rate[k] + ahead * self.angular_acceleration[k]);
-        let told = self.specific_force.iter().chain(&rate);
-        for (given, value) in self.integrated.iter_mut().zip(told) {
-            *given += value * seconds;
+            std::array::from_fn(|k| self.rate[k] + middle * self.angular_acceleration[k]);
+        let values = self.specific_force.iter().chain(&rate);
+        for (integral, value) in self.integrated.iter_mut().zip(values) {
+            *integral += value * seconds;
         }
         ImuInterval {
             specific_force: self.specific_force,
@@ -113,27 +123,35 @@ impl LastImu {
 struct LastWheels {
     stamp: Stamp,
     velocity: Twist,
-    /// Of the robot over the ground, m/s², robot frame; of one interval, with the noise of coarse ticks.
+    /// Acceleration over the ground, m/s², robot frame. From one interval, so it carries the encoders' quantisation.
     acceleration: [f32; 2],
 }
 
-/// Samples of all witnesses as they were last heard.
+/// Prediction over the interval up to a reading of the inertial unit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ImuPrediction {
+    pub(super) input: PredictionInput,
+    /// Length of the reading's interval if the robot stood still, seconds.
+    pub(super) stationary: Option<f32>,
+}
+
+/// The last samples of all motion sensors.
 #[derive(Debug, Clone, Default)]
 pub(super) struct MotionInputs {
     pub(super) attitude: Attitude,
     imu: Option<LastImu>,
     wheels: Option<LastWheels>,
-    /// When the wheels were last heard.
+    /// Stamp of the last wheel sample.
     wheels_stamp: Option<Stamp>,
     command: Option<Twist>,
-    /// What the motors make of the commands by their limits.
+    /// Commanded twist under the motors' acceleration limit.
     achievable_twist: Twist,
-    /// For how long the wheels have stood, seconds.
+    /// Time since the wheels stopped, seconds.
     stationary_time: f32,
 }
 
 impl MotionInputs {
-    /// The stretch from `from` to `to`, as far as is known before anything at `to` is heard.
+    /// Prediction from `from` to `to` by the samples before `to`.
     pub(super) fn prediction_input(
         &mut self,
         from: Stamp,
@@ -141,193 +159,202 @@ impl MotionInputs {
         config: &AttitudeConfig,
     ) -> PredictionInput {
         let seconds = from.seconds_until(to) as f32;
-        let silence = f64::from(config.timeout);
-        let felt = self
+        let timeout = f64::from(config.timeout);
+        let imu = self
             .imu
             .as_mut()
-            .filter(|felt| felt.stamp.seconds_until(to) <= silence);
+            .filter(|imu| imu.stamp.seconds_until(to) <= timeout);
         let mut shock = false;
-        let felt = felt.map(|felt| {
-            shock = felt.shock;
-            felt.extrapolate(felt.stamp.seconds_until(from) as f32, seconds)
+        let interval = imu.map(|imu| {
+            shock = imu.shock;
+            imu.extrapolate(imu.stamp.seconds_until(from) as f32, seconds)
         });
         PredictionInput {
             dt: seconds,
-            imu: felt,
+            imu: interval,
             command: self.command,
             shock,
         }
     }
 
-    /// Is the inertial unit alive at that time?
+    /// Is the last reading of the inertial unit within the timeout?
     pub(super) fn imu_active(&self, now: Stamp, config: &AttitudeConfig) -> bool {
         self.imu
-            .is_some_and(|felt| felt.stamp.seconds_until(now).abs() <= f64::from(config.timeout))
+            .is_some_and(|imu| imu.stamp.seconds_until(now).abs() <= f64::from(config.timeout))
     }
 
-    /// Hears the inertial unit when beliefs have reached `from`: the stretch to its reading, and for how long the
-    /// robot rested, seconds.
+    /// Takes a reading of the inertial unit while the filters are at `from`.
     ///
-    /// A reading holds for the time since the one before; what beliefs were given of it already is left out.
+    /// A reading covers the time since the previous one. The part that the filters already received is left out.
     pub(super) fn receive_imu(
         &mut self,
         imu: &Imu,
         from: Stamp,
         config: &AttitudeConfig,
         collision: &CollisionConfig,
-    ) -> (PredictionInput, Option<f32>) {
-        let left = from.seconds_until(imu.stamp) as f32;
-        let before = self.imu;
-        let since = before.map_or(f64::INFINITY, |felt| felt.stamp.seconds_until(imu.stamp));
-        let connected = since > 0.0 && since <= f64::from(config.timeout);
-        let seconds = if connected { since as f32 } else { 0.0 };
-        let moving = self
+    ) -> ImuPrediction {
+        let remaining = from.seconds_until(imu.stamp) as f32;
+        let previous = self.imu;
+        let interval = previous.map_or(f64::INFINITY, |last| last.stamp.seconds_until(imu.stamp));
+        let connected = interval > 0.0 && interval <= f64::from(config.timeout);
+        let seconds = if connected { interval as f32 } else { 0.0 };
+        let wheel_acceleration = self
             .wheels
-            .filter(|rolled| rolled.stamp.seconds_until(imu.stamp).abs() <= 0.1)
-            .map_or([0.0; 2], |rolled| rolled.acceleration);
-        let wanted = self.commanded_acceleration(seconds, collision);
-        let resting = self.is_stationary(imu.rate, config);
-        if resting && connected {
+            .filter(|wheels| {
+                wheels.stamp.seconds_until(imu.stamp).abs() <= WHEEL_ACCELERATION_AGE_MAX
+            })
+            .map_or([0.0; 2], |wheels| wheels.acceleration);
+        let commanded = self.commanded_acceleration(seconds, collision);
+        let stationary = self.is_stationary(imu.rate, config);
+        if stationary && connected {
             self.attitude.zero_rate_update(imu.rate, seconds, config);
         }
-        self.attitude
-            .update_imu(imu.rate, imu.acceleration, moving, seconds, config);
+        self.attitude.update_imu(
+            imu.rate,
+            imu.acceleration,
+            wheel_acceleration,
+            seconds,
+            config,
+        );
         let acceleration = self.attitude.remove_gravity(imu.acceleration);
-        let beyond = (acceleration[0] - wanted[0]).hypot(acceleration[1] - wanted[1]);
-        let most = if self.command.is_some() {
+        let excess = (acceleration[0] - commanded[0]).hypot(acceleration[1] - commanded[1]);
+        let excess_max = if self.command.is_some() {
             collision.shock_acceleration
         } else {
             collision.shock_acceleration + collision.motor_acceleration_max
         };
-        let shock = beyond > most;
-        let speeding = match before {
-            Some(before) if connected && !shock => {
-                std::array::from_fn(|k| (imu.rate[k] - before.rate[k]) / seconds)
+        let shock = excess > excess_max;
+        let angular_acceleration = match previous {
+            Some(last) if connected && !shock => {
+                std::array::from_fn(|k| (imu.rate[k] - last.rate[k]) / seconds)
             }
             _ => [0.0; 3],
         };
-        let (jerk, rattle) = match before {
-            Some(before) if connected => before.estimate_vibration(imu, seconds),
+        let (jerk, vibration_variance) = match previous {
+            Some(last) if connected => last.estimate_vibration(imu, seconds),
             _ => ([0.0; 2], 0.0),
         };
         let reading = LastImu {
             stamp: imu.stamp,
             specific_force: [imu.acceleration[0], imu.acceleration[1]],
             rate: imu.rate,
-            angular_acceleration: speeding,
+            angular_acceleration,
             jerk,
-            vibration_variance: rattle,
+            vibration_variance,
             sample_period: seconds,
             shock,
             integrated: [0.0; 5],
         };
         self.imu = Some(reading);
-        let span = PredictionInput {
-            dt: left,
-            imu: before
-                .filter(|_| connected && left > 0.0)
-                .map(|before| reading.remaining_interval(&before, left)),
-            command: self.command,
-            shock: shock && connected,
-        };
-        (span, (resting && connected).then_some(seconds))
+        ImuPrediction {
+            input: PredictionInput {
+                dt: remaining,
+                imu: previous
+                    .filter(|_| connected && remaining > 0.0)
+                    .map(|last| reading.remaining_interval(&last, remaining)),
+                command: self.command,
+                shock: shock && connected,
+            },
+            stationary: (stationary && connected).then_some(seconds),
+        }
     }
 
-    /// The acceleration that motors and commands explain, m/s², robot frame; moves what they follow.
+    /// Acceleration that the command explains, m/s², robot frame (docs/methods.md 10). Advances the achievable twist.
     fn commanded_acceleration(&mut self, seconds: f32, config: &CollisionConfig) -> [f32; 2] {
         let Some(command) = self.command else {
-            // Only what keeps the robot on its curve.
-            return self.wheels.map_or([0.0; 2], |rolled| {
-                let Twist { x, y, theta } = rolled.velocity;
+            // The centripetal acceleration alone.
+            return self.wheels.map_or([0.0; 2], |wheels| {
+                let Twist { x, y, theta } = wheels.velocity;
                 [-theta * y, theta * x]
             });
         };
-        let now = self.achievable_twist;
-        let (dx, dy) = (command.x - now.x, command.y - now.y);
-        let size = dx.hypot(dy);
-        let most = config.motor_acceleration_max * seconds;
-        let part = if size > most { most / size } else { 1.0 };
+        let current = self.achievable_twist;
+        let (dx, dy) = (command.x - current.x, command.y - current.y);
+        let change = dx.hypot(dy);
+        let change_max = config.motor_acceleration_max * seconds;
+        let share = if change > change_max {
+            change_max / change
+        } else {
+            1.0
+        };
         self.achievable_twist = Twist {
-            x: now.x + part * dx,
-            y: now.y + part * dy,
+            x: current.x + share * dx,
+            y: current.y + share * dy,
             theta: command.theta,
         };
-        let per_second = if seconds > 0.0 { part / seconds } else { 0.0 };
+        let per_second = if seconds > 0.0 { share / seconds } else { 0.0 };
         let Twist { x, y, theta } = self.achievable_twist;
         [dx * per_second - theta * y, dy * per_second + theta * x]
     }
 
     fn is_stationary(&self, rate: [f32; 3], config: &AttitudeConfig) -> bool {
         let bias = self.attitude.gyro_bias();
-        let most = config.stationary_rate_max_deg.to_radians();
+        let rate_max = config.stationary_rate_max_deg.to_radians();
         self.stationary_time >= config.stationary_after
             && rate
                 .iter()
                 .zip(bias)
-                .all(|(rate, bias)| (rate - bias).abs() <= most)
+                .all(|(rate, bias)| (rate - bias).abs() <= rate_max)
     }
 
-    /// The wheels' counting begins.
+    /// Begins a new wheel interval.
     pub(super) fn restart_wheels(&mut self, stamp: Stamp) {
         self.wheels_stamp = Some(stamp);
         self.wheels = None;
         self.stationary_time = 0.0;
     }
 
-    /// Hears the wheels.
+    /// Takes a wheel sample and returns the filters' measurement.
     pub(super) fn receive_wheels(
         &mut self,
         odometry: &Odometry,
         config: &AttitudeConfig,
     ) -> WheelIncrement {
         let motion = [odometry.dx, odometry.dy, odometry.dtheta];
-        let before = self.wheels_stamp.replace(odometry.stamp);
-        let seconds = before.map_or(0.0, |before| before.seconds_until(odometry.stamp) as f32);
-        let way = WheelIncrement {
+        let previous = self.wheels_stamp.replace(odometry.stamp);
+        let seconds = previous.map_or(0.0, |stamp| stamp.seconds_until(odometry.stamp) as f32);
+        let increment = WheelIncrement {
             motion,
             dt: seconds,
             slip: odometry.slip,
             imu_active: self.imu_active(odometry.stamp, config),
         };
         if !(seconds > 0.0) {
-            return way;
+            return increment;
         }
         let [x, y, theta] = motion.map(|value| value / seconds);
-        let velocity = Twist { x, y, theta };
-        let acceleration = self.wheels.map_or([0.0; 2], |before| {
-            let before = before.velocity;
-            let (dx, dy) = (x - before.x, y - before.y);
+        let acceleration = self.wheels.map_or([0.0; 2], |last| {
+            let (dx, dy) = (x - last.velocity.x, y - last.velocity.y);
             [dx / seconds - theta * y, dy / seconds + theta * x]
         });
         self.wheels = Some(LastWheels {
             stamp: odometry.stamp,
-            velocity,
+            velocity: Twist { x, y, theta },
             acceleration,
         });
-        let stands = motion == [0.0; 3];
-        self.stationary_time = if stands {
+        self.stationary_time = if motion == [0.0; 3] {
             self.stationary_time + seconds
         } else {
             0.0
         };
-        way
+        increment
     }
 
-    /// Hears what the motors are told.
+    /// Takes a velocity command.
     pub(super) fn receive_command(&mut self, twist: Twist) {
         self.command = Some(twist);
     }
 
-    /// Lean at a time shortly after the last reading; none where no inertial unit tells.
+    /// Tilt (a, b) at a time close to the last reading. None without a reading within the timeout.
     pub(super) fn tilt_at(&self, stamp: Stamp, config: &AttitudeConfig) -> Option<[f32; 2]> {
-        let felt = self.imu?;
-        let since = felt.stamp.seconds_until(stamp) as f32;
+        let last = self.imu?;
+        let since = last.stamp.seconds_until(stamp) as f32;
         if since.abs() > config.timeout {
             return None;
         }
-        // Up turns against the robot: u̇ = u × ω.
+        // The up direction rotates against the robot: u̇ = u × ω.
         let rate =
-            nalgebra::Vector3::from(felt.rate) - nalgebra::Vector3::from(self.attitude.gyro_bias());
+            nalgebra::Vector3::from(last.rate) - nalgebra::Vector3::from(self.attitude.gyro_bias());
         let up = self.attitude.up();
         let up = up + up.cross(&rate) * since;
         Some([up.x, up.y])

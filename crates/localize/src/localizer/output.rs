@@ -1,101 +1,183 @@
-//! What is said about a frame: the belief, or that there is none.
+//! Estimates: what the localizer reports for each image.
+
+use nalgebra::Matrix3;
 
 use super::Localizer;
+use super::candidates::Candidates;
+use super::state::Track;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::filter::PoseFilter;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::matching::Match;
 use crate::stamp::Stamp;
 
-impl Localizer {
-    pub(super) fn half_known(&self) -> bool {
-        !self.search.is_half_turn_symmetric()
-            || self.half_evidence.log_odds() >= self.config.compass.half_known_log_odds
-    }
+/// How well the points fit the reported pose. Zero without a match.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct MatchFigures {
+    score: f32,
+    inlier_share: f32,
+    residual: f32,
+    tilt: [f32; 2],
+}
 
-    /// The half turn of the belief, which explains the points as well.
-    fn half_turn_hypothesis(&self, belief: &PoseFilter, matched: Option<&Match>) -> Hypothesis {
-        let other = belief.half_turned();
-        // The compass's log odds; none heard is as likely as not.
-        let probability = 1.0 / (1.0 + self.half_evidence.log_odds().exp());
-        Hypothesis {
-            pose: other.pose(),
-            covariance: other.covariance(),
-            score: matched.map_or(0.0, |matched| matched.score),
-            inlier_share: matched.map_or(0.0, |matched| matched.inlier_share),
-            residual: matched.map_or(0.0, |matched| matched.residual),
-            tilt: matched.map_or([0.0; 2], |matched| matched.tilt),
-            probability,
+impl From<&Match> for MatchFigures {
+    fn from(matched: &Match) -> Self {
+        MatchFigures {
+            score: matched.score,
+            inlier_share: matched.inlier_share,
+            residual: matched.residual,
+            tilt: matched.tilt,
         }
     }
+}
 
-    /// What the belief says, with what the frame's points made of it.
+impl From<&Hypothesis> for MatchFigures {
+    fn from(hypothesis: &Hypothesis) -> Self {
+        MatchFigures {
+            score: hypothesis.score,
+            inlier_share: hypothesis.inlier_share,
+            residual: hypothesis.residual,
+            tilt: hypothesis.tilt,
+        }
+    }
+}
+
+/// What distinguishes the estimates of the states.
+struct EstimateParts<'a> {
+    /// Filter of the reported pose. None when lost.
+    filter: Option<&'a PoseFilter>,
+    covariance: Matrix3<f32>,
+    mode: Mode,
+    reason: Option<Reason>,
+    half_known: bool,
+    figures: MatchFigures,
+    runners_up: Vec<Hypothesis>,
+}
+
+impl EstimateParts<'_> {
+    /// The only place that constructs an estimate. `process_points` fills in `line_points`.
+    fn into_estimate(self, stamp: Stamp) -> Estimate {
+        let filter = self.filter;
+        Estimate {
+            stamp,
+            pose: filter.map(PoseFilter::pose),
+            covariance: self.covariance,
+            mode: self.mode,
+            reason: self.reason,
+            residual: self.figures.residual,
+            inlier_share: self.figures.inlier_share,
+            line_points: 0,
+            tilt: self.figures.tilt,
+            half_known: self.half_known,
+            odometry_scales: filter.map_or([1.0; 2], PoseFilter::scales),
+            twist: filter.map(PoseFilter::twist),
+            collision: filter.is_some_and(PoseFilter::in_collision),
+            gyro_bias: filter.map_or(0.0, PoseFilter::gyro_bias),
+            latency: filter.map_or(0.0, PoseFilter::latency),
+            runners_up: self.runners_up,
+        }
+    }
+}
+
+impl Localizer {
+    fn half_known(&self, track: &Track) -> bool {
+        !self.search.is_half_turn_symmetric()
+            || track.half_evidence.log_odds() >= self.config.compass.half_known_log_odds
+    }
+
+    /// Estimate of the tracked pose, or of a lost one.
     pub(super) fn estimate(
         &self,
         stamp: Stamp,
         reason: Option<Reason>,
-        matched: Option<&Match>,
-        rivals: Vec<Hypothesis>,
+        figures: MatchFigures,
+        alternatives: Vec<Hypothesis>,
     ) -> Estimate {
-        let Some(belief) = &self.filter else {
-            return self.lost_estimate(
-                stamp,
-                reason.unwrap_or(Reason::DeadReckoningTimeout),
-                rivals,
-            );
+        let Some(track) = self.state.track() else {
+            let reason = reason.unwrap_or(Reason::DeadReckoningTimeout);
+            return self.lost_estimate(stamp, reason, alternatives);
         };
-        let half_known = self.half_known();
-        let mut runners_up = rivals;
+        let half_known = self.half_known(track);
+        let mut runners_up = alternatives;
         if !half_known {
-            runners_up.insert(0, self.half_turn_hypothesis(belief, matched));
+            runners_up.insert(0, half_turn_hypothesis(track, figures));
         }
-        Estimate {
-            stamp,
-            pose: Some(belief.pose()),
-            covariance: belief.covariance(),
+        EstimateParts {
+            filter: Some(&track.filter),
+            covariance: track.filter.covariance(),
             mode: if half_known {
                 Mode::Tracking
             } else {
                 Mode::Global
             },
             reason: reason.or((!half_known).then_some(Reason::Ambiguous)),
-            residual: matched.map_or(0.0, |matched| matched.residual),
-            inlier_share: matched.map_or(0.0, |matched| matched.inlier_share),
-            line_points: 0,
-            tilt: matched.map_or([0.0; 2], |matched| matched.tilt),
             half_known,
-            odometry_scales: belief.scales(),
-            twist: Some(belief.twist()),
-            collision: belief.in_collision(),
-            gyro_bias: belief.gyro_bias(),
-            latency: belief.latency(),
+            figures,
             runners_up,
         }
+        .into_estimate(stamp)
     }
 
+    /// Estimate of the most probable candidate. `fold_half_turn`: the candidates stand for their half turns too.
+    pub(super) fn candidate_estimate(
+        &self,
+        stamp: Stamp,
+        candidates: &Candidates,
+        fold_half_turn: bool,
+    ) -> Option<Estimate> {
+        let (filter, best) = candidates.best()?;
+        let half_known = self.is_decided(best) && !fold_half_turn;
+        let parts = EstimateParts {
+            filter: Some(filter),
+            covariance: candidates.covariance(),
+            mode: Mode::Global,
+            reason: (!half_known).then_some(Reason::Ambiguous),
+            half_known,
+            figures: best.into(),
+            runners_up: candidates.runners_up(fold_half_turn),
+        };
+        Some(parts.into_estimate(stamp))
+    }
+
+    /// Is this hypothesis probable enough to be tracked?
+    pub(super) fn is_decided(&self, best: &Hypothesis) -> bool {
+        best.probability >= self.config.mode.decision_probability
+    }
+
+    /// Estimate without a pose: the covariance is that of a uniform distribution over the field.
     pub(super) fn lost_estimate(
         &self,
         stamp: Stamp,
         reason: Reason,
         runners_up: Vec<Hypothesis>,
     ) -> Estimate {
-        Estimate {
-            stamp,
-            pose: None,
+        EstimateParts {
+            filter: None,
             covariance: self.uniform_covariance,
             mode: Mode::Lost,
             reason: Some(reason),
-            residual: 0.0,
-            inlier_share: runners_up.first().map_or(0.0, |best| best.inlier_share),
-            line_points: 0,
-            tilt: [0.0; 2],
             half_known: false,
-            odometry_scales: [1.0, 1.0],
-            twist: None,
-            collision: false,
-            gyro_bias: 0.0,
-            latency: 0.0,
+            figures: MatchFigures {
+                inlier_share: runners_up.first().map_or(0.0, |best| best.inlier_share),
+                ..MatchFigures::default()
+            },
             runners_up,
         }
+        .into_estimate(stamp)
+    }
+}
+
+/// The half turn of the tracked pose, which explains the points equally well.
+fn half_turn_hypothesis(track: &Track, figures: MatchFigures) -> Hypothesis {
+    let half_turned = track.filter.half_turned();
+    Hypothesis {
+        pose: half_turned.pose(),
+        covariance: half_turned.covariance(),
+        score: figures.score,
+        inlier_share: figures.inlier_share,
+        residual: figures.residual,
+        tilt: figures.tilt,
+        // Without compass readings the log odds are 0, so both halves are equally probable.
+        probability: 1.0 / (1.0 + track.half_evidence.log_odds().exp()),
     }
 }

@@ -1,8 +1,8 @@
-//! How far is a ground point from the nearest marking, and which way? One look-up answers, without interpolation.
+//! Distance field: signed distance and direction to the nearest marking, by one look-up without interpolation.
 //!
 //! nubot2013 4 and minho2016 IV store the distance d(p) per cell. Here a cell stores the tangent line of its nearest
-//! marking (signed distance at the cell's centre and unit normal), so that distance and gradient are exact for
-//! straight lines and good to half a millimetre on the arcs, and the sign does not break off at the line's centre.
+//! marking (signed distance at the cell's centre and unit normal). Distance and gradient are exact for straight lines
+//! and within half a millimetre on the arcs, and the signed distance is smooth across the line's centre.
 
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -10,13 +10,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::{Field, Marking};
 
-/// How the distance field is laid out.
+/// Layout of the distance field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DistanceFieldConfig {
-    /// Side of a cell, metres. At 0.05 the tangent of the smallest arc (0.75 m) is off by at most 0.4 mm.
+    /// Side of a cell, metres. At 0.05 the error of the tangent of the smallest arc (0.75 m) is at most 0.4 mm.
     pub cell: f32,
-    /// Cells beyond the carpet's edge, metres: points there are outliers and need no exact distance.
+    /// Extent beyond the carpet's edge, metres: points farther out are outliers and need no exact distance.
     pub margin: f32,
 }
 
@@ -29,7 +29,7 @@ impl Default for DistanceFieldConfig {
     }
 }
 
-/// The nearest marking as seen from one cell: its tangent.
+/// Tangent of the marking nearest to a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(16))]
 struct Cell {
@@ -44,11 +44,11 @@ struct Cell {
 pub struct NearestMarking {
     /// Metres; its absolute value is the distance.
     pub signed_distance: f32,
-    /// The gradient of `distance` (unit length), field frame.
+    /// The gradient of `signed_distance` (unit length), field frame.
     pub normal: [f32; 2],
 }
 
-/// Distance to the nearest marking over the carpet, in cells.
+/// Distances to the nearest marking, in cells that cover the carpet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DistanceField {
     cells: Vec<Cell>,
@@ -62,7 +62,7 @@ pub struct DistanceField {
 }
 
 impl DistanceField {
-    /// Lays the cells over the carpet and finds each one's nearest marking, rows in parallel.
+    /// Finds the nearest marking of each cell; rows run in parallel on rayon's global pool.
     pub fn new(field: &Field, config: &DistanceFieldConfig) -> Self {
         let (half_x, half_y) = field.carpet_half_extent();
         let cell = config.cell;
@@ -91,10 +91,10 @@ impl DistanceField {
         }
     }
 
-    /// The nearest marking from (x, y) on the field, metres; beyond the cells the border's tangents go on.
+    /// The marking nearest to (x, y) on the field, metres; beyond the cells the tangents of the border are extrapolated.
     #[inline]
     pub fn nearest(&self, x: f32, y: f32) -> NearestMarking {
-        // Casts saturate: far points and NaN end in a border cell.
+        // Casts saturate: far points and NaN map to a border cell.
         let column = ((x - self.x0) * self.cells_per_metre + 0.5) as usize;
         let row = ((y - self.y0) * self.cells_per_metre + 0.5) as usize;
         let column = column.min(self.columns - 1);
@@ -178,12 +178,12 @@ fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
                 }
             }
         }
-        // A scan line's white run over a spot has its centre about the spot's centre.
+        // The white run of a scan line over a spot is centred near the spot's centre.
         Marking::Spot { centre, .. } => tangent_to_point(x - centre.x, y - centre.y),
     }
 }
 
-/// Distance from a point that lies (dx, dy) away.
+/// Tangent at (dx, dy) from a point marking: distance to the point.
 fn tangent_to_point(dx: f32, dy: f32) -> Cell {
     let distance = dx.hypot(dy);
     if distance < 1e-6 {
@@ -210,7 +210,7 @@ mod tests {
         let field = league_18x12("centres");
         let distances = DistanceField::new(&field, &DistanceFieldConfig::default());
         for step in 0..4000 {
-            // A quasi-random walk over the carpet (golden ratio in both coordinates).
+            // Quasi-random points on the carpet (golden ratio in both coordinates).
             let x = (step as f32 * 0.618_034).fract() * 19.0 - 9.5;
             let y = (step as f32 * 0.754_877_7).fract() * 13.0 - 6.5;
             let mut by_marking: Vec<f32> = field
@@ -220,19 +220,19 @@ mod tests {
                 .collect();
             by_marking.sort_by(f32::total_cmp);
             let truth = by_marking[0];
-            let found = distances.nearest(x, y).signed_distance.abs();
-            // Where two markings are equally near either may answer, a cell's diagonal too early or late; spots
-            // (and ends of lines from near) bend faster than a cell shows.
-            let alone = by_marking[1] - truth > 0.08 && truth < 0.3;
+            let distance = distances.nearest(x, y).signed_distance.abs();
+            // Between two equally near markings a cell stores either, so that the error is up to a cell's diagonal.
+            // Spots and line ends have more curvature than a cell's tangent represents.
+            let unambiguous = by_marking[1] - truth > 0.08 && truth < 0.3;
             let spot = [0.0, 6.0_f32].map(|at| (x.abs() - at).hypot(y) < 0.3);
-            let bound = if alone && spot == [false; 2] {
+            let bound = if unambiguous && spot == [false; 2] {
                 0.001
             } else {
                 0.05
             };
             assert!(
-                (found - truth).abs() < bound,
-                "({x}, {y}): {found} for {truth}"
+                (distance - truth).abs() < bound,
+                "({x}, {y}): {distance} for {truth}"
             );
         }
     }

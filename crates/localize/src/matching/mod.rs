@@ -1,9 +1,9 @@
-//! Which pose, near a given one, lays the line points onto the markings best, and how sure is that?
+//! Matching of line points to markings: which pose near a given one fits best, and what is its covariance?
 //!
 //! Minimises Σ e(d(o_i)), e(t) = 1 − c²/(c² + t²) (nubot2013 eq. 4, minho2016 eq. 5), by Gauss-Newton on
-//! reweighted squares in place of RPROP. Every point's c is a multiple of its own expected deviation across the
-//! marking it meets, so that near points count for more than far ones. The frame's lean (a, b) is estimated along
-//! with (x, y, θ) under a prior, since a robot stands a little differently everywhere.
+//! reweighted squares in place of RPROP (docs/methods.md 5). The c of a point is a multiple of its own standard
+//! deviation across its marking, so that near points have larger weights than far ones. The image's tilt (a, b) is
+//! estimated together with (x, y, θ) under a prior, since the robot's tilt varies from place to place.
 
 pub mod distance_field;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
+use crate::tilt;
 
-/// How the error is minimised.
+/// Method of minimisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Minimiser {
@@ -25,26 +26,25 @@ pub enum Minimiser {
     Rprop,
 }
 
-/// How line points are matched.
+/// Settings of matching.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MatchConfig {
-    /// How the error is minimised.
+    /// Method of minimisation.
     pub minimiser: Minimiser,
-    /// c of e(t) in standard deviations of a point: beyond about this a point is an outlier.
+    /// c of e(t) in standard deviations of a point: points beyond about c are outliers.
     pub kernel_scale_sigmas: f32,
-    /// Deviation that every point has besides its own, metres: paint is not where the rule book says, and the map is
-    /// not perfect.
+    /// Standard deviation added to that of each point, metres: errors of the painted markings and of the map.
     pub map_std: f32,
-    /// Most steps per frame; RPROP needs about three times as many as Newton.
+    /// Largest number of steps per image; RPROP needs about three times as many as Gauss-Newton.
     pub steps_max: usize,
-    /// A step smaller than this ends the search, metres (and radians at one metre's lever).
+    /// A step smaller than this ends the minimisation, metres (and radians).
     pub convergence_step: f32,
-    /// Standard deviation of the robot's lean in each direction, degrees; 0 takes every frame for upright.
-    /// Photographs of real robots show 0.45 from frame to frame.
+    /// Standard deviation of the robot's tilt in each direction, degrees; 0 assumes an upright robot. Images of real
+    /// robots have 0.45 from image to image.
     pub tilt_std_deg: f32,
-    /// Height of the viewpoint (the mirror) above the ground, metres: a lean moves far points by their distance
-    /// squared over it.
+    /// Height of the viewpoint (the mirror) above the ground, metres: a tilt moves far points by their squared distance
+    /// over it.
     pub viewpoint_height: f32,
 }
 
@@ -57,30 +57,30 @@ impl Default for MatchConfig {
             steps_max: 20,
             convergence_step: 2e-4,
             tilt_std_deg: 0.45,
-            viewpoint_height: 0.75,
+            viewpoint_height: crate::robot::DEFAULT_VIEWPOINT_HEIGHT,
         }
     }
 }
 
-/// Where the robot is expected before its points are seen.
+/// Predicted pose before the line points are used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosePrior {
     /// The expected pose.
     pub pose: Pose,
-    /// Inverse covariance of (x, y, θ, a, b), the lean beyond what the points were bent by: m⁻², rad⁻².
+    /// Inverse covariance of (x, y, θ, a, b): m⁻², rad⁻². The tilt is that beyond the compensation of the points.
     pub information: Matrix5,
 }
 
-/// A pose and how well it explains the points.
+/// The result of matching: a pose, its covariance and quality.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Match {
-    /// The best pose (by points and expectation together, where there was one).
+    /// The best pose, from points and prior.
     pub pose: Pose,
-    /// Of (x, y, θ), metres and radians; large along directions that nothing determines.
+    /// Of (x, y, θ), metres and radians; large along unobservable directions.
     pub covariance: Matrix3<f32>,
-    /// Squared deviation from the expected pose in its standard deviations; 0 without expectation.
+    /// Squared Mahalanobis distance from the prior pose; 0 without a prior.
     pub mahalanobis_squared: f32,
-    /// Lean (a, b), radians: the ground point (X, Y) was mapped about (aH, bH) + (aX + bY)(X, Y)/H short.
+    /// Tilt (a, b), radians, beyond the compensation of the points (docs/methods.md 3.1).
     pub tilt: [f32; 2],
     /// Of (x, y, θ, a, b).
     pub pose_tilt_covariance: Matrix5,
@@ -88,28 +88,28 @@ pub struct Match {
     pub residual: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
     pub mean_distance: f32,
-    /// Share of the points within `reach_sigmas` of a marking.
+    /// Share of the points within `kernel_scale_sigmas` of a marking.
     pub inlier_share: f32,
-    /// Σ (1 − e) over the number of points: 1 were all on the markings.
+    /// Mean of 1 − e: 1 if all points are on the markings.
     pub score: f32,
-    /// Negative logarithm of the points' likelihood, Σ c²/2σ² e(d), up to a constant.
+    /// Negative log likelihood of the points, Σ c²/2σ² e(d), up to a constant.
     pub cost: f32,
     /// Steps taken.
     pub steps: usize,
 }
 
-/// A point made ready: what does not change between Newton steps.
+/// A point with its quantities that are constant between steps.
 #[derive(Debug, Clone, Copy)]
 struct PreparedPoint {
     x: f32,
     y: f32,
-    /// Variance across the bearing plus the floor, m².
+    /// Variance across the bearing plus the map's variance, m².
     tangential_variance: f32,
     /// Radial minus tangential variance over the squared distance.
     radial_excess_variance: f32,
 }
 
-/// Matches the points of one frame; holds the buffers between frames.
+/// Matches the points of one image; keeps its buffers between images.
 #[derive(Debug, Clone)]
 pub struct Matcher {
     config: MatchConfig,
@@ -117,19 +117,19 @@ pub struct Matcher {
     prior: PosePrior,
 }
 
-/// Pose and lean.
+/// Number of parameters: pose and tilt.
 pub(crate) const PARAMETERS: usize = 5;
-/// Of pose and lean, (x, y, θ, a, b).
+/// A matrix over pose and tilt, (x, y, θ, a, b).
 pub type Matrix5 = SMatrix<f32, 5, 5>;
 type NormalMatrix = Matrix5;
 type Vector5 = SVector<f32, PARAMETERS>;
 
-/// Information of a pose of which nothing is known (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading further
-/// than half a turn away. Keeps free directions invertible.
+/// Information of an unknown pose (m⁻², m⁻², rad⁻²): no field is larger than 30 m, no heading error larger than π.
+/// Keeps unobservable directions invertible.
 const UNINFORMATIVE_PRIOR: Matrix3<f32> =
     Matrix3::new(1e-3, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.1);
 
-/// As many points as claimed by themselves how far off they are, before this frame's residual is believed.
+/// Weight of the points' stated standard deviations against the image's residual, in points.
 const PRIOR_POINTS: f32 = 10.0;
 
 /// Sums over the points at one pose.
@@ -164,70 +164,71 @@ impl Matcher {
         &self.config
     }
 
-    /// From now on frames lean by so much, radians (one sigma), beyond what their points were bent by already.
+    /// Sets the standard deviation of the tilt beyond the compensation of the points, radians.
     pub fn set_tilt_std(&mut self, std: f32) {
         self.config.tilt_std_deg = std.to_degrees();
     }
 
-    /// How far frames lean beyond what their points were bent by, radians (one sigma).
+    /// Standard deviation of the tilt beyond the compensation of the points, radians.
     pub fn tilt_std(&self) -> f32 {
         self.config.tilt_std_deg.to_radians().max(1e-5)
     }
 
-    /// Matches `points` (finite; robot frame) from `start`, whose error may be about `spread` metres.
+    /// Matches `points` (finite; robot frame) from `start`, whose error is about `start_error` metres.
     ///
-    /// The reach starts at `spread` and shrinks to the points' own, so that a start a few decimetres off is drawn in.
+    /// The kernel scale starts at `start_error` and shrinks to that of the points, so that a start a few decimetres off
+    /// converges.
     pub fn refine(
         &mut self,
         distances: &DistanceField,
         points: &[LinePoint],
         start: Pose,
-        spread: f32,
+        start_error: f32,
     ) -> Match {
-        let nothing = PosePrior {
+        let uninformative = PosePrior {
             pose: start,
             information: self.uninformative_prior(),
         };
         Match {
             mahalanobis_squared: 0.0,
-            ..self.refine_with_prior(distances, points, nothing, spread)
+            ..self.refine_with_prior(distances, points, uninformative, start_error)
         }
     }
 
-    /// Matches `points` (finite; robot frame) under an expectation: the iterated update of an EKF, so that directions
-    /// which the points leave free stay where they are expected, and a few points cannot turn the robot.
+    /// Matches `points` (finite; robot frame) under a prior: the iterated update of an EKF. Directions that the points
+    /// do not determine keep their prior, and a few points cannot rotate the robot.
     pub fn refine_with_prior(
         &mut self,
         distances: &DistanceField,
         points: &[LinePoint],
-        expected: PosePrior,
-        spread: f32,
+        prior: PosePrior,
+        start_error: f32,
     ) -> Match {
-        self.prepare(points, expected);
-        let Pose { x, y, theta, .. } = expected.pose;
+        self.prepare(points, prior);
+        let Pose { x, y, theta, .. } = prior.pose;
         let mut state = Vector5::from([x, y, theta, 0.0, 0.0]);
-        let widening = self.kernel_start_factor(spread);
+        let kernel_factor = self.kernel_start_factor(start_error);
         let steps = match self.config.minimiser {
-            Minimiser::GaussNewton => self.gauss_newton(distances, &mut state, widening),
-            Minimiser::Rprop => self.rprop(distances, &mut state, widening),
+            Minimiser::GaussNewton => self.gauss_newton(distances, &mut state, kernel_factor),
+            Minimiser::Rprop => self.rprop(distances, &mut state, kernel_factor),
         };
         let sums = self.accumulate(distances, &state, 1.0);
         self.summarize(&sums, &state, steps)
     }
 
-    /// Gauss-Newton; the reach is halved with every step until it is the points' own.
+    /// Gauss-Newton; the kernel scale is halved with every step until it is that of the points.
     fn gauss_newton(
         &self,
         distances: &DistanceField,
         state: &mut Vector5,
-        mut widening: f32,
+        mut kernel_factor: f32,
     ) -> usize {
         for steps in 1..=self.config.steps_max {
-            let sums = self.accumulate(distances, state, widening);
+            let sums = self.accumulate(distances, state, kernel_factor);
             let step = self.gauss_newton_step(&sums, state);
             *state += step;
-            if widening > 1.0 {
-                widening = (widening * 0.5).max(1.0);
+            if kernel_factor > 1.0 {
+                kernel_factor = (kernel_factor * 0.5).max(1.0);
             } else if step.fixed_rows::<3>(0).amax() < self.config.convergence_step {
                 return steps;
             }
@@ -235,15 +236,22 @@ impl Matcher {
         self.config.steps_max
     }
 
-    /// RPROP over (x, y, θ): each parameter has a step of its own, larger by 1.2 while the derivative keeps its sign,
-    /// half as large where it changed (nubot2013 4 after Lauer et al.). The lean is not estimated.
-    fn rprop(&self, distances: &DistanceField, state: &mut Vector5, mut widening: f32) -> usize {
+    /// RPROP over (x, y, θ): each parameter's step grows by 1.2 while the derivative keeps its sign and is halved when
+    /// the sign changes (nubot2013 4 after Lauer et al.). The tilt is not estimated.
+    fn rprop(
+        &self,
+        distances: &DistanceField,
+        state: &mut Vector5,
+        mut kernel_factor: f32,
+    ) -> usize {
         let mut steps = Vector3::from_element(0.02_f32);
         let mut last = Vector3::zeros();
         for count in 1..=self.config.steps_max {
-            let sums = self.accumulate(distances, state, widening);
-            let pull = self.prior.information * self.prior_residual(state);
-            let gradient = (sums.gradient + pull).fixed_rows::<3>(0).into_owned();
+            let sums = self.accumulate(distances, state, kernel_factor);
+            let prior_gradient = self.prior.information * self.prior_residual(state);
+            let gradient = (sums.gradient + prior_gradient)
+                .fixed_rows::<3>(0)
+                .into_owned();
             for i in 0..3 {
                 let kept: f32 = last[i] * gradient[i];
                 if kept > 0.0 {
@@ -256,7 +264,7 @@ impl Matcher {
                 }
             }
             last = gradient;
-            widening = (widening * 0.8).max(1.0);
+            kernel_factor = (kernel_factor * 0.8).max(1.0);
             if steps.amax() < self.config.convergence_step {
                 return count;
             }
@@ -264,7 +272,7 @@ impl Matcher {
         self.config.steps_max
     }
 
-    /// How well `points` lie on the markings at exactly `pose`, nothing moved.
+    /// The quality of a given pose, without minimisation.
     pub fn evaluate(
         &mut self,
         distances: &DistanceField,
@@ -278,66 +286,61 @@ impl Matcher {
         self.summarize(&sums, &state, 0)
     }
 
-    fn prepare(&mut self, points: &[LinePoint], expected: PosePrior) {
-        self.prior = expected;
-        let floor = self.config.map_std * self.config.map_std;
+    fn prepare(&mut self, points: &[LinePoint], prior: PosePrior) {
+        self.prior = prior;
+        let map_variance = self.config.map_std * self.config.map_std;
         self.points.clear();
         self.points.extend(points.iter().map(|point| {
-            let across = point.std_tangential * point.std_tangential;
+            let tangential = point.std_tangential * point.std_tangential;
             let radial = point.std_radial * point.std_radial;
             let (x, y) = (point.at.x, point.at.y);
             PreparedPoint {
                 x,
                 y,
-                tangential_variance: across + floor,
-                radial_excess_variance: (radial - across) / (x * x + y * y).max(1e-6),
+                tangential_variance: tangential + map_variance,
+                radial_excess_variance: (radial - tangential) / (x * x + y * y).max(1e-6),
             }
         }));
     }
 
-    /// By how much the reach is widened at the start so that it covers `spread`.
-    fn kernel_start_factor(&self, spread: f32) -> f32 {
+    /// Initial factor of the kernel scale, such that it covers `start_error` metres.
+    fn kernel_start_factor(&self, start_error: f32) -> f32 {
         let variance = self
             .points
             .iter()
             .map(|point| point.tangential_variance)
             .sum::<f32>()
             / self.points.len().max(1) as f32;
-        (spread / (self.config.kernel_scale_sigmas * variance.sqrt())).clamp(1.0, 16.0)
+        (start_error / (self.config.kernel_scale_sigmas * variance.sqrt())).clamp(1.0, 16.0)
     }
 
-    /// One pass over the points: normal equations of the reweighted squares and the sums that judge them.
+    /// One pass over the points: normal equations of the reweighted squares, and the sums for the quality.
     fn accumulate(
         &self,
         distances: &DistanceField,
         state: &Vector5,
-        widening: f32,
+        kernel_factor: f32,
     ) -> NormalEquations {
         let (sin, cos) = state[2].sin_cos();
         let (a, b) = (state[3], state[4]);
         let height = self.config.viewpoint_height;
-        let per_height = 1.0 / height;
-        let reach_squared = (self.config.kernel_scale_sigmas * widening).powi(2);
+        let inverse_height = 1.0 / height;
+        let kernel_squared = (self.config.kernel_scale_sigmas * kernel_factor).powi(2);
         let mut normal = [0.0_f32; 15];
         let mut gradient = [0.0_f32; PARAMETERS];
         let (mut weight, mut psi_squared, mut psi_slope) = (0.0, 0.0, 0.0);
         let (mut squares, mut deviations, mut score, mut inliers) = (0.0, 0.0, 0.0, 0.0);
         for point in &self.points {
-            // MATH.md 2, "Tilt": where the point lies if the robot leant by (a, b).
-            let stretch = height / (height - a * point.x - b * point.y).max(0.5 * height);
-            let (x, y) = (
-                (point.x + a * height) * stretch,
-                (point.y + b * height) * stretch,
-            );
+            let [x, y] = tilt::ground_from_map([point.x, point.y], [a, b], height);
             let (rx, ry) = (cos * x - sin * y, sin * x + cos * y);
             let near = distances.nearest(state[0] + rx, state[1] + ry);
             let [nx, ny] = near.normal;
             let radial = nx * rx + ny * ry;
             let variance =
                 point.tangential_variance + point.radial_excess_variance * radial * radial;
-            // The normal in the robot frame, for the lean's derivatives.
+            // The normal in the robot frame, for the derivatives by the tilt (docs/methods.md 3.5).
             let (mx, my) = (cos * nx + sin * ny, cos * ny - sin * nx);
-            let along = radial * per_height;
+            let along = radial * inverse_height;
             let row = [
                 nx,
                 ny,
@@ -348,7 +351,7 @@ impl Matcher {
             let information = 1.0 / variance;
             let squared = near.signed_distance * near.signed_distance * information;
             // e(t) with t in standard deviations: 1 − e = k²/(k² + t²).
-            let kept = reach_squared / (reach_squared + squared);
+            let kept = kernel_squared / (kernel_squared + squared);
             let root_weight = kept * kept;
             let factor = root_weight * information;
             weight += root_weight;
@@ -357,7 +360,7 @@ impl Matcher {
             squares += root_weight * near.signed_distance * near.signed_distance;
             deviations += near.signed_distance.abs();
             score += kept;
-            inliers += f32::from(u8::from(squared < reach_squared));
+            inliers += f32::from(u8::from(squared < kernel_squared));
             let mut k = 0;
             for i in 0..PARAMETERS {
                 let scaled = factor * row[i];
@@ -381,7 +384,7 @@ impl Matcher {
         }
     }
 
-    /// The Gauss-Newton step under expectation and lean's prior; no step where the equations have no solution.
+    /// The Gauss-Newton step with the prior; zero if the normal equations are singular.
     fn gauss_newton_step(&self, sums: &NormalEquations, state: &Vector5) -> Vector5 {
         let normal = sums.normal + self.prior.information;
         let gradient = sums.gradient + self.prior.information * self.prior_residual(state);
@@ -389,7 +392,7 @@ impl Matcher {
             return Vector5::zeros();
         };
         let mut step = -cholesky.solve(&gradient);
-        // A step further than the reach of any point would be blind.
+        // A larger step would leave the region that the points were linearised in.
         let size = step.fixed_rows::<3>(0).amax();
         if size > 0.5 {
             step *= 0.5 / size;
@@ -397,7 +400,7 @@ impl Matcher {
         step
     }
 
-    /// Of a pose of which nothing is known, and of how robots lean.
+    /// Information of an unknown pose with the tilt's prior.
     fn uninformative_prior(&self) -> Matrix5 {
         let mut information = Matrix5::from_diagonal_element(self.tilt_information());
         information
@@ -406,18 +409,18 @@ impl Matcher {
         information
     }
 
-    /// 1/σ² of the lean, bounded so that σ = 0 holds the robot upright.
+    /// 1/σ² of the tilt, bounded so that σ = 0 fixes the robot upright.
     fn tilt_information(&self) -> f32 {
         let std = self.config.tilt_std_deg.to_radians();
         1.0 / (std * std).max(1e-10)
     }
 
     fn prior_residual(&self, state: &Vector5) -> Vector5 {
-        let expected = self.prior.pose;
+        let prior = self.prior.pose;
         Vector5::from([
-            state[0] - expected.x,
-            state[1] - expected.y,
-            wrap_angle(state[2] - expected.theta),
+            state[0] - prior.x,
+            state[1] - prior.y,
+            wrap_angle(state[2] - prior.theta),
             state[3],
             state[4],
         ])
@@ -425,32 +428,33 @@ impl Matcher {
 
     fn summarize(&self, sums: &NormalEquations, state: &Vector5, steps: usize) -> Match {
         let count = self.points.len().max(1) as f32;
-        // Covariance of an M-estimator: (Σψ²/Σw) / (Σψ′/Σw)² · (Σ w J Jᵀ)⁻¹, with the degrees of freedom that the
-        // pose itself took. It scales with the residual, whatever the points claimed.
+        // Covariance of an M-estimator: (Σψ²/Σw) / (Σψ′/Σw)² · (Σ w J Jᵀ)⁻¹, corrected for the degrees of freedom of
+        // the pose. It scales with the residual, whatever standard deviations the points state.
         let weight = sums.weight.max(1e-6);
         let freedom = (weight / (weight - 3.0).max(1.0)).max(1.0);
         let slope = (sums.psi_slope / weight).clamp(0.2, 1.0);
-        let seen = sums.psi_squared / weight / (slope * slope) * freedom;
-        let scale = ((seen * weight + PRIOR_POINTS) / (weight + PRIOR_POINTS)).clamp(0.1, 25.0);
+        let observed_scale = sums.psi_squared / weight / (slope * slope) * freedom;
+        let scale =
+            ((observed_scale * weight + PRIOR_POINTS) / (weight + PRIOR_POINTS)).clamp(0.1, 25.0);
         let normal = sums.normal / scale + self.prior.information;
-        let with_lean = normal.try_inverse().unwrap_or_else(|| {
-            let nothing = self.uninformative_prior().diagonal();
-            Matrix5::from_diagonal(&nothing.map(|known| 1.0 / known))
+        let pose_tilt = normal.try_inverse().unwrap_or_else(|| {
+            let information = self.uninformative_prior().diagonal();
+            Matrix5::from_diagonal(&information.map(|value| 1.0 / value))
         });
-        let with_lean = (with_lean + with_lean.transpose()) * 0.5;
+        let pose_tilt = (pose_tilt + pose_tilt.transpose()) * 0.5;
         let deviation = self.prior_residual(state);
-        let reach_squared = self.config.kernel_scale_sigmas * self.config.kernel_scale_sigmas;
+        let kernel_squared = self.config.kernel_scale_sigmas * self.config.kernel_scale_sigmas;
         Match {
             pose: Pose::new(state[0], state[1], state[2]),
-            covariance: with_lean.fixed_view::<3, 3>(0, 0).into_owned(),
+            covariance: pose_tilt.fixed_view::<3, 3>(0, 0).into_owned(),
             mahalanobis_squared: deviation.dot(&(self.prior.information * deviation)),
             tilt: [state[3], state[4]],
-            pose_tilt_covariance: with_lean,
+            pose_tilt_covariance: pose_tilt,
             residual: (sums.weighted_squares / weight).sqrt(),
             mean_distance: sums.distance_sum / count,
             inlier_share: sums.inliers / count,
             score: sums.score / count,
-            cost: 0.5 * reach_squared * (self.points.len() as f32 - sums.score),
+            cost: 0.5 * kernel_squared * (self.points.len() as f32 - sums.score),
             steps,
         }
     }

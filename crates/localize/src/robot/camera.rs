@@ -1,4 +1,4 @@
-//! How does a pixel lie on the robot? The pinhole camera and its mount, as robot.toml states them.
+//! The pinhole camera and its mount, as in robot.toml.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,18 +10,18 @@ pub struct CameraConfig {
     pub width_px: usize,
     /// Image height, pixels.
     pub height_px: usize,
-    /// Focal length, pixels; needed to trace a mirror profile, not with a map.
+    /// Focal length, pixels; needed to trace a mirror profile, unused with a map.
     pub focal_px: Option<f32>,
-    /// Where the mirror's axis meets the image (u right, v down), pixels; integers are pixel centres.
+    /// The mirror axis in the image (u right, v down), pixels; integers are pixel centres.
     #[serde(deserialize_with = "crate::fixed_array::deserialize")]
     pub centre_px: [f32; 2],
     /// Height of the pinhole above the ground, metres; needed to trace a mirror profile.
     pub height: Option<f32>,
-    /// Where the robot's x axis points in the image: degrees from image right towards image up.
+    /// Direction of the robot's x axis in the image: degrees from image right towards image up.
     pub forward_deg: f32,
     /// True if, with forward up, the robot's left is on the image's right (a camera below one mirror).
     pub flipped: bool,
-    /// Radius of the mirror's rim in the image, pixels; beyond it there is nothing to see.
+    /// Radius of the mirror's rim in the image, pixels; pixels beyond it are unused.
     pub outer_radius_px: Option<f32>,
 }
 
@@ -32,7 +32,7 @@ impl CameraConfig {
     pub fn image_from_robot(&self) -> [[f32; 2]; 2] {
         let (sin, cos) = self.forward_deg.to_radians().sin_cos();
         let side = if self.flipped { -1.0 } else { 1.0 };
-        // Forward is (cos, sin) in (right, up); left is a quarter turn from it, the other way round if flipped.
+        // Forward is (cos, sin) in (right, up). Left is 90° from it, in the opposite direction if flipped.
         [[cos, -side * sin], [-sin, -side * cos]]
     }
 
@@ -43,7 +43,7 @@ impl CameraConfig {
         [xu * du + xv * dv, yu * du + yv * dv]
     }
 
-    /// True where the mirror is in the image.
+    /// True if the pixel is inside the mirror's rim.
     pub fn is_inside_mirror(&self, u: f32, v: f32) -> bool {
         let radius = (u - self.centre_px[0]).hypot(v - self.centre_px[1]);
         self.outer_radius_px.is_none_or(|rim| radius <= rim)

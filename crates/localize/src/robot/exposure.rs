@@ -1,8 +1,8 @@
-//! What can the camera's exposure and gain be set to? `[exposure]` of robot.toml.
+//! The range of the camera's exposure and gain: `[exposure]` of robot.toml.
 
 use serde::{Deserialize, Serialize};
 
-/// What a camera's exposure and gain are set to, in the camera's own units.
+/// A camera's exposure and gain, in the camera's units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CameraSetting {
     /// Exposure time.
@@ -11,45 +11,45 @@ pub struct CameraSetting {
     pub gain: f32,
 }
 
-/// `[exposure]` of robot.toml: what the camera can be set to; without it, exposure is only watched.
+/// `[exposure]` of robot.toml: the camera's settings; without it exposure is monitored but not controlled.
 ///
 /// Exposure is in the camera's unit (seconds for the drivers, multiples of the usual one for the simulator), gain too.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraControl {
-    /// What the camera starts with: exposure.
+    /// Initial exposure.
     pub exposure: f32,
-    /// What the camera starts with: gain.
+    /// Initial gain.
     pub gain: f32,
     /// Shortest exposure.
     pub exposure_min: f32,
-    /// Longest exposure: a robot turning at 360°/s smears the picture by 3.6° in 10 ms.
+    /// Longest exposure: a robot rotating at 360°/s blurs the image by 3.6° in 10 ms.
     pub exposure_max: f32,
-    /// Least gain.
+    /// Smallest gain.
     pub gain_min: f32,
-    /// Most gain: more only adds noise.
+    /// Largest gain: more only adds noise.
     pub gain_max: f32,
-    /// a of exposure = a·gain + b, the path of settings; more a, less noise and more smear. Beyond one setting's limits
-    /// the other goes on alone.
+    /// a of exposure = a·gain + b, the path of settings: a larger a gives less noise and more motion blur. Beyond the
+    /// limits of one setting only the other changes.
     pub path_slope: f32,
     /// b of exposure = a·gain + b.
     #[serde(default)]
     pub path_offset: f32,
-    /// Decibels that one unit of gain adds; 0: gain is a factor.
+    /// Decibels per unit of gain; 0: gain is a factor.
     #[serde(default)]
     pub gain_db_per_unit: f32,
-    /// Frames from a command to the first frame taken with it: a command after frame k is in force at frame k + 2.
+    /// Images from a command to the first image exposed with it: a command after image k applies to image k + 2.
     #[serde(default = "usual_delay")]
     pub delay_frames: u64,
 }
 
-/// One frame is being exposed while a command arrives, one is being read out.
+/// While a command arrives, one image is being exposed and one is being read out.
 fn usual_delay() -> u64 {
     2
 }
 
 impl CameraControl {
-    /// The first key whose number cannot work, and why.
+    /// The first key with an invalid value, and the reason.
     pub fn check(&self) -> Result<(), (&'static str, String)> {
         let numbers = [
             ("exposure.exposure_min", self.exposure_min),
@@ -90,12 +90,12 @@ impl CameraControl {
         Ok(())
     }
 
-    /// How bright a setting makes the picture: exposure times the gain's factor.
+    /// Brightness of a setting: exposure times the gain's factor.
     pub fn light(&self, setting: CameraSetting) -> f32 {
         setting.exposure * self.gain_factor(setting.gain)
     }
 
-    /// Factor by which a gain brightens the picture.
+    /// Factor of brightness of a gain.
     pub fn gain_factor(&self, gain: f32) -> f32 {
         if self.gain_db_per_unit > 0.0 {
             10f32.powf(gain * self.gain_db_per_unit / 20.0)
@@ -104,21 +104,21 @@ impl CameraControl {
         }
     }
 
-    /// The setting at a place of the path, which is a gain as long as neither limit is met.
-    pub fn on_path(&self, place: f32) -> CameraSetting {
+    /// The setting at a position of the path, which equals the gain within the limits.
+    pub fn on_path(&self, position: f32) -> CameraSetting {
         CameraSetting {
-            exposure: (self.path_slope * place + self.path_offset)
+            exposure: (self.path_slope * position + self.path_offset)
                 .clamp(self.exposure_min, self.exposure_max),
-            gain: place.clamp(self.gain_min, self.gain_max),
+            gain: position.clamp(self.gain_min, self.gain_max),
         }
     }
 
-    /// The setting on the path that gives so much light, or the nearest that the camera has.
+    /// The setting on the path with brightness `light`, or the nearest one within the limits.
     pub fn setting(&self, light: f32) -> CameraSetting {
         let at_exposure = |exposure: f32| (exposure - self.path_offset) / self.path_slope;
         let mut low = self.gain_min.min(at_exposure(self.exposure_min));
         let mut high = self.gain_max.max(at_exposure(self.exposure_max));
-        // Light grows along the path: halving the interval 40 times leaves less than a float can tell.
+        // Brightness increases along the path. Bisecting 40 times reaches the resolution of f32.
         for _ in 0..40 {
             let middle = 0.5 * (low + high);
             if self.light(self.on_path(middle)) < light {

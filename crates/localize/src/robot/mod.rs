@@ -1,4 +1,4 @@
-//! Which robot took these images? robot.toml: camera, mirror or map, field, and what else the robot carries.
+//! The robot's description, robot.toml: camera, mirror or map, field, base and sensors.
 
 use std::path::{Path, PathBuf};
 
@@ -13,6 +13,17 @@ mod exposure;
 pub use camera::CameraConfig;
 pub use exposure::{CameraControl, CameraSetting};
 
+/// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface half way out to its rim.
+///
+/// A tilt moves a ground point by its distance squared over this height, so it belongs to the mean pixel.
+pub const DEFAULT_VIEWPOINT_HEIGHT: f32 = 0.75;
+
+/// Height of the mirror's rim if no mirror profile is known, metres: the league allows robots of 0.8.
+///
+/// Not [`DEFAULT_VIEWPOINT_HEIGHT`]: object detection and the view see far objects near the mirror's rim, which is
+/// higher than its middle. With a profile both use the profile's own height.
+pub const DEFAULT_MIRROR_RIM_HEIGHT: f32 = 0.78;
+
 /// A robot file. Paths are relative to the file; `load` has already resolved them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -21,17 +32,17 @@ pub struct RobotConfig {
     pub field: PathBuf,
     /// Camera and its mount; a recording of line points needs none.
     pub camera: Option<CameraConfig>,
-    /// What the camera's exposure and gain can be set to.
+    /// Range of the camera's exposure and gain.
     pub exposure: Option<CameraControl>,
     /// The mirror's profile.
     pub mirror: Option<MirrorConfig>,
     /// A calibrated map.
     pub map: Option<MapConfig>,
-    /// Where the robot sees itself: a grey PNG as large as the image, black there.
+    /// Mask of the robot's own body: a grey PNG of the image's size, black on the body.
     pub mask: Option<PathBuf>,
-    /// Labelled pixels to learn colours from: a CSV of file,u,v,class.
+    /// Labelled pixels for learning the colours: a CSV of file,u,v,class.
     pub labels: Option<PathBuf>,
-    /// A saved colour table, in place of labels.
+    /// A saved colour table, instead of labels.
     pub colours: Option<PathBuf>,
     /// Wheels.
     pub base: Option<BaseConfig>,
@@ -39,7 +50,7 @@ pub struct RobotConfig {
     pub imu: Option<ImuConfig>,
     /// Compass.
     pub compass: Option<CompassModelConfig>,
-    /// What of the robot itself stands in the view.
+    /// Parts of the robot in the camera's view.
     pub body: Option<BodyConfig>,
 }
 
@@ -59,17 +70,17 @@ pub struct MapConfig {
     pub file: PathBuf,
 }
 
-/// `[base]`: three or four omnidirectional wheels on a circle (MATH.md 5).
+/// `[base]`: three or four omnidirectional wheels on a circle (docs/methods.md 7.1).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BaseConfig {
-    /// Where each wheel stands, degrees counter-clockwise from the robot's x axis; it rolls across that direction.
+    /// Position of each wheel, degrees counter-clockwise from the robot's x axis; it rolls across that direction.
     pub wheel_angles_deg: Vec<f32>,
     /// Radius of a wheel, metres.
     pub wheel_radius: f32,
     /// Distance of the wheels from the robot's centre, metres.
     pub wheel_distance: f32,
-    /// Encoder ticks per turn of a wheel.
+    /// Encoder ticks per revolution of a wheel.
     pub ticks_per_turn: f32,
     /// Odometry samples per second.
     pub rate_hz: f32,
@@ -77,7 +88,7 @@ pub struct BaseConfig {
     pub mass: f32,
     /// Top speed of a wheel's rim, m/s.
     pub speed_max: f32,
-    /// What the motors can accelerate the robot by, m/s².
+    /// Largest acceleration by the motors, m/s².
     pub acceleration_max: f32,
 }
 
@@ -104,11 +115,11 @@ pub struct ImuConfig {
     pub rate_hz: f32,
     /// White noise of each acceleration sample, m/s² (one sigma).
     pub acceleration_noise: f32,
-    /// Spread of the constant acceleration bias from unit to unit, m/s² (one sigma).
+    /// Constant acceleration bias, m/s² (one sigma over units).
     pub acceleration_bias: f32,
     /// White noise of each rate sample, degrees/s (one sigma).
     pub rate_noise_deg: f32,
-    /// Spread of the constant rate bias from unit to unit, degrees/s (one sigma).
+    /// Constant rate bias, degrees/s (one sigma over units).
     pub rate_bias_deg: f32,
 }
 
@@ -134,21 +145,21 @@ pub struct CompassModelConfig {
     pub noise_deg: f32,
     /// Slow bias, degrees (one sigma).
     pub bias_deg: f32,
-    /// Time in which the slow bias forgets itself, seconds.
+    /// Correlation time of the slow bias, seconds.
     pub bias_time: f32,
-    /// What makes headings of this magnetometer's field: what `calibrate compass` wrote.
+    /// Calibration of the magnetometer, as written by `calibrate compass`.
     pub calibration: Option<CompassCalibration>,
-    /// Iron that the simulated robot carries: its compass is then a magnetometer whose own headings are wrong.
+    /// Iron of the simulated robot: its compass is then an uncalibrated magnetometer.
     pub iron: Option<IronConfig>,
 }
 
-/// `[compass.iron]`: what a robot's own iron makes of the earth's field, whose horizontal part is 1.
+/// `[compass.iron]`: distortion of the earth's magnetic field by the robot's iron; its horizontal component is 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IronConfig {
-    /// Added to the field in the robot's frame: magnets.
+    /// Offset of the field in the robot frame: magnets.
     pub hard: [f32; 2],
-    /// Stretches and shears the field in the robot's frame before, rows: steel.
+    /// Matrix (rows) applied to the field in the robot frame before the offset: steel.
     pub soft: [[f32; 2]; 2],
 }
 
@@ -165,7 +176,7 @@ impl Default for CompassModelConfig {
     }
 }
 
-/// `[body]`: what the robot sees of itself, the rods that carry the mirror included.
+/// `[body]`: the robot's own parts in the image, with the rods that carry the mirror.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BodyConfig {
@@ -196,7 +207,7 @@ impl Default for BodyConfig {
     }
 }
 
-/// Why there is no robot.
+/// Why a robot file cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotConfigError {
     /// The file cannot be read.
@@ -204,10 +215,10 @@ pub enum RobotConfigError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// The file is not a robot.
+    /// The file cannot be parsed.
     #[error("{}: {source}", path.display())]
     Parse {
         /// The file.
@@ -215,10 +226,10 @@ pub enum RobotConfigError {
         /// Line and reason.
         source: Box<toml::de::Error>,
     },
-    /// A number that no robot can have.
+    /// A value out of bounds.
     #[error("{place}: {key}: {reason}")]
     Value {
-        /// The file, and the line where there is one.
+        /// The file, with the line if the key has one.
         place: String,
         /// The key in the file.
         key: &'static str,
@@ -228,7 +239,7 @@ pub enum RobotConfigError {
 }
 
 impl RobotConfig {
-    /// Reads and checks a robot file; its paths come back relative to the working folder (or absolute).
+    /// Reads and checks a robot file; its paths are resolved relative to the file's folder.
     pub fn load(path: &Path) -> Result<Self, RobotConfigError> {
         let text = std::fs::read_to_string(path).map_err(|source| RobotConfigError::Read {
             path: path.to_owned(),
@@ -261,7 +272,7 @@ impl RobotConfig {
         Ok(robot)
     }
 
-    /// The first key whose number makes no robot, and why.
+    /// The first key with an invalid value, and the reason.
     fn check(&self) -> Result<(), (&'static str, String)> {
         if let Some(camera) = &self.camera {
             if !(2..=8192).contains(&camera.width_px) || !(2..=8192).contains(&camera.height_px) {

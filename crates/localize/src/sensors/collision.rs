@@ -1,29 +1,29 @@
-//! Was the robot hit? Felt acceleration against the commanded one, and the wheels' motion against the felt one.
+//! Collision detection (docs/methods.md 10): measured against commanded acceleration, and wheels against inertial unit.
 //!
-//! minho2016 V.A: when robots collide their wheels drive on, spinning or skidding, and odometry errs largely; vision is
-//! then fused without it. Here the inertial unit takes the wheels' place meanwhile, so that a blind robot keeps its way.
+//! minho2016 V.A: in a collision the wheels spin or skid and odometry fails, so vision is fused without it. Here the
+//! inertial unit replaces the wheels meanwhile.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// When are the wheels not believed?
+/// Limits of the collision detector.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CollisionConfig {
-    /// Felt acceleration beyond the commanded one from which on something hit the robot, m/s²: half of gravity, since
-    /// rubber on carpet hardly pushes more.
+    /// Deviation of the measured from the commanded acceleration that starts a collision, m/s². Half of gravity, since
+    /// rubber on carpet hardly transmits more.
     pub shock_acceleration: f32,
-    /// What the motors can do of themselves, m/s²: how fast a commanded twist is taken up.
+    /// Acceleration limit of the motors, m/s²: the ramp of a commanded twist.
     pub motor_acceleration_max: f32,
-    /// Speed between wheels and ground from which on the wheels are not believed, m/s.
+    /// Deviation of the wheels' speed from the predicted one that starts a collision, m/s.
     pub slip_speed_max: f32,
-    /// The same of the turn, rad/s.
+    /// The same for the yaw rate, rad/s.
     pub slip_yaw_rate_max: f32,
-    /// In standard deviations of the motion that is believed instead, the same slip must be at least so much.
+    /// Smallest deviation that counts, in standard deviations of the predicted motion.
     pub significance_sigmas: f32,
-    /// A collision is over when nothing spoke of it for so long, seconds.
+    /// Time from the last sign of a collision to its end, seconds.
     pub hold_time: f32,
-    /// After so long wheels are believed again whatever the inertial unit says, seconds: it drifts, or it is broken.
+    /// Longest collision, seconds. The wheels are used again afterwards, since the inertial unit may be at fault.
     pub timeout: f32,
 }
 
@@ -41,31 +41,40 @@ impl Default for CollisionConfig {
     }
 }
 
-/// How far the wheels are from the motion believed without them.
+/// A value with its standard deviation, in the same unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WheelMismatch {
-    /// Speed of the rims over the ground, m/s, and its standard deviation by what is known of the motion.
-    pub speed: [f32; 2],
-    /// The same of the turn, rad/s.
-    pub yaw_rate: [f32; 2],
+pub struct Measured {
+    /// The value.
+    pub value: f32,
+    /// Standard deviation.
+    pub std: f32,
 }
 
-/// Does a collision last?
+/// Velocity of the wheels against the motion predicted without them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WheelMismatch {
+    /// Translation, m/s.
+    pub speed: Measured,
+    /// Rotation, rad/s.
+    pub yaw_rate: Measured,
+}
+
+/// State of the collision detector.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CollisionDetector {
-    /// Until it is over if nothing more happens, seconds.
+    /// Time to the end without a further sign, seconds.
     remaining: f32,
-    /// Since it began, seconds.
+    /// Time since the start, seconds.
     duration: f32,
 }
 
 impl CollisionDetector {
-    /// Does it last?
+    /// Is a collision in progress?
     pub fn is_active(&self) -> bool {
         self.remaining > 0.0
     }
 
-    /// Time passes.
+    /// Advances the detector's time.
     pub fn advance_time(&mut self, seconds: f32) {
         if self.remaining > 0.0 {
             self.duration += seconds;
@@ -76,25 +85,25 @@ impl CollisionDetector {
         }
     }
 
-    /// Something hit the robot.
+    /// Starts or prolongs a collision.
     pub fn trigger(&mut self, config: &CollisionConfig) {
         self.remaining = config.hold_time;
     }
 
-    /// Hears how far the wheels are off; true if they are to be believed.
+    /// Takes a deviation of the wheels. Returns whether the wheel sample may be used.
     ///
-    /// What began a collision must fall to half before it ends, so that it does not flicker.
-    pub fn accepts_wheels(&mut self, off: &WheelMismatch, config: &CollisionConfig) -> bool {
+    /// During a collision half of each limit prolongs it (hysteresis).
+    pub fn accepts_wheels(&mut self, mismatch: &WheelMismatch, config: &CollisionConfig) -> bool {
         if self.duration >= config.timeout {
             *self = CollisionDetector::default();
             return true;
         }
-        let part = if self.is_active() { 0.5 } else { 1.0 };
-        let speaks = |[value, std]: [f32; 2], most: f32| {
-            value > part * most && value > part * config.significance_sigmas * std
+        let share = if self.is_active() { 0.5 } else { 1.0 };
+        let exceeds = |Measured { value, std }: Measured, limit: f32| {
+            value > share * limit && value > share * config.significance_sigmas * std
         };
-        if speaks(off.speed, config.slip_speed_max)
-            || speaks(off.yaw_rate, config.slip_yaw_rate_max)
+        if exceeds(mismatch.speed, config.slip_speed_max)
+            || exceeds(mismatch.yaw_rate, config.slip_yaw_rate_max)
         {
             self.trigger(config);
         }
@@ -108,8 +117,11 @@ mod tests {
 
     fn mismatch(speed: f32, std: f32) -> WheelMismatch {
         WheelMismatch {
-            speed: [speed, std],
-            yaw_rate: [0.0, 0.1],
+            speed: Measured { value: speed, std },
+            yaw_rate: Measured {
+                value: 0.0,
+                std: 0.1,
+            },
         }
     }
 
@@ -123,12 +135,12 @@ mod tests {
             collision.advance_time(0.01);
             assert!(!collision.accepts_wheels(&mismatch(0.8, 0.05), &config));
         }
-        let mut until = 0;
+        let mut steps = 0;
         while !collision.accepts_wheels(&mismatch(0.02, 0.05), &config) {
             collision.advance_time(0.01);
-            until += 1;
+            steps += 1;
         }
-        assert!((9..=11).contains(&until), "{until}");
+        assert!((9..=11).contains(&steps), "{steps}");
     }
 
     #[test]
@@ -141,10 +153,10 @@ mod tests {
     fn wheels_are_accepted_again_after_the_collision_timeout() {
         let config = CollisionConfig::default();
         let mut collision = CollisionDetector::default();
-        let believed = (0..1000).position(|_| {
+        let accepted = (0..1000).position(|_| {
             collision.advance_time(0.01);
             collision.accepts_wheels(&mismatch(9.0, 0.01), &config)
         });
-        assert!((490..520).contains(&believed.expect("believed again")));
+        assert!((490..520).contains(&accepted.expect("wheels accepted again")));
     }
 }

@@ -1,8 +1,7 @@
-//! Where is north by a magnetometer that rides with iron? Hard and soft iron make its circle an ellipse off the centre.
+//! Compass calibration: hard and soft iron from one full rotation of the robot (docs/methods.md 9.1).
 //!
-//! A robot that turns once sees the horizontal field go round: magnets on it (hard iron) shift the circle, steel (soft
-//! iron) stretches it. The ellipse is fitted under trace 2 of its quadratic part, which is linear and turns with the
-//! data, without points that lie off it (local disturbance).
+//! Iron on the robot makes the circle of the horizontal field an ellipse off the origin. The fit constrains its quadratic
+//! part to trace 2, which is linear and independent of the rotation. Disturbed readings are rejected as outliers.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use schemars::JsonSchema;
@@ -10,72 +9,86 @@ use serde::{Deserialize, Serialize};
 
 use crate::frames::wrap_angle;
 
-/// What makes a circle of a magnetometer's ellipse, and a heading of its direction.
+/// Maps a magnetometer's ellipse to a circle, and its direction to a heading.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompassCalibration {
-    /// The ellipse's centre (hard iron), the magnetometer's own unit, robot frame x and y.
+    /// Centre of the ellipse (hard iron), x and y, robot frame, unit of the magnetometer.
     pub hard: [f32; 2],
-    /// Takes what is left of a reading to the circle (soft iron), rows.
+    /// Rows of the matrix that maps the centred ellipse to the circle (soft iron).
     pub soft: [[f32; 2]; 2],
-    /// The circle's radius, the magnetometer's own unit.
+    /// Radius of the circle, unit of the magnetometer.
     pub radius: f32,
     /// Direction of magnetic north on the field, degrees counter-clockwise from its x axis.
     #[serde(default)]
     pub north_deg: f32,
 }
 
+/// Heading by a calibrated magnetometer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MagneticHeading {
+    /// On the field, radians.
+    pub heading: f32,
+    /// Strength of the field over that of the calibration. Far from 1 the reading is disturbed.
+    pub relative_strength: f32,
+}
+
 impl CompassCalibration {
-    /// Heading on the field (radians) by the horizontal field in the robot's frame, and the field's strength over the
-    /// usual: far from 1 something nearby disturbs it.
-    pub fn heading(&self, field: [f32; 2]) -> (f32, f32) {
+    /// Heading by the horizontal field in the robot frame.
+    pub fn heading(&self, field: [f32; 2]) -> MagneticHeading {
         let [x, y] = [field[0] - self.hard[0], field[1] - self.hard[1]];
         let [along, across] = self.soft.map(|row| row[0] * x + row[1] * y);
-        let heading = wrap_angle(self.north_deg.to_radians() - across.atan2(along));
-        (heading, along.hypot(across) / self.radius)
+        MagneticHeading {
+            heading: wrap_angle(self.north_deg.to_radians() - across.atan2(along)),
+            relative_strength: along.hypot(across) / self.radius,
+        }
     }
 }
 
-/// A fitted calibration and how well the readings lie on it.
+/// A fitted calibration and its quality.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct CompassFit {
     /// The calibration.
     pub calibration: CompassCalibration,
-    /// Readings used, and left out because something nearby disturbed them.
+    /// Number of readings used.
     pub used: usize,
-    /// See `used`.
+    /// Number of readings rejected as disturbed.
     pub left_out: usize,
-    /// Root mean square distance of the used ones from the circle over its radius, as a heading error, degrees.
+    /// Root mean square distance of the used readings from the circle over its radius, as a heading error, degrees.
     pub residual_deg: f32,
-    /// Largest heading error that the raw readings would have had, degrees.
+    /// Largest heading error of the uncalibrated readings, degrees.
     pub raw_error_deg: f32,
-    /// The ellipse's longer axis over its shorter one.
+    /// Longer over shorter axis of the ellipse.
     pub stretch: f32,
 }
 
-/// Why there is no calibration.
+/// Why a calibration failed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CompassError {
     /// Too few readings.
-    #[error("{0} magnetometer readings: at least {READINGS_MIN} are wanted")]
+    #[error("too few magnetometer readings: {0} (expected at least {READINGS_MIN})")]
     TooFew(usize),
-    /// The robot did not turn all round.
-    #[error("the readings leave {0:.0}° of the circle out: turn the robot once all round")]
+    /// The robot did not rotate by a full turn.
+    #[error(
+        "gap in the directions of the readings: {0:.0}° (expected at most {GAP_MAX_DEG}°). Turn the robot by a full circle"
+    )]
     Gap(f32),
     /// No ellipse fits.
-    #[error("the readings lie on no ellipse: does the magnetometer ride with the robot?")]
+    #[error(
+        "no ellipse fits the magnetometer readings. Check that the magnetometer is fixed to the robot"
+    )]
     NoEllipse,
 }
 
 const READINGS_MIN: usize = 30;
-/// Largest gap in the directions, degrees: beyond it the ellipse is guessed rather than seen.
+/// Largest gap in the directions, degrees. Beyond it the ellipse is not determined.
 const GAP_MAX_DEG: f32 = 60.0;
-/// Readings further off than so many standard deviations are disturbed.
+/// Readings beyond this many standard deviations count as disturbed.
 const OUTLIER_SIGMAS: f64 = 3.5;
-/// Rounds of leaving disturbed readings out.
+/// Maximum number of outlier rejection rounds.
 const REJECTION_ROUNDS_MAX: usize = 10;
 
-/// Fits the calibration to horizontal readings (robot frame) of a robot that turned all round.
+/// Fits the calibration to horizontal readings (robot frame) of a full rotation.
 pub fn fit_calibration(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError> {
     let all: Vec<Vector2<f64>> = readings
         .iter()
@@ -85,22 +98,22 @@ pub fn fit_calibration(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError
     let mut kept = all.clone();
     let mut ellipse = Ellipse::fit(&kept)?;
     for _ in 0..REJECTION_ROUNDS_MAX {
-        let mut sizes: Vec<f64> = all.iter().map(|one| ellipse.residual(one).abs()).collect();
-        let sorted = {
-            sizes.sort_by(f64::total_cmp);
-            &sizes
-        };
-        // The median of a normal deviation is 0.6745 of its standard deviation; below a thousandth all is well.
-        let std = (sorted[sorted.len() / 2] / 0.6745).max(1e-3);
-        let near: Vec<Vector2<f64>> = all
+        let mut residuals: Vec<f64> = all
             .iter()
-            .filter(|one| ellipse.residual(one).abs() <= OUTLIER_SIGMAS * std)
+            .map(|reading| ellipse.residual(reading).abs())
+            .collect();
+        residuals.sort_by(f64::total_cmp);
+        // Robust standard deviation: the median of |normal| is 0.6745 σ. The floor accepts perfect readings.
+        let std = (residuals[residuals.len() / 2] / 0.6745).max(1e-3);
+        let inliers: Vec<Vector2<f64>> = all
+            .iter()
+            .filter(|reading| ellipse.residual(reading).abs() <= OUTLIER_SIGMAS * std)
             .copied()
             .collect();
-        let same = near.len() == kept.len();
-        kept = near;
+        let converged = inliers.len() == kept.len();
+        kept = inliers;
         ellipse = Ellipse::fit(&kept)?;
-        if same {
+        if converged {
             break;
         }
     }
@@ -108,23 +121,26 @@ pub fn fit_calibration(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError
     if gap > GAP_MAX_DEG {
         return Err(CompassError::Gap(gap));
     }
-    let square: f64 = kept.iter().map(|one| ellipse.residual(one).powi(2)).sum();
+    let sum_squared: f64 = kept
+        .iter()
+        .map(|reading| ellipse.residual(reading).powi(2))
+        .sum();
     let calibration = ellipse.calibration();
-    let raw_error = kept.iter().map(|one| {
-        let (heading, _) = calibration.heading([one.x as f32, one.y as f32]);
-        wrap_angle(heading + (one.y as f32).atan2(one.x as f32)).abs()
+    let raw_error = kept.iter().map(|reading| {
+        let (x, y) = (reading.x as f32, reading.y as f32);
+        wrap_angle(calibration.heading([x, y]).heading + y.atan2(x)).abs()
     });
     Ok(CompassFit {
         calibration,
         used: kept.len(),
         left_out: all.len() - kept.len(),
-        residual_deg: (square / kept.len() as f64).sqrt().to_degrees() as f32,
+        residual_deg: (sum_squared / kept.len() as f64).sqrt().to_degrees() as f32,
         raw_error_deg: raw_error.fold(0.0_f32, f32::max).to_degrees(),
         stretch: ellipse.axis_ratio() as f32,
     })
 }
 
-/// Points x with |root (x − centre)| = radius.
+/// The points x with |shape_root (x − centre)| = radius.
 struct Ellipse {
     centre: Vector2<f64>,
     shape_root: Matrix2<f64>,
@@ -132,47 +148,51 @@ struct Ellipse {
 }
 
 impl Ellipse {
-    /// x² + y² + p (x² − y²) + b xy + d x + e y + f = 0 by least squares, about the points' mean in their own size.
+    /// x² + y² + p (x² − y²) + b xy + d x + e y + f = 0 by least squares, for points centred and scaled to unit size.
     fn fit(points: &[Vector2<f64>]) -> Result<Self, CompassError> {
         let count = points.len();
         if count < READINGS_MIN {
             return Err(CompassError::TooFew(count));
         }
         let mean = points.iter().sum::<Vector2<f64>>() / count as f64;
-        let size = points.iter().map(|one| (one - mean).norm()).sum::<f64>() / count as f64;
+        let size = points
+            .iter()
+            .map(|point| (point - mean).norm())
+            .sum::<f64>()
+            / count as f64;
         if !(size > 0.0) {
             return Err(CompassError::NoEllipse);
         }
         let mut normal = SMatrix::<f64, 5, 5>::zeros();
-        let mut side = SVector::<f64, 5>::zeros();
-        for one in points {
-            let (x, y) = ((one.x - mean.x) / size, (one.y - mean.y) / size);
+        let mut right_side = SVector::<f64, 5>::zeros();
+        for point in points {
+            let (x, y) = ((point.x - mean.x) / size, (point.y - mean.y) / size);
             let row = SVector::from([x * x - y * y, x * y, x, y, 1.0]);
             normal += row * row.transpose();
-            side -= row * (x * x + y * y);
+            right_side -= row * (x * x + y * y);
         }
-        let solved = normal.cholesky().ok_or(CompassError::NoEllipse)?;
-        let [p, b, d, e, f] = solved.solve(&side).into();
+        let factor = normal.cholesky().ok_or(CompassError::NoEllipse)?;
+        let [p, b, d, e, f] = factor.solve(&right_side).into();
         let quadratic = Matrix2::new(1.0 + p, b / 2.0, b / 2.0, 1.0 - p);
         let centre =
             -quadratic.try_inverse().ok_or(CompassError::NoEllipse)? * Vector2::new(d, e) / 2.0;
-        let square = (centre.transpose() * quadratic * centre)[0] - f;
+        let radius_squared = (centre.transpose() * quadratic * centre)[0] - f;
         let eigen = quadratic.symmetric_eigen();
-        // An ellipse more than three times as long as wide is no magnetometer on a robot.
-        if !(square > 0.0 && eigen.eigenvalues.min() > 0.11 * eigen.eigenvalues.max()) {
+        // An axis ratio above three is not caused by iron on a robot.
+        if !(radius_squared > 0.0 && eigen.eigenvalues.min() > 0.11 * eigen.eigenvalues.max()) {
             return Err(CompassError::NoEllipse);
         }
-        // The symmetric root turns nothing: what the iron turned on the mean cannot be seen from a circle.
+        // The symmetric root contains no rotation, since a circle does not determine one.
         let roots = Matrix2::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
-        let root = eigen.eigenvectors * roots * eigen.eigenvectors.transpose();
+        let shape_root = eigen.eigenvectors * roots * eigen.eigenvectors.transpose();
         Ok(Ellipse {
             centre: mean + centre * size,
-            shape_root: root,
-            radius: square.sqrt() * size,
+            shape_root,
+            radius: radius_squared.sqrt() * size,
         })
     }
 
-    /// Distance of a point from the circle over its radius.
+    /// Distance of a mapped point from the circle over the radius.
     fn residual(&self, point: &Vector2<f64>) -> f64 {
         (self.shape_root * (point - self.centre)).norm() / self.radius - 1.0
     }
@@ -181,9 +201,9 @@ impl Ellipse {
     fn largest_gap_deg(&self, points: &[Vector2<f64>]) -> f32 {
         let mut directions: Vec<f64> = points
             .iter()
-            .map(|one| {
-                let round = self.shape_root * (one - self.centre);
-                round.y.atan2(round.x)
+            .map(|point| {
+                let mapped = self.shape_root * (point - self.centre);
+                mapped.y.atan2(mapped.x)
             })
             .collect();
         directions.sort_by(f64::total_cmp);
@@ -219,7 +239,7 @@ impl Ellipse {
 mod tests {
     use super::*;
 
-    /// A magnetometer with iron around it, while the robot heads to each of `count` directions of `share` of a turn.
+    /// Headings and readings with iron on the robot: `count` directions over `share` of a full rotation.
     fn readings(count: usize, share: f32) -> Vec<(f32, [f32; 2])> {
         (0..count)
             .map(|k| {
@@ -233,56 +253,59 @@ mod tests {
     }
 
     fn errors_deg(readings: &[(f32, [f32; 2])], calibration: &CompassCalibration) -> Vec<f32> {
-        // The mean turn is `north_deg`'s business.
-        let off = |(heading, field): &(f32, [f32; 2])| {
-            wrap_angle(calibration.heading(*field).0 - heading)
+        // `north_deg` would correct the mean error.
+        let error = |(heading, field): &(f32, [f32; 2])| {
+            wrap_angle(calibration.heading(*field).heading - heading)
         };
-        let mean = readings.iter().map(off).sum::<f32>() / readings.len() as f32;
+        let mean = readings.iter().map(error).sum::<f32>() / readings.len() as f32;
         readings
             .iter()
-            .map(|one| (off(one) - mean).to_degrees())
+            .map(|reading| (error(reading) - mean).to_degrees())
             .collect()
     }
 
     #[test]
     fn calibration_removes_hard_and_soft_iron() {
         let readings = readings(200, 1.0);
-        let fields: Vec<[f32; 2]> = readings.iter().map(|one| one.1).collect();
-        let found = fit_calibration(&fields).expect("a calibration");
+        let fields: Vec<[f32; 2]> = readings.iter().map(|(_, field)| *field).collect();
+        let fit = fit_calibration(&fields).expect("a calibration");
         assert!(
-            found.raw_error_deg > 40.0 && found.residual_deg < 0.5,
-            "{found:?}"
+            fit.raw_error_deg > 40.0 && fit.residual_deg < 0.5,
+            "{fit:?}"
         );
-        let worst = errors_deg(&readings, &found.calibration)
+        let worst = errors_deg(&readings, &fit.calibration)
             .into_iter()
-            .fold(0.0_f32, |worst, off| worst.max(off.abs()));
+            .fold(0.0_f32, |worst, error| worst.max(error.abs()));
         assert!(worst < 0.8, "{worst}");
     }
 
     #[test]
     fn local_disturbance_is_rejected_as_outliers() {
         let readings = readings(200, 1.0);
-        let mut fields: Vec<[f32; 2]> = readings.iter().map(|one| one.1).collect();
+        let mut fields: Vec<[f32; 2]> = readings.iter().map(|(_, field)| *field).collect();
         for field in &mut fields[40..60] {
             field[0] += 9.0;
         }
-        let found = fit_calibration(&fields).expect("a calibration");
-        assert!((15..=40).contains(&found.left_out), "{found:?}");
-        let worst = errors_deg(&readings, &found.calibration)
+        let fit = fit_calibration(&fields).expect("a calibration");
+        assert!((15..=40).contains(&fit.left_out), "{fit:?}");
+        let worst = errors_deg(&readings, &fit.calibration)
             .into_iter()
-            .fold(0.0_f32, |worst, off| worst.max(off.abs()));
+            .fold(0.0_f32, |worst, error| worst.max(error.abs()));
         assert!(worst < 1.5, "{worst}");
-        let (_, strength) = found.calibration.heading(fields[50]);
+        let strength = fit.calibration.heading(fields[50]).relative_strength;
         assert!((strength - 1.0).abs() > 0.1, "{strength}");
     }
 
     #[test]
     fn incomplete_turn_is_refused_with_a_hint() {
-        let fields: Vec<[f32; 2]> = readings(100, 0.5).iter().map(|one| one.1).collect();
+        let fields: Vec<[f32; 2]> = readings(100, 0.5)
+            .into_iter()
+            .map(|(_, field)| field)
+            .collect();
         let error = fit_calibration(&fields)
             .expect_err("half a turn")
             .to_string();
-        assert!(error.contains("turn the robot"), "{error}");
+        assert!(error.contains("Turn the robot"), "{error}");
         assert_eq!(
             fit_calibration(&fields[..10]),
             Err(CompassError::TooFew(10))

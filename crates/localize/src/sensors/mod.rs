@@ -1,4 +1,4 @@
-//! What do the IMU, the compass and the wheels measure? Attitude, magnetic calibration, collision detection.
+//! Sensor processing: attitude from the IMU, compass calibration, collision detection.
 
 pub mod attitude;
 pub mod collision;

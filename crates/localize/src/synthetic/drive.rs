@@ -1,47 +1,49 @@
-//! What would a robot see and feel on a known drive? Line points, odometry and compass with truth, from one seed.
+//! Synthetic drives: line points, odometry and compass with ground truth, reproducible by a seed.
 //!
-//! Made for judging localisation alone, without images: rays from the robot meet the markings, with errors, outliers
-//! and covered sectors as stated; odometry has a wrong scale. Used by the benches, `eval` and the tests.
+//! For evaluating localization without images. Rays from the robot are intersected with the markings, with configured
+//! errors, outliers and occluded sectors; odometry has a scale error. Used by the benches, `eval` and the tests.
 
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
-use crate::field::{Field, Marking};
+use crate::field::Field;
+use crate::field::ray::intersect_ray;
 use crate::frames::{At, Pose, wrap_angle};
+use crate::random::standard_normal;
 use crate::sample::{Compass, LinePoint, Odometry};
 use crate::stamp::Stamp;
 
-/// How a drive looks and how badly it is sensed.
+/// Settings of a drive and of its sensor errors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SyntheticDriveConfig {
     /// Frames per second.
     pub frame_rate: f32,
-    /// Usual speed, m/s.
+    /// Standard deviation of each velocity component, m/s.
     pub speed: f32,
-    /// Usual rate of turn, rad/s.
+    /// Standard deviation of the yaw rate, rad/s.
     pub yaw_rate: f32,
     /// Rays, evenly around the robot.
     pub rays: usize,
-    /// Most markings met per ray.
+    /// Largest number of markings hit per ray.
     pub hits_per_ray: usize,
-    /// Nearest distance at which markings are seen (the robot's own body covers what is nearer), metres.
+    /// Smallest range of markings, metres: nearer ones are occluded by the robot's own body.
     pub range_min: f32,
-    /// Farthest, metres.
+    /// Largest range of markings, metres.
     pub range_max: f32,
-    /// Standard deviation of a point at the robot and at 5 m, metres; linear in between and beyond.
+    /// Standard deviation of a point at ranges 0 and 5 m, metres; linear in the range.
     pub point_std: [f32; 2],
-    /// Share of points that are something else, anywhere along their ray.
+    /// Share of outliers, uniform along their ray.
     pub outlier_share: f32,
-    /// Share of the circle that is covered, in `covered_sectors` equal parts evenly around.
+    /// Share of all directions that is occluded, in `occluded_sectors` equal sectors evenly around the robot.
     pub occluded_share: f32,
-    /// Number of covered sectors.
+    /// Number of occluded sectors.
     pub occluded_sectors: usize,
-    /// By how much odometry reports too much way and turn.
+    /// Relative error by which odometry reports too long distances and too large angles.
     pub odometry_scale_error: f32,
-    /// Random part of each report, share of the motion.
+    /// Standard deviation of each increment, share of the motion.
     pub odometry_noise: f32,
-    /// Noise of the compass, degrees.
+    /// Standard deviation of the compass, degrees.
     pub compass_std_deg: f32,
 }
 
@@ -66,29 +68,29 @@ impl Default for SyntheticDriveConfig {
     }
 }
 
-/// One frame of a drive, with the truth.
+/// One image's samples of a drive, with the ground truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SyntheticSample {
-    /// When.
+    /// Stamp of all samples.
     pub stamp: Stamp,
-    /// Where the robot really is.
+    /// Ground truth.
     pub true_pose: Pose,
-    /// Motion since the frame before, as the wheels report it.
+    /// Motion since the previous sample, as reported by the wheels.
     pub odometry: Odometry,
-    /// As the compass reports it.
+    /// Heading with noise.
     pub compass: Compass,
-    /// As vision reports them.
+    /// Line points as vision reports them (robot frame).
     pub points: Vec<LinePoint>,
 }
 
-/// A robot driving about, frame by frame, without end.
+/// An endless random drive; iterates over its samples.
 #[derive(Debug, Clone)]
 pub struct SyntheticDrive<R> {
     field: Field,
     config: SyntheticDriveConfig,
     rng: R,
     pose: Pose,
-    /// Velocity in the field frame and rate of turn.
+    /// Velocity in the field frame (m/s) and yaw rate (rad/s).
     velocity: [f32; 3],
     index: i64,
 }
@@ -107,49 +109,44 @@ impl<R: Rng> SyntheticDrive<R> {
         }
     }
 
-    /// Carries the robot to a random pose without its wheels noticing.
+    /// Moves the robot to a random pose, unnoticed by odometry.
     pub fn kidnap(&mut self) {
         self.pose = random_pose(&self.field, &mut self.rng);
         self.velocity = [0.0; 3];
     }
 
-    /// What is sensed at `pose`.
+    /// Line points measured at `pose`.
     pub fn observe(&mut self, pose: Pose) -> Vec<LinePoint> {
         simulate_line_points(&self.field, &self.config, pose, &mut self.rng)
     }
 
-    /// The configuration; may be changed while driving.
-    pub fn config_mut(&mut self) -> &mut SyntheticDriveConfig {
-        &mut self.config
-    }
-
     fn step(&mut self) -> [f32; 3] {
         let dt = 1.0 / self.config.frame_rate;
-        // A first-order random walk of the velocity with a second's memory, drawn to the middle near the edge.
-        let keep = (-dt).exp();
-        let kick = (1.0 - keep * keep).sqrt();
+        // A Gauss-Markov process of the velocity with a correlation time of 1 s, reflected near the edge.
+        let decay = (-dt).exp();
+        let excitation = (1.0 - decay * decay).sqrt();
         let (half_x, half_y) = (self.field.length / 2.0, self.field.width / 2.0);
-        let spread = [self.config.speed, self.config.speed, self.config.yaw_rate];
-        for (value, spread) in self.velocity.iter_mut().zip(spread) {
-            *value = keep * *value + kick * spread * standard_normal(&mut self.rng);
+        let stds = [self.config.speed, self.config.speed, self.config.yaw_rate];
+        for (value, std) in self.velocity.iter_mut().zip(stds) {
+            *value = decay * *value + excitation * std * standard_normal(&mut self.rng);
         }
         for (k, at, half) in [(0, self.pose.x, half_x), (1, self.pose.y, half_y)] {
             if at.abs() > half - 0.5 && self.velocity[k] * at > 0.0 {
                 self.velocity[k] = -self.velocity[k];
             }
         }
-        let [vx, vy, turn] = self.velocity;
+        let [vx, vy, yaw_rate] = self.velocity;
         let next = Pose::new(
             self.pose.x + vx * dt,
             self.pose.y + vy * dt,
-            self.pose.theta + turn * dt,
+            self.pose.theta + yaw_rate * dt,
         );
-        // In the robot frame at the start, as odometry is told.
+        // In the robot frame at the start, as odometry reports it.
         let (sin, cos) = self.pose.theta.sin_cos();
         let motion = [
             (cos * vx + sin * vy) * dt,
             (cos * vy - sin * vx) * dt,
-            turn * dt,
+            yaw_rate * dt,
         ];
         self.pose = next;
         motion
@@ -193,14 +190,14 @@ impl<R: Rng> Iterator for SyntheticDrive<R> {
     }
 }
 
-/// A pose on the field, uniformly, any heading.
+/// A uniformly distributed pose on the field.
 pub fn random_pose(field: &Field, rng: &mut impl Rng) -> Pose {
     let mut within = |half: f32| (rng.random::<f32>() * 2.0 - 1.0) * half;
     let (x, y) = (within(field.length / 2.0), within(field.width / 2.0));
     Pose::new(x, y, within(std::f32::consts::PI))
 }
 
-/// Line points that a robot at `pose` reports.
+/// Line points measured at `pose` (robot frame).
 pub fn simulate_line_points(
     field: &Field,
     config: &SyntheticDriveConfig,
@@ -210,12 +207,12 @@ pub fn simulate_line_points(
     let mut points = Vec::with_capacity(config.rays * config.hits_per_ray);
     let mut hits = Vec::new();
     for ray in 0..config.rays {
-        let around = ray as f32 / config.rays as f32;
-        let sector = (around * config.occluded_sectors.max(1) as f32).fract();
+        let turn_share = ray as f32 / config.rays as f32;
+        let sector = (turn_share * config.occluded_sectors.max(1) as f32).fract();
         if sector < config.occluded_share {
             continue;
         }
-        let bearing = around * std::f32::consts::TAU;
+        let bearing = turn_share * std::f32::consts::TAU;
         let (sin, cos) = (pose.theta + bearing).sin_cos();
         intersect_ray(&field.markings, [pose.x, pose.y], [cos, sin], &mut hits);
         hits.retain(|&range| range > config.range_min && range < config.range_max);
@@ -224,8 +221,8 @@ pub fn simulate_line_points(
             let std =
                 config.point_std[0] + (config.point_std[1] - config.point_std[0]) * range / 5.0;
             let (along, across) = if rng.random::<f32>() < config.outlier_share {
-                let free = config.range_max - config.range_min;
-                (config.range_min + free * rng.random::<f32>(), 0.0)
+                let span = config.range_max - config.range_min;
+                (config.range_min + span * rng.random::<f32>(), 0.0)
             } else {
                 (
                     range + std * standard_normal(rng),
@@ -241,68 +238,4 @@ pub fn simulate_line_points(
         }
     }
     points
-}
-
-/// Distances at which the ray from a point of the field in a direction (unit vector) crosses markings, in no order.
-pub(crate) fn intersect_ray(
-    markings: &[Marking],
-    from: [f32; 2],
-    direction: [f32; 2],
-    hits: &mut Vec<f32>,
-) {
-    hits.clear();
-    for marking in markings {
-        intersect_marking(marking, from, direction, hits);
-    }
-}
-
-/// Distances along the ray at which it crosses a marking's centre line.
-fn intersect_marking(marking: &Marking, [x, y]: [f32; 2], [ux, uy]: [f32; 2], hits: &mut Vec<f32>) {
-    match *marking {
-        Marking::Line { from, to } => {
-            let (ex, ey) = (to.x - from.x, to.y - from.y);
-            let cross = ux * ey - uy * ex;
-            if cross.abs() < 1e-6 {
-                return;
-            }
-            let (fx, fy) = (from.x - x, from.y - y);
-            let along = (fx * ey - fy * ex) / cross;
-            let part = (fx * uy - fy * ux) / cross;
-            if along > 0.0 && (0.0..=1.0).contains(&part) {
-                hits.push(along);
-            }
-        }
-        Marking::Arc {
-            centre,
-            radius,
-            start,
-            sweep,
-        } => {
-            let (cx, cy) = (x - centre.x, y - centre.y);
-            let half = cx * ux + cy * uy;
-            let square = half * half - (cx * cx + cy * cy - radius * radius);
-            if square <= 0.0 {
-                return;
-            }
-            for along in [-half - square.sqrt(), -half + square.sqrt()] {
-                let angle = (cy + along * uy).atan2(cx + along * ux) - start;
-                if along > 0.0 && angle.rem_euclid(std::f32::consts::TAU) <= sweep {
-                    hits.push(along);
-                }
-            }
-        }
-        Marking::Spot { centre, radius } => {
-            let along = (centre.x - x) * ux + (centre.y - y) * uy;
-            let across = (centre.x - x) * uy - (centre.y - y) * ux;
-            if along > 0.0 && across.abs() < radius {
-                hits.push(along);
-            }
-        }
-    }
-}
-
-/// A standard normal number (Box and Muller).
-pub fn standard_normal(rng: &mut impl Rng) -> f32 {
-    let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
-    radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
 }

@@ -1,6 +1,6 @@
-//! How well does a configuration find its place? Drives, kidnaps and single frames of `drive`, scored against truth.
+//! Evaluation of a configuration on synthetic drives, kidnaps and single images against ground truth.
 //!
-//! The same seeds give the same scores; time is for the caller to measure.
+//! Equal seeds give equal scores. The caller measures time.
 
 use nalgebra::Vector3;
 use rand::SeedableRng;
@@ -14,33 +14,33 @@ use crate::frames::Pose;
 use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, half_turn};
 use crate::global_search::{GlobalSearch, SearchInput};
 use crate::localizer::Localizer;
-use crate::localizer::candidates::pose_difference;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::random::standard_normal;
 use crate::synthetic::drive::{
-    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points, standard_normal,
+    SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
 };
 
 /// Errors of tracked drives.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct TrackingScore {
-    /// Frames scored (a second after each start).
+    /// Images scored, from one second after each start.
     pub frames: usize,
     /// Mean |x|, |y| (metres) and |θ| (degrees).
     pub mean_error: [f32; 3],
     /// Largest of the same.
     pub max_error: [f32; 3],
-    /// Frames that were said to be lost.
+    /// Images reported as lost.
     pub lost_frames: usize,
-    /// Frames half a metre or more off while the mode was `tracking`.
+    /// Images with an error of at least 0.5 m in mode `tracking`.
     pub undetected_failures: usize,
-    /// Frames in which a right pose was given up or suspected of being wrong.
+    /// Images in which a pose was dropped or marked suspect.
     pub alarms: usize,
-    /// Mean normalised error squared; 3 is honest.
+    /// Mean normalised estimation error squared; 3 if the covariance is consistent.
     pub nees: f32,
 }
 
-/// Drives `frames` frames from each of `seeds` starts, compass given.
+/// Tracks `frames` images from the start of each seed, with a compass.
 pub fn evaluate_tracking(
     field: &Field,
     config: &LocalizeConfig,
@@ -51,7 +51,7 @@ pub fn evaluate_tracking(
     let mut score = TrackingScore::default();
     let mut normalised = 0.0_f64;
     let mut sums = [0.0_f64; 3];
-    let begun = drive.frame_rate as usize;
+    let warm_up = drive.frame_rate as usize;
     for seed in seeds {
         let mut localizer = Localizer::new(field, config.clone());
         let rng = Xoshiro256PlusPlus::seed_from_u64(seed);
@@ -60,7 +60,7 @@ pub fn evaluate_tracking(
             localizer.add_odometry(&frame.odometry);
             localizer.add_compass(&frame.compass);
             let estimate = localizer.process_points(frame.stamp, &frame.points);
-            if k < begun {
+            if k < warm_up {
                 continue;
             }
             score.frames += 1;
@@ -69,7 +69,7 @@ pub fn evaluate_tracking(
                 score.lost_frames += 1;
                 continue;
             };
-            let off = pose_difference(pose, frame.true_pose);
+            let off = pose.difference(frame.true_pose);
             score.undetected_failures +=
                 usize::from(estimate.mode == Mode::Tracking && off[0].hypot(off[1]) >= 0.5);
             for (i, value) in [off[0], off[1], off[2].to_degrees()]
@@ -99,18 +99,18 @@ fn normalized_error_squared(estimate: &Estimate, off: &Vector3<f32>) -> f32 {
         .map_or(0.0, |inverse| off.dot(&(inverse * off)))
 }
 
-/// How single frames are found on the whole field.
+/// Errors of global localization from single images.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct GlobalSearchScore {
-    /// Frames.
+    /// Images.
     pub frames: usize,
-    /// The truth (up to the half turn without a compass; 0.25 m, 5°) is the first hypothesis.
+    /// The first hypothesis is correct: within 0.25 m and 5° of the truth, modulo the half turn without a compass.
     pub top_1: usize,
-    /// It is among the first five, half turns counted once.
+    /// One of the first five hypotheses is correct; half turns count once.
     pub top_5: usize,
 }
 
-/// Locates `count` random poses, each by one frame; with a compass of the drive's noise, or without.
+/// Locates `count` random poses from one image each, with or without a compass of the drive's noise.
 pub fn evaluate_global_search(
     field: &Field,
     config: &LocalizeConfig,
@@ -122,7 +122,7 @@ pub fn evaluate_global_search(
     let distances = DistanceField::new(field, &config.distance_field);
     let mut search = BranchAndBound::new(field, &distances, config.branch_and_bound.clone());
     let mut matcher = Matcher::new(config.matching.clone());
-    let mut relocaliser = GlobalSearch::new(field, &distances, &config.global_search);
+    let mut global_search = GlobalSearch::new(field, &distances, &config.global_search);
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let std = drive.compass_std_deg.to_radians();
     let mut score = GlobalSearchScore::default();
@@ -130,16 +130,16 @@ pub fn evaluate_global_search(
         let truth = random_pose(field, &mut rng);
         let points = simulate_line_points(field, drive, truth, &mut rng);
         let heading = truth.theta + std * standard_normal(&mut rng);
-        relocaliser.reset();
-        let sight = SearchInput {
+        global_search.reset();
+        let input = SearchInput {
             distances: &distances,
             points: &points,
             heading_prior: compass.then_some(HeadingPrior { heading, std }),
             goals: &[],
             single_image: true,
         };
-        let found = relocaliser.find_hypotheses(&mut search, &mut matcher, &sight);
-        let right =
+        let hypotheses = global_search.find_hypotheses(&mut search, &mut matcher, &input);
+        let is_hit =
             |pose: Pose| is_correct(pose, truth) || !compass && is_correct(half_turn(pose), truth);
         // Without a compass each pose is followed by its half turn.
         let step = if !compass && search.is_half_turn_symmetric() {
@@ -147,31 +147,34 @@ pub fn evaluate_global_search(
         } else {
             1
         };
-        let place = found.iter().step_by(step).position(|one| right(one.pose));
+        let rank = hypotheses
+            .iter()
+            .step_by(step)
+            .position(|hypothesis| is_hit(hypothesis.pose));
         score.frames += 1;
-        score.top_1 += usize::from(place == Some(0));
-        score.top_5 += usize::from(place.is_some_and(|place| place < 5));
+        score.top_1 += usize::from(rank == Some(0));
+        score.top_5 += usize::from(rank.is_some_and(|rank| rank < 5));
     }
     score
 }
 
 fn is_correct(pose: Pose, truth: Pose) -> bool {
-    let off = pose_difference(pose, truth);
+    let off = pose.difference(truth);
     off[0].hypot(off[1]) < 0.25 && off[2].abs() < 5.0_f32.to_radians()
 }
 
-/// How kidnaps end.
+/// Detection of and recovery from kidnaps.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct KidnapScore {
     /// Kidnaps.
     pub kidnaps: usize,
-    /// Within 0.4 s the pose was no longer called tracked (or was right already).
+    /// Within 0.4 s the mode was no longer `tracking`, or the pose was correct.
     pub detected: usize,
-    /// Within 0.4 s after that the pose was right (0.15 m, 3°).
+    /// Within 0.4 s after the detection the pose was correct (0.15 m, 3°).
     pub recovered: usize,
 }
 
-/// Carries the robot `count` times to a random place, three seconds apart, compass given.
+/// Kidnaps the robot `count` times to a random pose, three seconds apart, with a compass.
 pub fn evaluate_kidnaps(
     field: &Field,
     config: &LocalizeConfig,
@@ -180,38 +183,39 @@ pub fn evaluate_kidnaps(
     count: usize,
 ) -> KidnapScore {
     let mut localizer = Localizer::new(field, config.clone());
-    let within = (0.4 * drive.frame_rate) as usize;
-    let between = (3.0 * drive.frame_rate) as usize;
+    let frames_max = (0.4 * drive.frame_rate) as usize;
+    let interval = (3.0 * drive.frame_rate) as usize;
     let rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut drive = SyntheticDrive::new(field, drive.clone(), rng);
     let mut score = KidnapScore::default();
-    for carried in 0..=count {
-        let (mut said, mut back) = (None, None);
-        for (k, frame) in drive.by_ref().take(between).enumerate() {
+    for kidnap in 0..=count {
+        let (mut detected_at, mut recovered_at) = (None, None);
+        for (k, frame) in drive.by_ref().take(interval).enumerate() {
             localizer.add_odometry(&frame.odometry);
             localizer.add_compass(&frame.compass);
             let estimate = localizer.process_points(frame.stamp, &frame.points);
-            let right = estimate.pose.is_some_and(|pose| {
-                let off = pose_difference(pose, frame.true_pose);
+            let is_correct = estimate.pose.is_some_and(|pose| {
+                let off = pose.difference(frame.true_pose);
                 off[0].hypot(off[1]) < 0.15 && off[2].abs() < 3.0_f32.to_radians()
             });
-            if estimate.mode != Mode::Tracking || right {
-                said = said.or(Some(k));
+            if estimate.mode != Mode::Tracking || is_correct {
+                detected_at = detected_at.or(Some(k));
             }
-            if right && said.is_some() {
-                back = back.or(Some(k));
+            if is_correct && detected_at.is_some() {
+                recovered_at = recovered_at.or(Some(k));
             }
         }
         drive.kidnap();
-        if carried == 0 {
+        // The first interval starts without a kidnap.
+        if kidnap == 0 {
             continue;
         }
         score.kidnaps += 1;
-        score.detected += usize::from(said.is_some_and(|k| k <= within));
-        let soon = said
-            .zip(back)
-            .is_some_and(|(said, back)| back <= said + within);
-        score.recovered += usize::from(soon);
+        score.detected += usize::from(detected_at.is_some_and(|k| k <= frames_max));
+        let in_time = detected_at
+            .zip(recovered_at)
+            .is_some_and(|(detected, recovered)| recovered <= detected + frames_max);
+        score.recovered += usize::from(in_time);
     }
     score
 }

@@ -1,4 +1,4 @@
-//! Synthetic drives and experiments: what generates test data, and what scores an estimator on it.
+//! Synthetic drives and experiments: generated test data, and scores of the estimators on it.
 
 pub mod drive;
 pub mod evaluation;

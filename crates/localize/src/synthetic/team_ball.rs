@@ -1,7 +1,7 @@
-//! How much better does the team know the ball than its best robot? Five robots, a rolling ball, a lossy network.
+//! Experiment: error of the team's fused ball against the best single robot, with a rolling ball and a lossy network.
 //!
-//! The same seeds give the same score. Each robot follows the ball by its own [`WorldModel`] from sightings whose
-//! errors last (its lean and its pose are wrong for a while, not anew in each frame), and shares at a lower rate.
+//! Equal seeds give equal scores. Each of five robots tracks the ball with its own [`WorldModel`]. The errors of its
+//! tilt and pose are correlated in time. It sends its ball to the others at a lower rate.
 
 use rand::rngs::Xoshiro256PlusPlus;
 use rand::{Rng, RngExt, SeedableRng};
@@ -9,56 +9,57 @@ use serde::Serialize;
 
 use crate::estimate::{Estimate, Mode};
 use crate::frames::{At, FieldFrame, Pose};
+use crate::random::standard_normal;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
-use crate::synthetic::drive::standard_normal;
 use crate::team::{ReportedBall, TeamConfig, TeamModel, TeamReport};
+use crate::tilt;
 use crate::world::{ObjectObservation, WorldConfig, WorldModel, WorldObservation, WorldView};
 
-/// Robots of a team.
+/// Number of robots of a team.
 pub const ROBOTS: usize = 5;
-/// Height of their mirrors, metres.
+/// Height of the robots' mirrors, metres.
 const HEIGHT: f32 = 0.75;
-/// Frames per second.
+/// Images per second.
 const RATE: f32 = 30.0;
-/// Error of a sighting from frame to frame, share of its distance: a pixel in radius at 4 m is 3 cm, half of it across.
+/// Standard deviation of a detection (radial, tangential), share of its range: a pixel of radius at 4 m is 3 cm.
 const OBSERVATION_STD: [f32; 2] = [0.01, 0.005];
-/// Lean of a robot that its frames' estimates leave, degrees, and how long it lasts, seconds.
+/// Tilt error of a robot after the image's estimate, degrees, and its correlation time, seconds.
 const TILT_STD_DEG: f32 = 0.15;
 const TILT_CORRELATION_TIME: f32 = 0.5;
-/// Error of its pose, metres and radians, and how long it lasts, seconds.
+/// Pose error, metres and radians, and its correlation time, seconds.
 const POSE_STD: [f32; 2] = [0.04, 0.01];
 const POSE_CORRELATION_TIME: f32 = 2.0;
 
-/// How well the ball was known where every robot was beyond the distance asked for.
+/// Errors of the ball in images in which all honest robots were farther from it than `ball_distance_min`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct BallScore {
-    /// Frames scored.
+    /// Images scored.
     pub frames: usize,
-    /// Mean error of each robot by itself, metres.
+    /// Mean error of each robot's own ball, metres.
     pub single_robot: [f32; ROBOTS],
-    /// Mean error of the best of them.
+    /// Mean error of the best robot's own ball, metres.
     pub best_robot: f32,
-    /// Mean error of the merged ball as the robots have it, metres.
+    /// Mean error of the fused ball over all robots, metres.
     pub fused: f32,
-    /// `merged` over `best_single`.
+    /// `fused` over `best_robot`.
     pub ratio: f32,
-    /// Mean squared error of the merged ball in its own standard deviations; 2 is honest.
+    /// Mean normalised estimation error squared of the fused ball; 2 if its covariance is consistent.
     pub nees: f32,
 }
 
-/// What the network and the team do.
+/// Settings of the experiment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TeamExperiment {
-    /// Frames between two words of a robot, at 30 frames a second.
+    /// Images between two messages of a robot, at 30 images per second.
     pub frames_per_message: usize,
-    /// Share of the words that are lost.
+    /// Share of the messages that are lost.
     pub loss: f32,
-    /// Longest time that a word is under way, seconds.
+    /// Largest delay of a message, seconds.
     pub delay_max: f32,
-    /// Robots that lie: they claim, and very surely, a ball elsewhere.
+    /// Number of faulty robots: they report a wrong ball with a small covariance.
     pub faulty_robots: usize,
-    /// Frames are scored where the ball is farther than this from every honest robot, metres.
+    /// Images are scored in which the ball is farther than this from every honest robot, metres.
     pub ball_distance_min: f32,
     /// Seconds of each drive.
     pub seconds: f32,
@@ -67,7 +68,7 @@ pub struct TeamExperiment {
 impl Default for TeamExperiment {
     fn default() -> Self {
         TeamExperiment {
-            // 15 words a second, the default of the link.
+            // 15 messages per second, the default of the team link.
             frames_per_message: 2,
             loss: 0.2,
             delay_max: 0.05,
@@ -78,23 +79,24 @@ impl Default for TeamExperiment {
     }
 }
 
-/// An error that lasts: stationary, of standard deviation 1, forgotten after `lasts` seconds.
+/// A stationary Gauss-Markov process of standard deviation 1.
 struct GaussMarkov {
     value: f32,
+    /// Seconds.
     time_constant: f32,
 }
 
 impl GaussMarkov {
-    fn new(lasts: f32, rng: &mut impl Rng) -> Self {
+    fn new(time_constant: f32, rng: &mut impl Rng) -> Self {
         GaussMarkov {
             value: standard_normal(rng),
-            time_constant: lasts,
+            time_constant,
         }
     }
 
     fn step(&mut self, rng: &mut impl Rng) -> f32 {
-        let kept = (-1.0 / (RATE * self.time_constant)).exp();
-        self.value = kept * self.value + (1.0 - kept * kept).sqrt() * standard_normal(rng);
+        let decay = (-1.0 / (RATE * self.time_constant)).exp();
+        self.value = decay * self.value + (1.0 - decay * decay).sqrt() * standard_normal(rng);
         self.value
     }
 }
@@ -107,14 +109,14 @@ struct ExperimentRobot {
     team: TeamModel,
 }
 
-/// A word that is under way to a player.
+/// A message in transit to a robot.
 struct PendingMessage {
     arrival: f32,
     recipient: usize,
     report: TeamReport,
 }
 
-/// Plays with each seed and scores every robot against the truth.
+/// Runs the experiment with each seed and scores every robot against the truth.
 pub fn evaluate_team_ball(seeds: std::ops::Range<u64>, trial: &TeamExperiment) -> BallScore {
     let mut sums = ScoreSums::default();
     for seed in seeds {
@@ -136,70 +138,70 @@ impl ScoreSums {
     fn score(&self) -> BallScore {
         let frames = self.frames.max(1) as f64;
         let single = self.single_robot.map(|sum| (sum / frames) as f32);
-        let heard = single.iter().copied().filter(|error| *error > 0.0);
-        let best_single = heard.fold(f32::INFINITY, f32::min);
-        let merges = self.fused_frames.max(1) as f64;
-        let merged = (self.fused / merges) as f32;
+        let scored = single.iter().copied().filter(|error| *error > 0.0);
+        let best_robot = scored.fold(f32::INFINITY, f32::min);
+        let fused_frames = self.fused_frames.max(1) as f64;
+        let fused = (self.fused / fused_frames) as f32;
         BallScore {
             frames: self.frames,
             single_robot: single,
-            best_robot: best_single,
-            fused: merged,
-            ratio: merged / best_single,
-            nees: (self.nees / merges) as f32,
+            best_robot,
+            fused,
+            ratio: fused / best_robot,
+            nees: (self.nees / fused_frames) as f32,
         }
     }
 }
 
 fn run_seed(seed: u64, trial: &TeamExperiment, sums: &mut ScoreSums) {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    let mut players: Vec<ExperimentRobot> = (0..ROBOTS).map(|i| player(i, &mut rng)).collect();
-    let mut words: Vec<PendingMessage> = Vec::new();
+    let mut robots: Vec<ExperimentRobot> = (0..ROBOTS).map(|i| new_robot(i, &mut rng)).collect();
+    let mut messages: Vec<PendingMessage> = Vec::new();
     let mut ball = RollingBall::new(&mut rng);
     for frame in 0..(trial.seconds * RATE) as usize {
         let time = frame as f32 / RATE;
         let stamp = Stamp::from_seconds(f64::from(time));
         ball.step(&mut rng);
-        words.retain(|word| {
-            let due = word.arrival <= time;
+        messages.retain(|message| {
+            let due = message.arrival <= time;
             if due {
-                players[word.recipient].team.receive(&word.report);
+                robots[message.recipient].team.receive(&message.report);
             }
             !due
         });
         let scored = frame > RATE as usize
-            && players[trial.faulty_robots..]
+            && robots[trial.faulty_robots..]
                 .iter()
-                .all(|player| player.truth.origin().distance_to(ball.at) > trial.ball_distance_min);
+                .all(|robot| robot.truth.origin().distance_to(ball.at) > trial.ball_distance_min);
         sums.frames += usize::from(scored);
-        for (i, player) in players.iter_mut().enumerate() {
-            let (world, estimate) = player.observe(stamp, ball.at, &mut rng);
-            let view = player.team.update(stamp, &world, &estimate);
-            let liar = i < trial.faulty_robots;
+        for (i, robot) in robots.iter_mut().enumerate() {
+            let (world, estimate) = robot.observe(stamp, ball.at, &mut rng);
+            let view = robot.team.update(stamp, &world, &estimate);
+            let is_faulty = i < trial.faulty_robots;
             if (frame + i).is_multiple_of(trial.frames_per_message) {
-                let report = report(player.number, stamp, &world, &estimate, liar);
+                let report = report(robot.number, stamp, &world, &estimate, is_faulty);
                 for to in (0..ROBOTS).filter(|&to| to != i) {
                     if rng.random::<f32>() >= trial.loss {
-                        let arrives = time + trial.delay_max * rng.random::<f32>();
+                        let arrival = time + trial.delay_max * rng.random::<f32>();
                         let report = report.clone();
-                        words.push(PendingMessage {
-                            arrival: arrives,
+                        messages.push(PendingMessage {
+                            arrival,
                             recipient: to,
                             report,
                         });
                     }
                 }
             }
-            if scored && !liar {
+            if scored && !is_faulty {
                 let own = world.ball.and_then(|ball| ball.on_field);
                 sums.single_robot[i] += own.map_or(f64::from(trial.ball_distance_min), |own| {
                     f64::from(own.at.distance_to(ball.at))
                 });
-                if let Some(shared) = view.ball {
+                if let Some(fused) = view.ball {
                     sums.fused_frames += 1;
-                    sums.fused += f64::from(shared.at.distance_to(ball.at));
-                    let [xx, xy, yy] = shared.covariance;
-                    let (dx, dy) = (shared.at.x - ball.at.x, shared.at.y - ball.at.y);
+                    sums.fused += f64::from(fused.at.distance_to(ball.at));
+                    let [xx, xy, yy] = fused.covariance;
+                    let (dx, dy) = (fused.at.x - ball.at.x, fused.at.y - ball.at.y);
                     let squared = yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy;
                     sums.nees += f64::from(squared / (xx * yy - xy * xy));
                 }
@@ -208,7 +210,7 @@ fn run_seed(seed: u64, trial: &TeamExperiment, sums: &mut ScoreSums) {
     }
 }
 
-/// A ball that rolls about the middle of the field.
+/// A ball that rolls around the centre of the field.
 struct RollingBall {
     at: At<FieldFrame>,
     velocity: [f32; 2],
@@ -222,13 +224,13 @@ impl RollingBall {
         }
     }
 
-    /// Velocity wanders by half a metre per second in a second; it turns back to the middle at 2 m.
+    /// Random walk of the velocity by 0.5 m/s per square root of a second; it is reflected at 2 m.
     fn step(&mut self, rng: &mut impl Rng) {
         let step = 1.0 / RATE;
-        for (speed, place) in self.velocity.iter_mut().zip([self.at.x, self.at.y]) {
+        for (speed, position) in self.velocity.iter_mut().zip([self.at.x, self.at.y]) {
             *speed += 0.5 * step.sqrt() * standard_normal(rng);
-            if place.abs() > 2.0 {
-                *speed = -place.signum() * speed.abs();
+            if position.abs() > 2.0 {
+                *speed = -position.signum() * speed.abs();
             }
             *speed = speed.clamp(-1.5, 1.5);
         }
@@ -239,12 +241,12 @@ impl RollingBall {
     }
 }
 
-/// Players stand around the middle, 5.5 m from it; they turn on the spot.
-fn player(i: usize, rng: &mut impl Rng) -> ExperimentRobot {
+/// Robots stand on a circle of 5.5 m around the centre and rotate in place.
+fn new_robot(i: usize, rng: &mut impl Rng) -> ExperimentRobot {
     let angle = std::f32::consts::TAU * (i as f32 + 0.3 * rng.random::<f32>()) / ROBOTS as f32;
     let (sin, cos) = angle.sin_cos();
     let number = i as u32 + 1;
-    let lasts = [
+    let time_constants = [
         TILT_CORRELATION_TIME,
         TILT_CORRELATION_TIME,
         POSE_CORRELATION_TIME,
@@ -254,7 +256,7 @@ fn player(i: usize, rng: &mut impl Rng) -> ExperimentRobot {
     ExperimentRobot {
         number,
         truth: Pose::new(5.5 * cos, 5.5 * sin, angle * 2.0),
-        errors: lasts.map(|lasts| GaussMarkov::new(lasts, rng)),
+        errors: time_constants.map(|time_constant| GaussMarkov::new(time_constant, rng)),
         world: WorldModel::new(WorldConfig::default(), HEIGHT),
         team: TeamModel::new(TeamConfig {
             number,
@@ -270,16 +272,16 @@ impl ExperimentRobot {
         ball: At<FieldFrame>,
         rng: &mut impl Rng,
     ) -> (WorldView, Estimate) {
-        let turn = 0.5 / RATE;
-        self.truth = Pose::new(self.truth.x, self.truth.y, self.truth.theta + turn);
+        let dtheta = 0.5 / RATE;
+        self.truth = Pose::new(self.truth.x, self.truth.y, self.truth.theta + dtheta);
         self.world.add_odometry(&Odometry {
             stamp,
-            dtheta: turn,
+            dtheta,
             ..STATIONARY
         });
         let [a, b, x, y, heading] = self.errors.each_mut().map(|error| error.step(rng));
         let [position_std, heading_std] = POSE_STD;
-        let believed = Pose::new(
+        let estimated = Pose::new(
             self.truth.x + position_std * x,
             self.truth.y + position_std * y,
             self.truth.theta + heading_std * heading,
@@ -287,7 +289,8 @@ impl ExperimentRobot {
         let truth = self.truth.inverse() * ball;
         let range = truth.distance();
         let std = TILT_STD_DEG.to_radians();
-        let stretch = std * (a * truth.x + b * truth.y) / HEIGHT;
+        let [map_x, map_y] = tilt::map_from_ground([truth.x, truth.y], [std * a, std * b], HEIGHT)
+            .unwrap_or([truth.x, truth.y]);
         let [radial, tangential] = OBSERVATION_STD.map(|share| share * range);
         let (along, across) = (
             radial * standard_normal(rng),
@@ -295,11 +298,11 @@ impl ExperimentRobot {
         );
         let (cos, sin) = (truth.x / range, truth.y / range);
         let at = At::new(
-            truth.x - std * a * HEIGHT - stretch * truth.x + cos * along - sin * across,
-            truth.y - std * b * HEIGHT - stretch * truth.y + sin * along + cos * across,
+            map_x + cos * along - sin * across,
+            map_y + sin * along + cos * across,
         );
         let (r, t) = (radial * radial, tangential * tangential);
-        let sighting = ObjectObservation {
+        let detection = ObjectObservation {
             at,
             covariance: [
                 r * cos * cos + t * sin * sin,
@@ -310,17 +313,17 @@ impl ExperimentRobot {
             airborne: false,
             team: None,
         };
-        let sight = WorldObservation {
-            ball: Some(sighting),
+        let observation = WorldObservation {
+            ball: Some(detection),
             robots: Vec::new(),
         };
-        let estimate = estimate(stamp, believed);
-        let world = self.world.update(stamp, Some(&sight), &estimate);
+        let estimate = estimate(stamp, estimated);
+        let world = self.world.update(stamp, Some(&observation), &estimate);
         (world, estimate)
     }
 }
 
-/// An odometry report of a robot that stands.
+/// An odometry increment of a stationary robot.
 const STATIONARY: Odometry = Odometry {
     stamp: Stamp(0),
     dx: 0.0,
@@ -356,12 +359,12 @@ fn report(
     stamp: Stamp,
     world: &WorldView,
     estimate: &Estimate,
-    liar: bool,
+    is_faulty: bool,
 ) -> TeamReport {
     let ball = world.ball.and_then(|ball| {
         let on_field = ball.on_field?;
         let p = on_field.covariance;
-        let (at, covariance) = if liar {
+        let (at, covariance) = if is_faulty {
             (At::new(-on_field.at.x + 3.0, 2.5), [1e-4, 0.0, 1e-4])
         } else {
             (on_field.at, [p[(0, 0)], p[(0, 1)], p[(1, 1)]])

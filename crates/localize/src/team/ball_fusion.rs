@@ -1,14 +1,14 @@
-//! Which of the balls are one? The largest group of witnesses who agree, merged by their covariances.
+//! Which ball measurements agree? The largest consistent group, fused by inverse covariances (docs/methods.md 12.2).
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::TeamConfig;
+use super::{TeamBall, TeamConfig};
 use crate::frames::{At, FieldFrame};
 
-/// Where one robot says the ball is now.
+/// One robot's ball, predicted to the current image (field frame).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallMeasurement {
-    /// Who says so.
+    /// Number of the robot.
     pub robot: u32,
     /// Metres.
     pub at: At<FieldFrame>,
@@ -18,55 +18,40 @@ pub struct BallMeasurement {
     pub covariance: [f32; 3],
 }
 
-/// What the witnesses say together.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FusedBall {
-    /// Metres.
-    pub at: At<FieldFrame>,
-    /// m/s.
-    pub velocity: [f32; 2],
-    /// Covariance: xx, xy, yy, m².
-    pub covariance: [f32; 3],
-    /// Who agrees, by number.
-    pub inliers: Vec<u32>,
-    /// Who does not, by number.
-    pub outliers: Vec<u32>,
-}
-
-/// More witnesses than this are not compared: 2^13 groups at most.
+/// Further measurements are ignored: there are at most 2^13 groups.
 const MEASUREMENTS_MAX: usize = 13;
 
-/// Merges the largest group of witnesses of whom each two agree; none where there are no witnesses.
+/// Fuses the largest group of measurements that agree pairwise; None without measurements.
 ///
-/// Of groups of one size the one with `own` in it is taken, then the one that knows best.
+/// Of groups of equal size the one with robot `own` is taken, then the one with the most information.
 pub fn fuse_balls(
-    witnesses: &[BallMeasurement],
+    measurements: &[BallMeasurement],
     own: u32,
     config: &TeamConfig,
-) -> Option<FusedBall> {
-    let witnesses = &witnesses[..witnesses.len().min(MEASUREMENTS_MAX)];
-    let covariances: Vec<Matrix2<f32>> = witnesses
+) -> Option<TeamBall> {
+    let measurements = &measurements[..measurements.len().min(MEASUREMENTS_MAX)];
+    let covariances: Vec<Matrix2<f32>> = measurements
         .iter()
-        .map(|witness| {
-            let [xx, xy, yy] = witness.covariance;
+        .map(|measurement| {
+            let [xx, xy, yy] = measurement.covariance;
             Matrix2::new(xx, xy, xy, yy)
                 + Matrix2::identity() * config.position_std_min * config.position_std_min
         })
         .collect();
-    let count = witnesses.len();
-    // Bit j of agreeing[i]: do i and j see one ball?
+    let count = measurements.len();
+    // Bit j of agreeing[i] is set if measurements i and j are consistent.
     let agreeing: Vec<u32> = (0..count)
         .map(|i| {
-            let with = |j: usize| {
-                let off = position_vector(&witnesses[i]) - position_vector(&witnesses[j]);
+            let agrees = |j: usize| {
+                let off = position_vector(&measurements[i]) - position_vector(&measurements[j]);
                 let inverse = (covariances[i] + covariances[j]).try_inverse();
                 i == j || inverse.is_some_and(|k| (off.transpose() * k * off).x <= config.gate)
             };
-            (0..count).filter(|&j| with(j)).map(|j| 1 << j).sum()
+            (0..count).filter(|&j| agrees(j)).map(|j| 1 << j).sum()
         })
         .collect();
-    let ours: u32 = (0..count)
-        .filter(|&i| witnesses[i].robot == own)
+    let own_bits: u32 = (0..count)
+        .filter(|&i| measurements[i].robot == own)
         .map(|i| 1 << i)
         .sum();
     let mut best: Option<(u32, Matrix2<f32>)> = None;
@@ -78,11 +63,11 @@ pub fn fuse_balls(
         let information = members()
             .filter_map(|i| covariances[i].try_inverse())
             .sum::<Matrix2<f32>>();
-        let better = best.is_none_or(|(known, known_information)| {
-            let rank = |group: u32| (group.count_ones(), group & ours != 0);
-            rank(group) > rank(known)
-                || rank(group) == rank(known)
-                    && information.determinant() > known_information.determinant()
+        let better = best.is_none_or(|(best_group, best_information)| {
+            let rank = |group: u32| (group.count_ones(), group & own_bits != 0);
+            rank(group) > rank(best_group)
+                || rank(group) == rank(best_group)
+                    && information.determinant() > best_information.determinant()
         });
         if better {
             best = Some((group, information));
@@ -93,26 +78,26 @@ pub fn fuse_balls(
     let (mut at, mut velocity) = (Vector2::zeros(), Vector2::zeros());
     for i in (0..count).filter(|i| group >> i & 1 == 1) {
         let weight = covariance * covariances[i].try_inverse()?;
-        at += weight * position_vector(&witnesses[i]);
-        velocity += weight * Vector2::from(witnesses[i].velocity);
+        at += weight * position_vector(&measurements[i]);
+        velocity += weight * Vector2::from(measurements[i].velocity);
     }
-    let named = |within: bool| {
+    let robot_numbers = |within: bool| {
         let mut robots: Vec<u32> = (0..count)
             .filter(|i| (group >> i & 1 == 1) == within)
-            .map(|i| witnesses[i].robot)
+            .map(|i| measurements[i].robot)
             .collect();
         robots.sort_unstable();
         robots
     };
-    Some(FusedBall {
+    Some(TeamBall {
         at: At::new(at.x, at.y),
         velocity: [velocity.x, velocity.y],
         covariance: [covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]],
-        inliers: named(true),
-        outliers: named(false),
+        inliers: robot_numbers(true),
+        outliers: robot_numbers(false),
     })
 }
 
-fn position_vector(witness: &BallMeasurement) -> Vector2<f32> {
-    Vector2::new(witness.at.x, witness.at.y)
+fn position_vector(measurement: &BallMeasurement) -> Vector2<f32> {
+    Vector2::new(measurement.at.x, measurement.at.y)
 }

@@ -1,29 +1,31 @@
-//! What may be set about sharing among team-mates? Who we are, how long a word counts, when balls agree.
+//! Settings of the team's ball fusion.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::config::{SettingError, TEAM_BOUNDS, check_bounds};
 
 /// Sharing among team-mates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TeamConfig {
-    /// Our own number.
+    /// Our own number in the team.
     pub number: u32,
-    /// Most team-mates that are listened to: those beyond are strangers.
+    /// Largest number of team-mates; reports of further numbers are ignored.
     pub teammates_max: usize,
-    /// A ball that was not seen for so many seconds is not counted.
+    /// A ball last detected longer ago than this is ignored, seconds.
     pub ball_age_max: f32,
-    /// A team-mate that was not heard for so many seconds is forgotten.
+    /// A team-mate without a report for this time is removed, seconds.
     pub report_timeout: f32,
-    /// How the ball's velocity wanders when somebody touches it, m/s in a second.
+    /// Process noise of the ball's velocity, m/s per square root of a second.
     pub ball_acceleration_noise: f32,
-    /// Error of a reported velocity, m/s.
+    /// Standard deviation of a reported velocity, m/s.
     pub velocity_std: f32,
-    /// Nobody knows the ball better than this, metres: what calibration leaves, whatever a robot claims.
+    /// Added in quadrature to each reported standard deviation, metres: the calibration error that remains.
     pub position_std_min: f32,
-    /// Squared deviation of two balls in standard deviations up to which they agree: 99 % of 2 degrees of freedom.
+    /// Largest squared Mahalanobis distance of two balls that agree: 99 % of 2 degrees of freedom.
     pub gate: f32,
-    /// Most that one frame's ball says about the half of the field, log odds.
+    /// Largest change of the field half's log odds by one image.
     pub half_log_odds_max: f32,
 }
 
@@ -38,30 +40,15 @@ impl Default for TeamConfig {
             velocity_std: 0.5,
             position_std_min: 0.05,
             gate: 9.2,
-            // At 30 Hz the half is decided within half a second, and by no single frame.
+            // At 30 Hz the half is decided within half a second, and not by a single image.
             half_log_odds_max: 0.5,
         }
     }
 }
 
 impl TeamConfig {
-    /// Refuses what no team can be followed with; the word names the key, its value and the bounds.
-    pub fn check(&self) -> Result<(), String> {
-        let bounds = [
-            ("team.mates_max", self.teammates_max as f32, 0.0, 12.0),
-            ("team.age_max", self.ball_age_max, 0.01, 60.0),
-            ("team.forget_after", self.report_timeout, 0.01, 3600.0),
-            ("team.ball_wander", self.ball_acceleration_noise, 0.0, 100.0),
-            ("team.velocity_std", self.velocity_std, 0.0, 100.0),
-            ("team.std_min", self.position_std_min, 1e-3, 10.0),
-            ("team.agree", self.gate, 0.1, 1e4),
-            ("team.half_evidence_max", self.half_log_odds_max, 0.0, 10.0),
-        ];
-        for (key, value, low, high) in bounds {
-            if !(value >= low && value <= high) {
-                return Err(format!("{key} = {value}: must be {low} to {high}"));
-            }
-        }
-        Ok(())
+    /// Refuses values that cannot work, and names the first.
+    pub fn check(&self) -> Result<(), SettingError> {
+        check_bounds("team", self, TEAM_BOUNDS)
     }
 }

@@ -1,8 +1,8 @@
-//! Where is the ball, says everyone? The team's sightings merged by covariance, and who is in the wrong.
+//! Where is the ball according to the whole team? Shared measurements fused by covariance, with the outliers listed.
 //!
-//! A team-mate may be lost, stand in the wrong half, take something else for the ball, or speak of a past one. Nobody
-//! is believed for what he claims of himself: the largest group whose balls agree is, and of equal groups the one we
-//! are in (after lima2001 5, sharing among team-mates).
+//! A team-mate may be lost, assume the wrong half of the field, detect something else, or report an old ball. Reported
+//! covariances alone are not trusted: the largest group of consistent balls is fused, and of equal groups the one that
+//! includes the own ball (after lima2001 5, sharing among team-mates).
 
 mod ball_fusion;
 mod config;
@@ -11,7 +11,7 @@ mod tests;
 
 use nalgebra::Matrix2;
 
-pub use ball_fusion::{BallMeasurement, FusedBall, fuse_balls};
+pub use ball_fusion::{BallMeasurement, fuse_balls};
 pub use config::TeamConfig;
 
 use crate::estimate::Estimate;
@@ -19,26 +19,26 @@ use crate::frames::{At, FieldFrame, Pose};
 use crate::stamp::Stamp;
 use crate::world::WorldView;
 
-/// What a team-mate says of itself and of what it sees, at one moment of our own clock.
+/// A team-mate's state and detections at one time of our own clock.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TeamReport {
     /// Its number in the team.
     pub robot: u32,
-    /// When what it says was so, by our clock.
+    /// Time of the reported state, by our clock.
     pub stamp: Stamp,
-    /// Where it stands; none while it is lost.
+    /// Its pose; None while it is lost.
     pub pose: Option<Pose>,
     /// Standard deviations of x, y (metres) and θ (radians).
     pub pose_std: [f32; 3],
-    /// Does it know its half of the field?
+    /// True if it has resolved its half of the field.
     pub half_known: bool,
-    /// The ball that it sees.
+    /// Its ball.
     pub ball: Option<ReportedBall>,
-    /// Robots that it sees, metres.
+    /// Detected robots, metres.
     pub obstacles: Vec<At<FieldFrame>>,
 }
 
-/// A ball on the field.
+/// A team-mate's ball on the field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReportedBall {
     /// Metres.
@@ -47,22 +47,22 @@ pub struct ReportedBall {
     pub velocity: [f32; 2],
     /// Covariance of the position: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// When it was last seen, by the clock of the report.
+    /// Time of the last detection, by the clock of the report.
     pub last_seen: Stamp,
 }
 
-/// What the team knows at a frame.
+/// The team's knowledge at an image's stamp.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TeamView {
-    /// The ball that most agree on; our own in it.
+    /// The fused ball of the largest consistent group, our own included.
     pub ball: Option<TeamBall>,
-    /// Team-mates that were heard of lately, by number.
+    /// Team-mates with a recent report, sorted by number.
     pub teammates: Vec<Teammate>,
-    /// Log odds by which the team's ball spoke for our half of the field in this frame; 0 where it was not asked.
+    /// Log odds of our half of the field from the team's ball; 0 if the half is known already.
     pub half_log_odds: f32,
 }
 
-/// The ball by common knowledge.
+/// The team's fused ball.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TeamBall {
     /// Metres.
@@ -71,9 +71,9 @@ pub struct TeamBall {
     pub velocity: [f32; 2],
     /// Covariance of the position: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// Who sees it there; ourselves as our own number.
+    /// Numbers of the robots whose ball was fused, our own included, sorted.
     pub inliers: Vec<u32>,
-    /// Who sees it elsewhere.
+    /// Numbers of the robots whose ball disagrees, sorted.
     pub outliers: Vec<u32>,
 }
 
@@ -82,24 +82,24 @@ pub struct TeamBall {
 pub struct Teammate {
     /// Its number.
     pub robot: u32,
-    /// How old its last word is, seconds.
+    /// Age of its last report, seconds.
     pub age: f32,
-    /// Where it stood then.
+    /// Its reported pose.
     pub pose: Option<Pose>,
-    /// Does its ball agree with the others'? None where it saw none or nobody else did.
+    /// True if its ball agrees with the fused one. None if it reported no ball or no other robot did.
     pub agrees: Option<bool>,
 }
 
-/// Hears the team and merges what it says.
+/// Receives the team's reports and fuses their balls.
 #[derive(Debug, Clone)]
 pub struct TeamModel {
     config: TeamConfig,
-    /// The latest of each, by number.
+    /// The latest report of each robot, sorted by number.
     reports: Vec<TeamReport>,
 }
 
 impl TeamModel {
-    /// Has heard nobody yet.
+    /// A model without reports.
     pub fn new(config: TeamConfig) -> Self {
         TeamModel {
             config,
@@ -107,7 +107,7 @@ impl TeamModel {
         }
     }
 
-    /// Takes a report; older ones than the last of that robot, our own echo and what is no number are left out.
+    /// Adds a report. Reports out of order, our own and implausible ones are ignored.
     pub fn receive(&mut self, report: &TeamReport) {
         if report.robot == self.config.number || !is_plausible(report) {
             return;
@@ -116,35 +116,35 @@ impl TeamModel {
             .reports
             .binary_search_by_key(&report.robot, |known| known.robot)
         {
-            Ok(found) => {
-                let known = &mut self.reports[found];
-                // A clock that was set back a long way speaks of now all the same.
+            Ok(index) => {
+                let known = &mut self.reports[index];
+                // A stamp far in the past means that the sender's clock was reset.
                 let back = report.stamp.seconds_until(known.stamp) as f32;
                 if back < 0.0 || back > self.config.ball_age_max {
                     known.clone_from(report);
                 }
             }
-            Err(place) if self.reports.len() < self.config.teammates_max => {
-                self.reports.insert(place, report.clone());
+            Err(index) if self.reports.len() < self.config.teammates_max => {
+                self.reports.insert(index, report.clone());
             }
             Err(_) => {}
         }
     }
 
-    /// What the team knows at a frame, our own world in it.
+    /// The team's knowledge at an image's stamp, our own world model included.
     pub fn update(&mut self, stamp: Stamp, world: &WorldView, estimate: &Estimate) -> TeamView {
         let age = |report: &TeamReport| report.stamp.seconds_until(stamp) as f32;
-        // What comes from further ahead than clocks err is of another run.
-        let (config, ahead) = (&self.config, -self.config.ball_age_max);
+        // A report farther in the future than any clock error is of another run.
+        let (config, age_min) = (&self.config, -self.config.ball_age_max);
         self.reports
-            .retain(|report| (ahead..=config.report_timeout).contains(&age(report)));
+            .retain(|report| (age_min..=config.report_timeout).contains(&age(report)));
         let others: Vec<BallMeasurement> = self
             .reports
             .iter()
             .filter(|report| report.pose.is_some())
             .filter_map(|report| self.ball_measurement(report, stamp))
             .collect();
-        let half_evidence = self.half_log_odds(&others, world, estimate);
+        let half_log_odds = self.half_log_odds(&others, world, estimate);
         let own = world.ball.and_then(|ball| {
             let on_field = ball.on_field?;
             let p = on_field.covariance;
@@ -160,32 +160,26 @@ impl TeamModel {
             .into_iter()
             .collect();
         all.extend(&others);
-        let merged = fuse_balls(&all, config.number, config);
+        let fused = fuse_balls(&all, config.number, config);
         let agrees = |robot: u32| {
-            let merged = merged.as_ref().filter(|_| all.len() > 1)?;
-            let knows = all.iter().any(|witness| witness.robot == robot);
-            knows.then(|| merged.inliers.contains(&robot))
+            let fused = fused.as_ref().filter(|_| all.len() > 1)?;
+            let has_ball = all.iter().any(|measurement| measurement.robot == robot);
+            has_ball.then(|| fused.inliers.contains(&robot))
         };
-        let mates = self.reports.iter().map(|report| Teammate {
+        let teammates = self.reports.iter().map(|report| Teammate {
             robot: report.robot,
             age: age(report).max(0.0),
             pose: report.pose,
             agrees: agrees(report.robot),
         });
         TeamView {
-            teammates: mates.collect(),
-            half_log_odds: half_evidence,
-            ball: merged.map(|merged| TeamBall {
-                at: merged.at,
-                velocity: merged.velocity,
-                covariance: merged.covariance,
-                inliers: merged.inliers,
-                outliers: merged.outliers,
-            }),
+            teammates: teammates.collect(),
+            half_log_odds,
+            ball: fused,
         }
     }
 
-    /// A report's ball as it is now, vaguer for its age; none if it is too old.
+    /// A report's ball predicted to `stamp`, with added process noise; None if it is too old.
     fn ball_measurement(&self, report: &TeamReport, stamp: Stamp) -> Option<BallMeasurement> {
         let config = &self.config;
         let ball = report.ball?;
@@ -194,22 +188,22 @@ impl TeamModel {
         if unseen > config.ball_age_max || !report.half_known {
             return None;
         }
-        let wander =
+        let acceleration_variance =
             config.ball_acceleration_noise * config.ball_acceleration_noise * age * age * age / 3.0;
-        // Its velocity is not known exactly either.
-        let drift = config.velocity_std * age;
-        let blur = wander + drift * drift;
+        // The reported velocity has an error, too.
+        let velocity_error = config.velocity_std * age;
+        let added_variance = acceleration_variance + velocity_error * velocity_error;
         let [vx, vy] = ball.velocity;
         let [xx, xy, yy] = ball.covariance;
         Some(BallMeasurement {
             robot: report.robot,
             at: At::new(ball.at.x + vx * age, ball.at.y + vy * age),
             velocity: ball.velocity,
-            covariance: [xx + blur, xy, yy + blur],
+            covariance: [xx + added_variance, xy, yy + added_variance],
         })
     }
 
-    /// Log odds that our half is right rather than the other, by where the others see the ball that we see.
+    /// Log odds of our half of the field against the other, from our own ball and the others' fused ball.
     fn half_log_odds(
         &self,
         others: &[BallMeasurement],
@@ -225,42 +219,42 @@ impl TeamModel {
             return 0.0;
         };
         let [xx, xy, yy] = theirs.covariance;
-        let spread = own.covariance.fixed_view::<2, 2>(0, 0) + Matrix2::new(xx, xy, xy, yy);
-        let Some(inverse) = spread.try_inverse() else {
+        let innovation_covariance =
+            own.covariance.fixed_view::<2, 2>(0, 0) + Matrix2::new(xx, xy, xy, yy);
+        let Some(inverse) = innovation_covariance.try_inverse() else {
             return 0.0;
         };
-        // The field looks the same from the other half: the ball would lie at the opposite point.
-        let unlikeliness = |sign: f32| {
+        // The field is symmetric: in the other half the ball would lie at the opposite point.
+        let cost = |sign: f32| {
             let off = nalgebra::Vector2::new(
                 theirs.at.x - sign * own.at.x,
                 theirs.at.y - sign * own.at.y,
             );
-            // Someone may see another ball: no sight is worth more than that doubt.
             0.5 * (off.transpose() * inverse * off).x
         };
-        let (here, there) = (unlikeliness(1.0), unlikeliness(-1.0));
-        // A ball that is in neither place says nothing.
-        if here.min(there) > 0.5 * config.gate {
+        let (cost_here, cost_opposite) = (cost(1.0), cost(-1.0));
+        // A ball at neither point is another ball.
+        if cost_here.min(cost_opposite) > 0.5 * config.gate {
             return 0.0;
         }
-        (there - here).clamp(-config.half_log_odds_max, config.half_log_odds_max)
+        (cost_opposite - cost_here).clamp(-config.half_log_odds_max, config.half_log_odds_max)
     }
 }
 
-/// Numbers that can be of a field.
+/// True if positions, velocities and covariances are finite and of a field's size.
 fn is_plausible(report: &TeamReport) -> bool {
-    let place = |x: f32, y: f32| x.abs() < 100.0 && y.abs() < 100.0;
+    let is_near = |x: f32, y: f32| x.abs() < 100.0 && y.abs() < 100.0;
     let pose = report
         .pose
-        .is_none_or(|pose| place(pose.x, pose.y) && pose.theta.is_finite());
+        .is_none_or(|pose| is_near(pose.x, pose.y) && pose.theta.is_finite());
     let ball = report.ball.is_none_or(|ball| {
         let [xx, xy, yy] = ball.covariance;
-        place(ball.at.x, ball.at.y)
+        is_near(ball.at.x, ball.at.y)
             && ball.velocity.iter().all(|speed| speed.abs() < 100.0)
             && xx >= 0.0
             && yy >= 0.0
             && xx * yy - xy * xy >= 0.0
             && xx + yy < 1e4
     });
-    pose && ball && report.obstacles.iter().all(|at| place(at.x, at.y))
+    pose && ball && report.obstacles.iter().all(|at| is_near(at.x, at.y))
 }

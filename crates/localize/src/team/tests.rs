@@ -1,4 +1,4 @@
-//! Claims about the team's ball: what several see is known better, and nobody spoils it.
+//! The fused ball is more accurate than a single robot's, and one faulty robot does not corrupt it.
 
 use nalgebra::{Matrix3, Matrix4};
 use proptest::prelude::*;
@@ -94,8 +94,8 @@ fn one_faulty_robot_does_not_corrupt_the_fused_ball() {
         faulty_robots: 1,
         ..TeamExperiment::default()
     };
-    let lied = evaluate_team_ball(0..4, &trial);
-    assert!(lied.fused < 1.4 * honest.fused, "{honest:?} {lied:?}");
+    let faulty = evaluate_team_ball(0..4, &trial);
+    assert!(faulty.fused < 1.4 * honest.fused, "{honest:?} {faulty:?}");
 }
 
 #[test]
@@ -106,12 +106,12 @@ fn largest_consistent_group_is_fused_and_outliers_are_listed() {
         measurement(2, -4.0, 0.0, 0.01),
         measurement(3, 2.1, 1.1, 0.2),
     ];
-    let merged = fuse_balls(&all, 2, &config).expect("merged");
-    assert_eq!((merged.inliers, merged.outliers), (vec![1, 3], vec![2]));
-    assert!(merged.at.distance_to(At::new(2.05, 1.05)) < 1e-3);
-    // Of two who disagree we believe our own eyes.
-    let merged = fuse_balls(&all[..2], 1, &config).expect("merged");
-    assert_eq!(merged.inliers, [1]);
+    let fused = fuse_balls(&all, 2, &config).expect("a fused ball");
+    assert_eq!((fused.inliers, fused.outliers), (vec![1, 3], vec![2]));
+    assert!(fused.at.distance_to(At::new(2.05, 1.05)) < 1e-3);
+    // Of two that disagree the own ball is taken.
+    let fused = fuse_balls(&all[..2], 1, &config).expect("a fused ball");
+    assert_eq!(fused.inliers, [1]);
     assert_eq!(fuse_balls(&[], 1, &config), None);
 }
 
@@ -120,13 +120,13 @@ fn team_ball_resolves_the_field_half() {
     for (x, side) in [(3.0, 1.0), (-3.0, -1.0)] {
         let mut team = TeamModel::new(TeamConfig::default());
         team.receive(&report(2, x, side));
-        let unsure = team.update(Stamp(0), &world_with_ball(3.0, 1.0), &estimate(false));
-        assert!(unsure.half_log_odds * side > 0.0, "{unsure:?}");
-        assert_eq!(unsure.ball.expect("theirs").inliers, [2]);
-        let sure = team.update(Stamp(0), &world_with_ball(3.0, 1.0), &estimate(true));
-        assert_eq!(sure.half_log_odds, 0.0);
+        let ambiguous = team.update(Stamp(0), &world_with_ball(3.0, 1.0), &estimate(false));
+        assert!(ambiguous.half_log_odds * side > 0.0, "{ambiguous:?}");
+        assert_eq!(ambiguous.ball.expect("the team-mate's ball").inliers, [2]);
+        let resolved = team.update(Stamp(0), &world_with_ball(3.0, 1.0), &estimate(true));
+        assert_eq!(resolved.half_log_odds, 0.0);
     }
-    // A ball in the middle, or one that is somewhere else altogether, tells no half.
+    // A ball at the centre, or one at neither point, gives no evidence.
     for (x, y) in [(0.0, 0.0), (0.0, -4.0)] {
         let mut team = TeamModel::new(TeamConfig::default());
         team.receive(&report(2, x, y));
@@ -176,11 +176,11 @@ fn stale_reordered_and_own_reports_are_ignored() {
 proptest! {
     #[test]
     fn arbitrary_reports_give_finite_balls(
-        words in prop::collection::vec(
+        reports in prop::collection::vec(
             (0_u32..20, any::<i64>(), any::<[f32; 7]>(), any::<i64>(), any::<bool>()), 0..60),
     ) {
         let mut team = TeamModel::new(TeamConfig::default());
-        for (robot, stamp, [x, y, vx, vy, xx, xy, yy], seen, half_known) in words {
+        for (robot, stamp, [x, y, vx, vy, xx, xy, yy], last_seen, half_known) in reports {
             team.receive(&TeamReport {
                 robot,
                 stamp: Stamp(stamp),
@@ -191,12 +191,12 @@ proptest! {
                     at: At::new(x, y),
                     velocity: [vx, vy],
                     covariance: [xx, xy, yy],
-                    last_seen: Stamp(seen),
+                    last_seen: Stamp(last_seen),
                 }),
                 obstacles: vec![At::new(y, x)],
             });
             let view = team.update(Stamp(stamp), &world_with_ball(3.0, 1.0), &estimate(half_known));
-            let ball = view.ball.expect("at least our own, or theirs");
+            let ball = view.ball.expect("our own ball or a team-mate's");
             prop_assert!(ball.at.x.is_finite() && ball.at.y.is_finite());
             prop_assert!(view.teammates.len() <= 10);
         }

@@ -1,7 +1,9 @@
-//! What may be set about following objects? How they move, how reliably they are seen, when they are given up.
+//! Settings of the world model: motion and detection of objects, and the life of their tracks.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::config::{SettingError, WORLD_BOUNDS, check_bounds};
 
 /// The world model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -9,53 +11,54 @@ use serde::{Deserialize, Serialize};
 pub struct WorldConfig {
     /// The ball.
     pub ball: ObjectConfig,
-    /// Robots of both teams, and the legs of people; unless set wander is 1.5, deceleration 0, speed_std 1.5 and apart_min 0.35.
+    /// Robots of both teams, and the legs of people. Unless set, acceleration_noise is 1.5, deceleration 0,
+    /// initial_speed_std 1.5 and separation_min 0.35.
     pub robots: ObjectConfig,
-    /// A gap between frames, seconds, after which everything is forgotten.
+    /// Gap between images after which all tracks are deleted, seconds.
     pub gap_max: f32,
-    /// Fastest own motion, m/s: how far it may have driven where neither wheels nor poses tell.
+    /// Largest own speed, m/s: bounds the motion if there is neither odometry nor a pose.
     pub own_speed_max: f32,
-    /// Error of the wheels' motion, share of it: it moves what stands still by as much.
+    /// Standard deviation of the wheel odometry, share of the motion.
     pub odometry_std: f32,
-    /// Own lean that the frame's estimate leaves, degrees.
+    /// Standard deviation of the robot's tilt after the image's estimate, degrees.
     pub tilt_std_deg: f32,
-    /// Error of any sighting beside the stated one (calibration, a ball's shading), metres.
+    /// Standard deviation added to that of each detection (calibration, shading of the ball), metres.
     pub position_std: f32,
-    /// How much nearer than it seems may a thing above the ground be, share of its distance?
+    /// How much nearer an object above the ground may be than its ground point, share of its distance.
     pub airborne_range_share: f32,
-    /// Radius of a robot, metres: it hides what is behind it.
+    /// Radius of a robot, metres: it occludes objects behind it.
     pub robot_radius: f32,
 }
 
-/// How a kind of object moves and is seen.
+/// Motion and detection of a kind of object.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
-    /// How its velocity wanders when nobody is known to touch it, m/s in a second.
+    /// Process noise of the velocity, m/s per square root of a second.
     pub acceleration_noise: f32,
     /// Deceleration, m/s²: a ball rolls out, a robot drives on.
     pub deceleration: f32,
-    /// Standard deviation of the velocity of a new one, m/s.
+    /// Standard deviation of a new track's velocity, m/s.
     pub initial_speed_std: f32,
-    /// Squared deviation in standard deviations up to which a sighting may be of a track: 99.9 % of 2 degrees of freedom.
+    /// Largest squared Mahalanobis distance of a detection from its track: 99.9 % of 2 degrees of freedom.
     pub gate: f32,
-    /// Probability that one within reach is seen in a frame.
+    /// Probability that a visible object is detected in an image.
     pub detection_probability: f32,
-    /// Probability that something else is taken for one at a given place.
+    /// Probability of a false detection at the position of a track.
     pub false_alarm_probability: f32,
-    /// Distance up to which not seeing it is a sign that it is not there, metres.
+    /// Distance up to which a missing detection counts against existence, metres.
     pub range_max: f32,
-    /// Probability of a new one whose score is 1.
+    /// Probability of existence of a new track whose score is 1.
     pub birth_probability: f32,
-    /// Probability from which on it is told.
+    /// Probability of existence from which a track is output.
     pub confirm_probability: f32,
-    /// Probability below which it is given up.
+    /// Probability of existence below which a track is deleted.
     pub delete_probability: f32,
-    /// It is given up when it was not seen for so many seconds.
+    /// A track without a detection for this time is deleted, seconds.
     pub unseen_max: f32,
-    /// It is given up when its position is known no better than this, metres.
+    /// A track with a larger standard deviation of its position is deleted, metres.
     pub position_std_max: f32,
-    /// Two tracks nearer than this are one object, metres.
+    /// Two tracks closer than this are one object, metres.
     pub separation_min: f32,
 }
 
@@ -68,10 +71,10 @@ impl Default for WorldConfig {
             own_speed_max: 4.0,
             // Measured scale errors of wheels lie below 3 % (nubot2013 4).
             odometry_std: 0.03,
-            // A third of what robots were measured to lean: lines all around leave about as much.
+            // A third of the measured tilt: the estimate from lines on all sides leaves about this.
             tilt_std_deg: 0.15,
             position_std: 0.02,
-            // A ball at 0.4 m seen from a mirror at 0.8 m seems twice as far.
+            // A ball at a height of 0.4 m, seen from a mirror at 0.8 m, appears twice as far away.
             airborne_range_share: 0.5,
             robot_radius: 0.25,
         }
@@ -81,7 +84,7 @@ impl Default for WorldConfig {
 impl ObjectConfig {
     fn robots() -> Self {
         ObjectConfig {
-            // They brake and turn within a second.
+            // Robots brake and turn within a second.
             acceleration_noise: 1.5,
             deceleration: 0.0,
             initial_speed_std: 1.5,
@@ -95,9 +98,9 @@ impl Default for ObjectConfig {
     fn default() -> Self {
         ObjectConfig {
             acceleration_noise: 1.0,
-            // Rolling on carpet.
+            // A ball that rolls on carpet.
             deceleration: 0.35,
-            // Shots of the league reach 10 m/s; most of the time it is slow.
+            // Shots of the league reach 10 m/s; the ball is slow most of the time.
             initial_speed_std: 3.0,
             gate: 13.8,
             detection_probability: 0.6,
@@ -108,56 +111,15 @@ impl Default for ObjectConfig {
             delete_probability: 0.05,
             unseen_max: 2.0,
             position_std_max: 1.0,
-            // Two balls do not lie in one; a false one beside the true one shall not outlive it.
+            // A false track next to the true one must not survive it.
             separation_min: 0.2,
         }
     }
 }
 
 impl WorldConfig {
-    /// Refuses what no world can be followed with; the word names the key, its value and the bounds.
-    pub fn check(&self) -> Result<(), String> {
-        let mut bounds = vec![
-            ("world.gap_max", self.gap_max, 0.01, 60.0),
-            ("world.speed_max", self.own_speed_max, 0.0, 100.0),
-            ("world.odometry_std", self.odometry_std, 0.0, 1.0),
-            ("world.lean_std_deg", self.tilt_std_deg, 0.0, 10.0),
-            ("world.position_std", self.position_std, 1e-4, 10.0),
-            ("world.flight_share", self.airborne_range_share, 0.0, 10.0),
-            ("world.robot_radius", self.robot_radius, 0.0, 1.0),
-        ];
-        for object in [&self.ball, &self.robots] {
-            bounds.extend([
-                ("world.*.wander", object.acceleration_noise, 1e-3, 100.0),
-                ("world.*.deceleration", object.deceleration, 0.0, 100.0),
-                ("world.*.speed_std", object.initial_speed_std, 1e-3, 100.0),
-                ("world.*.gate", object.gate, 0.1, 1e4),
-                (
-                    "world.*.detection",
-                    object.detection_probability,
-                    0.01,
-                    0.99,
-                ),
-                (
-                    "world.*.false_alarm",
-                    object.false_alarm_probability,
-                    1e-4,
-                    0.99,
-                ),
-                ("world.*.reach", object.range_max, 0.0, 1e3),
-                ("world.*.newborn", object.birth_probability, 1e-3, 0.99),
-                ("world.*.confirmed", object.confirm_probability, 0.0, 0.99),
-                ("world.*.lost", object.delete_probability, 0.0, 0.99),
-                ("world.*.unseen_max", object.unseen_max, 0.0, 1e3),
-                ("world.*.std_max", object.position_std_max, 1e-3, 1e3),
-                ("world.*.apart_min", object.separation_min, 0.0, 10.0),
-            ]);
-        }
-        for (key, value, low, high) in bounds {
-            if !(value >= low && value <= high) {
-                return Err(format!("{key} = {value}: must be {low} to {high}"));
-            }
-        }
-        Ok(())
+    /// Refuses values that cannot work, and names the first.
+    pub fn check(&self) -> Result<(), SettingError> {
+        check_bounds("world", self, WORLD_BOUNDS)
     }
 }

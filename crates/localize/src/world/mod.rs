@@ -1,8 +1,8 @@
-//! What stands and rolls around the robot? Ball and robots with their motion, from each frame's sights and the pose.
+//! World model: tracks of the ball and of robots, from each image's detections and the pose.
 //!
-//! Objects are followed in the odometry's frame, which neither jumps when the pose is corrected nor ends when it is
-//! lost: what the robot needs to drive to the ball does not depend on where on the field both are. The field's
-//! coordinates come with the pose and carry its uncertainty. Stamps are arguments; the same sights give the same bits.
+//! Objects are tracked in the odometry frame, which is continuous when the pose is corrected or lost: driving to the
+//! ball needs no position on the field. Field coordinates follow from the pose and include its covariance. Stamps are
+//! arguments, and equal inputs give equal bits.
 
 mod config;
 mod odometry_buffer;
@@ -20,13 +20,15 @@ use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
+use crate::tilt::ground_from_map;
 
-/// The frame in which odometry adds up: fixed to the ground but for its slow drift.
+/// The frame in which odometry is integrated: fixed to the ground except for a slow drift.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OdometryFrame {}
 
-/// The colour that a robot wears.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The colour of a robot's team marker.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TeamColour {
     /// Cyan.
     Cyan,
@@ -34,86 +36,93 @@ pub enum TeamColour {
     Magenta,
 }
 
-/// One object as a frame shows it.
+/// One detected object of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObjectObservation {
-    /// Where it stands, metres.
+    /// Ground point, metres, as the upright map gives it.
     pub at: At<RobotFrame>,
     /// Covariance: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// How sure it is one, 0 to 1.
+    /// Detection confidence, 0 to 1.
     pub score: f32,
-    /// True if it is above the ground: then it only seems to be that far away.
+    /// True if it is above the ground: it is then nearer than its ground point.
     pub airborne: bool,
-    /// Its team's colour, where one is seen.
+    /// Its team's colour, if detected.
     pub team: Option<TeamColour>,
 }
 
-/// The objects of a frame.
+/// The detected objects of an image.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct WorldObservation {
-    /// The ball, if one is seen.
+    /// The ball, if detected.
     pub ball: Option<ObjectObservation>,
     /// Robots.
     pub robots: Vec<ObjectObservation>,
 }
 
-/// An object that is being followed.
+/// A tracked object at an image's stamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TrackedObject {
-    /// Stays with it for as long as it is followed.
+    /// Constant over the life of the track.
     pub id: u32,
-    /// Where it is seen from the robot, metres.
+    /// Position relative to the robot, metres.
     pub at: At<RobotFrame>,
     /// Its velocity over the ground in the robot's axes, m/s.
     pub velocity: [f32; 2],
     /// Covariance of position and velocity, robot frame: m², m²/s, m²/s².
     pub covariance: Matrix4<f32>,
-    /// The same on the field; none while the robot is lost.
+    /// The same on the field; None while the robot is lost.
     pub on_field: Option<FieldState>,
-    /// How probable it is that there is such a thing, 0 to 1.
+    /// Probability of existence, 0 to 1.
     pub probability: f32,
-    /// When it was last seen.
+    /// Stamp of the last detection.
     pub last_seen: Stamp,
-    /// Its team's colour, where one was seen.
+    /// Its team's colour, by the majority of the detections.
     pub team: Option<TeamColour>,
 }
 
 /// An object in field coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldState {
-    /// Where it is, metres.
+    /// Metres.
     pub at: At<FieldFrame>,
     /// Its velocity, m/s.
     pub velocity: [f32; 2],
-    /// Covariance of position and velocity, the pose's part in it: m², m²/s, m²/s².
+    /// Covariance of position and velocity, the pose's included: m², m²/s, m²/s².
     pub covariance: Matrix4<f32>,
 }
 
-/// What is around the robot at a moment.
+/// All confirmed objects at an image's stamp.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct WorldView {
     /// The ball.
     pub ball: Option<TrackedObject>,
-    /// Robots, the longest followed first.
+    /// Robots, the oldest track first.
     pub robots: Vec<TrackedObject>,
 }
 
-/// Follows what is seen from frame to frame.
+/// Tracks objects from image to image.
 #[derive(Debug, Clone)]
 pub struct WorldModel {
     config: WorldConfig,
-    /// Of the viewpoint above the ground, metres: a lean moves far objects by their distance squared over it.
+    /// Height of the viewpoint above the ground, metres: a tilt moves far objects by their squared distance over it.
     viewpoint_height: f32,
     motion: OdometryBuffer,
     balls: Vec<Track>,
     robots: Vec<Track>,
     next_id: u32,
-    last: Option<(Stamp, Option<Pose>)>,
+    last: Option<LastImage>,
+}
+
+/// Stamp and pose of the image before.
+#[derive(Debug, Clone, Copy)]
+struct LastImage {
+    stamp: Stamp,
+    pose: Option<Pose>,
 }
 
 impl WorldModel {
-    /// Knows of nothing yet; `viewpoint_height`: the mirror's above the ground, metres.
+    /// A model without tracks; `viewpoint_height`: of the mirror above the ground, metres.
     pub fn new(config: WorldConfig, viewpoint_height: f32) -> Self {
         WorldModel {
             config,
@@ -126,25 +135,26 @@ impl WorldModel {
         }
     }
 
-    /// Takes a motion of the robot; in the order of stamps.
+    /// Adds an odometry increment; in the order of stamps.
     pub fn add_odometry(&mut self, odometry: &Odometry) {
         self.motion.add(odometry);
     }
 
-    /// What is around at a frame: `sight` is none if the frame showed nothing at all, which is no sign of absence.
+    /// Updates the tracks with an image's detections. `observation` is None if the image was not processed: tracks are
+    /// then only predicted, and not counted as missed.
     pub fn update(
         &mut self,
         stamp: Stamp,
-        sight: Option<&WorldObservation>,
+        observation: Option<&WorldObservation>,
         estimate: &Estimate,
     ) -> WorldView {
         let pose = estimate.pose;
         let Some(odometry_from_robot) = self.predict(stamp, pose, estimate.odometry_scales) else {
-            // From the past: nothing is known of then that is not known better now.
+            // An image older than the last one is ignored.
             return WorldView::default();
         };
-        if let Some(sight) = sight {
-            self.update_tracks(stamp, sight, estimate.tilt, odometry_from_robot);
+        if let Some(observation) = observation {
+            self.update_tracks(stamp, observation, estimate.tilt, odometry_from_robot);
         }
         let config = &self.config;
         for (tracks, object) in [
@@ -168,7 +178,7 @@ impl WorldModel {
         }
     }
 
-    /// Carries everything on to a frame; none if the frame is older than what is known.
+    /// Predicts all tracks to an image's stamp; None if the image is older than the last one.
     fn predict(
         &mut self,
         stamp: Stamp,
@@ -176,11 +186,11 @@ impl WorldModel {
         scales: [f32; 2],
     ) -> Option<Tf<OdometryFrame, RobotFrame>> {
         let gap = match self.last {
-            Some((last, _)) => last.seconds_until(stamp) as f32,
+            Some(last) => last.stamp.seconds_until(stamp) as f32,
             None => 0.0,
         };
         if gap < -self.config.gap_max || gap > self.config.gap_max {
-            // Another time: a clock was set, or nobody looked for long.
+            // A clock was reset, or there were no images for long.
             self.balls.clear();
             self.robots.clear();
             self.last = None;
@@ -188,15 +198,15 @@ impl WorldModel {
             return None;
         }
         let before = self.motion.pose_at_image();
-        let poses = match (self.last, pose) {
-            (Some((_, Some(last))), Some(pose)) => Some(last.inverse() * pose),
-            _ => None,
-        };
-        let moved = self.motion.advance_to(stamp, poses, scales);
-        self.last = Some((stamp, pose));
+        let last_pose = self.last.and_then(|last| last.pose);
+        let pose_increment = last_pose
+            .zip(pose)
+            .map(|(last, pose)| last.inverse() * pose);
+        let is_motion_known = self.motion.advance_to(stamp, pose_increment, scales);
+        self.last = Some(LastImage { stamp, pose });
         let config = &self.config;
-        // Without wheels or poses the robot may have driven anywhere.
-        let unknown = if moved {
+        // Without odometry and poses the robot may have driven in any direction.
+        let unknown_distance = if is_motion_known {
             0.0
         } else {
             config.own_speed_max * gap
@@ -209,9 +219,13 @@ impl WorldModel {
         ] {
             for track in tracks {
                 track.predict(gap, object);
-                let slip = config.odometry_std * (step.origin().distance());
-                let turn = config.odometry_std * step.theta * track.at().distance_to(at);
-                track.add_position_noise(unknown * unknown + slip * slip + turn * turn);
+                let translation_std = config.odometry_std * (step.origin().distance());
+                let rotation_std = config.odometry_std * step.theta * track.at().distance_to(at);
+                track.add_position_noise(
+                    unknown_distance * unknown_distance
+                        + translation_std * translation_std
+                        + rotation_std * rotation_std,
+                );
             }
         }
         Some(self.motion.pose_at_image())
@@ -220,15 +234,14 @@ impl WorldModel {
     fn update_tracks(
         &mut self,
         stamp: Stamp,
-        sight: &WorldObservation,
-        lean: [f32; 2],
+        observation: &WorldObservation,
+        tilt: [f32; 2],
         odometry_from_robot: Tf<OdometryFrame, RobotFrame>,
     ) {
-        let place = |sighting: &ObjectObservation| {
-            self.measurement_from(sighting, lean, odometry_from_robot)
-        };
-        let balls: Vec<Measurement> = sight.ball.iter().filter_map(place).collect();
-        let robots: Vec<Measurement> = sight.robots.iter().filter_map(place).collect();
+        let measure =
+            |object: &ObjectObservation| self.measurement_from(object, tilt, odometry_from_robot);
+        let balls: Vec<Measurement> = observation.ball.iter().filter_map(measure).collect();
+        let robots: Vec<Measurement> = observation.robots.iter().filter_map(measure).collect();
         let view = VisibleArea {
             robot_from_odometry: odometry_from_robot.inverse(),
             robots: robots.iter().map(|robot| robot.in_robot_frame).collect(),
@@ -239,58 +252,58 @@ impl WorldModel {
             (&mut self.balls, &balls, &self.config.ball),
             (&mut self.robots, &robots, &self.config.robots),
         ] {
-            associate(tracks, measurements, &view, (stamp, config), &mut next_id);
+            let context = AssociationContext {
+                stamp,
+                config,
+                view: &view,
+            };
+            associate(tracks, measurements, &context, &mut next_id);
             remove_duplicates(tracks, config.separation_min);
         }
         self.next_id = next_id;
     }
 
-    /// A sighting in the odometry's frame; none if it is no number.
+    /// A detection in the odometry frame; None if it is not finite.
     fn measurement_from(
         &self,
-        sighting: &ObjectObservation,
-        [a, b]: [f32; 2],
+        observation: &ObjectObservation,
+        tilt: [f32; 2],
         odometry_from_robot: Tf<OdometryFrame, RobotFrame>,
     ) -> Option<Measurement> {
         let height = self.viewpoint_height;
-        let seen = sighting.at;
-        // MATH.md 2, "Tilt": where it stands if the robot leans by (a, b).
-        let stretch = (a * seen.x + b * seen.y) / height;
-        let at = At::<RobotFrame>::new(
-            seen.x + a * height + stretch * seen.x,
-            seen.y + b * height + stretch * seen.y,
-        );
+        let [x, y] = ground_from_map([observation.at.x, observation.at.y], tilt, height);
+        let at = At::<RobotFrame>::new(x, y);
         let range = at.distance();
-        let [xx, xy, yy] = sighting.covariance;
+        let [xx, xy, yy] = observation.covariance;
         let along = match range {
             0.0 => Vector2::x(),
             range => Vector2::new(at.x, at.y) / range,
         };
-        // The lean that remains moves it along the line of sight by (r² + H²)/H for each radian.
-        let lean =
+        // A remaining tilt moves it along the line of sight by (r² + H²)/H per radian (docs/methods.md 3.6).
+        let tilt_std =
             self.config.tilt_std_deg.to_radians() * (range * range + height * height) / height;
-        let lift = if sighting.airborne {
+        let airborne_std = if observation.airborne {
             self.config.airborne_range_share * range
         } else {
             0.0
         };
         let covariance = Matrix2::new(xx, xy, xy, yy)
-            + along * along.transpose() * (lean * lean + lift * lift)
+            + along * along.transpose() * (tilt_std * tilt_std + airborne_std * airborne_std)
             + Matrix2::identity() * self.config.position_std * self.config.position_std;
-        let turn = rotation(odometry_from_robot.theta);
-        let covariance = turn * covariance * turn.transpose();
-        let whole = covariance.iter().all(|value| value.is_finite()) && range.is_finite();
-        whole.then(|| Measurement {
+        let rotation = rotation(odometry_from_robot.theta);
+        let covariance = rotation * covariance * rotation.transpose();
+        let finite = covariance.iter().all(|value| value.is_finite()) && range.is_finite();
+        finite.then(|| Measurement {
             at: odometry_from_robot * at,
             in_robot_frame: at,
             covariance,
-            score: sighting.score.clamp(0.0, 1.0),
-            team: sighting.team,
+            score: observation.score.clamp(0.0, 1.0),
+            team: observation.team,
         })
     }
 }
 
-/// A sighting in the odometry's frame.
+/// A detected object in the odometry frame.
 #[derive(Debug, Clone, Copy)]
 struct Measurement {
     at: At<OdometryFrame>,
@@ -300,7 +313,7 @@ struct Measurement {
     team: Option<TeamColour>,
 }
 
-/// Which places does a frame show?
+/// Which positions are visible in an image?
 struct VisibleArea {
     robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
     robots: Vec<At<RobotFrame>>,
@@ -308,60 +321,89 @@ struct VisibleArea {
 }
 
 impl VisibleArea {
-    /// False if a robot stands before the place, or it is too far to be seen reliably.
-    fn is_visible(&self, at: At<OdometryFrame>, reach: f32) -> bool {
+    /// False if a robot occludes the position, or it is beyond `range_max` metres.
+    fn is_visible(&self, at: At<OdometryFrame>, range_max: f32) -> bool {
         let at = self.robot_from_odometry * at;
         let range = at.distance();
-        let hidden = self.robots.iter().any(|robot| {
+        let occluded = self.robots.iter().any(|robot| {
             let across = (robot.x * at.y - robot.y * at.x).abs() / range.max(f32::MIN_POSITIVE);
-            let before = robot.x * at.x + robot.y * at.y > 0.0 && robot.distance() < range;
-            before && across < self.radius
+            let nearer = robot.x * at.x + robot.y * at.y > 0.0 && robot.distance() < range;
+            nearer && across < self.radius
         });
-        !hidden && range < reach
+        !occluded && range < range_max
     }
 }
 
-/// Gives each track its measurement, nearest pairs first; starts tracks where none is.
+/// What association needs besides tracks and measurements.
+struct AssociationContext<'a> {
+    stamp: Stamp,
+    config: &'a ObjectConfig,
+    view: &'a VisibleArea,
+}
+
+/// A track and a measurement within its gate, by index.
+struct AssociationPair {
+    cost: f32,
+    track: usize,
+    measurement: usize,
+}
+
+/// Assigns measurements to tracks, pairs with the smallest cost first; starts tracks for the others.
 fn associate(
     tracks: &mut Vec<Track>,
     measurements: &[Measurement],
-    view: &VisibleArea,
-    (stamp, config): (Stamp, &ObjectConfig),
+    context: &AssociationContext,
     next_id: &mut u32,
 ) {
+    let &AssociationContext {
+        stamp,
+        config,
+        view,
+    } = context;
     let mut pairs = Vec::new();
     for (t, track) in tracks.iter().enumerate() {
         for (m, measurement) in measurements.iter().enumerate() {
-            let (distance, spread) = track.mahalanobis_squared(measurement);
-            if distance < config.gate {
-                // The likelier track, not merely the vaguer one.
-                pairs.push((distance + spread, t, m));
+            let gating = track.gating(measurement);
+            if gating.mahalanobis_squared < config.gate {
+                // Negative log likelihood: the determinant keeps uncertain tracks from taking all measurements.
+                pairs.push(AssociationPair {
+                    cost: gating.mahalanobis_squared + gating.log_determinant,
+                    track: t,
+                    measurement: m,
+                });
             }
         }
     }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
-    let (mut served, mut taken) = (vec![false; tracks.len()], vec![false; measurements.len()]);
-    for (_, t, m) in pairs {
-        if !served[t] && !taken[m] {
-            (served[t], taken[m]) = (true, true);
-            tracks[t].update(stamp, &measurements[m], config);
+    pairs.sort_by(|a, b| {
+        let indices = (a.track, a.measurement).cmp(&(b.track, b.measurement));
+        a.cost.total_cmp(&b.cost).then(indices)
+    });
+    let mut updated = vec![false; tracks.len()];
+    let mut assigned = vec![false; measurements.len()];
+    for AssociationPair {
+        track, measurement, ..
+    } in pairs
+    {
+        if !updated[track] && !assigned[measurement] {
+            (updated[track], assigned[measurement]) = (true, true);
+            tracks[track].update(stamp, &measurements[measurement], config);
         }
     }
-    for (track, served) in tracks.iter_mut().zip(served) {
-        if !served && view.is_visible(track.at(), config.range_max) {
+    for (track, updated) in tracks.iter_mut().zip(updated) {
+        if !updated && view.is_visible(track.at(), config.range_max) {
             track.mark_missed(config);
         }
     }
-    for (measurement, taken) in measurements.iter().zip(taken) {
-        if !taken {
+    for (measurement, assigned) in measurements.iter().zip(assigned) {
+        if !assigned {
             tracks.push(Track::new(*next_id, stamp, measurement, config));
             *next_id = next_id.wrapping_add(1);
         }
     }
 }
 
-/// Two things cannot stand in one place: the more doubtful track of such a pair is given up.
-fn remove_duplicates(tracks: &mut Vec<Track>, apart_min: f32) {
+/// Of two tracks closer than `separation_min` metres the less probable one is removed.
+fn remove_duplicates(tracks: &mut Vec<Track>, separation_min: f32) {
     let mut kept: Vec<Track> = Vec::with_capacity(tracks.len());
     tracks.sort_by(|a, b| {
         b.probability()
@@ -371,7 +413,7 @@ fn remove_duplicates(tracks: &mut Vec<Track>, apart_min: f32) {
     for track in tracks.drain(..) {
         if kept
             .iter()
-            .all(|other| other.at().distance_to(track.at()) >= apart_min)
+            .all(|other| other.at().distance_to(track.at()) >= separation_min)
         {
             kept.push(track);
         }
@@ -380,7 +422,7 @@ fn remove_duplicates(tracks: &mut Vec<Track>, apart_min: f32) {
     *tracks = kept;
 }
 
-/// There is one ball: the most probable of what looks like one; of equals the one that is known better.
+/// The most probable confirmed track, since there is one ball; of equal ones the one with the smaller variance.
 fn most_probable<'a>(tracks: &'a [Track], config: &ObjectConfig) -> Option<&'a Track> {
     tracks
         .iter()
@@ -393,7 +435,7 @@ fn most_probable<'a>(tracks: &'a [Track], config: &ObjectConfig) -> Option<&'a T
         })
 }
 
-/// From where are the objects told?
+/// From the odometry frame to the robot and the field.
 struct OutputTransform {
     robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
     pose: Option<(Pose, nalgebra::Matrix3<f32>)>,
@@ -401,25 +443,25 @@ struct OutputTransform {
 
 impl OutputTransform {
     fn tracked_object(&self, track: &Track) -> TrackedObject {
-        let turn = rotation(self.robot_from_odometry.theta);
-        let both = block_diagonal(turn);
+        let robot_rotation = rotation(self.robot_from_odometry.theta);
+        let state_rotation = block_diagonal(robot_rotation);
         let at = self.robot_from_odometry * track.at();
-        let velocity = turn * track.velocity();
-        let covariance = both * track.covariance() * both.transpose();
+        let velocity = robot_rotation * track.velocity();
+        let covariance = state_rotation * track.covariance() * state_rotation.transpose();
         let on_field = self.pose.map(|(pose, pose_covariance)| {
-            let turn = rotation(pose.theta);
-            let both = block_diagonal(turn);
+            let field_rotation = rotation(pose.theta);
+            let state_rotation = block_diagonal(field_rotation);
             let on_field = pose * at;
-            let speed = turn * velocity;
-            // How position and velocity on the field change with the pose (x, y, θ).
+            let velocity = field_rotation * velocity;
+            // Jacobian of position and velocity on the field with respect to the pose (x, y, θ).
             let mut by_pose = SMatrix::<f32, 4, 3>::zeros();
             (by_pose[(0, 0)], by_pose[(1, 1)]) = (1.0, 1.0);
             (by_pose[(0, 2)], by_pose[(1, 2)]) = (pose.y - on_field.y, on_field.x - pose.x);
-            (by_pose[(2, 2)], by_pose[(3, 2)]) = (-speed.y, speed.x);
+            (by_pose[(2, 2)], by_pose[(3, 2)]) = (-velocity.y, velocity.x);
             FieldState {
                 at: on_field,
-                velocity: [speed.x, speed.y],
-                covariance: both * covariance * both.transpose()
+                velocity: [velocity.x, velocity.y],
+                covariance: state_rotation * covariance * state_rotation.transpose()
                     + by_pose * pose_covariance * by_pose.transpose(),
             }
         });
@@ -436,38 +478,22 @@ impl OutputTransform {
     }
 }
 
-impl FieldState {
-    /// Where it will be after `seconds` if nobody touches it, and how sure that is: position and covariance xx, xy, yy.
-    ///
-    /// `deceleration`: of a rolling ball, m/s²; 0 for what drives.
-    pub fn predict(&self, seconds: f32, deceleration: f32) -> (At<FieldFrame>, [f32; 3]) {
-        let velocity = Vector2::new(self.velocity[0], self.velocity[1]);
-        let way = track::rolling_displacement(velocity, seconds, deceleration);
-        let p = &self.covariance;
-        let spread = |i: usize, j: usize| {
-            p[(i, j)]
-                + seconds * (p[(i, j + 2)] + p[(i + 2, j)])
-                + seconds * seconds * p[(i + 2, j + 2)]
-        };
-        (
-            At::new(self.at.x + way.x, self.at.y + way.y),
-            [spread(0, 0), spread(0, 1), spread(1, 1)],
-        )
-    }
-}
-
 fn rotation(theta: f32) -> Matrix2<f32> {
     let (sin, cos) = theta.sin_cos();
     Matrix2::new(cos, -sin, sin, cos)
 }
 
-/// The same turn of position and velocity.
-fn block_diagonal(turn: Matrix2<f32>) -> Matrix4<f32> {
-    let mut both = Matrix4::zeros();
-    both.fixed_view_mut::<2, 2>(0, 0).copy_from(&turn);
-    both.fixed_view_mut::<2, 2>(2, 2).copy_from(&turn);
-    both
+/// The same rotation of position and velocity.
+fn block_diagonal(rotation: Matrix2<f32>) -> Matrix4<f32> {
+    let mut state_rotation = Matrix4::zeros();
+    state_rotation
+        .fixed_view_mut::<2, 2>(0, 0)
+        .copy_from(&rotation);
+    state_rotation
+        .fixed_view_mut::<2, 2>(2, 2)
+        .copy_from(&rotation);
+    state_rotation
 }
 
-/// Position and velocity in one.
+/// Position and velocity (x, y, vx, vy): metres, m/s.
 type TrackState = Vector4<f32>;

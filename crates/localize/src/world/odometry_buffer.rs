@@ -1,4 +1,4 @@
-//! How did the robot itself move? Odometry added up, and where it stood at a frame's stamp between two reports.
+//! The robot's own motion: odometry integrated to each image's stamp, between two increments.
 
 use std::collections::VecDeque;
 
@@ -7,26 +7,42 @@ use crate::frames::{RobotFrame, Tf};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 
-/// Odometry from the newest frame on is kept, and no more than a second of a fast sensor.
+/// Largest number of increments after the newest image: a second of a fast sensor.
 const INCREMENTS_MAX: usize = 1000;
-/// Beyond the last report the motion is taken to go on for no longer than this, seconds: ten reports of a slow base.
+/// The last increment is extrapolated for no longer than this, seconds: ten increments of a slow base.
 const EXTRAPOLATION_MAX: f64 = 0.2;
 
 type OdometryPose = Tf<OdometryFrame, RobotFrame>;
 type PoseIncrement = Tf<RobotFrame, RobotFrame>;
 
-/// The robot's way in the odometry's frame.
+/// A motion of the robot between two stamps.
+#[derive(Debug, Clone, Copy)]
+struct OdometryIncrement {
+    /// End of the motion.
+    stamp: Stamp,
+    motion: PoseIncrement,
+}
+
+/// The last increment before an image, to extrapolate from.
+#[derive(Debug, Clone, Copy)]
+struct LastIncrement {
+    increment: OdometryIncrement,
+    /// Seconds.
+    duration: f64,
+}
+
+/// The robot's pose in the odometry frame.
 #[derive(Debug, Clone)]
 pub(super) struct OdometryBuffer {
-    /// Where it was at the newest frame.
+    /// At the newest image.
     pose_at_image: OdometryPose,
     image_stamp: Option<Stamp>,
-    /// Reports not yet passed by a frame, and the one before them: stamp and motion since the report before.
-    increments: VecDeque<(Stamp, PoseIncrement)>,
-    /// The stamp of the report before the first of `reports`.
+    /// Increments that end after the newest image.
+    increments: VecDeque<OdometryIncrement>,
+    /// Start of the first of `increments`.
     previous_stamp: Option<Stamp>,
-    /// The last report that a frame passed, with its length in seconds: what goes on behind it.
-    last_increment: Option<(Stamp, PoseIncrement, f64)>,
+    /// The last increment that ends before an image.
+    last_increment: Option<LastIncrement>,
 }
 
 impl Default for OdometryBuffer {
@@ -42,7 +58,7 @@ impl Default for OdometryBuffer {
 }
 
 impl OdometryBuffer {
-    /// Takes a report.
+    /// Adds an increment; one that is not finite is ignored.
     pub(super) fn add(&mut self, odometry: &Odometry) {
         let &Odometry {
             stamp,
@@ -57,95 +73,105 @@ impl OdometryBuffer {
         let last = self
             .increments
             .back()
-            .map(|(stamp, _)| *stamp)
+            .map(|increment| increment.stamp)
             .or(self.previous_stamp);
         if last.is_some_and(|last| stamp <= last) {
-            // A clock that was set: what was reported before it has no place in time any more.
+            // The clock was reset: earlier stamps are meaningless.
             self.increments.clear();
             self.previous_stamp = None;
             self.last_increment = None;
         }
+        let motion = PoseIncrement::new(dx, dy, dtheta);
         self.increments
-            .push_back((stamp, PoseIncrement::new(dx, dy, dtheta)));
+            .push_back(OdometryIncrement { stamp, motion });
         if self.increments.len() > INCREMENTS_MAX
-            && let Some((stamp, _)) = self.increments.pop_front()
+            && let Some(dropped) = self.increments.pop_front()
         {
-            self.previous_stamp = Some(stamp);
+            self.previous_stamp = Some(dropped.stamp);
         }
     }
 
-    /// Where the robot was at the newest frame.
+    /// The robot's pose at the newest image.
     pub(super) fn pose_at_image(&self) -> OdometryPose {
         self.pose_at_image
     }
 
-    /// Goes on to a frame at `stamp`; false if nothing tells how the robot moved.
+    /// Integrates the motion up to an image at `stamp`; false if the motion is unknown.
     ///
-    /// `poses`: the motion between the frames' poses, for a robot without odometry. `scales`: metres per
-    /// reported metre and radians per reported radian, as localisation estimated them.
+    /// `pose_increment`: the motion between the images' poses, for a robot without odometry. `scales`: metres per
+    /// reported metre and radians per reported radian, as estimated by localization.
     pub(super) fn advance_to(
         &mut self,
         stamp: Stamp,
-        poses: Option<PoseIncrement>,
+        pose_increment: Option<PoseIncrement>,
         scales: [f32; 2],
     ) -> bool {
-        let since = self.image_stamp.replace(stamp);
-        let mut place = self.pose_at_image;
-        let mut told = false;
-        let mut done = since;
-        while let Some(&(end, step)) = self.increments.front() {
+        let last_image = self.image_stamp.replace(stamp);
+        let mut pose = self.pose_at_image;
+        let mut has_odometry = false;
+        let mut integrated_to = last_image;
+        while let Some(&increment) = self.increments.front() {
+            let OdometryIncrement { stamp: end, motion } = increment;
             let start = self.previous_stamp.unwrap_or(end);
             if start >= stamp {
                 break;
             }
-            let length = start.seconds_until(end);
-            let from = done.map_or(start, |done| done.max(start));
+            let duration = start.seconds_until(end);
+            let from = integrated_to.map_or(start, |stamp| stamp.max(start));
             let until = end.min(stamp);
-            let part = fraction(from.seconds_until(until), length);
-            place = place * scale_increment(step, part, scales);
-            told |= since.is_some();
-            done = Some(until);
+            let part = fraction(from.seconds_until(until), duration);
+            pose = pose * scale_increment(motion, part, scales);
+            has_odometry |= last_image.is_some();
+            integrated_to = Some(until);
             if end > stamp {
                 break;
             }
-            self.last_increment = Some((end, step, length));
+            self.last_increment = Some(LastIncrement {
+                increment,
+                duration,
+            });
             self.previous_stamp = Some(end);
             self.increments.pop_front();
         }
-        // The frame is newer than the last report: the motion goes on as it was.
+        // The image is newer than the last increment, which is extrapolated.
         if self.increments.is_empty()
-            && let (Some(from), Some((end, step, length))) = (done, self.last_increment)
+            && let (Some(from), Some(last)) = (integrated_to, self.last_increment)
             && stamp > from
-            && end.seconds_until(stamp) <= EXTRAPOLATION_MAX
+            && last.increment.stamp.seconds_until(stamp) <= EXTRAPOLATION_MAX
         {
-            let part = fraction(from.seconds_until(stamp), length);
-            place = place * scale_increment(step, part.min(10.0), scales);
-            told = true;
+            let part = fraction(from.seconds_until(stamp), last.duration);
+            pose = pose * scale_increment(last.increment.motion, part.min(10.0), scales);
+            has_odometry = true;
         }
-        match (told, poses) {
-            (true, _) => self.pose_at_image = place,
-            (false, Some(moved)) => self.pose_at_image = self.pose_at_image * moved,
+        match (has_odometry, pose_increment) {
+            (true, _) => self.pose_at_image = pose,
+            (false, Some(motion)) => self.pose_at_image = self.pose_at_image * motion,
             (false, None) => {}
         }
-        told || poses.is_some() || since.is_none()
+        has_odometry || pose_increment.is_some() || last_image.is_none()
     }
 }
 
-/// Which part of a report lies in so many seconds; of a report without a length (the first) all.
-fn fraction(seconds: f64, length: f64) -> f32 {
-    if length > 0.0 {
-        (seconds / length).max(0.0) as f32
+/// Share of an increment that lies within `seconds`; 0 for an increment without duration (the first).
+fn fraction(seconds: f64, duration: f64) -> f32 {
+    if duration > 0.0 {
+        (seconds / duration).max(0.0) as f32
     } else {
         0.0
     }
 }
 
-fn scale_increment(step: PoseIncrement, part: f32, [way, turn]: [f32; 2]) -> PoseIncrement {
-    let (way, turn) = (part * plausible_scale(way), part * plausible_scale(turn));
-    PoseIncrement::new(step.x * way, step.y * way, step.theta * turn)
+fn scale_increment(
+    motion: PoseIncrement,
+    part: f32,
+    [distance_scale, yaw_scale]: [f32; 2],
+) -> PoseIncrement {
+    let distance = part * plausible_scale(distance_scale);
+    let yaw = part * plausible_scale(yaw_scale);
+    PoseIncrement::new(motion.x * distance, motion.y * distance, motion.theta * yaw)
 }
 
-/// A scale far from one was not learned from driving.
+/// A scale far from 1 is an estimation error and is replaced by 1.
 fn plausible_scale(scale: f32) -> f32 {
     if scale > 0.5 && scale < 2.0 {
         scale

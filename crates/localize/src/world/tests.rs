@@ -1,4 +1,4 @@
-//! Claims about the world model, from made-up sights of known scenes.
+//! Tests of the world model on simulated detections of known scenes.
 
 use nalgebra::Matrix3;
 use rand::{RngExt, SeedableRng};
@@ -34,7 +34,7 @@ fn estimate(stamp: Stamp, pose: Option<Pose>) -> Estimate {
     }
 }
 
-/// A robot that drives a circle at 1.5 m/s and sees what is put around it.
+/// A robot that drives on a circle at 1.35 m/s and detects the given objects.
 struct TrackingScene {
     model: WorldModel,
     rng: ChaCha8Rng,
@@ -55,12 +55,12 @@ impl TrackingScene {
     }
 
     fn pose(&self) -> Pose {
-        let turn = self.frame as f32 * 0.03;
-        Pose::new(1.5 * turn.cos(), 1.5 * turn.sin(), turn + 1.57)
+        let angle = self.frame as f32 * 0.03;
+        Pose::new(1.5 * angle.cos(), 1.5 * angle.sin(), angle + 1.57)
     }
 
     fn noise(&mut self) -> f32 {
-        // Twelve uniform values make a normal one.
+        // The sum of twelve uniform values is approximately normal.
         STD * ((0..12).map(|_| self.rng.random::<f32>()).sum::<f32>() - 6.0)
     }
 
@@ -79,7 +79,7 @@ impl TrackingScene {
         Stamp::from_seconds(f64::from(self.frame) * FRAME)
     }
 
-    /// The next frame; the pose is told if `located`.
+    /// Advances by one image; the estimate has a pose if `located`.
     fn step(
         &mut self,
         ball: Option<At<FieldFrame>>,
@@ -97,13 +97,13 @@ impl TrackingScene {
             dtheta: moved.theta,
             slip: 0.0,
         });
-        let sight = WorldObservation {
+        let observation = WorldObservation {
             ball: ball.map(|at| self.observe(at)),
             robots: robots.iter().map(|at| self.observe(*at)).collect(),
         };
         let pose = located.then(|| self.pose());
         self.model
-            .update(stamp, Some(&sight), &estimate(stamp, pose))
+            .update(stamp, Some(&observation), &estimate(stamp, pose))
     }
 }
 
@@ -123,8 +123,8 @@ fn ball_state_on_field_has_consistent_covariance() {
             if step > 30 {
                 let found = world.ball.expect("a ball").on_field.expect("on the field");
                 let off = nalgebra::Vector2::new(found.at.x - ball.x, found.at.y - ball.y);
-                let spread = found.covariance.fixed_view::<2, 2>(0, 0).try_inverse();
-                squared += (off.transpose() * spread.expect("regular") * off).x;
+                let information = found.covariance.fixed_view::<2, 2>(0, 0).try_inverse();
+                squared += (off.transpose() * information.expect("regular") * off).x;
                 count += 1.0;
                 if step == 60 {
                     assert!(off.norm() < 0.1, "{off}");
@@ -134,7 +134,7 @@ fn ball_state_on_field_has_consistent_covariance() {
             }
         }
     }
-    // Two degrees of freedom; the claimed errors hold a driving odometry that here is exact, so less is honest.
+    // Two degrees of freedom. The covariance includes odometry errors, which are absent here, so that less is expected.
     let mean: f32 = squared / count;
     assert!((0.6..2.6).contains(&mean), "{mean}");
 }
@@ -162,7 +162,8 @@ fn occluded_ball_is_kept_and_removed_ball_is_dropped() {
             assert!(found.at.distance_to(ball) < 0.5, "{:?}", found.at);
             assert!(
                 found.covariance[(0, 0)] > STD * STD,
-                "surer than when it was seen"
+                "variance below that of a detection: {}",
+                found.covariance[(0, 0)]
             );
         }
     }
@@ -178,7 +179,7 @@ fn kicked_ball_is_tracked_within_two_frames() {
     for step in 1..=15 {
         let ball = ball_position([2.0, 0.5], [-8.0, 0.0], step as f32 * FRAME as f32);
         let world = scene.step(Some(ball), &[], true);
-        let found = world.ball.expect("a ball").on_field.expect("placed");
+        let found = world.ball.expect("a ball").on_field.expect("on the field");
         late += i32::from(found.at.distance_to(ball) > 0.3);
         if step > 5 {
             assert!(
@@ -200,7 +201,7 @@ fn tracks_survive_a_lost_or_jumping_pose() {
     }
     for _ in 0..20 {
         let world = scene.step(None, &[], false);
-        // In sight of nobody: not for long, but the place is right by odometry alone.
+        // Without detections the position is predicted by odometry alone.
         if let Some(found) = world.ball {
             assert_eq!(found.on_field, None);
             let wanted = scene.pose().inverse() * ball;
@@ -216,7 +217,7 @@ fn tracks_survive_a_lost_or_jumping_pose() {
         .first()
         .expect("a robot")
         .on_field
-        .expect("placed");
+        .expect("on the field");
     assert!(found.at.distance_to(robot) < 0.2);
     assert!(f32::hypot(found.velocity[0], found.velocity[1]) < 0.6);
 }
@@ -257,13 +258,13 @@ fn single_false_alarm_and_non_finite_observations_give_no_object() {
         airborne: true,
         team: Some(TeamColour::Cyan),
     };
-    let sight = WorldObservation {
+    let observation = WorldObservation {
         ball: Some(nonsense),
         robots: vec![nonsense; 3],
     };
     for frame in 0..10 {
         let stamp = Stamp::from_seconds(f64::from(frame) * FRAME);
-        let world = model.update(stamp, Some(&sight), &estimate(stamp, None));
+        let world = model.update(stamp, Some(&observation), &estimate(stamp, None));
         assert_eq!(world, WorldView::default());
     }
 }
@@ -276,16 +277,16 @@ fn pose_differences_replace_missing_odometry() {
     for _ in 0..20 {
         scene.frame += 1;
         let stamp = scene.stamp();
-        let sight = WorldObservation {
+        let observation = WorldObservation {
             ball: None,
             robots: vec![scene.observe(robot)],
         };
         let pose = scene.pose();
         world = scene
             .model
-            .update(stamp, Some(&sight), &estimate(stamp, Some(pose)));
+            .update(stamp, Some(&observation), &estimate(stamp, Some(pose)));
     }
-    let found = world.robots[0].on_field.expect("placed");
+    let found = world.robots[0].on_field.expect("on the field");
     assert!(found.at.distance_to(robot) < 0.15);
     assert!(f32::hypot(found.velocity[0], found.velocity[1]) < 0.6);
 }

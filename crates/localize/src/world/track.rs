@@ -1,4 +1,4 @@
-//! Where is one object, how does it move, and is it there at all? A Kalman filter and a probability of existence.
+//! One tracked object: a Kalman filter of position and velocity, and a probability of existence (docs/methods.md 11.2).
 
 use nalgebra::{Matrix2, Matrix4, Vector2};
 
@@ -6,10 +6,19 @@ use super::{Measurement, ObjectConfig, OdometryFrame, TeamColour, TrackState};
 use crate::frames::At;
 use crate::stamp::Stamp;
 
-/// No sight makes anything surer than this, so that what vanishes is given up within some frames.
+/// Largest probability of existence, so that a vanished object is deleted within some images.
 const EXISTENCE_MAX: f32 = 0.99;
 
-/// One object in the odometry's frame.
+/// The deviation of a measurement from a track.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Gating {
+    /// Squared Mahalanobis distance.
+    pub(super) mahalanobis_squared: f32,
+    /// Of the innovation covariance (m⁴), natural logarithm.
+    pub(super) log_determinant: f32,
+}
+
+/// One object in the odometry frame.
 #[derive(Debug, Clone)]
 pub(super) struct Track {
     id: u32,
@@ -19,12 +28,12 @@ pub(super) struct Track {
     /// Odds that it exists.
     existence_odds: f32,
     last_seen: Stamp,
-    /// Sightings with cyan less sightings with magenta.
+    /// Detections with a cyan marker minus those with a magenta one.
     cyan_votes: i32,
 }
 
 impl Track {
-    /// An object seen for the first time.
+    /// A track from its first detection.
     pub(super) fn new(
         id: u32,
         stamp: Stamp,
@@ -48,23 +57,27 @@ impl Track {
         }
     }
 
-    /// Carries it on: it rolls out, and who knows who touches it.
+    /// Predicts position and velocity with rolling friction and adds process noise.
     pub(super) fn predict(&mut self, seconds: f32, config: &ObjectConfig) {
         let velocity = self.velocity();
-        let way = rolling_displacement(velocity, seconds, config.deceleration);
+        let displacement = rolling_displacement(velocity, seconds, config.deceleration);
         let speed = velocity.norm();
-        let left = (speed - config.deceleration * seconds).max(0.0);
-        let slowed = if speed > 0.0 { left / speed } else { 0.0 };
+        let remaining_speed = (speed - config.deceleration * seconds).max(0.0);
+        let slowdown = if speed > 0.0 {
+            remaining_speed / speed
+        } else {
+            0.0
+        };
         self.state = TrackState::new(
-            self.state.x + way.x,
-            self.state.y + way.y,
-            self.state.z * slowed,
-            self.state.w * slowed,
+            self.state.x + displacement.x,
+            self.state.y + displacement.y,
+            self.state.z * slowdown,
+            self.state.w * slowdown,
         );
         let mut transition = Matrix4::identity();
         (transition[(0, 2)], transition[(1, 3)]) = (seconds, seconds);
         self.covariance = transition * self.covariance * transition.transpose();
-        // White acceleration: the same for one long step and many short ones.
+        // White acceleration noise: independent of the number of steps.
         let q = config.acceleration_noise * config.acceleration_noise;
         let (position, cross, velocity) = (
             q * seconds.powi(3) / 3.0,
@@ -79,25 +92,29 @@ impl Track {
         }
     }
 
-    /// Its position became vaguer by a variance, m²: the ground moved under it.
+    /// Adds a variance (m²) to the position: the error of the robot's own motion.
     pub(super) fn add_position_noise(&mut self, variance: f32) {
         self.covariance[(0, 0)] += variance;
         self.covariance[(1, 1)] += variance;
     }
 
-    /// Squared deviation of a measurement in standard deviations, and the logarithm of the spread it is judged by.
-    pub(super) fn mahalanobis_squared(&self, measurement: &Measurement) -> (f32, f32) {
-        let spread = self.innovation_covariance(measurement);
-        let off = self.innovation(measurement);
-        spread
-            .try_inverse()
-            .map_or((f32::INFINITY, 0.0), |inverse| {
-                let squared = (off.transpose() * inverse * off).x;
-                (squared, spread.determinant().max(f32::MIN_POSITIVE).ln())
-            })
+    /// The squared Mahalanobis distance of a measurement; infinite if the innovation covariance is singular.
+    pub(super) fn gating(&self, measurement: &Measurement) -> Gating {
+        let covariance = self.innovation_covariance(measurement);
+        let innovation = self.innovation(measurement);
+        let Some(inverse) = covariance.try_inverse() else {
+            return Gating {
+                mahalanobis_squared: f32::INFINITY,
+                log_determinant: 0.0,
+            };
+        };
+        Gating {
+            mahalanobis_squared: (innovation.transpose() * inverse * innovation).x,
+            log_determinant: covariance.determinant().max(f32::MIN_POSITIVE).ln(),
+        }
     }
 
-    /// It was seen there.
+    /// Kalman update with a measurement, and update of the existence.
     pub(super) fn update(
         &mut self,
         stamp: Stamp,
@@ -109,17 +126,17 @@ impl Track {
         };
         let gain = self.covariance.fixed_view::<4, 2>(0, 0) * inverse;
         self.state += gain * self.innovation(measurement);
-        let seen = self.covariance.fixed_view::<2, 4>(0, 0).into_owned();
-        let reduced = self.covariance - gain * seen;
+        let position_rows = self.covariance.fixed_view::<2, 4>(0, 0).into_owned();
+        let reduced = self.covariance - gain * position_rows;
         self.covariance = (reduced + reduced.transpose()) * 0.5;
         self.last_seen = stamp;
         self.cyan_votes = (self.cyan_votes + vote(measurement.team)).clamp(-100, 100);
-        // A score of 0 says nothing, a score of 1 all that a detection can say.
-        let certain = config.detection_probability / config.false_alarm_probability;
-        self.update_existence(1.0 + measurement.score * (certain - 1.0));
+        // The likelihood ratio is 1 for a score of 0, and that of a certain detection for a score of 1.
+        let ratio_max = config.detection_probability / config.false_alarm_probability;
+        self.update_existence(1.0 + measurement.score * (ratio_max - 1.0));
     }
 
-    /// It was not seen, though it could have been.
+    /// The object was visible but not detected.
     pub(super) fn mark_missed(&mut self, config: &ObjectConfig) {
         self.update_existence(
             (1.0 - config.detection_probability) / (1.0 - config.false_alarm_probability),
@@ -131,20 +148,21 @@ impl Track {
             (self.existence_odds * ratio).min(EXISTENCE_MAX / (1.0 - EXISTENCE_MAX));
     }
 
-    /// Is it worth following on?
+    /// False if the track is to be deleted.
     pub(super) fn is_kept(&self, stamp: Stamp, config: &ObjectConfig) -> bool {
         let unseen = self.last_seen.seconds_until(stamp) as f32;
-        let vague = self.position_variance() > config.position_std_max * config.position_std_max;
-        // A first sighting may be vaguer than what is kept unseen.
-        let vague = vague && unseen > 0.0;
+        let uncertain =
+            self.position_variance() > config.position_std_max * config.position_std_max;
+        // A new detection may have a larger variance than an undetected track.
+        let uncertain = uncertain && unseen > 0.0;
         let finite = self.state.iter().all(|value| value.is_finite());
         self.probability() >= config.delete_probability
             && unseen <= config.unseen_max
-            && !vague
+            && !uncertain
             && finite
     }
 
-    /// Is it worth telling?
+    /// True if the track is part of the output.
     pub(super) fn is_confirmed(&self, config: &ObjectConfig) -> bool {
         self.probability() >= config.confirm_probability
     }
@@ -198,7 +216,7 @@ impl Track {
     }
 }
 
-/// The way of something that slows down until it lies still, metres.
+/// Displacement of an object that decelerates to rest, metres.
 pub(super) fn rolling_displacement(
     velocity: Vector2<f32>,
     seconds: f32,

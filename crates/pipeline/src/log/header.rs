@@ -10,6 +10,21 @@ use vision::colour::colour_table::ColourTable;
 
 use super::encoded_image::ImageCompression;
 use super::schema::{FORMAT_VERSION, PROJECT_NAME, wire};
+use crate::config::{PIPELINE_FILE, translate};
+
+/// The name under which logs of version 0.1.0 hold the settings.
+const OLD_PIPELINE_FILE: &str = "spine.toml";
+
+/// The files of a log under the names of this version, settings with the keys of this version.
+pub(super) fn translate_files(mut files: BTreeMap<String, Vec<u8>>) -> BTreeMap<String, Vec<u8>> {
+    if let Some(settings) = files.remove(OLD_PIPELINE_FILE) {
+        let settings = translate(&String::from_utf8_lossy(&settings));
+        files
+            .entry(PIPELINE_FILE.to_owned())
+            .or_insert(settings.into_bytes());
+    }
+    files
+}
 
 /// What a log starts with.
 #[derive(Debug, Clone, PartialEq)]
@@ -136,7 +151,7 @@ impl Header {
             .into_iter()
             .map(|file| (file.name, file.content.into()));
         Ok(Header {
-            files: files.collect(),
+            files: translate_files(files.collect()),
             ..Header::from_metadata(&metadata.collect(), place)?
         })
     }

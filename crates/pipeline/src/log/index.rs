@@ -17,7 +17,7 @@ use prost::Message;
 
 use super::encoded_image::EncodedImage;
 use super::fallback::FallbackReader;
-use super::header::Header;
+use super::header::{Header, translate_files};
 use super::mcap_records::{
     LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
 };
@@ -25,6 +25,7 @@ use super::read::LoggedCycle;
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
 };
+use crate::config::PIPELINE_FILE;
 
 /// A cut file's topics are sought in so many of its first chunks; ours are all in the first.
 const TOPIC_SEARCH_CHUNKS: usize = 16;
@@ -34,8 +35,8 @@ const CHUNK_TIMES_BYTES: usize = 16;
 /// A chunk of the file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ChunkInfo {
-    offset: u64,
-    length: u64,
+    pub(super) offset: u64,
+    pub(super) length: u64,
     /// Of its first message.
     pub start: Stamp,
     /// Of its last message.
@@ -321,7 +322,8 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
             }
         }
     };
-    for file in ["robot.toml", "field.toml", "spine.toml"] {
+    let files = translate_files(files);
+    for file in ["robot.toml", "field.toml", PIPELINE_FILE] {
         if !files.contains_key(file) {
             missing.push(format!("no {file} in the log"));
         }
@@ -330,7 +332,7 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
 }
 
 /// The summary at the end of a file that was closed.
-fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
+pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
     let mut file = BufReader::new(File::open(path)?);
     let size = file.get_ref().metadata()?.len();
     let options = SummaryReaderOptions::default()
@@ -352,7 +354,7 @@ fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
 }
 
 /// The whole chunks of a file without a summary: record after record by their lengths, contents passed over.
-fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
+pub(super) fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
     let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
     let size = file.metadata()?.len();
     let mut file = BufReader::new(file);

@@ -1,5 +1,6 @@
 //! What is kept of a run, and how does it come back? Cycles to an MCAP file that other tools open, and back bit for bit.
 
+pub mod columns;
 mod encoded_image;
 mod export;
 mod fallback;

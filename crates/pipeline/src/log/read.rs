@@ -9,7 +9,7 @@ use mcap::records::Record;
 use prost::Message;
 
 use super::encoded_image::{EncodedImage, ImageCompression};
-use super::header::Header;
+use super::header::{Header, translate_files};
 use super::mcap_records::{LogEnd, RecordReader};
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
@@ -134,7 +134,10 @@ impl LogReader {
         };
         Ok(LogReader {
             path: path.to_owned(),
-            header: Header { files, ..header },
+            header: Header {
+                files: translate_files(files),
+                ..header
+            },
             stream,
             pending_record: first,
             topics: HashMap::new(),

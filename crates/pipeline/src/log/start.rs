@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use crate::cycle::{PIPELINE_FILE, PipelineConfig};
+use crate::config::{PIPELINE_FILE, PipelineConfig};
 use crate::feed::Pace;
 use crate::log::{Header, LogConfig, Recorder};
 use crate::setup::Setup;

@@ -3,6 +3,7 @@
 //! A frame's own lean bends its map; points are compared where they lie with the lean that matching estimated.
 
 use localize::frames::{At, FieldFrame, RobotFrame};
+use localize::tilt::ground_from_map;
 use localize::{Field, Pose};
 use serde::Serialize;
 use sim::world::OTHER_HALF_SIDE;
@@ -376,11 +377,10 @@ impl GroundTruthScene<'_> {
         self.objects.unwrap_or_default()
     }
 
-    /// Where a point of the upright map really lies (MATH.md 2, "Tilt").
+    /// Where a point of the upright map lies on the ground (docs/methods.md 3.3).
     fn compensate_tilt(&self, at: At<RobotFrame>) -> At<RobotFrame> {
-        let ([a, b], height) = (self.tilt, self.viewpoint_height);
-        let stretch = height / (height - a * at.x - b * at.y).max(0.5 * height);
-        At::new((at.x + a * height) * stretch, (at.y + b * height) * stretch)
+        let [x, y] = ground_from_map([at.x, at.y], self.tilt, self.viewpoint_height);
+        At::new(x, y)
     }
 
     /// The other robots.

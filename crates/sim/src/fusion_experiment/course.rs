@@ -1,9 +1,9 @@
 //! What disturbs a drive, and which estimators are scored on it?
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Disturbances of a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Course {
     /// Waypoints at up to 2 m/s, wheels 3 % smaller than configured.
@@ -39,7 +39,7 @@ impl Course {
 }
 
 /// How the pose is estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Estimator {
     /// The joint filter with all sensors.

@@ -1,9 +1,11 @@
 //! What do the sensors measure on a course? A simulated drive without images, with line points sampled at true poses.
 
 use localize::frames::{At, Pose, wrap_angle};
+use localize::random::standard_normal;
 use localize::robot::RobotConfig;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
-use localize::synthetic::drive::{SyntheticDriveConfig, simulate_line_points, standard_normal};
+use localize::synthetic::drive::{SyntheticDriveConfig, simulate_line_points};
+use localize::tilt::map_from_ground;
 use localize::{Field, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -292,12 +294,11 @@ fn frames(
             simulate_line_points(field, &sensing, exposure.pose, rng)
         };
         let at = tilt.partition_point(|(stamp, _)| *stamp <= exposure.stamp);
-        if let Some((_, [a, b])) = at.checked_sub(1).and_then(|at| tilt.get(at)) {
+        if let Some((_, tilt)) = at.checked_sub(1).and_then(|at| tilt.get(at)) {
             for point in &mut points {
-                // First-order inverse of docs/methods.md 3.3: the position that an upright map gives for a tilted robot.
                 let At { x, y, .. } = point.at;
-                let stretch = height / (height + a * x + b * y);
-                point.at = At::new((x - a * height) * stretch, (y - b * height) * stretch);
+                let [x, y] = map_from_ground([x, y], *tilt, height).unwrap_or([x, y]);
+                point.at = At::new(x, y);
             }
         }
         frames.push(PointObservation {

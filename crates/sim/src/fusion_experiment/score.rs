@@ -2,9 +2,8 @@
 
 use localize::config::LocalizeConfig;
 use localize::estimate::{Estimate, Mode};
-use localize::frames::{Pose, wrap_angle};
+use localize::frames::Pose;
 use localize::{Field, Localizer, Stamp, Tf};
-use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::course::{Course, Estimator};
@@ -76,7 +75,7 @@ impl ScoreSums {
         if frame.stamp.seconds() < SCORING_START {
             return;
         }
-        let error = pose_difference(pose, frame.truth);
+        let error = pose.difference(frame.truth);
         let distance = error[0].hypot(error[1]);
         if frame.vision_loss_end {
             self.vision_loss_errors.push(distance);
@@ -100,7 +99,7 @@ impl ScoreSums {
         let (Some(pose), false) = (estimate.pose, frame.vision_lost) else {
             return;
         };
-        let error = pose_difference(pose, frame.truth);
+        let error = pose.difference(frame.truth);
         let Some(inverse) = estimate.covariance.try_inverse() else {
             return;
         };
@@ -219,7 +218,7 @@ impl<'a> PushErrors<'a> {
         if frame.vision_lost {
             return;
         }
-        let error = pose_difference(pose, frame.truth);
+        let error = pose.difference(frame.truth);
         for (stamp, largest) in self.stamps.iter().zip(&mut self.largest) {
             if (0.0..1.0).contains(&stamp.seconds_until(frame.stamp)) {
                 *largest = largest.max(error[0].hypot(error[1]));
@@ -230,8 +229,4 @@ impl<'a> PushErrors<'a> {
     fn finish(self, sums: &mut ScoreSums) {
         sums.post_push_errors.extend(self.largest);
     }
-}
-
-fn pose_difference(a: Pose, b: Pose) -> Vector3<f32> {
-    Vector3::new(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
 }

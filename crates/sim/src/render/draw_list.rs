@@ -14,8 +14,8 @@ use super::solids::{
 };
 use crate::image_sensor::linear_from_srgb;
 use crate::light::LightConfig;
-use crate::scenario::TeamColour;
 use crate::world::{OTHER_HALF_SIDE, RobotState};
+use localize::world::TeamColour;
 
 /// Direction towards the light, field frame, unit vector.
 const LIGHT_DIRECTION: [f32; 2] = [0.8, 0.6];

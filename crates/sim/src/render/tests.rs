@@ -2,10 +2,10 @@ use std::path::Path;
 
 use super::*;
 use crate::image_sensor::linear_from_srgb;
-use crate::scenario::TeamColour;
 use crate::world::RobotState;
 use localize::frames::{At, Pose};
 use localize::robot::RobotConfig;
+use localize::world::TeamColour;
 use vision::RayTable;
 
 struct RenderFixture {

@@ -1,41 +1,42 @@
-//! How large are a line and the ball in the image, near and far? Measured, beside what the map makes of them.
+//! Apparent size of lines and ball in the image over distance, measured and as predicted by the map.
 //!
-//! minho2016 III.A: the relation between distance and size in pixels is what tells a line from clutter. Here it follows
-//! from the map; measuring it checks map, focus and ball, and shows where blur makes things wider than they are.
+//! minho2016 III.A: the relation between distance and size in pixels separates lines from clutter. Here it follows from
+//! the map; measuring it checks map, focus and ball, and shows where blur widens objects.
 
 use std::f32::consts::{PI, TAU};
 
 use crate::calibrate::{CalibrationError, ImageResidual, NamedImage};
 use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::azimuth;
 use crate::process::{Detections, Vision};
 use localize::robot::CameraConfig;
 
-/// Sizes at one distance; those of the map are what an object without blur has.
+/// Sizes at one distance; predictions by the map are without blur.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SizeBin {
-    /// Middle of the distances that it holds for, metres.
+    /// Centre of the bin, metres.
     pub distance: f32,
-    /// Crossings of lines measured.
+    /// Number of line crossings measured.
     pub lines: usize,
-    /// A line's width along the radius, pixels (median); none if no line was seen here.
+    /// Median width of a line along the radius, pixels. None without lines at this distance.
     pub line_px: Option<f32>,
-    /// The same by the map.
+    /// As predicted by the map, pixels.
     pub line_px_by_map: Option<f32>,
-    /// Balls measured.
+    /// Number of balls measured.
     pub balls: usize,
-    /// Diameter of a disc with as many pixels as the ball has (median).
+    /// Median diameter of a disc with as many pixels as the ball.
     pub ball_px: Option<f32>,
-    /// The same by the map.
+    /// As predicted by the map, pixels.
     pub ball_px_by_map: Option<f32>,
 }
 
 /// Sizes over distance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SizeCalibration {
-    /// By distance, outward.
+    /// By ascending distance.
     pub rows: Vec<SizeBin>,
-    /// How each image went.
+    /// Residual of each image; `rms_px` is 0.
     pub images: Vec<ImageResidual>,
     /// Root mean square difference of measured and predicted line width, pixels.
     pub line_rms_px: Option<f32>,
@@ -43,23 +44,23 @@ pub struct SizeCalibration {
     pub ball_rms_px: Option<f32>,
 }
 
-/// Distances that share a row, metres.
+/// Width of a bin, metres.
 const BIN_WIDTH: f32 = 0.5;
-/// Radial lines that are scanned: neighbours cross a marking at 4 m 14 cm apart.
+/// Radial scan lines: neighbours are 14 cm apart at 4 m.
 const RADIAL_LINES: usize = 180;
-/// Fewer measurements make no median.
+/// Fewest measurements for a median.
 const MEASUREMENTS_MIN: usize = 3;
-/// A line crossed more aslant than this (sine of the angle) is left out.
+/// Crossings with a smaller sine of the angle are excluded.
 const CROSSING_SINE_MIN: f32 = 0.5;
 
-/// One measured and predicted size.
+/// Measured and predicted size of one object.
 struct SizeMeasurement {
     distance: f32,
     measured_px: f32,
     predicted_px: f32,
 }
 
-/// Measures lines and balls in a drive's images, each seen by itself.
+/// Measures lines and balls in independent images.
 pub fn calibrate_sizes(
     camera: &CameraConfig,
     map: &GroundMap,
@@ -75,16 +76,21 @@ pub fn calibrate_sizes(
         name: name.to_owned(),
         source,
     };
-    let mut eyes = Vision::new(map, camera, line_width, config.clone())
+    let mut vision = Vision::new(map, camera, line_width, config.clone())
         .map_err(|source| failed("settings", source))?;
     let (mut lines, mut balls, mut residuals) = (Vec::new(), Vec::new(), Vec::new());
     for image in images {
-        eyes.reset_colour_model();
-        let (points, left_out) = match eyes.process(&image.image.view()) {
-            Ok(seen) => {
-                lines.extend(measure_line_widths(&seen, camera, line_width, &config));
-                balls.extend(measure_ball(&seen, map, &config));
-                (seen.line_points.len(), None)
+        vision.reset_colour_model();
+        let (points, left_out) = match vision.process(&image.image.view()) {
+            Ok(detections) => {
+                lines.extend(measure_line_widths(
+                    &detections,
+                    camera,
+                    line_width,
+                    &config,
+                ));
+                balls.extend(measure_ball(&detections, map, &config));
+                (detections.line_points.len(), None)
             }
             Err(error) => (0, Some(error.to_string())),
         };
@@ -97,10 +103,13 @@ pub fn calibrate_sizes(
     }
     if lines.len() < MEASUREMENTS_MIN && balls.len() < MEASUREMENTS_MIN {
         return Err(CalibrationError::NoConvergence(
-            "neither lines nor balls were seen often enough to be measured".to_owned(),
+            "too few lines and balls were detected".to_owned(),
         ));
     }
-    let farthest = lines.iter().chain(&balls).map(|one| one.distance);
+    let farthest = lines
+        .iter()
+        .chain(&balls)
+        .map(|measurement| measurement.distance);
     let rows = (farthest.fold(0.0, f32::max) / BIN_WIDTH) as usize + 1;
     let rows: Vec<SizeBin> = (0..rows)
         .map(|row| {
@@ -137,23 +146,17 @@ pub fn calibrate_sizes(
     })
 }
 
-/// Widths of the lines across themselves: neighbouring crossings tell how a line runs.
+/// Line widths perpendicular to the line; its direction follows from adjacent crossings.
 fn measure_line_widths(
-    seen: &Detections,
+    detections: &Detections,
     camera: &CameraConfig,
     line_width: f32,
     config: &VisionConfig,
 ) -> Vec<SizeMeasurement> {
-    let [cu, cv] = camera.centre_px;
-    let mut points: Vec<_> = seen
+    let mut points: Vec<_> = detections
         .line_points
         .iter()
-        .map(|point| {
-            (
-                (cv - point.position_px[1]).atan2(point.position_px[0] - cu),
-                point,
-            )
-        })
+        .map(|point| (azimuth(camera.centre_px, point.position_px), point))
         .collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     let step = TAU / RADIAL_LINES as f32;
@@ -161,7 +164,7 @@ fn measure_line_widths(
     for (index, (angle, point)) in points.iter().enumerate() {
         let at = point.point.at;
         let distance = at.distance();
-        // The nearest point of the next ray that may lie on the same line.
+        // The nearest point on the next ray, likely on the same line.
         let next = points[index + 1..]
             .iter()
             .take_while(|(other, _)| other - angle < 1.5 * step)
@@ -190,13 +193,13 @@ fn measure_line_widths(
     measured
 }
 
-/// The ball's size, if it lies on the ground and is whole enough to be measured.
+/// The ball's size, if it is on the ground and mostly visible.
 fn measure_ball(
-    seen: &Detections,
+    detections: &Detections,
     map: &GroundMap,
     config: &VisionConfig,
 ) -> Option<SizeMeasurement> {
-    let ball = seen
+    let ball = detections
         .ball
         .filter(|ball| ball.on_ground && ball.score > 0.5)?;
     let expected = crate::objects::ball::expected_ball_pixels(
@@ -216,13 +219,23 @@ fn measure_ball(
 fn bin_medians(all: &[SizeMeasurement], range: &std::ops::Range<f32>) -> ([Option<f32>; 2], usize) {
     let members: Vec<&SizeMeasurement> = all
         .iter()
-        .filter(|one| range.contains(&one.distance))
+        .filter(|measurement| range.contains(&measurement.distance))
         .collect();
     let median = |mut values: Vec<f32>| {
         values.sort_by(f32::total_cmp);
         (values.len() >= MEASUREMENTS_MIN).then(|| values[values.len() / 2])
     };
-    let found = median(members.iter().map(|one| one.measured_px).collect());
-    let by_map = median(members.iter().map(|one| one.predicted_px).collect());
-    ([found, by_map], members.len())
+    let measured = median(
+        members
+            .iter()
+            .map(|measurement| measurement.measured_px)
+            .collect(),
+    );
+    let by_map = median(
+        members
+            .iter()
+            .map(|measurement| measurement.predicted_px)
+            .collect(),
+    );
+    ([measured, by_map], members.len())
 }

@@ -1,7 +1,7 @@
-//! What do the colours mean, if nobody labelled any? A table from images alone.
+//! Colour table from images without labels.
 //!
-//! In each image carpet and white are learned as while playing; the model of each then votes for every colour. What the
-//! images really show decides where brightness is not looked at.
+//! Carpet and white are learned from each image as in play, and each model votes for the class of every colour. For a
+//! table over U and V, the images' colour counts decide between brightnesses.
 
 use rayon::prelude::*;
 
@@ -13,25 +13,25 @@ use crate::config::VisionConfig;
 use crate::image::{rgb_to_yuv, yuv_to_rgb};
 use crate::process::Vision;
 
-/// The lights of some images, from which tables are made.
+/// Colour models of several images.
 #[derive(Debug, Clone)]
 pub struct LearnedColours {
-    /// Carpet and white in each image that was used.
+    /// Carpet and white of each used image.
     pub models: Vec<CarpetModel>,
-    /// How each image went: `points` are its line points, `rms_px` is 0.
+    /// Residual of each image: `points` are its line points, `rms_px` is 0.
     pub images: Vec<ImageResidual>,
-    /// How many pixels have each colour, by the upper six bits of Y, U and V.
+    /// Number of pixels of each colour, by the upper six bits of Y, U and V.
     counts: Vec<u32>,
 }
 
-/// Cells of six bits a channel.
+/// Cells of six bits per channel.
 const CELLS: usize = 1 << 18;
-/// What a colour that no image shows counts beside those that are shown, pixels.
+/// Weight of a colour that no image shows, pixels.
 const UNOBSERVED_WEIGHT: f32 = 0.05;
 
-/// Learns carpet and white from images without labels; those in which nothing can be told are left out and named.
+/// Learns carpet and white from images without labels; unusable images are excluded, with the reason.
 pub fn learn_colours(
-    eyes: &mut Vision,
+    vision: &mut Vision,
     images: &[NamedImage],
 ) -> Result<LearnedColours, CalibrationError> {
     let mut learned = LearnedColours {
@@ -40,19 +40,19 @@ pub fn learn_colours(
         counts: vec![0; CELLS],
     };
     for image in images {
-        eyes.reset_colour_model();
-        let frame = image.image.view();
-        let (points, left_out) = match eyes.process(&frame) {
+        vision.reset_colour_model();
+        let view = image.image.view();
+        let (points, left_out) = match vision.process(&view) {
             Err(error) => (0, Some(error.to_string())),
-            Ok(seen) => {
-                let white_seen = eyes
+            Ok(detections) => {
+                let white_measured = vision
                     .carpet_model()
                     .is_some_and(|model| model.white_measured);
-                let reason = (!white_seen).then(|| "too few lines to tell white by".to_owned());
-                (seen.line_points.len(), reason)
+                let reason = (!white_measured).then(|| "too few lines to measure white".to_owned());
+                (detections.line_points.len(), reason)
             }
         };
-        if let (None, Some(model)) = (&left_out, eyes.carpet_model()) {
+        if let (None, Some(model)) = (&left_out, vision.carpet_model()) {
             learned.models.push(*model);
             for rgb in image.image.rgb.chunks_exact(3) {
                 learned.counts[cell(rgb_to_yuv([rgb[0], rgb[1], rgb[2]]))] += 1;
@@ -85,7 +85,7 @@ fn cell([y, u, v]: [u8; 3]) -> usize {
 }
 
 impl LearnedColours {
-    /// The table over all colours, or over U and V alone.
+    /// Builds the table over all colours, or over U and V only.
     pub fn table(&self, kind: TableKind, config: &VisionConfig) -> ColourTable {
         let names: Vec<String> = CLASS_NAMES.map(str::to_owned).to_vec();
         let cells: Vec<u8> = (0..CELLS)
@@ -108,7 +108,7 @@ impl LearnedColours {
         ColourTable::from_classes(kind, names, classes)
     }
 
-    /// What most lights say of the colour in the middle of a cell.
+    /// Majority class of a cell's centre over all models.
     fn vote_class(&self, index: usize, config: &VisionConfig) -> u8 {
         let middle = |shift: usize| ((index >> shift & 63) << 2 | 2) as u8;
         let rgb = yuv_to_rgb([middle(12), middle(6), middle(0)]);
@@ -121,7 +121,7 @@ impl LearnedColours {
         argmax(&votes)
     }
 
-    /// What most pixels of a chroma are, over all brightnesses.
+    /// Majority class of a chroma over all brightnesses, weighted by pixel counts.
     fn majority_class_over_brightness(&self, chroma: usize, cells: &[u8]) -> u8 {
         let mut votes = [0f32; CLASS_NAMES.len()];
         for y in 0..64 {
@@ -132,7 +132,7 @@ impl LearnedColours {
     }
 }
 
-/// The first of the classes with most votes.
+/// Index of the first maximum.
 fn argmax<T: PartialOrd + Copy>(votes: &[T]) -> u8 {
     let mut best = 0;
     for (class, count) in votes.iter().enumerate() {

@@ -1,25 +1,34 @@
-//! Which correction and which poses lay all images' line points onto the markings? Robust least squares over all at once.
+//! Joint robust least squares of the map correction and all image poses, from line points to markings.
 
 use localize::Pose;
 use localize::matching::distance_field::DistanceField;
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT};
+use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT, PriorTerm};
 
-/// Numbers of an image: x, y, θ and its lean (a, b).
+/// Parameters of an image: x, y, θ and its tilt (a, b).
 const IMAGE_PARAMETERS: usize = 5;
 
-/// Standard deviation of one frame's lean, radians: photographs of real robots show 0.45°.
+/// Standard deviation of one image's tilt, radians: photographs of real robots show 0.45°.
 const IMAGE_TILT_STD: f64 = 0.45 * std::f64::consts::PI / 180.0;
 
-/// A point's own deviation besides its pixel's, metres: paint is not where the rule book says.
+/// Deviation of the painted markings from the rule book, metres; added to a point's pixel deviation.
 const MARKING_STD: f64 = 0.015;
 
-/// Reach of the robust error, metres, from the first rounds to the last: a wrong map at first, paint at last.
+/// Scale of the robust error per round, metres: from a wrong map to the accuracy of paint.
 const ROBUST_SCALES: [f64; 6] = [0.6, 0.4, 0.25, 0.15, 0.1, 0.08];
 
-/// Newton steps per reach.
+/// Gauss-Newton steps per scale.
 const ITERATIONS_PER_SCALE: usize = 8;
+
+/// A line point of one image, metres.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CalibrationPoint {
+    /// Its ground point in the start map, robot frame.
+    pub(super) start: [f64; 2],
+    pub(super) std_radial: f64,
+    pub(super) std_tangential: f64,
+}
 
 /// One image's points and the pose being fitted.
 #[derive(Debug, Clone)]
@@ -27,7 +36,7 @@ pub(super) struct FitImage {
     pub(super) index: usize,
     pub(super) points: Vec<FitPoint>,
     state: [f64; IMAGE_PARAMETERS],
-    /// False once most of its points lie nowhere.
+    /// False once most of its points are outliers.
     pub(super) used: bool,
 }
 
@@ -38,7 +47,7 @@ pub(super) struct FitPoint {
     variance: f64,
 }
 
-/// How an image fits.
+/// Residual of one image.
 pub(super) struct ImageFit {
     pub(super) sum_squared: f64,
     pub(super) inlier_count: f64,
@@ -46,16 +55,18 @@ pub(super) struct ImageFit {
 }
 
 impl FitImage {
-    /// `points`: start-map point, radial and tangential deviation, metres.
-    pub(super) fn new(index: usize, points: &[([f64; 2], f64, f64)], pose: Pose) -> Self {
+    pub(super) fn new(index: usize, points: &[CalibrationPoint], pose: Pose) -> Self {
         FitImage {
             index,
             points: points
                 .iter()
-                .map(|(start, radial, tangential)| FitPoint {
-                    basis: BasisValues::new(*start),
-                    variance: MARKING_STD * MARKING_STD
-                        + 0.5 * (radial * radial + tangential * tangential),
+                .map(|point| {
+                    let (radial, tangential) = (point.std_radial, point.std_tangential);
+                    FitPoint {
+                        basis: BasisValues::new(point.start),
+                        variance: MARKING_STD * MARKING_STD
+                            + 0.5 * (radial * radial + tangential * tangential),
+                    }
                 })
                 .collect(),
             state: [
@@ -78,7 +89,7 @@ impl FitImage {
     }
 }
 
-/// All that is fitted.
+/// The joint fit: map correction and images.
 pub(super) struct JointFit<'a> {
     distances: &'a DistanceField,
     pub(super) correction: MapCorrection,
@@ -94,28 +105,28 @@ impl<'a> JointFit<'a> {
         }
     }
 
-    /// Runs all rounds; an image that lies nowhere in the end of one is not used in the next.
+    /// Runs all rounds; excludes images whose points are mostly outliers after a late round.
     pub(super) fn optimize(&mut self) {
-        for (round, reach) in ROBUST_SCALES.into_iter().enumerate() {
-            // First the poses under the coarse map, then all together.
+        for (round, robust_scale) in ROBUST_SCALES.into_iter().enumerate() {
+            // First only the poses under the initial map, then everything.
             for step in 0..ITERATIONS_PER_SCALE {
-                let whole = round > 0 || step >= 3;
-                if self.gauss_newton_step(reach, whole) < 1e-5 {
+                let fit_map = round > 0 || step >= 3;
+                if self.gauss_newton_step(robust_scale, fit_map) < 1e-5 {
                     break;
                 }
             }
             if round >= 3 {
                 for index in 0..self.images.len() {
-                    let judged = self.evaluate(&self.images[index]);
+                    let evaluation = self.evaluate(&self.images[index]);
                     let image = &mut self.images[index];
-                    image.used = judged.inlier_count >= 0.5 * image.points.len() as f64;
+                    image.used = evaluation.inlier_count >= 0.5 * image.points.len() as f64;
                 }
             }
         }
     }
 
-    /// One Newton step on the reweighted squares; returns its size. `whole`: the map moves too.
-    fn gauss_newton_step(&mut self, reach: f64, whole: bool) -> f64 {
+    /// One Gauss-Newton step on the reweighted squares; returns its size. `fit_map`: the map is free too.
+    fn gauss_newton_step(&mut self, robust_scale: f64, fit_map: bool) -> f64 {
         let unknowns = PARAMETER_COUNT + IMAGE_PARAMETERS * self.images.len();
         let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
         let mut gradient = DVector::<f64>::zeros(unknowns);
@@ -138,19 +149,19 @@ impl<'a> JointFit<'a> {
                     .nearest(on_field[0] as f32, on_field[1] as f32);
                 let distance = f64::from(nearest.signed_distance);
                 let [nx, ny] = nearest.normal.map(f64::from);
-                // The normal in the robot's frame.
+                // The normal in the robot frame.
                 let (rx, ry) = (cos * nx + sin * ny, cos * ny - sin * nx);
                 let by = by.map(|[gx, gy]| rx * gx + ry * gy);
                 // Geman and McClure's weight (c²/(c² + t²))², over the point's own variance.
-                let c2 = reach * reach + 9.0 * point.variance;
+                let c2 = robust_scale * robust_scale + 9.0 * point.variance;
                 let weight = (c2 / (c2 + distance * distance)).powi(2)
-                    / (point.variance + 0.01 * reach * reach);
+                    / (point.variance + 0.01 * robust_scale * robust_scale);
                 row.clear();
-                if whole {
+                if fit_map {
                     MapCorrection::append_jacobian(&point.basis, by, &mut row);
                 }
-                let turn = ny * (on_field[0] - x) - nx * (on_field[1] - y);
-                row.extend([(start, nx), (start + 1, ny), (start + 2, turn)]);
+                let by_theta = ny * (on_field[0] - x) - nx * (on_field[1] - y);
+                row.extend([(start, nx), (start + 1, ny), (start + 2, by_theta)]);
                 row.extend([(start + 3, by[2]), (start + 4, by[3])]);
                 for &(i, di) in &row {
                     gradient[i] += weight * distance * di;
@@ -160,15 +171,15 @@ impl<'a> JointFit<'a> {
                 }
             }
             let information = 1.0 / (IMAGE_TILT_STD * IMAGE_TILT_STD);
-            for (i, lean) in [(start + 3, a), (start + 4, b)] {
+            for (i, tilt) in [(start + 3, a), (start + 4, b)] {
                 normal[(i, i)] += information;
-                gradient[i] += information * lean;
+                gradient[i] += information * tilt;
             }
             for i in start..start + 3 {
                 normal[(i, i)] += 1.0;
             }
         }
-        for (weight, row) in MapCorrection::prior_terms() {
+        for PriorTerm { weight, row } in MapCorrection::prior_terms() {
             let value: f64 = row
                 .iter()
                 .map(|&(i, di)| di * self.correction.parameters[i])
@@ -180,7 +191,7 @@ impl<'a> JointFit<'a> {
                 }
             }
         }
-        if !whole {
+        if !fit_map {
             for i in 0..PARAMETER_COUNT {
                 gradient[i] = 0.0;
                 normal[(i, i)] += 1e12;
@@ -196,15 +207,15 @@ impl<'a> JointFit<'a> {
         let mut size = 0.0f64;
         for (number, image) in self.images.iter_mut().enumerate() {
             for (i, value) in image.state.iter_mut().enumerate() {
-                let moved = step[PARAMETER_COUNT + IMAGE_PARAMETERS * number + i];
-                *value += moved;
-                size = size.max(moved.abs());
+                let change = step[PARAMETER_COUNT + IMAGE_PARAMETERS * number + i];
+                *value += change;
+                size = size.max(change.abs());
             }
         }
         size
     }
 
-    /// How an image's points lie at the present fit.
+    /// Residual of an image at the present fit.
     pub(super) fn evaluate(&self, image: &FitImage) -> ImageFit {
         let [x, y, theta, a, b] = image.state;
         let (sin, cos) = theta.sin_cos();

@@ -1,8 +1,8 @@
-//! Which ground does each pixel show? From the field's own lines while driving: no strip, poses unknown.
+//! Calibration of the ground map from the field's own lines: no strip, poses unknown.
 //!
-//! A prior map (or a plain radial guess) is corrected by a smooth function of range and bearing so that the line
-//! points of all images fall onto the field's markings, each image at its own unknown pose and lean. The start is a
-//! search of the whole field under several scales, since a guess may be a fifth too long or too short.
+//! An initial map (or a radial guess) is corrected by a smooth function of range and bearing. The line points of all
+//! images then fall on the field's markings, each image with its own unknown pose and tilt. Initial poses come from a
+//! global search under several scales, since a guess may be a fifth too long or too short.
 
 use localize::frames::At;
 use localize::global_search::branch_and_bound::{BranchAndBound, BranchAndBoundConfig};
@@ -11,7 +11,7 @@ use localize::matching::{MatchConfig, Matcher};
 use localize::sample::LinePoint;
 use localize::{Field, Pose};
 
-use crate::calibrate::joint_fit::{FitImage, JointFit};
+use crate::calibrate::joint_fit::{CalibrationPoint, FitImage, JointFit};
 use crate::calibrate::map_correction::{BasisValues, MapCorrection};
 use crate::calibrate::{CalibrationError, ImageResidual};
 use crate::config::VisionConfig;
@@ -20,44 +20,44 @@ use crate::optics::ground_map::GroundMap;
 use crate::process::Vision;
 use localize::robot::CameraConfig;
 
-/// One image of a drive.
+/// One image with its name.
 #[derive(Debug, Clone)]
 pub struct NamedImage {
     /// Its file, for messages.
     pub name: String,
-    /// What the camera showed.
+    /// The image.
     pub image: Image,
 }
 
-/// The corrected map, and how well the images agree with it.
+/// The corrected map and its residuals.
 #[derive(Debug, Clone)]
 pub struct LinesCalibration {
-    /// Pixel → ground.
+    /// The ground map.
     pub map: GroundMap,
-    /// One an image; `rms_px` is of its inliers, in pixels on the ground.
+    /// One per image; `rms_px` is of its inliers, in pixels on the ground.
     pub images: Vec<ImageResidual>,
-    /// Where each used image was taken (or its half turn, which the markings do not tell apart).
+    /// Pose of each used image (ambiguous by half a turn, since the markings are symmetric).
     pub poses: Vec<Option<Pose>>,
     /// Root mean square of the inliers' distances from the markings, metres.
     pub rms: f64,
-    /// Share of all used images' points that lie on markings.
+    /// Fraction of the used images' points that lie on markings.
     pub inlier_share: f64,
 }
 
-/// Scales and powers under which the field is searched: a guess may be 30 % off, and straight where it should bend.
+/// Scales and powers of the initial search: a guess may be 30 % off and have the wrong curvature.
 const SCALES: [f64; 9] = [0.7, 0.77, 0.83, 0.9, 1.0, 1.1, 1.2, 1.3, 1.42];
 const POWERS: [f64; 3] = [-0.15, 0.0, 0.15];
 
-/// Images with fewer line points say too little.
+/// Fewest line points of an image.
 const POINTS_MIN: usize = 25;
 
-/// Fewer images cannot tell the map from their poses.
+/// Fewest images that separate the map from the poses.
 const IMAGES_MIN: usize = 4;
 
-/// Most images used: a minute of driving, thinned out evenly.
+/// Most images used; more are subsampled evenly.
 const IMAGES_MAX: usize = 60;
 
-/// An image is left out if fewer of its points lie on markings in the end.
+/// An image with a smaller fraction of points on markings is excluded in the end.
 const INLIER_SHARE_MIN: f64 = 0.6;
 
 /// Calibrates the map from images anywhere on the field.
@@ -68,18 +68,19 @@ pub fn calibrate_lines(
     start: &GroundMap,
     field: &Field,
     images: &[NamedImage],
-    vision: &VisionConfig,
+    vision_config: &VisionConfig,
 ) -> Result<LinesCalibration, CalibrationError> {
-    let height = f64::from(vision.objects.viewpoint_height);
+    let height = f64::from(vision_config.objects.viewpoint_height);
     let distances = DistanceField::new(field, &DistanceFieldConfig::default());
     let mut map = start.clone();
     let mut result = None;
-    // The second round sees with the corrected map: widths are right then, and no point is refused for them.
+    // The second round detects lines with the corrected map: widths are correct and reject no valid point.
     for round in 0..2 {
-        let seen = detect_line_points(camera, &map, field, images, vision, round == 0)?;
-        let starts = search_initial_poses(field, &distances, &seen, height, round == 0);
-        let mut fit = JointFit::new(&distances, starts.0);
-        fit.images = starts.1;
+        let image_points =
+            detect_line_points(camera, &map, field, images, vision_config, round == 0)?;
+        let initial = search_initial_poses(field, &distances, &image_points, height, round == 0);
+        let mut fit = JointFit::new(&distances, initial.0);
+        fit.images = initial.1;
         fit.optimize();
         map = fit.correction.correct_map(&map);
         result = Some(summarize_fit(map.clone(), images, &fit)?);
@@ -87,10 +88,10 @@ pub fn calibrate_lines(
     result.ok_or_else(|| CalibrationError::NoConvergence("no round was run".into()))
 }
 
-/// Line points of one image: where they are in the start map, and how large a pixel is there.
+/// Line points of one image in the initial map.
 struct ImageLinePoints {
     index: usize,
-    points: Vec<([f64; 2], f64, f64)>,
+    points: Vec<CalibrationPoint>,
 }
 
 fn detect_line_points(
@@ -98,12 +99,12 @@ fn detect_line_points(
     map: &GroundMap,
     field: &Field,
     images: &[NamedImage],
-    vision: &VisionConfig,
-    guess: bool,
+    vision_config: &VisionConfig,
+    is_guess: bool,
 ) -> Result<Vec<ImageLinePoints>, CalibrationError> {
-    let mut config = vision.clone();
-    if guess {
-        // A map that is a third off makes lines a third too narrow or too wide.
+    let mut config = vision_config.clone();
+    if is_guess {
+        // With a map that is a third off, lines appear a third too narrow or too wide.
         config.lines.width_ratio_min *= 0.6;
         config.lines.width_ratio_max *= 1.4;
     }
@@ -111,64 +112,64 @@ fn detect_line_points(
         let name = name.to_owned();
         move |source| CalibrationError::Image { name, source }
     };
-    let mut eyes = Vision::new(map, camera, field.config.line_width, config)
-        .map_err(named("the start map"))?;
-    let every = images.len().div_ceil(IMAGES_MAX).max(1);
-    let mut seen = Vec::new();
-    for (index, image) in images.iter().enumerate().step_by(every) {
-        eyes.reset_colour_model();
-        let found = eyes
+    let mut vision = Vision::new(map, camera, field.config.line_width, config)
+        .map_err(named("the initial map"))?;
+    let step = images.len().div_ceil(IMAGES_MAX).max(1);
+    let mut image_points = Vec::new();
+    for (index, image) in images.iter().enumerate().step_by(step) {
+        vision.reset_colour_model();
+        let found = vision
             .process(&image.image.view())
             .map_err(named(&image.name))?;
         let points = found
             .line_points
             .iter()
-            .map(|seen| {
-                let at = seen.point.at;
-                let std = (
-                    f64::from(seen.point.std_radial),
-                    f64::from(seen.point.std_tangential),
-                );
-                ([f64::from(at.x), f64::from(at.y)], std.0, std.1)
+            .map(|image_points| {
+                let point = &image_points.point;
+                CalibrationPoint {
+                    start: [f64::from(point.at.x), f64::from(point.at.y)],
+                    std_radial: f64::from(point.std_radial),
+                    std_tangential: f64::from(point.std_tangential),
+                }
             })
             .collect();
-        seen.push(ImageLinePoints { index, points });
+        image_points.push(ImageLinePoints { index, points });
     }
-    Ok(seen)
+    Ok(image_points)
 }
 
-/// The scale that explains all images best, and each image's poses under it.
+/// The scale with the best total score, and each image's pose under it.
 fn search_initial_poses(
     field: &Field,
     distances: &DistanceField,
-    seen: &[ImageLinePoints],
+    image_points: &[ImageLinePoints],
     height: f64,
-    guess: bool,
+    is_guess: bool,
 ) -> (MapCorrection, Vec<FitImage>) {
     let mut search = BranchAndBound::new(field, distances, BranchAndBoundConfig::default());
-    // A guess is off by more than a frame's lean could repair: take frames for upright.
+    // A guess is off by more than a tilt could compensate: assume upright images.
     let mut matcher = Matcher::new(MatchConfig {
         tilt_std_deg: 0.0,
-        map_std: if guess { 0.08 } else { 0.02 },
+        map_std: if is_guess { 0.08 } else { 0.02 },
         ..MatchConfig::default()
     });
     let mut best: Option<(f64, MapCorrection, Vec<Option<Pose>>)> = None;
     let grid = SCALES
         .iter()
         .flat_map(|&scale| POWERS.iter().map(move |&power| (scale, power)));
-    for (scale, power) in grid.filter(|&(scale, power)| guess || scale == 1.0 && power == 0.0) {
+    for (scale, power) in grid.filter(|&(scale, power)| is_guess || scale == 1.0 && power == 0.0) {
         let correction = MapCorrection::scaled(height, scale, power);
         let (mut sum, mut poses) = (0.0, Vec::new());
-        for image in seen {
+        for image in image_points {
             let points: Vec<LinePoint> = image
                 .points
                 .iter()
-                .map(|(start, radial, tangential)| {
-                    let [x, y] = correction.correct_point(&BasisValues::new(*start), [0.0; 2]);
+                .map(|point| {
+                    let [x, y] = correction.correct_point(&BasisValues::new(point.start), [0.0; 2]);
                     LinePoint {
                         at: At::new(x as f32, y as f32),
-                        std_radial: (scale * radial) as f32,
-                        std_tangential: (scale * tangential) as f32,
+                        std_radial: (scale * point.std_radial) as f32,
+                        std_tangential: (scale * point.std_tangential) as f32,
                     }
                 })
                 .filter(|point| point.at.x.is_finite() && point.at.y.is_finite())
@@ -185,7 +186,7 @@ fn search_initial_poses(
     let Some((_, correction, poses)) = best else {
         return (MapCorrection::identity(height), Vec::new());
     };
-    let images = seen
+    let images = image_points
         .iter()
         .zip(poses)
         .filter(|(image, _)| image.points.len() >= POINTS_MIN)
@@ -205,24 +206,24 @@ fn summarize_fit(
             name: image.name.clone(),
             points: 0,
             rms_px: f64::NAN,
-            left_out: Some("too few line points, or not needed".into()),
+            left_out: Some("too few line points, or not sampled".into()),
         })
         .collect();
     let mut poses = vec![None; images.len()];
     let (mut squares, mut inliers, mut points, mut used) = (0.0, 0.0, 0.0, 0);
     for image in &fit.images {
-        let judged = fit.evaluate(image);
+        let evaluation = fit.evaluate(image);
         let residual = &mut residuals[image.index];
         residual.points = image.points.len();
-        residual.rms_px = judged.rms_px;
-        let share = judged.inlier_count / image.points.len() as f64;
+        residual.rms_px = evaluation.rms_px;
+        let share = evaluation.inlier_count / image.points.len() as f64;
         residual.left_out = (!image.used || share < INLIER_SHARE_MIN)
             .then(|| format!("only {:.0} % of its points lie on markings", 100.0 * share));
         if residual.left_out.is_none() {
             used += 1;
             poses[image.index] = Some(image.pose());
-            squares += judged.sum_squared;
-            inliers += judged.inlier_count;
+            squares += evaluation.sum_squared;
+            inliers += evaluation.inlier_count;
             points += image.points.len() as f64;
         }
     }

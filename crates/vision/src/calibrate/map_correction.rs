@@ -1,24 +1,24 @@
-//! By how much is a map off? A smooth correction of range and bearing, and a lean, with few enough numbers to be fitted.
+//! Smooth correction of a ground map: range, bearing and tilt, with few parameters.
 
 use crate::optics::ground_map::GroundMap;
 
-/// Knots of the range correction lie evenly in asinh(range / 1 m): linear near the robot, logarithmic far away.
+/// Knots are uniform in asinh(range / 1 m): linear near the robot, logarithmic far away.
 const KNOT_STEP: f64 = 0.4;
 
-/// Cubic B-splines over 0 to 12 m.
+/// Number of cubic B-splines over 0 to 12 m.
 pub(super) const SPLINE_COUNT: usize = 11;
 
-/// Functions of the bearing: 1, cos φ, sin φ, cos 2φ, sin 2φ for the range; the last four for the bearing.
+/// Harmonics of the bearing: 1, cos φ, sin φ, cos 2φ, sin 2φ for the range; the last four for the bearing.
 const RANGE_HARMONICS: usize = 5;
 const BEARING_HARMONICS: usize = 4;
 
-/// Numbers of a correction: splines times harmonics, then the lean (a, b).
+/// Parameters of a correction: splines times harmonics, then the tilt (a, b).
 pub(super) const PARAMETER_COUNT: usize = SPLINE_COUNT * (RANGE_HARMONICS + BEARING_HARMONICS) + 2;
 
-/// Where the lean starts among the numbers.
+/// Index of the tilt's first parameter.
 const TILT_INDEX: usize = PARAMETER_COUNT - 2;
 
-/// A correction of a start map: log range, bearing, lean.
+/// A correction of an initial map: log range, bearing, tilt.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct MapCorrection {
     pub(super) parameters: Vec<f64>,
@@ -26,7 +26,14 @@ pub(super) struct MapCorrection {
     pub(super) viewpoint_height: f64,
 }
 
-/// A start map's point made ready: its polar coordinates and basis functions.
+/// A square to be added to the cost: `weight` × (row · parameters)².
+pub(super) struct PriorTerm {
+    pub(super) weight: f64,
+    /// Index of a parameter and its coefficient.
+    pub(super) row: Vec<(usize, f64)>,
+}
+
+/// Polar coordinates and basis functions of a point of the initial map.
 #[derive(Debug, Clone)]
 pub(super) struct BasisValues {
     range: f64,
@@ -56,7 +63,7 @@ impl BasisValues {
         }
     }
 
-    /// Calls with (number, value of its basis function, is it a correction of the bearing).
+    /// Calls with (parameter's index, value of its basis function, true if it corrects the bearing).
     pub(super) fn for_each(&self, mut with: impl FnMut(usize, f64, bool)) {
         for (k, spline) in self.splines.iter().enumerate() {
             for (h, harmonic) in self.harmonics.iter().enumerate() {
@@ -82,14 +89,14 @@ impl MapCorrection {
     pub(super) fn scaled(height: f64, scale: f64, power: f64) -> Self {
         let mut correction = MapCorrection::identity(height);
         for k in 0..SPLINE_COUNT {
-            // The middle of a cubic B-spline's support.
+            // Centre of a cubic B-spline's support.
             let range = ((k as f64 - 1.0) * KNOT_STEP).sinh().clamp(0.3, 12.0);
             correction.parameters[k] = scale.ln() + power * range.ln();
         }
         correction
     }
 
-    /// Corrected log range factor and bearing difference at a point.
+    /// Log range factor and bearing shift at a point.
     fn evaluate(&self, basis: &BasisValues) -> [f64; 2] {
         let mut shifts = [0.0; 2];
         basis.for_each(|number, value, bearing| {
@@ -98,44 +105,44 @@ impl MapCorrection {
         shifts
     }
 
-    /// The corrected ground point, seen with an additional lean of one frame.
-    pub(super) fn correct_point(&self, basis: &BasisValues, frame_lean: [f64; 2]) -> [f64; 2] {
-        let [shift, turn] = self.evaluate(basis);
-        self.apply_shift(basis, [shift, turn], frame_lean)
+    /// The corrected ground point, with an additional tilt of one image.
+    pub(super) fn correct_point(&self, basis: &BasisValues, image_tilt: [f64; 2]) -> [f64; 2] {
+        let [shift, rotation] = self.evaluate(basis);
+        self.apply_shift(basis, [shift, rotation], image_tilt)
     }
 
     fn apply_shift(
         &self,
         basis: &BasisValues,
-        [shift, turn]: [f64; 2],
-        frame_lean: [f64; 2],
+        [shift, rotation]: [f64; 2],
+        image_tilt: [f64; 2],
     ) -> [f64; 2] {
         let range = basis.range * shift.exp();
-        let (sin, cos) = (basis.bearing + turn).sin_cos();
-        let lean = [0, 1].map(|i| self.parameters[TILT_INDEX + i] + frame_lean[i]);
-        tilt_ground_point([range * cos, range * sin], lean, self.viewpoint_height)
+        let (sin, cos) = (basis.bearing + rotation).sin_cos();
+        let tilt = [0, 1].map(|i| self.parameters[TILT_INDEX + i] + image_tilt[i]);
+        tilt_ground_point([range * cos, range * sin], tilt, self.viewpoint_height)
     }
 
-    /// The corrected point and its derivatives by log range, bearing and lean (a, b).
+    /// The corrected point and its derivatives by log range, bearing and tilt (a, b).
     pub(super) fn jacobian(
         &self,
         basis: &BasisValues,
-        lean: [f64; 2],
+        tilt: [f64; 2],
     ) -> ([f64; 2], [[f64; 2]; 4]) {
         const STEP: f64 = 1e-5;
-        let [shift, turn] = self.evaluate(basis);
-        let here = self.apply_shift(basis, [shift, turn], lean);
+        let [shift, rotation] = self.evaluate(basis);
+        let here = self.apply_shift(basis, [shift, rotation], tilt);
         let by = |moved: [f64; 2]| [0, 1].map(|i| (moved[i] - here[i]) / STEP);
         let derivatives = [
-            by(self.apply_shift(basis, [shift + STEP, turn], lean)),
-            by(self.apply_shift(basis, [shift, turn + STEP], lean)),
-            by(self.apply_shift(basis, [shift, turn], [lean[0] + STEP, lean[1]])),
-            by(self.apply_shift(basis, [shift, turn], [lean[0], lean[1] + STEP])),
+            by(self.apply_shift(basis, [shift + STEP, rotation], tilt)),
+            by(self.apply_shift(basis, [shift, rotation + STEP], tilt)),
+            by(self.apply_shift(basis, [shift, rotation], [tilt[0] + STEP, tilt[1]])),
+            by(self.apply_shift(basis, [shift, rotation], [tilt[0], tilt[1] + STEP])),
         ];
         (here, derivatives)
     }
 
-    /// Adds to a gradient row: derivatives by log range, bearing and lean, spread over the numbers.
+    /// Appends to a gradient row: derivatives by log range, bearing and tilt, chained to the parameters.
     pub(super) fn append_jacobian(basis: &BasisValues, by: [f64; 4], row: &mut Vec<(usize, f64)>) {
         basis.for_each(|number, value, bearing| {
             row.push((number, value * by[usize::from(bearing)]))
@@ -144,11 +151,11 @@ impl MapCorrection {
         row.push((TILT_INDEX + 1, by[3]));
     }
 
-    /// Weak beliefs about a correction: (weight, row) of squares to be added, each row times the numbers being zero.
-    pub(super) fn prior_terms() -> Vec<(f64, Vec<(usize, f64)>)> {
-        let mut beliefs = Vec::new();
+    /// Weak priors: a correction is small and smooth.
+    pub(super) fn prior_terms() -> Vec<PriorTerm> {
+        let mut terms = Vec::new();
         for group in 0..RANGE_HARMONICS + BEARING_HARMONICS {
-            // A guess may be 30 % off in range all around; around the circle the lean below does most, a few percent are left.
+            // A guess may be 30 % off in range; over the bearing the tilt explains most, and a few percent remain.
             let (value, bend) = match group {
                 0 => (0.3, 0.06),
                 g if g < RANGE_HARMONICS => (0.02, 0.005),
@@ -156,28 +163,38 @@ impl MapCorrection {
             };
             for k in 0..SPLINE_COUNT {
                 let number = group * SPLINE_COUNT + k;
-                beliefs.push((1.0 / (value * value), vec![(number, 1.0)]));
+                terms.push(PriorTerm {
+                    weight: 1.0 / (value * value),
+                    row: vec![(number, 1.0)],
+                });
                 if k >= 2 {
                     let row = vec![(number - 2, 1.0), (number - 1, -2.0), (number, 1.0)];
-                    beliefs.push((1.0 / (bend * bend), row));
+                    terms.push(PriorTerm {
+                        weight: 1.0 / (bend * bend),
+                        row,
+                    });
                 }
             }
         }
-        let lean = 4f64.to_radians();
-        beliefs.push((1.0 / (lean * lean), vec![(TILT_INDEX, 1.0)]));
-        beliefs.push((1.0 / (lean * lean), vec![(TILT_INDEX + 1, 1.0)]));
-        beliefs
+        let tilt_std = 4f64.to_radians();
+        for index in [TILT_INDEX, TILT_INDEX + 1] {
+            terms.push(PriorTerm {
+                weight: 1.0 / (tilt_std * tilt_std),
+                row: vec![(index, 1.0)],
+            });
+        }
+        terms
     }
 
-    /// The start map, corrected.
+    /// Corrects the initial map.
     pub(super) fn correct_map(&self, start: &GroundMap) -> GroundMap {
         let mut map = start.clone();
         for (x, y) in map.x.iter_mut().zip(&mut map.y) {
             if x.is_finite() && y.is_finite() {
                 let basis = BasisValues::new([f64::from(*x), f64::from(*y)]);
                 let ground = self.correct_point(&basis, [0.0; 2]);
-                let seen = ground.iter().all(|at| at.is_finite());
-                [*x, *y] = if seen {
+                let finite = ground.iter().all(|at| at.is_finite());
+                [*x, *y] = if finite {
                     ground.map(|at| at as f32)
                 } else {
                     [f32::NAN; 2]
@@ -188,14 +205,7 @@ impl MapCorrection {
     }
 }
 
-/// Where a point of an upright robot's map really lies when the robot leans by (a, b) radians (MATH.md 2).
-fn tilt_ground_point([x, y]: [f64; 2], [a, b]: [f64; 2], height: f64) -> [f64; 2] {
-    let depth = height - a * x - b * y;
-    // Beyond the horizon there is no ground.
-    let factor = if depth > 0.05 * height {
-        height / depth
-    } else {
-        f64::NAN
-    };
-    [(x + a * height) * factor, (y + b * height) * factor]
+/// Where a point of an upright robot's map lies on the ground with tilt (a, b) (docs/methods.md 3.3); NaN at the horizon.
+fn tilt_ground_point(point: [f64; 2], tilt: [f64; 2], height: f64) -> [f64; 2] {
+    localize::tilt::ground_above_depth(point, tilt, height, 0.05 * height).unwrap_or([f64::NAN; 2])
 }

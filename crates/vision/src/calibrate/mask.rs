@@ -1,4 +1,4 @@
-//! Where does the robot see itself? Body and rods: what stays the same while the floor turns by.
+//! Calibration of the mask: body and rods, which stay constant in images of a turning robot.
 
 use std::path::Path;
 
@@ -7,19 +7,19 @@ use crate::error::VisionError;
 use crate::image::Image;
 use localize::robot::CameraConfig;
 
-/// Fewer images of a turning robot leave floor that happens to stay the same.
+/// Fewest images of a turning robot; with fewer, floor may be constant by chance.
 const IMAGES_MIN: usize = 6;
 
-/// The robot's own parts change less than this while it turns, levels (standard deviation): noise and stray light.
+/// Largest standard deviation of the robot's own parts while it turns, levels: noise and stray light.
 const STATIC_STD_MAX: f64 = 9.0;
 
-/// Floor is brighter than the darkest own parts by this factor, at least; a dark pixel's steadiness proves little else.
+/// Own parts are darker than this fraction of the median brightness; constant bright pixels may be floor.
 const DARK_RATIO_MAX: f64 = 0.6;
 
-/// One entry a pixel, row by row: false where the robot's own body and rods are, true elsewhere.
+/// One entry per pixel, row by row: false on the robot's own body and rods, true elsewhere.
 ///
-/// `images`: of a robot turning in place, at least six spread around the circle. A pixel is the robot's own if it
-/// stays the same in all of them and is darker than the floor mostly is. Specks are smoothed away.
+/// `images`: of a robot turning in place, at least six spread over the circle. A pixel belongs to the robot if it is
+/// constant in all of them and dark. Isolated pixels are removed.
 pub fn calibrate_mask(
     camera: &CameraConfig,
     images: &[Image],
@@ -29,7 +29,7 @@ pub fn calibrate_mask(
             used: images.len(),
             total: images.len(),
             required: IMAGES_MIN,
-            reasons: "a mask needs images all around".into(),
+            reasons: "take images in directions spread over the circle".into(),
         });
     }
     for (number, image) in images.iter().enumerate() {
@@ -65,16 +65,16 @@ pub fn calibrate_mask(
         .collect();
     levels.sort_by(f64::total_cmp);
     let typical = levels.get(levels.len() / 2).copied().unwrap_or(0.0);
-    let own: Vec<bool> = statistics
+    let is_body: Vec<bool> = statistics
         .iter()
         .map(|&[mean, deviation]| deviation < STATIC_STD_MAX && mean < DARK_RATIO_MAX * typical)
         .collect();
-    Ok((0..own.len())
-        .map(|pixel| !has_body_neighbours(&own, camera, pixel))
+    Ok((0..is_body.len())
+        .map(|pixel| !has_body_neighbours(&is_body, camera, pixel))
         .collect())
 }
 
-/// Writes a mask as a picture: black where the robot sees itself, white elsewhere.
+/// Writes a mask as an image: black on the robot itself, white elsewhere.
 pub fn save_mask(
     mask: &[bool],
     width_px: usize,
@@ -90,14 +90,14 @@ pub fn save_mask(
     image.save(path)
 }
 
-/// Reads a mask that has the camera's size.
+/// Reads a mask of the camera's size.
 pub fn load_mask(path: &Path, width_px: usize, height_px: usize) -> Result<Vec<bool>, VisionError> {
     let image = Image::load(path)?;
     if (image.width_px, image.height_px) != (width_px, height_px) {
         return Err(VisionError::File {
             path: path.to_owned(),
             reason: format!(
-                "is {} × {} pixels, but the camera has {width_px} × {height_px}",
+                "wrong mask size: {} × {} pixels (expected {width_px} × {height_px}, as the camera)",
                 image.width_px, image.height_px
             ),
         });
@@ -105,14 +105,14 @@ pub fn load_mask(path: &Path, width_px: usize, height_px: usize) -> Result<Vec<b
     Ok(image.rgb.chunks_exact(3).map(|rgb| rgb[0] >= 128).collect())
 }
 
-/// Are at least three of the nine pixels around one the robot's own? Widens by a pixel's blur, drops specks.
-fn has_body_neighbours(own: &[bool], camera: &CameraConfig, pixel: usize) -> bool {
+/// True if at least three of the 3 × 3 pixels are the robot's own: dilates by one pixel, removes isolated pixels.
+fn has_body_neighbours(is_body: &[bool], camera: &CameraConfig, pixel: usize) -> bool {
     let (u, v) = (pixel % camera.width_px, pixel / camera.width_px);
     let columns = u.saturating_sub(1)..=(u + 1).min(camera.width_px - 1);
     let rows = v.saturating_sub(1)..=(v + 1).min(camera.height_px - 1);
-    let found = rows
+    let body_pixels = rows
         .flat_map(|v| columns.clone().map(move |u| (u, v)))
-        .filter(|&(u, v)| own[v * camera.width_px + u])
+        .filter(|&(u, v)| is_body[v * camera.width_px + u])
         .count();
-    found >= 3
+    body_pixels >= 3
 }

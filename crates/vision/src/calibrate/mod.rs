@@ -1,4 +1,4 @@
-//! How does this camera really map the ground? Calibrations of the ground map, each with its residuals.
+//! Calibration of the ground map, the mount, the mask and the colours, each with its residuals.
 
 pub mod apparent_size;
 pub mod colours;
@@ -18,7 +18,7 @@ pub use mask::calibrate_mask;
 pub use mount_fit::{MountFit, fit_mount};
 pub use strip::{Strip, StripCalibration, StripImage, calibrate_strip};
 
-/// A point of the ground whose place in the image is known.
+/// A ground point with its image position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correspondence {
     /// Column and row, pixels.
@@ -27,46 +27,46 @@ pub struct Correspondence {
     pub ground: [f64; 2],
 }
 
-/// How well one image of a calibration agrees with all of them.
+/// Residual of one image of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImageResidual {
     /// Its file, as the list of images names it.
     pub name: String,
-    /// Points that it gave.
+    /// Number of its points.
     pub points: usize,
-    /// Root mean square of its points' distances from the calibration, pixels.
+    /// Root mean square of its points' residuals, pixels; 0 if the calibration measures none.
     pub rms_px: f64,
-    /// Why it was left out; none if it was used.
+    /// Reason for excluding it. None if it was used.
     pub left_out: Option<String>,
 }
 
-/// Why there is no calibration.
+/// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
-    /// A number of the target or the camera that cannot be.
+    /// An invalid value of the target or the camera.
     #[error("{key} = {value}: {reason}")]
     Value {
         /// The key.
         key: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// The requirement it fails.
         reason: &'static str,
     },
-    /// Too few images agree.
-    #[error("only {used} of {total} images can be used, {required} are needed; {reasons}")]
+    /// Too few images are usable.
+    #[error("too few usable images: {used} of {total} (expected at least {required}). {reasons}")]
     TooFewImages {
-        /// Images that could be used.
+        /// Usable images.
         used: usize,
         /// Images given.
         total: usize,
-        /// Images needed.
+        /// Required images.
         required: usize,
-        /// The first reasons for leaving images out.
+        /// First reasons for excluding images.
         reasons: String,
     },
-    /// The fit does not settle.
-    #[error("the fit does not settle: {0}")]
+    /// The fit does not converge.
+    #[error("the fit does not converge: {0}")]
     NoConvergence(String),
     /// The mirror cannot be traced.
     #[error(transparent)]
@@ -76,7 +76,7 @@ pub enum CalibrationError {
     Image {
         /// Its file.
         name: String,
-        /// What is wrong.
+        /// The error.
         source: crate::error::VisionError,
     },
 }

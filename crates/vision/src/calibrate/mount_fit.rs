@@ -1,4 +1,4 @@
-//! How is a mirror of known profile really mounted? Tilt, offset and focal length by least squares.
+//! Fits the mount of a mirror with known profile: tilt, offset and focal length by least squares.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -8,12 +8,12 @@ use crate::optics::mirror::Profile;
 use crate::optics::ray_tracing::{Mount, Tracer, trace_rays};
 use localize::robot::CameraConfig;
 
-/// The mount that fits best.
+/// The fitted mount.
 #[derive(Debug, Clone)]
 pub struct MountFit {
-    /// The camera with its focal length and centre corrected.
+    /// The camera with its focal length corrected.
     pub camera: CameraConfig,
-    /// How the mirror is mounted.
+    /// Tilt and offset of the mirror.
     pub mount: Mount,
     /// The map traced with both.
     pub map: GroundMap,
@@ -23,16 +23,16 @@ pub struct MountFit {
     pub residuals: Vec<f64>,
 }
 
-/// Tilt (2, degrees), offset (2, metres), focal length (share); the centre stays where the camera sees the axis.
+/// Tilt (2, degrees), offset (2, metres), focal length (relative); the centre stays fixed.
 const UNKNOWNS: usize = 5;
 
 /// Steps for the numeric derivatives: far above rounding, far below what changes the linearisation.
 const DIFFERENCE_STEPS: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-5, 1e-5, 1e-5];
 
-/// How far off a mount may plausibly be, one standard deviation each: 2°, 5 mm, 3 %; keeps the unseen from wandering.
+/// Prior standard deviations: 2°, 5 mm, 3 %; they constrain unobservable parameters.
 const PRIOR_STD: [f64; UNKNOWNS] = [2.0, 2.0, 0.005, 0.005, 0.03];
 
-/// Fits the mount to points of the ground whose place in the image is known, e.g. those of a strip.
+/// Fits the mount to ground points with known image positions, e.g. of a strip.
 pub fn fit_mount(
     camera: &CameraConfig,
     profile: &Profile,
@@ -55,7 +55,7 @@ pub fn fit_mount(
             let row = SVector::<f64, UNKNOWNS>::from_fn(|i, _| {
                 (moved[i][index] - here) / DIFFERENCE_STEPS[i]
             });
-            // Huber: a wrong reading counts linearly beyond one pixel.
+            // Huber: residuals beyond one pixel count linearly.
             let weight = 1.0 / here.abs().max(1.0);
             normal += weight * row * row.transpose();
             gradient += weight * *here * row;
@@ -70,15 +70,15 @@ pub fn fit_mount(
             damped[(i, i)] *= 1.0 + damping;
         }
         let step = damped.lu().solve(&-gradient).ok_or_else(|| {
-            CalibrationError::NoConvergence("the points leave the mount open".into())
+            CalibrationError::NoConvergence("the points do not constrain the mount".into())
         })?;
-        let tried = self::cost(camera, profile, points, &(unknowns + step));
-        match tried {
-            Ok(tried) if tried < cost => {
-                let gained = cost - tried;
+        let new_cost = self::cost(camera, profile, points, &(unknowns + step));
+        match new_cost {
+            Ok(new_cost) if new_cost < cost => {
+                let decrease = cost - new_cost;
                 unknowns += step;
-                (cost, damping) = (tried, damping * 0.3);
-                if gained < 1e-9 * cost {
+                (cost, damping) = (new_cost, damping * 0.3);
+                if decrease < 1e-9 * cost {
                     break;
                 }
             }
@@ -90,7 +90,7 @@ pub fn fit_mount(
     }
     let (camera, mount) = apply_parameters(camera, &unknowns);
     let tracer = Tracer::new(&camera, profile, &mount)?;
-    let offs: Vec<f64> = points
+    let distances: Vec<f64> = points
         .iter()
         .filter_map(|point| {
             let ground = tracer
@@ -108,7 +108,7 @@ pub fn fit_mount(
         camera,
         mount,
         rms_px,
-        residuals: offs,
+        residuals: distances,
     })
 }
 
@@ -161,7 +161,7 @@ fn residuals(
     reprojection_residuals(&camera, profile, points, &mount)
 }
 
-/// Two residuals a point, along the pixel's radius and across it, in pixels; a point seen nowhere counts ten.
+/// Two residuals per point, along columns and rows, pixels; 10 for a point without ground.
 fn reprojection_residuals(
     camera: &CameraConfig,
     profile: &Profile,
@@ -183,7 +183,7 @@ fn reprojection_residuals(
             residuals.extend([10.0, 10.0]);
             continue;
         };
-        // Solve the Jacobian for the pixel shift that would explain the distance on the ground.
+        // Solve the Jacobian for the pixel shift that explains the distance on the ground.
         let (ax, ay) = (right[0] - here[0], right[1] - here[1]);
         let (bx, by) = (down[0] - here[0], down[1] - here[1]);
         let determinant = ax * by - ay * bx;

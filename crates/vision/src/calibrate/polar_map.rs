@@ -1,8 +1,8 @@
-//! Which ground does each pixel show, given where rings of known distance lie? Interpolated along and around.
+//! Ground map from rings of known distance, interpolated along the radius and around the circle.
 //!
-//! nubot2013 3.2 interpolates along the radius, then periodically around the circle. Here each ring's radius and each
-//! direction's bend are trigonometric polynomials of the bearing (noise averages out), and the distance is a monotone
-//! cubic of the radius, which cannot oscillate between rings.
+//! nubot2013 3.2 interpolates along the radius, then periodically around the circle. Here each ring's radius and
+//! deviation are trigonometric polynomials of the bearing, which averages noise. The distance is a monotone cubic of the
+//! radius, which cannot oscillate between rings.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -54,20 +54,20 @@ fn fourier_basis(angle: f64, column: usize) -> f64 {
     }
 }
 
-/// Rings of known distance and how they appear in the image about the mirror's axis.
+/// Rings of known distance and their image in polar coordinates about the mirror's axis.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct PolarMap {
     /// Distance of each ring, metres, ascending.
     pub(super) distances: Vec<f64>,
-    /// Image radius of each ring over the robot bearing, pixels.
+    /// Image radius of each ring as a function of the robot bearing, pixels.
     pub(super) radii: Vec<FourierSeries>,
-    /// Image angle minus nominal angle of each ring over the robot bearing, radians.
+    /// Image angle minus nominal angle of each ring as a function of the robot bearing, radians.
     pub(super) deviations: Vec<FourierSeries>,
 }
 
 impl PolarMap {
-    /// Ground distance and robot bearing for an image radius (pixels) and nominal bearing; none beyond the rings by
-    /// more than one ring's spacing.
+    /// Ground distance and robot bearing at an image radius (pixels) and nominal bearing. None more than one spacing
+    /// beyond the rings.
     fn ground_at(&self, radius: f64, nominal: f64) -> Option<[f64; 2]> {
         let mut bearing = nominal;
         let mut distance = 0.0;
@@ -92,7 +92,7 @@ impl PolarMap {
         Some([distance, bearing])
     }
 
-    /// The map of all pixels.
+    /// Evaluates the map at all pixels.
     pub(super) fn ground_map(&self, camera: &CameraConfig) -> GroundMap {
         let (width_px, height_px) = (camera.width_px, camera.height_px);
         let pixels: Vec<[f32; 2]> = (0..height_px)
@@ -100,8 +100,8 @@ impl PolarMap {
             .flat_map_iter(|v| (0..width_px).map(move |u| (u, v)))
             .map(|(u, v)| {
                 let [x, y] = camera.robot_direction_px(u as f32, v as f32).map(f64::from);
-                let seen = camera.is_inside_mirror(u as f32, v as f32);
-                let ground = self.ground_at(x.hypot(y), y.atan2(x)).filter(|_| seen);
+                let inside = camera.is_inside_mirror(u as f32, v as f32);
+                let ground = self.ground_at(x.hypot(y), y.atan2(x)).filter(|_| inside);
                 ground.map_or([f32::NAN; 2], |[distance, bearing]| {
                     [
                         (distance * bearing.cos()) as f32,
@@ -119,7 +119,7 @@ impl PolarMap {
     }
 }
 
-/// Fritsch and Carlson's monotone cubic through (x, y), continued straight for one step beyond each end.
+/// Fritsch and Carlson's monotone cubic through (x, y), extrapolated linearly by one step beyond each end.
 pub(super) fn monotone_cubic(x: &[f64], y: &[f64], at: f64) -> Option<f64> {
     let last = x.len().checked_sub(1)?;
     if last == 0 {

@@ -1,4 +1,4 @@
-//! Which ground does each pixel show? Model-free, from images of the robot turned beside a strip of known edges.
+//! Model-free calibration of the ground map from images of the robot turned next to a strip with known edges.
 //!
 //! nubot2013 3.2 (Voigtländer): no symmetry and no profile of the mirror is assumed, so a tilted mirror calibrates too.
 
@@ -19,11 +19,11 @@ pub struct Strip {
     pub first_edge: f64,
     /// Length of each bar, metres.
     pub spacing: f64,
-    /// How many bars.
+    /// Number of bars.
     pub bars: usize,
-    /// Across, metres.
+    /// Width of the strip, metres.
     pub width: f64,
-    /// The bar next to the robot.
+    /// Colour of the bar next to the robot.
     pub first_bar: BarColour,
 }
 
@@ -37,50 +37,50 @@ pub enum BarColour {
     White,
 }
 
-/// One image of the robot beside the strip.
+/// One image of the strip.
 #[derive(Debug, Clone)]
 pub struct StripImage {
     /// Its file, for messages.
     pub name: String,
-    /// Where the strip points, robot frame, radians.
+    /// Direction of the strip, robot frame, radians.
     pub direction: f64,
-    /// What the camera showed.
+    /// The image.
     pub image: Image,
 }
 
-/// The map, and how well the images agree with it.
+/// The map and its residuals.
 #[derive(Debug, Clone)]
 pub struct StripCalibration {
-    /// Pixel → ground.
+    /// The ground map.
     pub map: GroundMap,
-    /// One an image.
+    /// One per image.
     pub images: Vec<ImageResidual>,
-    /// Root mean square of all used points' distances from the calibration along the radius, pixels.
+    /// Root mean square of all used points' radial residuals, pixels.
     pub rms_px: f64,
-    /// The strip's edges where they were found, of the used images.
+    /// Detected edges of the used images.
     pub points: Vec<Correspondence>,
 }
 
-/// Fewer directions cannot tell a tilt from noise.
+/// Fewest directions that separate a tilt from noise.
 const IMAGES_MIN: usize = 8;
 
 /// Harmonics around the circle: one for offset, two for tilt, the rest for a mirror that is not round.
 const HARMONICS_MAX: usize = 4;
 
-/// An image whose edges lie this far from what the others say (median, pixels) is left out.
+/// An image with a larger median radial residual is excluded, pixels.
 const IMAGE_RESIDUAL_MAX_PX: f64 = 2.0;
 
-/// A single edge this far off is a wrong reading, pixels.
+/// A single edge with a larger residual is an outlier, pixels.
 const EDGE_RESIDUAL_MAX_PX: f64 = 1.0;
 
-/// Calibrates the map; images that do not agree are named and left out.
+/// Calibrates the map; inconsistent images are excluded and named.
 pub fn calibrate_strip(
     camera: &CameraConfig,
     strip: &Strip,
     images: &[StripImage],
 ) -> Result<StripCalibration, CalibrationError> {
     check_strip(strip)?;
-    let mut found = Vec::with_capacity(images.len());
+    let mut edges_by_image = Vec::with_capacity(images.len());
     for image in images {
         image
             .image
@@ -100,19 +100,26 @@ pub fn calibrate_strip(
             width: strip.width,
             starts_black: strip.first_bar == BarColour::Black,
         };
-        found.push(search.detect());
+        edges_by_image.push(search.detect());
     }
-    let mut left_out: Vec<Option<String>> = found
+    let mut left_out: Vec<Option<String>> = edges_by_image
         .iter()
-        .map(|edges| (edges.len() < 4).then(|| format!("only {} edges of the strip", edges.len())))
+        .map(|edges| {
+            (edges.len() < 4).then(|| {
+                format!(
+                    "too few edges of the strip: {} (expected at least 4)",
+                    edges.len()
+                )
+            })
+        })
         .collect();
-    // Images are left out one by one, the worst first, since a bad one bends the fit for all.
+    // Exclude images one by one, the worst first, since an outlier affects the fit of all.
     loop {
-        let rings = fit_rings(strip, images, &found, &left_out);
+        let rings = fit_rings(strip, images, &edges_by_image, &left_out);
         let rings = rings.ok_or_else(|| too_few_images(&left_out))?;
         let offs: Vec<Option<f64>> = (0..images.len())
             .map(|index| {
-                let offs = found[index].iter().filter_map(|edge| {
+                let offs = edges_by_image[index].iter().filter_map(|edge| {
                     let ring = rings
                         .iter()
                         .find(|ring| ring.edge_index == edge.edge_index)?;
@@ -126,11 +133,18 @@ pub fn calibrate_strip(
             .max_by(|a, b| a.1.total_cmp(&b.1));
         match worst {
             Some((index, off)) if off > IMAGE_RESIDUAL_MAX_PX => {
-                left_out[index] = Some(format!("its edges lie {off:.1} pixels from the others'"));
+                left_out[index] = Some(format!(
+                    "its edges deviate by {off:.1} pixels from the other images"
+                ));
             }
             _ => {
                 return Ok(build_calibration(
-                    camera, strip, images, &found, left_out, &rings,
+                    camera,
+                    strip,
+                    images,
+                    &edges_by_image,
+                    left_out,
+                    &rings,
                 ));
             }
         }
@@ -149,7 +163,7 @@ fn check_strip(strip: &Strip) -> Result<(), CalibrationError> {
         }
     }
     if !(4..=1000).contains(&strip.bars) {
-        let (value, reason) = (strip.bars as f64, "between 4 and 1000 bars are wanted");
+        let (value, reason) = (strip.bars as f64, "expected 4 to 1000 bars");
         return Err(CalibrationError::Value {
             key: "bars",
             value,
@@ -174,18 +188,18 @@ fn too_few_images(left_out: &[Option<String>]) -> CalibrationError {
     }
 }
 
-/// One edge of the strip over all directions.
+/// One edge of the strip as a function of the direction.
 struct EdgeRing {
     edge_index: usize,
     radius: FourierSeries,
     deviation: FourierSeries,
 }
 
-/// Fits each edge's radius and bend over the directions; none if too few images are left.
+/// Fits each edge's radius and deviation over the directions. None if too few images remain.
 fn fit_rings(
     strip: &Strip,
     images: &[StripImage],
-    found: &[Vec<PolarEdge>],
+    edges_by_image: &[Vec<PolarEdge>],
     left_out: &[Option<String>],
 ) -> Option<Vec<EdgeRing>> {
     let used = left_out.iter().filter(|reason| reason.is_none()).count();
@@ -197,7 +211,9 @@ fn fit_rings(
         let all: Vec<(f64, PolarEdge)> = (0..images.len())
             .filter(|&index| left_out[index].is_none())
             .filter_map(|index| {
-                let edge = found[index].iter().find(|edge| edge.edge_index == number)?;
+                let edge = edges_by_image[index]
+                    .iter()
+                    .find(|edge| edge.edge_index == number)?;
                 Some((images[index].direction, *edge))
             })
             .collect();
@@ -244,7 +260,7 @@ fn fit_robust_periodic(
             .enumerate()
             .map(|(index, edge)| (index, off(edge)))
             .max_by(|a, b| a.1.total_cmp(&b.1))?;
-        // Of the readings that a fit needs, none can be spared.
+        // Keep as many edges as the fit needs.
         if worst.1 <= EDGE_RESIDUAL_MAX_PX || kept.len() <= (2 * order + 1).max(edges.len() * 2 / 3)
         {
             return Some(fit);
@@ -257,14 +273,14 @@ fn build_calibration(
     camera: &CameraConfig,
     strip: &Strip,
     images: &[StripImage],
-    found: &[Vec<PolarEdge>],
+    edges_by_image: &[Vec<PolarEdge>],
     left_out: Vec<Option<String>>,
     rings: &[EdgeRing],
 ) -> StripCalibration {
     let distance = |number: usize| strip.first_edge + number as f64 * strip.spacing;
     let (mut residuals, mut points) = (Vec::new(), Vec::new());
     let (mut sum, mut count) = (0.0, 0);
-    for ((image, edges), left_out) in images.iter().zip(found).zip(left_out) {
+    for ((image, edges), left_out) in images.iter().zip(edges_by_image).zip(left_out) {
         let offs: Vec<f64> = edges
             .iter()
             .filter_map(|edge| {

@@ -1,4 +1,4 @@
-//! Where are the strip's bars in one image? Edges along its middle, followed outward as it bends away from its direction.
+//! Detects the strip's edges in one image, along its middle, which may deviate from its nominal direction.
 
 use crate::image::Image;
 use localize::robot::CameraConfig;
@@ -6,7 +6,7 @@ use localize::robot::CameraConfig;
 /// One edge of the strip in the image, about the mirror's axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct PolarEdge {
-    /// Which edge, from the first.
+    /// Index of the edge, from the robot outward.
     pub(super) edge_index: usize,
     /// Distance from the axis, pixels.
     pub(super) radius: f64,
@@ -14,7 +14,7 @@ pub(super) struct PolarEdge {
     pub(super) deviation: f64,
 }
 
-/// What one image's strip is sought with.
+/// Detects the strip's edges in one image.
 pub(super) struct StripEdgeDetector<'a> {
     pub(super) camera: &'a CameraConfig,
     pub(super) image: &'a Image,
@@ -27,13 +27,13 @@ pub(super) struct StripEdgeDetector<'a> {
     pub(super) starts_black: bool,
 }
 
-/// Samples along the strip are this far apart, pixels.
+/// Sampling step along the strip, pixels.
 const PROFILE_STEP_PX: f64 = 0.25;
 
-/// A swing smaller than this share of the largest is no bar: glare and blur take the rest.
+/// Smallest amplitude of an edge, as a fraction of the profile's range: glare and blur reduce it.
 const AMPLITUDE_RATIO_MIN: f64 = 0.18;
 
-/// A bar's edge as found along a profile: radius and whether it rises.
+/// An edge in a radial profile.
 #[derive(Debug, Clone, Copy)]
 struct ProfileEdge {
     radius: f64,
@@ -42,9 +42,9 @@ struct ProfileEdge {
 }
 
 impl StripEdgeDetector<'_> {
-    /// All edges that can be told, numbered.
+    /// All detected edges with their indices.
     pub(super) fn detect(&self) -> Vec<PolarEdge> {
-        // Angle by which the strip leaves its direction: constant plus slope over radius, learned outward.
+        // Deviation of the strip from its direction: offset and slope over the radius, refined iteratively.
         let mut bend = [0.0f64, 0.0];
         let mut found = Vec::new();
         for _ in 0..6 {
@@ -100,7 +100,7 @@ impl StripEdgeDetector<'_> {
         Some(top * (1.0 - fv) + bottom * fv)
     }
 
-    /// Brightness along the strip's middle, averaged over three pixels across it; from the axis outward.
+    /// Brightness along the strip's middle, averaged over three pixels across; from the axis outward.
     fn radial_profile(&self, bend: [f64; 2]) -> Vec<f64> {
         let rim = self.image.width_px.max(self.image.height_px) as f64;
         let mut profile = Vec::new();
@@ -117,7 +117,7 @@ impl StripEdgeDetector<'_> {
         profile
     }
 
-    /// Edges between neighbouring extremes of the profile that swing far enough.
+    /// Half-height crossings between successive extrema of the profile.
     fn find_profile_edges(&self, bend: [f64; 2]) -> Vec<ProfileEdge> {
         let profile = self.radial_profile(bend);
         let span = profile.iter().fold(f64::INFINITY, |a, &b| a.min(b));
@@ -142,9 +142,9 @@ impl StripEdgeDetector<'_> {
         edges
     }
 
-    /// Numbers the edges: the first full swing from the first bar to the second is edge 1.
+    /// Assigns indices: the first edge of full amplitude from the first bar to the second is edge 1.
     ///
-    /// Gaps between edges change slowly with the radius; the row ends where they do not.
+    /// Spacing changes slowly with the radius; the sequence ends where it does not.
     fn number_edges(&self, edges: &[ProfileEdge]) -> Vec<(usize, ProfileEdge)> {
         let largest = edges.iter().map(|edge| edge.amplitude).fold(0.0, f64::max);
         let full =
@@ -165,7 +165,7 @@ impl StripEdgeDetector<'_> {
             gap = Some(step);
             numbered.push((number + 1, edge));
         }
-        // The near end borders carpet, not a bar; its swing is smaller and its place plausible from the gap.
+        // The near end borders carpet, not a bar: smaller amplitude, so only its spacing is checked.
         if let (Some(gap), Some(&edge)) = (gap, second.checked_sub(1).and_then(|i| edges.get(i))) {
             let step = edges[second].radius - edge.radius;
             if step > 0.7 * gap && step < 1.4 * gap {
@@ -175,7 +175,7 @@ impl StripEdgeDetector<'_> {
         numbered
     }
 
-    /// Middle of the strip across, at the middle of each bar: radius and angle from the nominal direction.
+    /// Centre of the strip across, at the middle of each bar: radius (pixels) and deviation (radians).
     fn find_bar_centres(&self, numbered: &[(usize, ProfileEdge)], bend: [f64; 2]) -> Vec<[f64; 2]> {
         let mut middles = Vec::new();
         for pair in numbered.windows(2) {
@@ -183,7 +183,7 @@ impl StripEdgeDetector<'_> {
             let distance = self.first_edge + (number as f64 + 0.5) * self.spacing;
             let radius = (inner.radius + outer.radius) / 2.0;
             let expected = bend[0] + bend[1] * radius;
-            // Half of the strip's width as an angle, to be found within twice that.
+            // Half of the strip's width as an angle; the search covers about twice that.
             let half = (self.width / 2.0 / distance).atan();
             let steps = (2.2 * half * radius / PROFILE_STEP_PX).ceil() as i64;
             let reach = 0.25 * (outer.radius - inner.radius);
@@ -232,7 +232,7 @@ impl StripEdgeDetector<'_> {
     }
 }
 
-/// Places of alternating minima and maxima that differ by `swing` at least.
+/// Indices of alternating minima and maxima that differ by at least `swing`.
 fn find_extrema(values: &[f64], swing: f64) -> Vec<usize> {
     let mut found = Vec::new();
     let (mut low, mut high) = (0, 0);
@@ -260,7 +260,7 @@ fn find_extrema(values: &[f64], swing: f64) -> Vec<usize> {
     found
 }
 
-/// Offset and slope through points (x, y): the median slope over all pairs (Theil–Sen), which forgives outliers.
+/// Offset and slope through points (x, y): median slope over all pairs (Theil–Sen), robust to outliers.
 fn fit_theil_sen(points: &[[f64; 2]]) -> Option<[f64; 2]> {
     if points.len() < 4 {
         let offsets: Vec<f64> = points.iter().map(|point| point[1]).collect();

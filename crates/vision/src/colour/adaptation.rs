@@ -1,31 +1,41 @@
-//! Do the learned colours still fit? Carpet and white, followed slowly by confirmed pixels, never far from where they
-//! were learned.
+//! Slow adaptation of the colours of carpet and white to confirmed pixels, bounded around the learned colours.
 //!
-//! Confirmed is carpet that lies between the robot and a line point, and white that is a line point. Their medians pull
-//! the tracked colours; what was learned holds them: brightness within a factor, chromaticity within a part of the
-//! carpet's own chroma. So no goal, shirt or lamp can lead them away step by step, and a light that is quite another
-//! is learned anew instead.
+//! Confirmed are carpet pixels between the robot and a line point, and white pixels at line points. The tracked colours
+//! are smoothed towards their medians. They stay within a brightness factor and a chroma deviation of the learned
+//! colours. So goals, shirts or lamps cannot make them drift away; a very different light is learned anew instead.
 
 use crate::colour::carpet_model::{CarpetModel, median_colour};
 use crate::config::ColourAdaptationConfig;
 use crate::image::ImageView;
+use crate::optics::image_polar::azimuth;
 use crate::process::Detections;
 use crate::scan::pattern::ScanPattern;
 
-/// Colours that are followed from frame to frame.
+/// Tracked colours of carpet and white.
 #[derive(Debug, Clone)]
 pub(crate) struct ColourAdaptation {
-    /// As they were learned.
+    /// The learned colours.
     prior: CarpetModel,
     carpet: [f32; 3],
     white: [f32; 3],
 }
 
-/// Every so many samples of the pattern is asked whether it is confirmed: a few hundred make a median.
+/// One processed image.
+pub(crate) struct AdaptationInput<'a> {
+    pub(crate) image: &'a ImageView<'a>,
+    pub(crate) pattern: &'a ScanPattern,
+    pub(crate) detections: &'a Detections,
+    /// The colours in use.
+    pub(crate) model: &'a CarpetModel,
+    /// The mirror's axis in the image, pixels.
+    pub(crate) centre_px: [f32; 2],
+}
+
+/// Every n-th sample of the pattern is tested: a few hundred suffice for a median.
 const SAMPLE_STEP: usize = 16;
-/// Fewer confirmed pixels tell no median.
+/// Fewest confirmed pixels for a median.
 const MEDIAN_PIXELS_MIN: usize = 20;
-/// A channel at its upper end says only that it was at least so bright.
+/// A channel above this level is saturated and not compared.
 const SATURATED_LEVEL: f32 = 250.0;
 
 impl ColourAdaptation {
@@ -37,22 +47,26 @@ impl ColourAdaptation {
         }
     }
 
-    /// The colours as they were learned.
+    /// The learned colours.
     pub(crate) fn prior(&self) -> &CarpetModel {
         &self.prior
     }
 
-    /// Takes in what a frame confirms; gives the colours anew if those in use no longer fit.
+    /// Updates the tracked colours; returns a new model if the one in use deviates too much.
     pub(crate) fn update(
         &mut self,
-        frame: &ImageView<'_>,
-        pattern: &ScanPattern,
+        input: &AdaptationInput<'_>,
         is_carpet: impl Fn(usize) -> bool,
-        seen: &Detections,
-        (in_use, centre_px): (&CarpetModel, [f32; 2]),
         config: &ColourAdaptationConfig,
     ) -> Option<CarpetModel> {
-        let reach = confirmed_carpet_range(seen, centre_px);
+        let &AdaptationInput {
+            image,
+            pattern,
+            detections,
+            model,
+            centre_px,
+        } = input;
+        let range_max = confirmed_carpet_range(detections, centre_px);
         let carpet: Vec<[u8; 3]> = pattern
             .samples
             .iter()
@@ -60,9 +74,9 @@ impl ColourAdaptation {
             .step_by(SAMPLE_STEP)
             .filter(|&(index, sample)| {
                 let sector = (sample.azimuth_turns * SECTORS as f32) as usize % SECTORS;
-                sample.range < reach[sector] && is_carpet(index)
+                sample.range < range_max[sector] && is_carpet(index)
             })
-            .map(|(_, sample)| frame.rgb(usize::from(sample.u), usize::from(sample.v)))
+            .map(|(_, sample)| image.rgb(usize::from(sample.u), usize::from(sample.v)))
             .collect();
         if carpet.len() < MEDIAN_PIXELS_MIN {
             return None;
@@ -73,15 +87,15 @@ impl ColourAdaptation {
             config.smoothing_factor,
         );
         self.carpet = clamp_to_prior(self.carpet, self.prior.carpet, &self.prior, config);
-        // The better half: far lines are mixed with carpet.
-        let mut points: Vec<_> = seen.line_points.iter().collect();
+        // The half of higher contrast: pixels of far lines are mixed with carpet.
+        let mut points: Vec<_> = detections.line_points.iter().collect();
         points.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
         points.truncate(points.len() / 2);
         let white: Vec<[u8; 3]> = points
             .iter()
             .map(|point| {
                 let [u, v] = point.position_px.map(|at| at.round().max(0.0) as usize);
-                frame.rgb(u.min(frame.width_px - 1), v.min(frame.height_px - 1))
+                image.rgb(u.min(image.width_px - 1), v.min(image.height_px - 1))
             })
             .collect();
         if self.prior.white_measured && white.len() >= MEDIAN_PIXELS_MIN {
@@ -98,40 +112,39 @@ impl ColourAdaptation {
                 .map(|i| (a[i].max(1.0) / b[i].max(1.0)).ln().abs())
                 .fold(0.0, f32::max)
         };
-        let stale = off(self.carpet, in_use.carpet) > config.rebuild_threshold
-            || off(self.white, in_use.white) > config.rebuild_threshold;
-        stale.then(|| self.prior.with_colours(self.carpet, self.white))
+        let rebuild = off(self.carpet, model.carpet) > config.rebuild_threshold
+            || off(self.white, model.white) > config.rebuild_threshold;
+        rebuild.then(|| self.prior.with_colours(self.carpet, self.white))
     }
 }
 
-/// Directions in which the farthest line point is kept.
+/// Number of azimuth sectors.
 const SECTORS: usize = 36;
 
-/// How far carpet is confirmed in each direction: up to the farthest line point there, metres.
-fn confirmed_carpet_range(seen: &Detections, [cu, cv]: [f32; 2]) -> [f32; SECTORS] {
-    let mut reach = [0.0f32; SECTORS];
-    let count = seen.carpet_end.len();
-    for point in &seen.line_points {
-        let [u, v] = point.position_px;
-        let turns = (cv - v).atan2(u - cu) / std::f32::consts::TAU;
+/// Range of confirmed carpet in each sector: its farthest line point, metres.
+fn confirmed_carpet_range(detections: &Detections, centre_px: [f32; 2]) -> [f32; SECTORS] {
+    let mut range_max = [0.0f32; SECTORS];
+    let count = detections.carpet_end.len();
+    for point in &detections.line_points {
+        let turns = azimuth(centre_px, point.position_px) / std::f32::consts::TAU;
         let sector = (turns.rem_euclid(1.0) * SECTORS as f32) as usize % SECTORS;
-        reach[sector] = reach[sector].max(point.point.at.distance());
+        range_max[sector] = range_max[sector].max(point.point.at.distance());
     }
     if count > 0 {
-        for (sector, reach) in reach.iter_mut().enumerate() {
-            *reach = reach.min(seen.carpet_end[sector * count / SECTORS]);
+        for (sector, range_max) in range_max.iter_mut().enumerate() {
+            *range_max = range_max.min(detections.carpet_end[sector * count / SECTORS]);
         }
     }
-    reach
+    range_max
 }
 
 fn smooth_towards(colour: &mut [f32; 3], towards: [f32; 3], rate: f32) {
-    for (channel, wanted) in colour.iter_mut().zip(towards) {
-        *channel += rate * (wanted - *channel);
+    for (channel, target) in colour.iter_mut().zip(towards) {
+        *channel += rate * (target - *channel);
     }
 }
 
-/// A colour no farther from its prior than is allowed: in brightness, and in each channel's share of it.
+/// Limits a colour's deviation from its prior, in brightness and in each channel's share.
 fn clamp_to_prior(
     colour: [f32; 3],
     prior: [f32; 3],
@@ -139,8 +152,8 @@ fn clamp_to_prior(
     config: &ColourAdaptationConfig,
 ) -> [f32; 3] {
     let sum = |colour: [f32; 3]| colour.iter().sum::<f32>().max(1.0);
-    let most = config.brightness_factor_max;
-    let brightness = (sum(colour) / sum(prior)).clamp(1.0 / most, most);
+    let factor_max = config.brightness_factor_max;
+    let brightness = (sum(colour) / sum(prior)).clamp(1.0 / factor_max, factor_max);
     let slack = config.chroma_deviation_max * model.carpet_chroma();
     std::array::from_fn(|i| {
         let share = 3.0 * colour[i] / sum(colour);
@@ -175,7 +188,7 @@ mod tests {
         }
         assert!(
             colour[1] > colour[0] && colour[1] > colour[2],
-            "no longer green: {colour:?}"
+            "carpet is not green: {colour:?}"
         );
     }
 
@@ -192,11 +205,11 @@ mod tests {
             );
             colour = clamp_to_prior(colour, model.carpet, &model, &config);
         }
-        let wanted = model.carpet.map(|c| c * 0.7);
+        let target = model.carpet.map(|c| c * 0.7);
         assert!(
             colour
                 .iter()
-                .zip(wanted)
+                .zip(target)
                 .all(|(a, b)| (a / b - 1.0).abs() < 0.05),
             "{colour:?}"
         );

@@ -1,8 +1,8 @@
-//! What colour are carpet and lines in this light? Learned from an image without labels.
+//! Colours of carpet and lines in the present light, learned from an image without labels.
 //!
-//! The carpet is the largest cluster of chromaticity on the ground. Shading scales a colour and glare or a line adds
-//! light of the lamp's colour, so all that is carpet or line lies on the plane that carpet and white span
-//! (dichromatic reflection); objects of other colours leave it.
+//! The carpet is the largest cluster of chromaticity on the ground. Shading scales a colour; glare and lines add light of
+//! the lamp's colour. So carpet and lines lie in the plane spanned by carpet and white (dichromatic reflection), and
+//! objects of other colours do not.
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ColourConfig;
@@ -16,67 +16,67 @@ pub struct CarpetModel {
     pub white: [f32; 3],
     /// Standard deviation of a channel on plain carpet, levels.
     pub noise: f32,
-    /// True once lines were seen; until then white is assumed neutral.
+    /// True once white was measured on lines; until then white is assumed neutral.
     pub white_measured: bool,
     /// Direction of the carpet's chroma: orthonormal to grey, in coordinates divided by white.
     hue_axis: [f32; 3],
-    /// The third direction: other hues.
+    /// Orthogonal to grey and to `hue_axis`: other hues.
     cross_hue_axis: [f32; 3],
-    /// The carpet's chroma per brightness; below `COLOURLESS` the image is treated as grey.
+    /// The carpet's chroma divided by its brightness; below `CHROMA_MIN` the image is treated as grey.
     chroma: f32,
 }
 
-/// Less chroma than this, as a share of brightness, cannot be told from a camera's noise: the image is grey.
+/// Chroma below this fraction of the brightness is indistinguishable from noise: the image is grey.
 const CHROMA_MIN: f32 = 0.03;
 
-/// Darker pixels (sum of the channels, of 765) have no chromaticity worth voting with.
+/// Darker pixels (sum of the channels, of 765) have an unreliable chromaticity and do not vote.
 const VOTE_BRIGHTNESS_MIN: u16 = 60;
 
-/// Noise before it is measured, levels: that of a camera in fair light.
+/// Noise before it is measured, levels: typical of a camera in sufficient light.
 const DEFAULT_NOISE: f32 = 2.0;
 
-/// Bins of red's and green's share of the sum: 1/48 ≈ 2 % holds a carpet's noise in few bins.
+/// Bins of the chromaticities r and g: with a width of 1/48 a carpet's noise covers few bins.
 const BINS: usize = 48;
 
 impl CarpetModel {
-    /// Finds the carpet among pixels of the ground; none if nearly all are too dark.
+    /// Learns the carpet's colour from pixels of the ground. None if nearly all are too dark.
     pub fn learn(ground: &[[u8; 3]]) -> Option<Self> {
         let carpet = largest_cluster(ground)?;
         let brightest = carpet.iter().fold(1.0f32, |a, &b| a.max(b));
-        // Before any line is seen, white is taken as neutral and brighter than the carpet.
+        // Until lines are detected, white is assumed neutral and brighter than the carpet.
         let white = [(2.0 * brightest).min(255.0); 3];
         Some(CarpetModel::new(carpet, white, DEFAULT_NOISE, false))
     }
 
-    fn new(carpet: [f32; 3], white: [f32; 3], noise: f32, white_seen: bool) -> Self {
+    fn new(carpet: [f32; 3], white: [f32; 3], noise: f32, white_measured: bool) -> Self {
         let balanced = white_balance(carpet, white);
         let brightness = mean(balanced);
         let off_grey = balanced.map(|channel| channel - brightness);
         let length = dot(off_grey, off_grey).sqrt();
-        // A grey carpet has no direction of its own; any will do, it is not used.
-        let axis = if length > 0.0 {
+        // A grey carpet has no hue; the axis is arbitrary and not used.
+        let hue_axis = if length > 0.0 {
             off_grey.map(|channel| channel / length)
         } else {
             [-0.408_248_3, 0.816_496_6, -0.408_248_3]
         };
         let third = 1.0 / 3f32.sqrt();
         let across = [
-            third * (axis[2] - axis[1]),
-            third * (axis[0] - axis[2]),
-            third * (axis[1] - axis[0]),
+            third * (hue_axis[2] - hue_axis[1]),
+            third * (hue_axis[0] - hue_axis[2]),
+            third * (hue_axis[1] - hue_axis[0]),
         ];
         CarpetModel {
             carpet,
             white,
             noise,
-            white_measured: white_seen,
-            hue_axis: axis,
+            white_measured,
+            hue_axis,
             cross_hue_axis: across,
             chroma: length / brightness.max(1e-6),
         }
     }
 
-    /// The same carpet with white as seen on its lines and noise as measured, levels.
+    /// The same carpet with measured white and noise (levels).
     pub fn with_white(&self, white: [f32; 3], noise: f32) -> Self {
         CarpetModel::new(
             self.carpet,
@@ -86,18 +86,18 @@ impl CarpetModel {
         )
     }
 
-    /// The same light with carpet and white a little otherwise; white stays assumed where it was.
+    /// Replaces the colours of carpet and white; keeps noise and `white_measured`.
     pub(crate) fn with_colours(&self, carpet: [f32; 3], white: [f32; 3]) -> Self {
         let white = white.map(|channel| channel.max(1.0));
         CarpetModel::new(carpet, white, self.noise, self.white_measured)
     }
 
-    /// True if colour tells nothing here.
+    /// True if the carpet is too grey for classification by hue.
     pub fn is_grey(&self) -> bool {
         self.chroma < CHROMA_MIN
     }
 
-    /// The carpet's chroma as a share of its brightness, never quite zero.
+    /// The carpet's chroma divided by its brightness, at least `CHROMA_MIN`.
     pub(crate) fn carpet_chroma(&self) -> f32 {
         self.chroma.max(CHROMA_MIN)
     }
@@ -112,7 +112,7 @@ impl CarpetModel {
         ]
     }
 
-    /// By how much each channel counts for telling white from carpet; sums to 1.
+    /// Weights of the channels that separate white from carpet; they sum to 1.
     pub fn channel_weights(&self) -> [f32; 3] {
         let rise: [f32; 3] =
             std::array::from_fn(|i| (self.white[i].min(250.0) - self.carpet[i]).max(0.0));
@@ -123,7 +123,7 @@ impl CarpetModel {
         rise.map(|channel| channel / sum)
     }
 
-    /// What a colour belongs to; `ball_hue_deg`: the ball's hue from..to, see [`crate::config::ObjectConfig`].
+    /// Classifies a colour; `ball_hue_deg`: the ball's hue from..to, see [`crate::config::ObjectConfig`].
     pub fn classify(
         &self,
         rgb: [u8; 3],
@@ -134,7 +134,7 @@ impl CarpetModel {
         let [brightness, along, across] = self.chroma_coordinates(rgb);
         let [carpet_brightness, ..] = self.chroma_coordinates(self.carpet);
         let relative = brightness / carpet_brightness.max(1e-6);
-        // Half way between carpet and white.
+        // Brighter than half way between carpet and white.
         let bright = brightness > 0.5 * (carpet_brightness + 1.0);
         if self.is_grey() {
             return match relative {
@@ -143,14 +143,14 @@ impl CarpetModel {
                 _ => ColourClass::BLACK,
             };
         }
-        // Chroma as a share of the carpet's, at this pixel's own brightness.
+        // Chroma relative to the carpet's at the pixel's brightness.
         let (share, off) = (along / brightness.max(1e-6), across / brightness.max(1e-6));
         if relative < config.carpet_brightness_min {
             return ColourClass::BLACK;
         }
         let slack = config.carpet_hue_tolerance * share.clamp(0.75, 1.25);
-        // A dark grey pixel's noise must not look like the carpet's chroma: the darker the pixel, the nearer
-        // the limit comes to half way between grey and carpet, where both are mistaken least.
+        // Noise of a dark grey pixel resembles the carpet's chroma. So the darker the pixel, the closer the threshold is to
+        // half way between grey and carpet, which minimises both errors.
         let white = mean(self.white);
         let noise = self.noise / (white * brightness * self.chroma).max(1e-3);
         let least = (config.carpet_chroma_min + 1.5 * noise).min(0.55);
@@ -158,7 +158,7 @@ impl CarpetModel {
             return ColourClass::CARPET;
         }
         let saturation = share.hypot(off) * self.chroma;
-        // A dark grey pixel's noise must not look like a colour either.
+        // Noise of a dark grey pixel must not pass for a colour either.
         if saturation < 0.35 || share.hypot(off) < 0.6 || share.hypot(off) < 4.0 * noise {
             return match relative {
                 _ if bright => ColourClass::WHITE,
@@ -187,7 +187,7 @@ fn hue_deg([r, g, b]: [f32; 3]) -> f32 {
     y.atan2(x).to_degrees().rem_euclid(360.0)
 }
 
-/// The class of a colourful pixel by its hue; the six corners of the colour cube, each with a sixth of the circle.
+/// Class of a saturated pixel by its hue.
 fn hue_class(hue_deg: f32) -> ColourClass {
     match hue_deg {
         h if h < 30.0 => ColourClass::RED,
@@ -200,7 +200,7 @@ fn hue_class(hue_deg: f32) -> ColourClass {
     }
 }
 
-/// Median colour of the fullest place in the plane of chromaticities.
+/// Median colour of the largest cluster in the chromaticity plane.
 fn largest_cluster(ground: &[[u8; 3]]) -> Option<[f32; 3]> {
     let bin = |part: u8, sum: u16| (usize::from(part) * BINS / usize::from(sum)).min(BINS - 1);
     let place = |rgb: &[u8; 3]| {
@@ -242,16 +242,16 @@ fn largest_cluster(ground: &[[u8; 3]]) -> Option<[f32; 3]> {
     median_colour(&members)
 }
 
-/// How much rather a carpet has these shares of red and green than any other colour.
+/// Prior weight of a carpet with these chromaticities.
 ///
-/// The league's carpets are green, from yellowish to teal; grey floors beside them may be larger.
+/// The league's carpets are green, from yellowish to teal; adjacent grey floors may be larger.
 fn carpet_prior(red: f32, green: f32) -> f32 {
     let blue = 1.0 - red - green;
     let greenness = green - red.max(blue);
     0.15 + (8.0 * (greenness + 0.02)).clamp(0.0, 0.85)
 }
 
-/// Channel by channel.
+/// Median of each channel.
 pub(crate) fn median_colour(colours: &[[u8; 3]]) -> Option<[f32; 3]> {
     if colours.is_empty() {
         return None;

@@ -1,7 +1,7 @@
-//! What do people say the colours are? Tables over all colours, learned from labelled pixels, saved with a version.
+//! Colour tables learned from labelled pixels, and their file format.
 //!
-//! lima2001 3.1: a table over (U, V); minho2016 III: a table over all 24 bits of (Y, U, V), 16 MiB. Both come from the
-//! same labels: each class is a normal distribution, widened by what a camera's noise and a change of light do.
+//! lima2001 3.1: a table over (U, V); minho2016 III: a table over all 24 bits of (Y, U, V), 16 MiB. Both are learned from
+//! the same labels: each class is a normal distribution, inflated for noise and changes of light.
 
 use std::path::Path;
 
@@ -12,10 +12,10 @@ use crate::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use crate::error::VisionError;
 use crate::image::{Image, rgb_to_yuv};
 
-/// Over which channels a table decides.
+/// Channels that a table depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TableKind {
-    /// U and V alone: 64 KiB, blind to brightness.
+    /// U and V: 64 KiB, independent of brightness.
     Uv,
     /// Y, U and V: 16 MiB.
     Yuv,
@@ -44,26 +44,26 @@ impl std::fmt::Debug for ColourTable {
 pub struct Label {
     /// Red, green, blue.
     pub rgb: [u8; 3],
-    /// What it is: a name of [`CLASS_NAMES`] (or green, line, orange for carpet, white, ball), or any other.
+    /// Class name: one of [`CLASS_NAMES`], a synonym (green, line, orange), or any other name.
     pub class: String,
 }
 
-/// First bytes of a table's file.
+/// Magic bytes of the file.
 const MAGIC: &[u8; 8] = b"MBCOLOUR";
 
-/// Version of the file; another one is refused.
+/// Version of the file format.
 const VERSION: u32 = 1;
 
-/// Half the side of the square around a labelled pixel that counts with it, pixels.
+/// Neighbours up to this distance get the same label, pixels.
 const LABEL_RADIUS_PX: i64 = 1;
 
-/// What a class is widened by, levels: light changes brightness more than chroma.
+/// Standard deviation added to each class, levels: light changes brightness more than chroma.
 const CLASS_STD_INFLATION: [f64; 3] = [18.0, 5.0, 5.0];
 
-/// A colour farther from every class than this, in standard deviations, is none of them.
+/// A colour with a larger Mahalanobis distance from every class belongs to none.
 const MAHALANOBIS_MAX: f64 = 4.0;
 
-/// Reads `file,u,v,class` and takes the colours from the images; files relative to the list.
+/// Reads `file,u,v,class` and the pixels' colours from the images; files relative to the list.
 pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
     let refuse = |reason: String| VisionError::File {
         path: path.to_owned(),
@@ -79,7 +79,7 @@ pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
     if header.iter().ne(["file", "u", "v", "class"]) {
         let found = header.iter().collect::<Vec<_>>().join(",");
         return Err(refuse(format!(
-            "line 1: header is {found:?}, wanted file,u,v,class"
+            "line 1: wrong header: {found:?} (expected file,u,v,class)"
         )));
     }
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -104,7 +104,7 @@ pub fn load_labels(path: &Path) -> Result<Vec<Label>, VisionError> {
         let (width, height) = (image.width_px as i64, image.height_px as i64);
         if !(0..width).contains(&u) || !(0..height).contains(&v) {
             return Err(refuse(format!(
-                "line {line}: ({u}, {v}) is outside {}",
+                "line {line}: pixel outside the image: ({u}, {v}) of {}",
                 &record[0]
             )));
         }
@@ -126,12 +126,12 @@ struct ClassGaussian {
     class: u8,
     mean: Vector3<f64>,
     information: Matrix3<f64>,
-    /// Logarithm of the determinant, for comparing densities.
+    /// Logarithm of the covariance's determinant, for comparing densities.
     log_determinant: f64,
 }
 
 impl ColourTable {
-    /// Learns all colours from labelled ones; none without labels.
+    /// Learns a table from labels. None without labels.
     pub fn learn(labels: &[Label], kind: TableKind) -> Option<Self> {
         let mut names: Vec<String> = CLASS_NAMES.map(str::to_owned).to_vec();
         let mut members: Vec<Vec<Vector3<f64>>> = vec![Vec::new(); names.len()];
@@ -149,23 +149,25 @@ impl ColourTable {
             let [y, u, v] = rgb_to_yuv(label.rgb).map(f64::from);
             members[class].push(Vector3::new(y, u, v));
         }
-        let clouds: Vec<ClassGaussian> = members
+        let gaussians: Vec<ClassGaussian> = members
             .iter()
             .enumerate()
             .filter_map(|(class, members)| fit_gaussian(class as u8, members, kind))
             .collect();
-        if clouds.is_empty() {
+        if gaussians.is_empty() {
             return None;
         }
         let classes = match kind {
             TableKind::Uv => (0..1usize << 16)
-                .map(|index| most_likely_class(&clouds, [0, (index >> 8) as u8, index as u8], kind))
+                .map(|index| {
+                    most_likely_class(&gaussians, [0, (index >> 8) as u8, index as u8], kind)
+                })
                 .collect(),
             TableKind::Yuv => (0..1usize << 24)
                 .into_par_iter()
                 .map(|index| {
                     most_likely_class(
-                        &clouds,
+                        &gaussians,
                         [(index >> 16) as u8, (index >> 8) as u8, index as u8],
                         kind,
                     )
@@ -179,7 +181,7 @@ impl ColourTable {
         })
     }
 
-    /// From classes that are known for every entry of its kind.
+    /// Builds a table from the classes of all its entries.
     pub(crate) fn from_classes(kind: TableKind, names: Vec<String>, classes: Vec<u8>) -> Self {
         ColourTable {
             kind,
@@ -188,12 +190,12 @@ impl ColourTable {
         }
     }
 
-    /// Over which channels it decides.
+    /// Channels that the table depends on.
     pub fn kind(&self) -> TableKind {
         self.kind
     }
 
-    /// The class of a colour.
+    /// Class of a colour (Y, U, V).
     pub fn class(&self, [y, u, v]: [u8; 3]) -> ColourClass {
         let chroma = usize::from(u) << 8 | usize::from(v);
         ColourClass(match self.kind {
@@ -202,12 +204,12 @@ impl ColourTable {
         })
     }
 
-    /// A class's name.
+    /// Name of a class.
     pub fn name(&self, class: ColourClass) -> Option<&str> {
         self.names.get(usize::from(class.0)).map(String::as_str)
     }
 
-    /// The table as its file's bytes.
+    /// Serialises the table in its file format.
     pub fn to_bytes(&self) -> Vec<u8> {
         let names = self.names.join("\n");
         let kind = u32::from(self.kind == TableKind::Yuv);
@@ -220,7 +222,7 @@ impl ColourTable {
         bytes
     }
 
-    /// Writes the table; the file appears whole or not at all.
+    /// Writes the table atomically.
     pub fn save(&self, path: &Path) -> Result<(), VisionError> {
         let refuse = |error: std::io::Error| VisionError::File {
             path: path.to_owned(),
@@ -231,41 +233,41 @@ impl ColourTable {
         std::fs::rename(&partial, path).map_err(refuse)
     }
 
-    /// Reads a table; one of another version or with bytes missing is refused.
+    /// Reads a table. Errors on another version or a truncated file.
     pub fn load(path: &Path) -> Result<Self, VisionError> {
         let refuse = |reason: String| VisionError::File {
             path: path.to_owned(),
             reason,
         };
         let bytes = std::fs::read(path).map_err(|error| refuse(error.to_string()))?;
-        let torn = || refuse("is torn: bytes are missing".to_owned());
+        let truncated = || refuse("truncated file".to_owned());
         let rest = bytes
             .strip_prefix(MAGIC)
-            .ok_or_else(|| refuse("is no colour table".to_owned()))?;
+            .ok_or_else(|| refuse("not a colour table".to_owned()))?;
         let number = |place: usize| {
             let four = rest.get(4 * place..4 * place + 4)?;
             Some(u32::from_le_bytes(four.try_into().ok()?))
         };
-        let version = number(0).ok_or_else(torn)?;
+        let version = number(0).ok_or_else(truncated)?;
         if version != VERSION {
             return Err(refuse(format!(
-                "is a table of version {version}, wanted {VERSION}"
+                "unsupported version: {version} (expected {VERSION})"
             )));
         }
-        let kind = match number(1).ok_or_else(torn)? {
+        let kind = match number(1).ok_or_else(truncated)? {
             0 => TableKind::Uv,
             _ => TableKind::Yuv,
         };
-        let length = number(2).ok_or_else(torn)? as usize;
-        let names = rest.get(12..12 + length).ok_or_else(torn)?;
+        let length = number(2).ok_or_else(truncated)? as usize;
+        let names = rest.get(12..12 + length).ok_or_else(truncated)?;
         let names = String::from_utf8(names.to_vec()).map_err(|error| refuse(error.to_string()))?;
         let classes = rest[12 + length..].to_vec();
-        let wanted = match kind {
+        let expected_len = match kind {
             TableKind::Uv => 1 << 16,
             TableKind::Yuv => 1 << 24,
         };
-        if classes.len() != wanted {
-            return Err(torn());
+        if classes.len() != expected_len {
+            return Err(truncated());
         }
         Ok(ColourTable {
             kind,
@@ -275,7 +277,7 @@ impl ColourTable {
     }
 }
 
-/// The names that vision itself uses for what people call otherwise.
+/// Maps synonyms to the built-in class names.
 pub fn canonical_class_name(name: &str) -> &str {
     match name {
         "green" | "field" => "carpet",
@@ -300,7 +302,7 @@ fn fit_gaussian(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<
         covariance[(i, i)] += widen * widen;
     }
     if kind == TableKind::Uv {
-        // Brightness tells nothing: no correlation with it, and the same spread for all.
+        // Ignore brightness: no correlation, and the same variance for all classes.
         for i in 1..3 {
             covariance[(0, i)] = 0.0;
             covariance[(i, 0)] = 0.0;
@@ -315,18 +317,18 @@ fn fit_gaussian(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<
     })
 }
 
-fn most_likely_class(clouds: &[ClassGaussian], yuv: [u8; 3], kind: TableKind) -> u8 {
+fn most_likely_class(gaussians: &[ClassGaussian], yuv: [u8; 3], kind: TableKind) -> u8 {
     let [y, u, v] = yuv.map(f64::from);
     let mut best = (f64::INFINITY, ColourClass::OTHER.0);
-    for cloud in clouds {
-        let mut off = Vector3::new(y, u, v) - cloud.mean;
+    for gaussian in gaussians {
+        let mut difference = Vector3::new(y, u, v) - gaussian.mean;
         if kind == TableKind::Uv {
-            off[0] = 0.0;
+            difference[0] = 0.0;
         }
-        let squared = (off.transpose() * cloud.information * off)[(0, 0)];
-        let cost = squared + cloud.log_determinant;
+        let squared = (difference.transpose() * gaussian.information * difference)[(0, 0)];
+        let cost = squared + gaussian.log_determinant;
         if squared <= MAHALANOBIS_MAX * MAHALANOBIS_MAX && cost < best.0 {
-            best = (cost, cloud.class);
+            best = (cost, gaussian.class);
         }
     }
     best.1
@@ -373,6 +375,6 @@ mod tests {
         bytes[8] = 7;
         std::fs::write(&path, &bytes).expect("written");
         let message = ColourTable::load(&path).expect_err("version").to_string();
-        assert!(message.contains("version 7, wanted 1"), "{message}");
+        assert!(message.contains("version: 7 (expected 1)"), "{message}");
     }
 }

@@ -1,20 +1,20 @@
-//! What does a colour mean? Classes, and the small table by which scan lines are classified.
+//! Colour classes, and the lookup table that classifies pixels.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// What a pixel's colour says it belongs to.
+/// Class of a pixel by its colour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ColourClass(pub u8);
 
 impl ColourClass {
-    /// None of the others: grey floors, clutter.
+    /// None of the other classes: grey floors, clutter.
     pub const OTHER: ColourClass = ColourClass(0);
     /// Robots, shadows, rods.
     pub const BLACK: ColourClass = ColourClass(1);
     /// Lines, goal posts, glare.
     pub const WHITE: ColourClass = ColourClass(2);
-    /// The carpet, whatever its colour.
+    /// The carpet, of any colour.
     pub const CARPET: ColourClass = ColourClass(3);
     /// Red.
     pub const RED: ColourClass = ColourClass(4);
@@ -30,33 +30,32 @@ impl ColourClass {
     pub const BALL: ColourClass = ColourClass(9);
 }
 
-/// Names of the classes that vision itself knows; a table of labels may add more.
+/// Names of the built-in classes; a table of labels may add more.
 pub const CLASS_NAMES: [&str; 10] = [
     "other", "black", "white", "carpet", "red", "blue", "cyan", "magenta", "yellow", "ball",
 ];
 
 /// Classes by the upper six bits of the camera's own three channels.
 ///
-/// 256 KiB stay in a core's cache, where the 24-bit table's 16 MiB do not; a level of 4 is finer than a camera's noise.
-/// A cell is filled when it is first asked for: a frame shows a few thousand of all colours, so a new light holds up
-/// no frame.
+/// 256 KiB fit a core's cache, unlike the 16 MiB of a 24-bit table; steps of 4 levels are finer than a camera's noise.
+/// Cells are filled lazily: an image contains a few thousand of them, so a new colour model delays no image.
 pub struct ColourLookupTable {
-    /// Relaxed: whoever fills a cell puts the same class there.
+    /// Relaxed ordering suffices: every thread fills a cell with the same class.
     classes: Box<[AtomicU8; CELLS]>,
     classify: Arc<ClassifyFn>,
 }
 
-/// What a cell's middle means.
+/// Class of a cell's centre.
 type ClassifyFn = dyn Fn([u8; 3]) -> ColourClass + Send + Sync;
 
 const CELLS: usize = 1 << 18;
 
-/// Not asked for yet; tables of labels have fewer classes.
+/// Marks an unfilled cell; tables of labels have fewer classes.
 const UNFILLED: u8 = u8::MAX;
 
 impl std::fmt::Debug for ColourLookupTable {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("NativeTable").finish_non_exhaustive()
+        f.debug_struct("ColourLookupTable").finish_non_exhaustive()
     }
 }
 
@@ -70,7 +69,7 @@ impl Clone for ColourLookupTable {
 }
 
 impl ColourLookupTable {
-    /// `meaning` is asked for the class at the middle of a cell; it always answers the same to the same colour.
+    /// `meaning` returns the class of a cell's centre; it must be a pure function.
     pub fn new(meaning: impl Fn([u8; 3]) -> ColourClass + Send + Sync + 'static) -> Self {
         ColourLookupTable {
             classes: unfilled_cells(),
@@ -86,7 +85,7 @@ impl ColourLookupTable {
         ])))
     }
 
-    /// Cell of a pixel whose first channel is in the lowest byte; the highest byte does not matter.
+    /// Cell of a pixel whose first channel is in the lowest byte; the highest byte is ignored.
     #[inline]
     pub(crate) fn cell_index(pixel: u32) -> u32 {
         (pixel & 0xfc) << 10 | (pixel & 0xfc00) >> 4 | pixel >> 18 & 0x3f
@@ -102,7 +101,7 @@ impl ColourLookupTable {
         }
     }
 
-    /// Puts the classes of several cells into the slots of these numbers.
+    /// Writes the classes of cells to the slots with these indices.
     #[inline]
     pub(crate) fn scatter(&self, cells: &[u32], numbers: &[u32], slots: &mut [ColourClass]) {
         let mut any = 0;
@@ -111,7 +110,7 @@ impl ColourLookupTable {
             any |= class;
             slots[number as usize] = ColourClass(class);
         }
-        // Without a branch for each; classes of so high a number are rare enough to be looked at once more.
+        // One branch per batch: unfilled cells are rare, so the batch is repeated.
         if any >= UNFILLED / 2 {
             for (&cell, &number) in cells.iter().zip(numbers) {
                 slots[number as usize] = self.cell_class(cell);
@@ -129,7 +128,7 @@ impl ColourLookupTable {
     }
 }
 
-/// A table that nothing was asked of.
+/// An empty table.
 fn unfilled_cells() -> Box<[AtomicU8; CELLS]> {
     Box::new([const { AtomicU8::new(UNFILLED) }; CELLS])
 }

@@ -1,4 +1,4 @@
-//! Which colour class does a pixel have? The learned carpet model, colour tables, their adaptation to the light.
+//! Colour classes: the learned carpet model, labelled colour tables, and adaptation to the light.
 
 pub(crate) mod adaptation;
 pub mod carpet_model;

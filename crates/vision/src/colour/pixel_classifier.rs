@@ -1,105 +1,105 @@
-//! What class has each of chosen pixels? Read row by row, as the camera's bytes lie in memory.
+//! Classifies a fixed set of pixels, row by row in memory order.
 
 use std::ops::Range;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::image::{ImageView, PixelFormat};
 
-/// Classes of chosen pixels.
+/// Classifies a fixed set of pixels.
 ///
-/// Scan lines and rays run across an image's rows, and a step to the next row is one to another part of memory. Sorted
-/// by rows the same pixels are fetched from where the core just was; only their classes, a byte each, are strewn.
+/// Scan lines and rays cross many rows, which scatters their reads over memory. Sorted by rows, reads are nearly
+/// sequential, and only the one-byte results are scattered.
 #[derive(Debug, Clone)]
 pub(crate) struct PixelClassifier {
     /// Column and row, row by row.
     pixels: Vec<[u16; 2]>,
-    /// Which of the places asked for each of them is.
+    /// Output index of each of them.
     output_indices: Vec<u32>,
-    /// Where each row begins in both, and one past the last.
+    /// Start of each row in both, and one past the last.
     row_starts: Vec<u32>,
-    /// First byte of each place in a frame of `layout`, where a pixel has bytes of its own.
+    /// First byte of each pixel in an image of `layout` (RGB and BGR only).
     byte_offsets: Vec<u32>,
     layout: Option<(PixelFormat, usize)>,
 }
 
-/// So many are classified at a time: wide enough for vector registers, small enough for the stack.
+/// Pixels per batch: enough for vector registers, small enough for the stack.
 const BATCH: usize = 64;
 
 impl PixelClassifier {
-    /// `places`: column and row of each pixel in an image of this height.
-    pub(crate) fn new(places: &[[u16; 2]], height_px: usize) -> Self {
-        let mut sorted: Vec<([u16; 2], u32)> = places.iter().copied().zip(0..).collect();
+    /// `pixels`: column and row of each, in an image of this height.
+    pub(crate) fn new(pixels: &[[u16; 2]], height_px: usize) -> Self {
+        let mut sorted: Vec<([u16; 2], u32)> = pixels.iter().copied().zip(0..).collect();
         sorted.sort_by_key(|&([column, row], _)| (row, column));
         let start = |row| sorted.partition_point(|([_, v], _)| usize::from(*v) < row) as u32;
         PixelClassifier {
             row_starts: (0..=height_px).map(start).collect(),
-            pixels: sorted.iter().map(|(place, _)| *place).collect(),
+            pixels: sorted.iter().map(|(pixel_at, _)| *pixel_at).collect(),
             output_indices: sorted.iter().map(|(_, number)| *number).collect(),
-            byte_offsets: Vec::with_capacity(places.len()),
+            byte_offsets: Vec::with_capacity(pixels.len()),
             layout: None,
         }
     }
 
-    /// Puts the classes of the places in these rows into `classes`, one a place; the frame was checked.
+    /// Classifies the pixels of these rows into `classes`, one entry per pixel. The image must have been checked.
     pub(crate) fn classify_rows(
         &mut self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
         rows: &Range<usize>,
         classes: &mut [ColourClass],
     ) {
-        let layout = (frame.format, frame.stride);
+        let layout = (image.format, image.stride);
         if self.layout != Some(layout) {
-            let offset = |&[u, v]: &[u16; 2]| usize::from(v) * frame.stride + 3 * usize::from(u);
-            let offsets = self.pixels.iter().map(|place| offset(place) as u32);
+            let offset = |&[u, v]: &[u16; 2]| usize::from(v) * image.stride + 3 * usize::from(u);
+            let offsets = self.pixels.iter().map(|pixel_at| offset(pixel_at) as u32);
             self.byte_offsets.clear();
             self.byte_offsets.extend(offsets);
             self.layout = Some(layout);
         }
         let here = self.row_starts[rows.start] as usize..self.row_starts[rows.end] as usize;
-        let numbers = &self.output_indices[here.clone()];
-        match frame.format {
+        let outputs = &self.output_indices[here.clone()];
+        match image.format {
             PixelFormat::Rgb8 => {
-                let pixel = |&offset: &u32| load_three_bytes(frame.data, offset as usize);
-                classify(&self.byte_offsets[here], numbers, pixel, table, classes);
+                let pixel = |&offset: &u32| load_three_bytes(image.data, offset as usize);
+                classify(&self.byte_offsets[here], outputs, pixel, table, classes);
             }
             PixelFormat::Bgr8 => {
                 let pixel =
-                    |&offset: &u32| load_three_bytes(frame.data, offset as usize).swap_bytes() >> 8;
-                classify(&self.byte_offsets[here], numbers, pixel, table, classes);
+                    |&offset: &u32| load_three_bytes(image.data, offset as usize).swap_bytes() >> 8;
+                classify(&self.byte_offsets[here], outputs, pixel, table, classes);
             }
             _ => {
                 let pixel = |&[u, v]: &[u16; 2]| {
-                    let [a, b, c] = frame.native_channels(usize::from(u), usize::from(v));
+                    let [a, b, c] = image.native_channels(usize::from(u), usize::from(v));
                     u32::from_le_bytes([a, b, c, 0])
                 };
-                classify(&self.pixels[here], numbers, pixel, table, classes);
+                classify(&self.pixels[here], outputs, pixel, table, classes);
             }
         }
     }
 }
 
-/// Classifies places; `pixel` gives the channels at one, the first in the lowest byte.
+/// Classifies pixels; `pixel` returns the channels of one, the first in the lowest byte.
 fn classify<P>(
-    places: &[P],
-    numbers: &[u32],
+    pixels: &[P],
+    outputs: &[u32],
     pixel: impl Fn(&P) -> u32,
     table: &ColourLookupTable,
     classes: &mut [ColourClass],
 ) {
     let mut cells = [0u32; BATCH];
-    for (places, numbers) in places.chunks(BATCH).zip(numbers.chunks(BATCH)) {
-        for (slot, place) in cells.iter_mut().zip(places) {
-            *slot = pixel(place);
+    for (pixels, outputs) in pixels.chunks(BATCH).zip(outputs.chunks(BATCH)) {
+        for (slot, pixel_at) in cells.iter_mut().zip(pixels) {
+            *slot = pixel(pixel_at);
         }
         for cell in &mut cells {
             *cell = ColourLookupTable::cell_index(*cell);
         }
-        table.scatter(&cells, numbers, classes);
+        table.scatter(&cells, outputs, classes);
     }
 }
 
-/// Three bytes from an offset, the first lowest; one load where a fourth byte follows.
+/// Three bytes from an offset, the first lowest; a single load if a fourth byte exists.
 #[inline]
 fn load_three_bytes(data: &[u8], offset: usize) -> u32 {
     match data.get(offset..offset + 4) {

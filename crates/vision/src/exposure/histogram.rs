@@ -1,28 +1,28 @@
-//! How much would a picture tell at another exposure? Its histograms, stretched as more or less light would.
+//! Predicts the entropy at another exposure by stretching an image's histograms.
 
 use crate::image::ImageView;
 
-/// Levels of red, green and blue.
+/// Histograms of red, green and blue.
 pub(super) struct Histogram {
     counts: [[f32; 256]; 3],
     total: f32,
 }
 
-/// Ratio of neighbouring levels that are tried: 2^(1/12), 6 %.
+/// Steps tried per doubling of the level: a ratio of 2^(1/12), 6 %.
 const STEPS_PER_STOP: f32 = 12.0;
-/// The farthest level that is predicted, in doublings: beyond, too much is clipped or drowned to be foretold.
+/// Largest predicted change, doublings; beyond, too many pixels are clipped or lost in noise.
 const STOPS_MAX: f32 = 2.0;
-/// What is clipped was brighter than 255; how much nobody knows. It is taken to go on as dense as it is in these levels
-/// below, until it is used up, or to twice 255.
+/// The true levels of clipped pixels are unknown. They are assumed to continue above 255 with the density of these
+/// levels, up to twice 255 at most.
 const TAIL_LEVELS: std::ops::Range<usize> = 215..255;
 const CLIPPED_LEVEL_MAX: f32 = 510.0;
 
 impl Histogram {
     /// Counts the levels of some pixels.
-    pub(super) fn from_pixels(frame: &ImageView<'_>, pixels: &[[u16; 2]]) -> Self {
+    pub(super) fn from_pixels(image: &ImageView<'_>, pixels: &[[u16; 2]]) -> Self {
         let mut counts = [[0.0; 256]; 3];
         for &[u, v] in pixels {
-            let rgb = frame.rgb(usize::from(u), usize::from(v));
+            let rgb = image.rgb(usize::from(u), usize::from(v));
             for (counts, level) in counts.iter_mut().zip(rgb) {
                 counts[usize::from(level)] += 1.0;
             }
@@ -33,7 +33,7 @@ impl Histogram {
         }
     }
 
-    /// Entropy of the picture if all levels were `scale` times as high, bits (nubot2013 eq. 5).
+    /// Entropy of the image if all levels were multiplied by `scale`, bits (nubot2013 eq. 5).
     pub(super) fn entropy(&self, scale: f32) -> f32 {
         self.counts
             .iter()
@@ -65,11 +65,11 @@ impl Histogram {
             .sum()
     }
 
-    /// The scale of levels with the highest entropy; 1 if none is better by `gain_min` bits.
+    /// Scale with the highest entropy; 1 if no scale gains `gain_min` bits.
     ///
-    /// The entropy rises to one peak and falls: from 1 in each direction as long as it rises, past a ripple of one step.
+    /// The entropy has one peak: searches from 1 in each direction until three steps in a row do not rise.
     pub(super) fn best_scale(&self, gain_min: f32) -> f32 {
-        // Unstretched levels have gaps that stretched ones have not: the comparison starts from a stretched one.
+        // Stretching fills gaps between levels, so the reference is stretched too.
         let here = self.entropy(1.0 + 1e-4);
         let mut best = (here + gain_min, 1.0);
         for sign in [-1.0f32, 1.0] {
@@ -92,7 +92,7 @@ impl Histogram {
     }
 }
 
-/// Spreads a count evenly over the levels from..to; what lies above 255 is clipped to it.
+/// Distributes a count evenly over the levels from..to; levels above 255 are clipped to it.
 fn distribute_count(levels: &mut [f32; 256], from: f32, to: f32, count: f32) {
     let per_level = count / (to - from).max(1e-6);
     let inside = to.min(255.0);

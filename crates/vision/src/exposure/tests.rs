@@ -1,5 +1,10 @@
+use localize::robot::{CameraConfig, CameraControl};
+
+use super::histogram::Histogram;
 use super::*;
+use crate::config::AutoExposureConfig;
 use crate::image::Image;
+use crate::optics::ground_map::GroundMap;
 
 const SIZE: usize = 120;
 
@@ -16,7 +21,7 @@ fn camera() -> CameraConfig {
     }
 }
 
-/// 0.1 m of ground a pixel; the innermost eight pixels show the robot itself.
+/// 0.1 m of ground per pixel; pixels within 8 px of the centre show the robot itself.
 fn map() -> GroundMap {
     let place = |pixel: usize, axis: usize| {
         let (u, v) = ((pixel % SIZE) as f32 - 60.0, (pixel / SIZE) as f32 - 60.0);
@@ -46,17 +51,17 @@ fn control() -> CameraControl {
     }
 }
 
-/// Body, carpet with grain, lines and a bright wall, moved on a little from frame to frame.
-fn synthetic_image(light: f32, gamma: f32, frame: usize) -> Image {
+/// Body, textured carpet, lines and a bright wall, shifted slightly from image to image.
+fn synthetic_image(light: f32, gamma: f32, index: usize) -> Image {
     let mut rgb = Vec::with_capacity(3 * SIZE * SIZE);
     for pixel in 0..SIZE * SIZE {
         let (u, v) = (pixel % SIZE, pixel / SIZE);
         let radius = (u as f32 - 60.0).hypot(v as f32 - 60.0);
-        let grain = 1.0 + 0.3 * (((u * 7 + v * 13 + frame) % 11) as f32 / 11.0 - 0.5);
+        let grain = 1.0 + 0.3 * (((u * 7 + v * 13 + index) % 11) as f32 / 11.0 - 0.5);
         let colour = match radius {
             r if r < 8.0 => [0.03, 0.03, 0.035],
             r if r > 50.0 => [0.5, 0.45, 0.4].map(|c| c * (0.3 + 0.02 * (u % 30) as f32)),
-            _ if (u + frame).is_multiple_of(19) => [0.7; 3],
+            _ if (u + index).is_multiple_of(19) => [0.7; 3],
             _ => [0.05, 0.2, 0.07],
         };
         rgb.extend(
@@ -70,14 +75,14 @@ fn synthetic_image(light: f32, gamma: f32, frame: usize) -> Image {
     }
 }
 
-/// Runs a camera whose commands take two frames; light by frame; gives the light each frame was taken with.
+/// Simulates a camera with a command delay of two images; returns the light each image was taken with.
 fn simulate_exposure(
     gamma: f32,
     frames: usize,
     light: impl Fn(usize) -> f32,
 ) -> (Vec<f32>, AutoExposure) {
     let control = control();
-    let mut eye = AutoExposure::new(
+    let mut auto_exposure = AutoExposure::new(
         &map(),
         &camera(),
         None,
@@ -85,45 +90,45 @@ fn simulate_exposure(
         &AutoExposureConfig::default(),
     )
     .expect("a control");
-    let mut setting = eye.setting;
+    let mut setting = auto_exposure.setting;
     let mut commands: Vec<ExposureCommand> = Vec::new();
-    let mut seen = Vec::new();
-    for frame in 0..frames {
-        for command in commands.iter().filter(|c| c.from_frame == frame as u64) {
+    let mut lights = Vec::new();
+    for index in 0..frames {
+        for command in commands.iter().filter(|c| c.from_frame == index as u64) {
             setting = command.setting;
         }
-        let taken = control.light(setting) * light(frame);
-        seen.push(taken);
-        let reading = eye.process(&synthetic_image(taken, gamma, frame).view());
-        commands.extend(reading.and_then(|reading| reading.command));
+        let taken = control.light(setting) * light(index);
+        lights.push(taken);
+        let status = auto_exposure.process(&synthetic_image(taken, gamma, index).view());
+        commands.extend(status.and_then(|status| status.command));
     }
-    (seen, eye)
+    (lights, auto_exposure)
 }
 
 #[test]
 fn exposure_settles_within_10_images_after_a_light_step() {
     for gamma in [0.45, 1.0] {
         for factor in [0.25, 4.0] {
-            let light = |frame| if frame < 60 { 1.0 } else { factor };
-            let (seen, eye) = simulate_exposure(gamma, 100, light);
-            let before = seen[59];
-            let after = seen[70];
+            let light = |index| if index < 60 { 1.0 } else { factor };
+            let (lights, auto_exposure) = simulate_exposure(gamma, 100, light);
+            let before = lights[59];
+            let after = lights[70];
             assert!(
                 (after / before).ln().abs() < 0.35,
                 "gamma {gamma}, light × {factor}: exposed {before} before, {after} ten frames later: {:?}",
-                &seen[55..]
+                &lights[55..]
             );
-            assert!(eye.reference_level.is_some(), "still searching");
+            assert!(auto_exposure.reference_level.is_some(), "still searching");
         }
     }
 }
 
 #[test]
 fn exposure_is_constant_under_constant_light() {
-    let (seen, _) = simulate_exposure(0.45, 200, |_| 1.0);
+    let (lights, _) = simulate_exposure(0.45, 200, |_| 1.0);
     assert!(
-        seen[20..].iter().all(|&light| light == seen[20]),
-        "{seen:?}"
+        lights[20..].iter().all(|&light| light == lights[20]),
+        "{lights:?}"
     );
 }
 
@@ -141,14 +146,15 @@ fn settings_stay_on_the_path_within_camera_limits() {
 #[test]
 fn light_change_without_control_warns_once() {
     let config = AutoExposureConfig::default();
-    let mut eye = AutoExposure::new(&map(), &camera(), None, None, &config).expect("a control");
+    let mut auto_exposure =
+        AutoExposure::new(&map(), &camera(), None, None, &config).expect("a control");
     let mut warnings = 0;
-    for frame in 0..60 {
-        let light = if frame < 20 { 1.0 } else { 0.3 };
-        let reading = eye.process(&synthetic_image(light, 0.45, frame).view());
-        warnings += reading.map_or(0, |reading| {
-            assert!(reading.command.is_none());
-            usize::from(reading.warning)
+    for index in 0..60 {
+        let light = if index < 20 { 1.0 } else { 0.3 };
+        let status = auto_exposure.process(&synthetic_image(light, 0.45, index).view());
+        warnings += status.map_or(0, |status| {
+            assert!(status.command.is_none());
+            usize::from(status.warning)
         });
     }
     assert_eq!(warnings, 1);

@@ -1,7 +1,7 @@
-//! Which floor points are white line? Peaks of scan lines in, robot-frame points out, refusals with their reason.
+//! Line point detection: peaks of scan lines in, line points in the robot frame out, rejections with their reason.
 //!
-//! minho2016 section III: green–white–green. White is not a threshold here: a run must stand out from the carpet
-//! beside it by added light of the lamp's colour, and be as wide on the ground as a line can be.
+//! minho2016 section III: green–white–green. White is not a fixed threshold here: a peak must exceed the adjacent
+//! carpet by light of the lamp's colour, and have a line's width on the ground.
 
 use localize::sample::LinePoint;
 
@@ -13,68 +13,68 @@ use crate::scan::limits::ScanLimits;
 use crate::scan::pattern::{ScanPattern, ScanSample};
 use crate::scan::peaks::{Peak, find_peaks};
 
-/// Why a run is no line point.
+/// Why a peak is not a line point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RejectionReason {
-    /// No carpet on one of its sides.
+    /// No carpet on one side.
     NoAdjacentCarpet,
     /// Narrower on the ground than a line.
     TooNarrow,
     /// Wider on the ground than a line, even if crossed aslant.
     TooWide,
-    /// Fainter than noise could be, or than a line of this width must be here.
+    /// Contrast within noise, or below that of a line of this width.
     TooFaint,
     /// The added light is not white.
     NotWhite,
-    /// Something that is not carpet lies between it and the robot.
+    /// Beyond the carpet's boundary.
     BeyondCarpet,
 }
 
-/// A run that was looked at, and what became of it.
+/// A peak that is not a line point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RejectedCandidate {
-    /// Its middle in the image: column, row, pixels.
+    /// Its maximum in the image: column, row, pixels.
     pub position_px: [f32; 2],
-    /// Why it is no line point.
+    /// Why it was rejected.
     pub reason: RejectionReason,
 }
 
-/// A line point with its place in the image.
+/// A line point on the ground and in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinePointDetection {
-    /// On the ground, robot frame.
+    /// Ground point, robot frame.
     pub point: LinePoint,
-    /// In the image: column, row, pixels.
+    /// Image position: column, row, pixels.
     pub position_px: [f32; 2],
-    /// How much it stands out from the carpet beside it, levels of 255.
+    /// Brightness above the adjacent carpet, levels of 255.
     pub contrast: f32,
-    /// Width of the run on the ground along its scan line, metres.
+    /// Width on the ground along its scan line, metres.
     pub width: f32,
 }
 
-/// What was read along the scan lines.
+/// Brightness along the scan lines of one image.
 pub(crate) struct ScanReadout<'a> {
     pub(crate) pattern: &'a ScanPattern,
     pub(crate) limits: &'a ScanLimits,
-    /// Column and row of each sample, together in memory.
+    /// Column and row of each sample, contiguous in memory.
     pub(crate) pixels: &'a [[u16; 2]],
-    /// Brightness by the weights that tell white from carpet.
+    /// Brightness by the weights that separate white from carpet.
     pub(crate) brightness: &'a BrightnessReader,
-    /// How high a peak must be to be looked at, one a sample; see [`thresholds`].
+    /// Least height of a peak, one entry per sample; see [`peak_thresholds`].
     pub(crate) peak_thresholds: &'a [u8],
 }
 
-/// What is kept from frame to frame, so that none allocates.
+/// Buffers reused from image to image to avoid allocation.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LineScratch {
-    /// Brightness of the samples that were worth reading.
+    /// Brightness of the samples within the scan limits.
     values: Vec<u8>,
     peaks: Vec<ScanPeak>,
     centre_samples: Vec<ScanSample>,
     candidates: Vec<(ScanPeak, LineCandidate)>,
 }
 
-/// A run, and which samples its piece of a scan line was read in.
+/// A peak and the range of samples of its segment.
 #[derive(Debug, Clone, Copy)]
 struct ScanPeak {
     start: u32,
@@ -84,72 +84,70 @@ struct ScanPeak {
 
 /// Finds line points along all scan lines.
 ///
-/// Pass by pass over all runs: what they look at lies far apart in memory, and the look-ups of many runs overlap only
-/// where nothing but look-ups lies between them.
+/// Works in passes over all peaks: their data is scattered in memory, and loads of several peaks overlap only in loops
+/// that do little else.
 pub(crate) fn detect_line_points(
-    reading: &ScanReadout<'_>,
-    judge: &LineValidator<'_>,
+    readout: &ScanReadout<'_>,
+    validator: &LineValidator<'_>,
     scratch: &mut LineScratch,
     points: &mut Vec<LinePointDetection>,
-    refused: &mut Vec<RejectedCandidate>,
+    rejected: &mut Vec<RejectedCandidate>,
 ) {
     let LineScratch {
         values,
         peaks: found,
-        centre_samples: middles,
-        candidates: extents,
+        centre_samples,
+        candidates,
     } = scratch;
-    values.resize(reading.pattern.samples.len(), 0);
+    values.resize(readout.pattern.samples.len(), 0);
     found.clear();
-    let pieces = &reading.pattern.segments;
-    for (number, piece) in pieces.iter().enumerate() {
-        let end = reading.limits.segment_end(number, pieces, judge.carpet_end);
-        let range = piece.start as usize..end;
+    let segments = &readout.pattern.segments;
+    for (number, segment) in segments.iter().enumerate() {
+        let end = readout
+            .limits
+            .segment_end(number, segments, validator.carpet_end);
+        let range = segment.start as usize..end;
         let values = &mut values[range.clone()];
-        reading.brightness.gather(range.clone(), values);
-        let (start, end) = (piece.start, end as u32);
-        find_peaks(values, &reading.peak_thresholds[range], |run| {
-            found.push(ScanPeak {
-                start,
-                end,
-                peak: run,
-            });
+        readout.brightness.gather(range.clone(), values);
+        let (start, end) = (segment.start, end as u32);
+        find_peaks(values, &readout.peak_thresholds[range], |peak| {
+            found.push(ScanPeak { start, end, peak });
         });
     }
     let line = |found: &ScanPeak| {
         let range = found.start as usize..found.end as usize;
         ScanLineSlice {
-            samples: &reading.pattern.samples[range.clone()],
-            pixels: &reading.pixels[range.clone()],
+            samples: &readout.pattern.samples[range.clone()],
+            pixels: &readout.pixels[range.clone()],
             values: &values[range],
         }
     };
-    middles.clear();
-    middles.extend(
+    centre_samples.clear();
+    centre_samples.extend(
         found.iter().map(|found| {
-            reading.pattern.samples[found.start as usize + found.peak.middle() as usize]
+            readout.pattern.samples[found.start as usize + found.peak.middle() as usize]
         }),
     );
-    extents.clear();
-    for (found, middle) in found.iter().zip(&*middles) {
+    candidates.clear();
+    for (found, centre_sample) in found.iter().zip(&*centre_samples) {
         let line = line(found);
-        match judge.project_candidate(&line, &found.peak, middle) {
-            Ok(extent) => extents.push((*found, extent)),
-            Err(reason) => refused.push(line.reject(&found.peak, reason)),
+        match validator.project_candidate(&line, &found.peak, centre_sample) {
+            Ok(candidate) => candidates.push((*found, candidate)),
+            Err(reason) => rejected.push(line.reject(&found.peak, reason)),
         }
     }
-    for (found, extent) in &*extents {
+    for (found, candidate) in &*candidates {
         let line = line(found);
-        match judge.validate_candidate(&line, &found.peak, extent) {
+        match validator.validate_candidate(&line, &found.peak, candidate) {
             Ok(point) => points.push(point),
-            Err(reason) => refused.push(line.reject(&found.peak, reason)),
+            Err(reason) => rejected.push(line.reject(&found.peak, reason)),
         }
     }
 }
 
-/// How high a peak must be to be looked at, levels, one a sample: out of the noise, and not much fainter than lines are.
+/// Least height of a peak at each sample, levels: above the noise and at least half of a line's least contrast.
 ///
-/// Half of the least contrast that a line may have in the carpet's median light, since shadows halve it.
+/// Half, since shadows halve the contrast relative to the carpet's median brightness.
 pub(crate) fn peak_thresholds(
     pattern: &ScanPattern,
     model: &CarpetModel,
@@ -165,9 +163,9 @@ pub(crate) fn peak_thresholds(
         let sharp = (line_width / (sample.radial_footprint * config.blur_px)).min(1.0);
         (faintest * sharp).max(least).clamp(1.0, 120.0).round() as u8
     }));
-    for piece in &pattern.segments {
+    for segment in &pattern.segments {
         let mut lowest = u8::MAX;
-        for threshold in &mut thresholds[piece.start as usize..piece.end as usize] {
+        for threshold in &mut thresholds[segment.start as usize..segment.end as usize] {
             lowest = lowest.min(*threshold);
             *threshold = lowest;
         }

@@ -1,4 +1,4 @@
-//! Which runs on scan lines are field lines? Validation with reasons, line points in the robot frame.
+//! Line points in the robot frame: peaks along scan lines, validated, each rejection with its reason.
 
 pub mod detection;
 pub(crate) mod validator;

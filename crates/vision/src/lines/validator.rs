@@ -1,4 +1,4 @@
-//! Is this run a line? As wide on the ground as one, with carpet on both sides, as bright as a line must be, and white.
+//! Line validation of a peak: width on the ground, carpet on both sides, contrast and colour.
 
 use localize::frames::At;
 use localize::sample::LinePoint;
@@ -11,7 +11,7 @@ use crate::lines::detection::{LinePointDetection, RejectedCandidate, RejectionRe
 use crate::scan::pattern::ScanSample;
 use crate::scan::peaks::Peak;
 
-/// What a run is judged by.
+/// Validates peaks of one image.
 pub(crate) struct LineValidator<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) lookup_table: &'a ColourLookupTable,
@@ -20,11 +20,11 @@ pub(crate) struct LineValidator<'a> {
     pub(crate) line_width: f32,
     /// Standard deviation of the brightness on plain carpet, levels.
     pub(crate) noise: f32,
-    /// Where the carpet ends along each ray, metres; see [`crate::objects::radial_scan`].
+    /// Range of the carpet's boundary along each ray, metres; see [`crate::objects::radial_scan`].
     pub(crate) carpet_end: &'a [f32],
 }
 
-/// One piece of a scan line as it was read.
+/// A segment of a scan line as read.
 pub(crate) struct ScanLineSlice<'a> {
     pub(crate) samples: &'a [ScanSample],
     pub(crate) pixels: &'a [[u16; 2]],
@@ -53,14 +53,14 @@ impl ScanLineSlice<'_> {
         [mix(a.u, b.u), mix(a.v, b.v)]
     }
 
-    pub(crate) fn reject(&self, run: &Peak, reason: RejectionReason) -> RejectedCandidate {
+    pub(crate) fn reject(&self, peak: &Peak, reason: RejectionReason) -> RejectedCandidate {
         RejectedCandidate {
-            position_px: self.sample_px(run.index),
+            position_px: self.sample_px(peak.index),
             reason,
         }
     }
 
-    /// A sample's place in the image.
+    /// A sample's column and row.
     fn sample_pixel(&self, index: usize) -> [usize; 2] {
         self.pixels[index].map(usize::from)
     }
@@ -71,7 +71,7 @@ impl ScanLineSlice<'_> {
     }
 }
 
-/// A run on the ground.
+/// A peak projected to the ground.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LineCandidate {
     point: LinePoint,
@@ -82,24 +82,24 @@ pub(crate) struct LineCandidate {
 }
 
 impl LineValidator<'_> {
-    /// Where a run lies on the ground, if it is where and as wide as a line can be; `sample`: its middle.
+    /// Projects a peak to the ground; rejects it beyond the carpet or with a wrong width. `sample`: its middle.
     pub(crate) fn project_candidate(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
+        peak: &Peak,
         sample: &ScanSample,
     ) -> Result<LineCandidate, RejectionReason> {
         if is_beyond_carpet(self.carpet_end, sample) {
             return Err(RejectionReason::BeyondCarpet);
         }
         let (left, right) = (
-            line.interpolate_ground(run.left_edge),
-            line.interpolate_ground(run.right_edge),
+            line.interpolate_ground(peak.left_edge),
+            line.interpolate_ground(peak.right_edge),
         );
         let (dx, dy) = (right[0] - left[0], right[1] - left[1]);
         let width = (dx * dx + dy * dy).sqrt();
-        let width_px = (run.right_edge - run.left_edge).max(1e-3);
-        // Sampling narrows a run by a part of a pixel, blur widens it by more.
+        let width_px = (peak.right_edge - peak.left_edge).max(1e-3);
+        // Sampling narrows a peak by a fraction of a pixel; blur widens it by more.
         let pixel = width / width_px.max(1.0);
         if width < self.config.width_ratio_min * self.line_width - pixel / 3.0 {
             return Err(RejectionReason::TooNarrow);
@@ -118,64 +118,64 @@ impl LineValidator<'_> {
         })
     }
 
-    /// The point of a run that has a line's extent, if it also looks like one.
+    /// Checks adjacent carpet, contrast and colour of a projected peak.
     pub(crate) fn validate_candidate(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
-        extent: &LineCandidate,
+        peak: &Peak,
+        candidate: &LineCandidate,
     ) -> Result<LinePointDetection, RejectionReason> {
-        let left_foot = self.find_adjacent_carpet(line, run, run.left_base, -1);
-        let right_foot = self.find_adjacent_carpet(line, run, run.right_base, 1);
-        let (Some(left_foot), Some(right_foot)) = (left_foot, right_foot) else {
+        let left_base = self.find_adjacent_carpet(line, peak, peak.left_base, -1);
+        let right_base = self.find_adjacent_carpet(line, peak, peak.right_base, 1);
+        let (Some(left_base), Some(right_base)) = (left_base, right_base) else {
             return Err(RejectionReason::NoAdjacentCarpet);
         };
-        let run = &Peak {
-            left_base: left_foot,
-            right_base: right_foot,
-            ..*run
+        let peak = &Peak {
+            left_base,
+            right_base,
+            ..*peak
         };
-        let colours = PeakColours::measure(self.image, line, run);
-        if !self.has_line_contrast(line, run, &colours, extent.sample_footprint) {
+        let colours = PeakColours::measure(self.image, line, peak);
+        if !self.has_line_contrast(line, peak, &colours, candidate.sample_footprint) {
             return Err(RejectionReason::TooFaint);
         }
         if !self.is_white(&colours) {
             return Err(RejectionReason::NotWhite);
         }
         Ok(LinePointDetection {
-            point: extent.point,
-            position_px: line.interpolate_px(run.middle()),
-            contrast: run.contrast,
-            width: extent.width,
+            point: candidate.point,
+            position_px: line.interpolate_px(peak.middle()),
+            contrast: peak.contrast,
+            width: candidate.width,
         })
     }
 
-    /// Where the carpet begins beyond a foot: the first of two carpet samples, within reach of the run's blurred edge.
+    /// Start of the carpet outward of a base: the first of two carpet samples within the peak's blurred edge.
     fn find_adjacent_carpet(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
-        foot: usize,
+        peak: &Peak,
+        base: usize,
         outward: isize,
     ) -> Option<usize> {
         let carpet = |step: usize| {
-            let index = foot.checked_add_signed(outward * step as isize)?;
+            let index = base.checked_add_signed(outward * step as isize)?;
             let [u, v] = line.pixels.get(index)?.map(usize::from);
             let native = self.image.native_channels(u, v);
             (self.lookup_table.class(native) == ColourClass::CARPET).then_some(index)
         };
-        let reach = 1 + (run.right_edge - run.left_edge) as usize / 4;
+        let reach = 1 + (peak.right_edge - peak.left_edge) as usize / 4;
         (0..=reach).find_map(|step| carpet(step).filter(|_| carpet(step + 1).is_some()))
     }
 
-    /// Is the run higher than noise makes it, and as high as a line must be here?
+    /// True if the contrast exceeds the noise and is at least that of a line at this place.
     ///
-    /// A line that covers several pixels has white's full contrast, less for glare; one thinner than the image's blur
-    /// (about `blur_px`) has the share of it that its width is of the blur.
+    /// A line several pixels wide has the full contrast of white, reduced by glare. A line thinner than the image's blur
+    /// (`blur_px`) has this contrast times width over blur.
     fn has_line_contrast(
         &self,
         line: &ScanLineSlice<'_>,
-        run: &Peak,
+        peak: &Peak,
         colours: &PeakColours,
         pixel: f32,
     ) -> bool {
@@ -184,13 +184,13 @@ impl LineValidator<'_> {
             let sum: u32 = line.values[from..=to].iter().map(|&v| u32::from(v)).sum();
             sum as f32 / (to - from + 1) as f32
         };
-        let left = mean(run.left_base.saturating_sub(2), run.left_base);
+        let left = mean(peak.left_base.saturating_sub(2), peak.left_base);
         let right = mean(
-            run.right_base.min(line.values.len() - 1),
-            run.right_base + 2,
+            peak.right_base.min(line.values.len() - 1),
+            peak.right_base + 2,
         );
-        let beside = left.max(right);
-        let contrast = mean(colours.first, colours.last) - beside;
+        let carpet_level = left.max(right);
+        let contrast = mean(colours.first, colours.last) - carpet_level;
         let count = (colours.last - colours.first + 1) as f32;
         if contrast < self.config.contrast_sigma_min * self.noise * (1.0 / count + 1.0 / 3.0).sqrt()
         {
@@ -199,14 +199,14 @@ impl LineValidator<'_> {
         let [carpet_light, ..] = self
             .carpet_model
             .chroma_coordinates(self.carpet_model.carpet);
-        let [beside_light, ..] = self.carpet_model.chroma_coordinates(colours.carpet_mean);
-        let lit = (beside_light / carpet_light.max(1e-6)).clamp(0.3, 1.5);
-        let full = (lit * white_contrast(self.carpet_model)).min(255.0 - beside);
-        let sharp = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
-        contrast >= self.config.white_share_min * sharp * full
+        let [carpet_light_here, ..] = self.carpet_model.chroma_coordinates(colours.carpet_mean);
+        let shading = (carpet_light_here / carpet_light.max(1e-6)).clamp(0.3, 1.5);
+        let contrast_full = (shading * white_contrast(self.carpet_model)).min(255.0 - carpet_level);
+        let blur_factor = (self.line_width / (pixel * self.config.blur_px)).min(1.0);
+        contrast >= self.config.white_share_min * blur_factor * contrast_full
     }
 
-    /// Is what the run adds to the carpet beside it light of the lamp's colour?
+    /// True if the peak adds light of the lamp's colour to the adjacent carpet.
     fn is_white(&self, colours: &PeakColours) -> bool {
         if self.carpet_model.is_grey() {
             return true;
@@ -219,7 +219,7 @@ impl LineValidator<'_> {
         if light <= 0.0 {
             return false;
         }
-        // Noise of the chroma of two samples of carpet and the run's own, in units of the carpet's chroma.
+        // Chroma noise of two carpet samples and the peak, in units of the carpet's chroma.
         let white = self.carpet_model.white.iter().sum::<f32>() / 3.0;
         let count = (colours.last - colours.first + 1) as f32;
         let noise =
@@ -234,9 +234,9 @@ impl LineValidator<'_> {
     }
 }
 
-/// Mean colours of a run and of the carpet beside it.
+/// Mean colours of a peak and of the adjacent carpet.
 struct PeakColours {
-    /// The samples between the edges.
+    /// First and last sample between the edges.
     first: usize,
     last: usize,
     peak_mean: [f32; 3],
@@ -244,15 +244,15 @@ struct PeakColours {
 }
 
 impl PeakColours {
-    fn measure(frame: &ImageView<'_>, line: &ScanLineSlice<'_>, run: &Peak) -> Self {
+    fn measure(image: &ImageView<'_>, line: &ScanLineSlice<'_>, peak: &Peak) -> Self {
         let colour = |index: usize| {
             let [u, v] = line.sample_pixel(index);
-            frame.rgb(u, v).map(f32::from)
+            image.rgb(u, v).map(f32::from)
         };
-        let (left, right) = (colour(run.left_base), colour(run.right_base));
+        let (left, right) = (colour(peak.left_base), colour(peak.right_base));
         let end = line.samples.len() - 1;
-        let first = (run.left_edge.ceil() as usize).min(run.index);
-        let last = (run.right_edge.floor() as usize).clamp(run.index, end);
+        let first = (peak.left_edge.ceil() as usize).min(peak.index);
+        let last = (peak.right_edge.floor() as usize).clamp(peak.index, end);
         let count = (last - first + 1) as f32;
         let mut top = [0.0f32; 3];
         for index in first..=last {
@@ -270,7 +270,7 @@ impl PeakColours {
     }
 }
 
-/// White's brightness over the carpet's by the weights of the reading, levels.
+/// Weighted brightness of white minus that of the carpet, levels.
 pub(crate) fn white_contrast(model: &CarpetModel) -> f32 {
     let weights = model.channel_weights();
     (0..3)
@@ -278,7 +278,7 @@ pub(crate) fn white_contrast(model: &CarpetModel) -> f32 {
         .sum()
 }
 
-/// Does the carpet end before this sample along both rays beside it?
+/// True if the carpet ends before this sample along both adjacent rays.
 pub(crate) fn is_beyond_carpet(carpet_end: &[f32], sample: &ScanSample) -> bool {
     let place = sample.azimuth_turns * carpet_end.len() as f32;
     let lower = place as usize % carpet_end.len();

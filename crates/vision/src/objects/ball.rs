@@ -1,54 +1,57 @@
-//! Where is the ball? A region of its colour on the carpet, as large as a ball must be there.
+//! Ball detection: a region of the ball's colour on the carpet, of the size expected at its distance.
 //!
-//! Seen from height H, a ball of radius r at distance d fills the angles φ ± δ from the vertical, with
-//! tan φ = d/(H − r) and sin δ = r/√(d² + (H − r)²). The map gives the ground behind each pixel, and so its angle.
+//! From a viewpoint at height H, a ball of radius r at distance d covers the angles φ ± δ from the vertical, with
+//! tan φ = d/(H − r) and sin δ = r/√(d² + (H − r)²). The map gives each pixel's ground point and so its angle.
 
 use localize::frames::{At, RobotFrame};
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
+use crate::objects::covariance::covariance_from_polar;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::azimuth;
+use crate::scan::pattern::pixel_footprint;
 
 /// The ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallDetection {
-    /// Where it touches the ground, metres; where it seems to, if it flies.
+    /// Contact point with the ground, metres; apparent if the ball is in the air.
     pub at: At<RobotFrame>,
     /// Covariance: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// False if it is larger than a ball on the ground can be there: it flies.
+    /// False if it appears larger than a ball on the ground, so it is in the air.
     pub on_ground: bool,
-    /// How much of a whole ball is seen, 0 to 1.
+    /// Confidence, 0 to 1: visible part of a whole ball.
     pub score: f32,
-    /// Middle of its region in the image: column, row, pixels.
+    /// Centroid of its region in the image: column, row, pixels.
     pub position_px: [f32; 2],
-    /// Its pixels.
+    /// Number of pixels of the region.
     pub pixels: usize,
 }
 
-/// What the search for the ball works on.
+/// Detects the ball in one image.
 pub(crate) struct BallDetector<'a> {
     pub(crate) image: &'a ImageView<'a>,
     pub(crate) map: &'a GroundMap,
     pub(crate) lookup_table: &'a ColourLookupTable,
     pub(crate) config: &'a ObjectConfig,
-    /// Where the carpet ends along each ray, metres.
+    /// Range of the carpet's boundary along each ray, metres.
     pub(crate) carpet_end: &'a [f32],
     /// The mirror's axis in the image, pixels.
     pub(crate) centre_px: [f32; 2],
 }
 
-/// Pixels that were visited, kept between frames so that no frame allocates a whole image.
+/// Marks visited pixels; reused to avoid an allocation per image.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct VisitedMask {
-    /// One byte a pixel: a frame's whole plane stays in a core's cache.
+    /// One byte per pixel, so that the whole plane fits a core's cache.
     marks: Vec<u8>,
     generation: u8,
 }
 
 impl VisitedMask {
-    /// Forgets all pixels of an image.
+    /// Unmarks all pixels.
     fn reset(&mut self, pixels: usize) {
         if self.marks.len() != pixels || self.generation == u8::MAX {
             self.marks.clear();
@@ -58,7 +61,7 @@ impl VisitedMask {
         self.generation += 1;
     }
 
-    /// True the first time.
+    /// Marks a pixel; true if it was unmarked.
     fn mark(&mut self, pixel: usize) -> bool {
         let first = self.marks[pixel] != self.generation;
         self.marks[pixel] = self.generation;
@@ -66,10 +69,10 @@ impl VisitedMask {
     }
 }
 
-/// A region larger than this is no ball, pixels: flooding stops.
+/// Flood fill stops at this size; larger regions are not a ball, pixels.
 const REGION_PIXELS_MAX: usize = 20_000;
 
-/// Pixels beside one of a region: two far, so that noise and a thin cable do not cut a ball.
+/// Neighbours for the flood fill, up to two pixels away, so that noise and thin cables do not split a ball.
 const NEIGHBOURS: [(i32, i32); 12] = [
     (-1, 0),
     (1, 0),
@@ -85,13 +88,13 @@ const NEIGHBOURS: [(i32, i32); 12] = [
     (1, 1),
 ];
 
-/// Directions in which a region's surroundings are looked at.
+/// Directions in which a region's surroundings are sampled.
 const SURROUND_DIRECTIONS: usize = 24;
-/// So far outside the region its blurred edge has ended, pixels.
+/// Distance outside the region at which its blurred edge has ended, pixels.
 const SURROUND_OFFSET_PX: f32 = 3.0;
 
 impl BallDetector<'_> {
-    /// The best ball among the regions around the seeds (column, row of pixels of the ball's colour).
+    /// Best candidate among the regions at the seeds (column, row of pixels of the ball's colour).
     pub(crate) fn detect(
         &self,
         seeds: impl Iterator<Item = [u16; 2]>,
@@ -125,7 +128,7 @@ impl BallDetector<'_> {
             let inside = |column: i32, row: i32| {
                 (0..width as i32).contains(&column) && (0..height as i32).contains(&row)
             };
-            // Near the border each neighbour is asked whether it is inside.
+            // Only near the border each neighbour is checked.
             let inner = inside(u - 2, v - 2) && inside(u + 2, v + 2);
             for (du, dv) in NEIGHBOURS {
                 let (column, row) = (u + du, v + dv);
@@ -133,7 +136,7 @@ impl BallDetector<'_> {
                     continue;
                 }
                 let (column, row) = (column as usize, row as usize);
-                // Once visited a pixel's class is known: in the region, or not of it.
+                // Each pixel is classified once.
                 if visited.mark(row * width + column)
                     && self
                         .lookup_table
@@ -171,7 +174,7 @@ impl BallDetector<'_> {
         }
         let [ex, ey] = [x / length, y / length];
         let mapped = ranges.len();
-        // The angle grows with the range, so ranges are ranked and two of them made angles.
+        // The angle is monotone in the range, so ranges are ranked and only two converted to angles.
         let outliers = ranges.len() / 50;
         let mut angle = |rank: usize| {
             let (_, range, _) = ranges.select_nth_unstable_by(rank, f32::total_cmp);
@@ -179,7 +182,7 @@ impl BallDetector<'_> {
         };
         let near = angle(outliers);
         let far = angle(mapped - 1 - outliers);
-        // A ball cut by the horizon or by something before it shows its near edge truly, else its middle.
+        // If the horizon or an occluder cuts the ball, only its near edge is reliable; otherwise its middle is used.
         let whole = mapped == region.len();
         let centre_height = height - config.ball_radius;
         let half = |range: f32| (config.ball_radius / range.hypot(centre_height)).asin();
@@ -195,14 +198,14 @@ impl BallDetector<'_> {
         }
         let half_expected = half(range);
         let [u, v] = [u_sum, v_sum].map(|sum| sum / region.len() as f32);
-        let angle = (self.centre_px[1] - v).atan2(u - self.centre_px[0]);
+        let angle = azimuth(self.centre_px, [u, v]);
         if self.is_beyond_carpet(angle / std::f32::consts::TAU, range) {
             return None;
         }
         let part = (far - near) / (2.0 * half_expected);
         let pixels = expected_ball_pixels(self.map, config, range, [u, v])?;
         let share = region.len() as f32 / pixels;
-        // Larger than a ball on the ground could be here: it is nearer, and so higher.
+        // Larger than a ball on the ground: it is nearer and thus higher.
         let on_ground = part < 1.6 && share < 2.5;
         if share.min(part) < config.ball_visible_share_min || share > 8.0 {
             return None;
@@ -210,17 +213,12 @@ impl BallDetector<'_> {
         if !self.is_surrounded_by_carpet([u, v], region.len()) {
             return None;
         }
-        let far_step = height / middle.cos().powi(2) * half_expected;
-        let along = 0.02 + 0.25 * far_step * (1.0 - part.min(1.0)) + 0.05 * far_step;
+        let far_footprint = height / middle.cos().powi(2) * half_expected;
+        let along = 0.02 + 0.25 * far_footprint * (1.0 - part.min(1.0)) + 0.05 * far_footprint;
         let across = 0.01 + 0.01 * range;
-        let (a2, c2) = (along * along, across * across);
         Some(BallDetection {
             at: At::new(range * ex, range * ey),
-            covariance: [
-                a2 * ex * ex + c2 * ey * ey,
-                (a2 - c2) * ex * ey,
-                a2 * ey * ey + c2 * ex * ex,
-            ],
+            covariance: covariance_from_polar([ex, ey], along, across),
             on_ground,
             score: share.min(1.0 / share).min(1.0) * part.min(1.0 / part).min(1.0).sqrt(),
             position_px: [u, v],
@@ -228,9 +226,9 @@ impl BallDetector<'_> {
         })
     }
 
-    /// Is there carpet around a region? A poster or a shirt behind the field has floor, wall or net around it instead.
+    /// True if a region is surrounded by carpet, unlike a poster or a shirt behind the field.
     ///
-    /// Lines, and robots that hide a part, say neither yes nor no.
+    /// Lines and occluding robots are neutral.
     fn is_surrounded_by_carpet(&self, [u, v]: [f32; 2], pixels: usize) -> bool {
         let reach = 3.0 * (pixels as f32 / std::f32::consts::PI).sqrt() + SURROUND_OFFSET_PX;
         let class = |length: f32, cos: f32, sin: f32| {
@@ -247,14 +245,14 @@ impl BallDetector<'_> {
         let [mut carpet, mut other, mut near_carpet, mut near_other] = [0u32; 4];
         let [towards_u, towards_v] = [self.centre_px[0] - u, self.centre_px[1] - v];
         let away = towards_u.hypot(towards_v).max(1.0);
-        for way in 0..SURROUND_DIRECTIONS {
+        for direction in 0..SURROUND_DIRECTIONS {
             let (sin, cos) =
-                (std::f32::consts::TAU * way as f32 / SURROUND_DIRECTIONS as f32).sin_cos();
+                (std::f32::consts::TAU * direction as f32 / SURROUND_DIRECTIONS as f32).sin_cos();
             let mut length = 0.0;
             while length <= reach && class(length, cos, sin) == Some(ColourClass::BALL) {
                 length += 1.0;
             }
-            // Its near half touches the carpet; its height may hide what is far behind it.
+            // The near half borders carpet; the far half may hide the carpet's boundary.
             let near = u32::from(cos * towards_u + sin * towards_v > 0.5 * away);
             match class(length + SURROUND_OFFSET_PX, cos, sin) {
                 Some(ColourClass::CARPET) => {
@@ -276,9 +274,9 @@ impl BallDetector<'_> {
         }
     }
 
-    /// Does the carpet end before the ball's middle on both its sides? Then it is something behind the carpet.
+    /// True if the carpet ends before the ball's centre on both sides, so the region is behind the carpet.
     ///
-    /// `turns`: its direction about the mirror's axis; `range`: its distance, metres.
+    /// `turns`: azimuth about the mirror's axis; `range`: distance, metres.
     pub(crate) fn is_beyond_carpet(&self, turns: f32, range: f32) -> bool {
         let half = self.config.ball_radius / (std::f32::consts::TAU * range);
         let count = self.carpet_end.len();
@@ -286,14 +284,13 @@ impl BallDetector<'_> {
             let place = turns.rem_euclid(1.0) * count as f32;
             self.carpet_end[(place as usize + outward) % count]
         };
-        // One ray past each side of the ball; its height hides carpet, so its far side may seem to lie farther out.
+        // One ray past each side of the ball. The ball hides carpet, so its centre may appear slightly farther.
         let end = end(turns - half, count - 1).max(end(turns + half, 2));
         range > 1.02 * end
     }
 }
 
-/// Pixels of a whole ball on the ground at a distance, whose middle is seen at a place of the image: its solid angle over
-/// a pixel's.
+/// Pixels of a whole ball on the ground at a distance and image position: its solid angle over a pixel's.
 pub(crate) fn expected_ball_pixels(
     map: &GroundMap,
     config: &ObjectConfig,
@@ -303,33 +300,23 @@ pub(crate) fn expected_ball_pixels(
     let height = config.viewpoint_height;
     let half = (config.ball_radius / range.hypot(height - config.ball_radius)).asin();
     let (column, row) = (u.round() as usize, v.round() as usize);
-    let (radial, tangential) = crate::scan::pattern::pixel_footprint(map, column, row)?;
+    let footprint = pixel_footprint(map, column, row)?;
     let ground = map.at(column, row)?.distance();
     let angle = (ground / height).atan();
-    let radial_angle = radial * angle.cos().powi(2) / height;
-    let tangential_angle = tangential / ground * angle.sin();
+    let radial_angle = footprint.radial * angle.cos().powi(2) / height;
+    let tangential_angle = footprint.tangential / ground * angle.sin();
     Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
 }
 
-/// Pixels of a whole ball that lies at a place of the ground; none where the map does not show it.
+/// Pixels of a whole ball at a ground point. None if the map does not show it.
 pub fn expected_ball_pixels_at(
     map: &GroundMap,
     config: &ObjectConfig,
     at: At<RobotFrame>,
 ) -> Option<f32> {
-    // Its middle hides ground a little farther out than it touches.
+    // The ball's centre projects to ground slightly beyond its contact point.
     let beyond = config.viewpoint_height / (config.viewpoint_height - config.ball_radius);
-    let mut nearest = (0.1 * at.distance(), None);
-    for row in 0..map.height_px {
-        for column in 0..map.width_px {
-            let Some(ground) = map.at(column, row) else {
-                continue;
-            };
-            let off = (ground.x - beyond * at.x).hypot(ground.y - beyond * at.y);
-            if off < nearest.0 {
-                nearest = (off, Some([column as f32, row as f32]));
-            }
-        }
-    }
-    expected_ball_pixels(map, config, at.distance(), nearest.1?)
+    let hidden = At::new(beyond * at.x, beyond * at.y);
+    let pixel = map.nearest_pixel(hidden, 0.1 * at.distance())?;
+    expected_ball_pixels(map, config, at.distance(), pixel)
 }

@@ -1,12 +1,13 @@
-//! Where are the goals? Coloured walls behind the carpet's end, and white posts that stand on it.
+//! Goal detection: coloured walls beyond the carpet's boundary, and white posts.
 
 use localize::frames::{At, RobotFrame};
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectConfig;
+use crate::objects::covariance::covariance_from_polar;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan, occludes_carpet_end};
 
-/// What was seen of a goal.
+/// Kind of a goal detection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GoalKind {
     /// A blue goal of 2001.
@@ -17,36 +18,36 @@ pub enum GoalKind {
     Post,
 }
 
-/// A goal or a post of one.
+/// A goal or one of its posts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoalDetection {
-    /// What was seen.
+    /// Kind.
     pub kind: GoalKind,
-    /// Its middle on the ground, metres.
+    /// Its centre on the ground, metres.
     pub at: At<RobotFrame>,
     /// Covariance: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// How wide it is seen, metres.
+    /// Visible width, metres.
     pub width: f32,
-    /// How sure it is, 0 to 1: the share of what its rays show beyond the carpet that has its colour.
+    /// Confidence, 0 to 1: mean fraction of its colour beyond the carpet along its rays.
     pub score: f32,
-    /// Where its middle meets the carpet, in the image: column, row, pixels.
+    /// Image position where its middle meets the carpet: column, row, pixels.
     pub position_px: [f32; 2],
 }
 
-/// Widest white thing still taken for a post, metres: its side of 0.125 aslant, blurred.
+/// Widest post, metres: the diagonal of its 0.125 m side, blurred.
 const POST_WIDTH_MAX: f32 = 0.35;
 
 /// Side of a post, metres.
 const POST_SIDE: f32 = 0.125;
 
-/// Narrowest coloured thing taken for a goal, metres: half of the goal of 2001 may be hidden.
+/// Narrowest goal, metres: part of the goal of 2001 may be hidden.
 const GOAL_WIDTH_MIN: f32 = 0.5;
 
-/// Groups rays that end in a goal's colour.
+/// Groups adjacent rays that end at a goal's colour.
 pub(crate) fn detect_goals(
-    rays: &RadialScan,
-    sights: &[CarpetEnd],
+    scan: &RadialScan,
+    carpet_ends: &[CarpetEnd],
     config: &ObjectConfig,
 ) -> Vec<GoalDetection> {
     let mut found = Vec::new();
@@ -55,16 +56,16 @@ pub(crate) fn detect_goals(
         (GoalKind::Yellow, ColourClass::YELLOW),
         (GoalKind::Post, ColourClass::WHITE),
     ] {
-        let share: Vec<f32> = (0..rays.count())
-            .map(|ray| goal_colour_share(rays, &sights[ray], rays.starts[ray + 1], class))
+        let share: Vec<f32> = (0..scan.count())
+            .map(|ray| goal_colour_share(scan, &carpet_ends[ray], scan.starts[ray + 1], class))
             .collect();
         let joined = |a: usize, b: usize| {
-            let (a_end, b_end) = (sights[a].range, sights[b].range);
+            let (a_end, b_end) = (carpet_ends[a].range, carpet_ends[b].range);
             share[a] > 0.0
                 && share[b] > 0.0
                 && (a_end - b_end).abs() < 0.2 + 0.15 * a_end.min(b_end)
         };
-        let count = rays.count();
+        let count = scan.count();
         let Some(first) = (0..count).find(|&ray| !joined((ray + count - 1) % count, ray)) else {
             continue;
         };
@@ -73,7 +74,7 @@ pub(crate) fn detect_goals(
             let ray = (first + step) % count;
             let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
             if !follows {
-                found.extend(build_goal(rays, sights, &share, &group, kind, config));
+                found.extend(build_goal(scan, carpet_ends, &share, &group, kind, config));
                 group.clear();
             }
             if share[ray] > 0.0 {
@@ -84,30 +85,35 @@ pub(crate) fn detect_goals(
     found
 }
 
-/// Share of the samples beyond the carpet that have a colour; zero below 0.6.
+/// Fraction of the samples beyond the carpet that have a colour; zero below 0.6.
 ///
-/// A goal's wall is looked at just beyond the carpet. A post is higher than the mirror, so it covers its direction up to
-/// the horizon: a sticker on a robot, glare or a line does not.
-fn goal_colour_share(rays: &RadialScan, sight: &CarpetEnd, end: usize, class: ColourClass) -> f32 {
-    if !(sight.carpet_seen && sight.range.is_finite()) {
+/// For a goal's wall only samples next to the carpet count. A post is higher than the mirror and covers its direction up
+/// to the horizon, unlike stickers on robots, glare or lines.
+fn goal_colour_share(
+    scan: &RadialScan,
+    carpet_end: &CarpetEnd,
+    end: usize,
+    class: ColourClass,
+) -> f32 {
+    if !(carpet_end.carpet_seen && carpet_end.range.is_finite()) {
         return 0.0;
     }
     let far = if class == ColourClass::WHITE {
         let above =
-            (sight.first_beyond..end).find(|&sample| rays.samples[sample].range.is_infinite());
+            (carpet_end.first_beyond..end).find(|&sample| scan.samples[sample].range.is_infinite());
         above.unwrap_or(end)
     } else {
-        end.min(sight.first_beyond + 16)
+        end.min(carpet_end.first_beyond + 16)
     };
-    let beyond = &rays.classes[sight.first_beyond..far];
+    let beyond = &scan.classes[carpet_end.first_beyond..far];
     let share =
         beyond.iter().filter(|&&found| found == class).count() as f32 / beyond.len().max(1) as f32;
     if share >= 0.6 { share } else { 0.0 }
 }
 
 fn build_goal(
-    rays: &RadialScan,
-    sights: &[CarpetEnd],
+    scan: &RadialScan,
+    carpet_ends: &[CarpetEnd],
     share: &[f32],
     group: &[usize],
     kind: GoalKind,
@@ -115,7 +121,7 @@ fn build_goal(
 ) -> Option<GoalDetection> {
     let ends: Vec<[f32; 2]> = group
         .iter()
-        .map(|&ray| rays.samples[sights[ray].first_beyond.saturating_sub(1)].ground)
+        .map(|&ray| scan.samples[carpet_ends[ray].first_beyond.saturating_sub(1)].ground)
         .collect();
     let count = ends.len() as f32;
     let [x, y] = ends.iter().fold([0.0, 0.0], |[x, y], end| {
@@ -129,11 +135,11 @@ fn build_goal(
     };
     match kind {
         GoalKind::Post if width > POST_WIDTH_MAX || range > 6.0 => return None,
-        // Half of its side may be hidden, and half a ray is as near as rays tell.
+        // Half of its side may be hidden; rays resolve half a ray's spacing.
         GoalKind::Post if width + 0.5 * ray_angle * range < 0.5 * POST_SIDE => return None,
-        // A wall or a window behind the carpet's edge has the same edge beside it.
+        // A wall or a window at the carpet's boundary has the same boundary next to it.
         GoalKind::Post
-            if !occludes_carpet_end(sights, group, range, config.post_depth_step_min) =>
+            if !occludes_carpet_end(carpet_ends, group, range, config.post_depth_step_min) =>
         {
             return None;
         }
@@ -142,18 +148,13 @@ fn build_goal(
     }
     let [ex, ey] = [x / range, y / range];
     let (along, across) = (0.05 + 0.05 * range, ray_angle * range);
-    let (a2, c2) = (along * along, across * across);
-    let sample = rays.samples[sights[group[group.len() / 2]]
+    let sample = scan.samples[carpet_ends[group[group.len() / 2]]
         .first_beyond
         .saturating_sub(1)];
     Some(GoalDetection {
         kind,
         at: At::new(x, y),
-        covariance: [
-            a2 * ex * ex + c2 * ey * ey,
-            (a2 - c2) * ex * ey,
-            a2 * ey * ey + c2 * ex * ex,
-        ],
+        covariance: covariance_from_polar([ex, ey], along, across),
         width,
         score: group.iter().map(|&ray| share[ray]).sum::<f32>() / count,
         position_px: [f32::from(sample.u), f32::from(sample.v)],

@@ -1,18 +1,19 @@
-//! Where exactly does the nearest foot stand? Pixel by pixel around the ray that found it.
+//! Refines an obstacle's ground contact pixel by pixel around the ray that found it.
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::nearest_pixel;
 
-/// So far from the ray's own find the foot is sought, pixels: some samples of a ray.
+/// Search radius along a direction, pixels: a few samples of a ray.
 const SEARCH_RADIUS_PX: i32 = 6;
 const SEARCH_SAMPLES: usize = 2 * SEARCH_RADIUS_PX as usize + 1;
 /// Directions between two rays: 0.5° for 180 of them, 4 cm at 4 m.
 const DIRECTIONS_PER_RAY: i16 = 4;
-/// So many pixels that are not floor are a foot: the mixed edge of a line is two wide.
+/// Consecutive pixels that are not floor and confirm an obstacle: a line's blurred edge has two.
 const OBSTACLE_PIXELS_MIN: usize = 3;
 
-/// What a foot is sought in.
+/// Searches ground contacts in one image.
 #[derive(Clone, Copy)]
 pub(crate) struct GroundContactSearch<'a> {
     pub(crate) image: &'a ImageView<'a>,
@@ -22,7 +23,7 @@ pub(crate) struct GroundContactSearch<'a> {
     pub(crate) centre_px: [f32; 2],
 }
 
-/// A foot's nearest point.
+/// An obstacle's nearest ground contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct GroundContact {
     /// Metres.
@@ -32,48 +33,48 @@ pub(crate) struct GroundContact {
 }
 
 impl GroundContactSearch<'_> {
-    /// The nearest end of the floor around a pixel, up to a ray's angle (radians) to both sides.
+    /// Nearest end of the floor around a pixel, up to one ray angle (radians) to both sides.
     pub(crate) fn find_nearest(&self, [u, v]: [f32; 2], ray_angle: f32) -> Option<GroundContact> {
         let (across, up) = (u - self.centre_px[0], self.centre_px[1] - v);
         let (angle, radius) = (up.atan2(across), across.hypot(up));
         let step = ray_angle / f32::from(DIRECTIONS_PER_RAY);
         (-DIRECTIONS_PER_RAY..=DIRECTIONS_PER_RAY)
-            .filter_map(|turn| self.find_in_direction(angle + f32::from(turn) * step, radius))
+            .filter_map(|step_index| {
+                self.find_in_direction(angle + f32::from(step_index) * step, radius)
+            })
             .min_by(|a, b| a.range.total_cmp(&b.range))
     }
 
-    /// Where the floor ends in one direction; none where it does not, or something stands before.
+    /// End of the floor in one direction. None if it does not end within the search radius.
     fn find_in_direction(&self, angle: f32, radius: f32) -> Option<GroundContact> {
-        let (sin, cos) = angle.sin_cos();
-        let mut places = [[0.0; 2]; SEARCH_SAMPLES];
+        let azimuth = angle.sin_cos();
+        let mut pixels = [[0.0; 2]; SEARCH_SAMPLES];
         let mut levels = [0.0; SEARCH_SAMPLES];
-        let (mut carpet, mut carpets) = (0.0, 0.0);
-        let (mut first, mut others) = (None, 0);
+        let (mut carpet_sum, mut carpet_count) = (0.0, 0.0);
+        let (mut first, mut obstacle_pixels) = (None, 0);
         for (index, step) in (-SEARCH_RADIUS_PX..=SEARCH_RADIUS_PX).enumerate() {
             let from_axis = radius + step as f32;
-            let at = [
-                (self.centre_px[0] + from_axis * cos).round(),
-                (self.centre_px[1] - from_axis * sin).round(),
-            ];
+            let at = nearest_pixel(self.centre_px, from_axis, azimuth);
             let (class, level) = self.class_and_brightness(at)?;
-            (places[index], levels[index]) = (at, level);
+            (pixels[index], levels[index]) = (at, level);
             match class {
-                ColourClass::CARPET | ColourClass::WHITE => (first, others) = (None, 0),
-                _ => (first, others) = (first.or(Some(index)), others + 1),
+                ColourClass::CARPET | ColourClass::WHITE => (first, obstacle_pixels) = (None, 0),
+                _ => (first, obstacle_pixels) = (first.or(Some(index)), obstacle_pixels + 1),
             }
             if class == ColourClass::CARPET {
-                (carpet, carpets) = (carpet + level, carpets + 1.0);
+                (carpet_sum, carpet_count) = (carpet_sum + level, carpet_count + 1.0);
             }
-            if others == OBSTACLE_PIXELS_MIN {
+            if obstacle_pixels == OBSTACLE_PIXELS_MIN {
                 break;
             }
         }
-        let first =
-            first.filter(|&first| others == OBSTACLE_PIXELS_MIN && first > 0 && carpets > 0.0)?;
+        let first = first.filter(|&first| {
+            obstacle_pixels == OBSTACLE_PIXELS_MIN && first > 0 && carpet_count > 0.0
+        })?;
         let dark = levels[first..first + OBSTACLE_PIXELS_MIN].iter().copied();
         let dark = dark.fold(f32::INFINITY, f32::min);
-        // A blurred edge lies where the level is half way; classes change later, since dim carpet is carpet still.
-        let half = (carpet / carpets + dark) / 2.0;
+        // A blurred edge is at half height; classes change later, since dim carpet is still carpet.
+        let half = (carpet_sum / carpet_count + dark) / 2.0;
         let edge = (1..=first).rev().find(|&index| levels[index - 1] >= half);
         let (edge, part) = match edge {
             Some(edge) if levels[edge] < half => {
@@ -83,10 +84,10 @@ impl GroundContactSearch<'_> {
             _ => (first, 0.5),
         };
         let range = |[u, v]: [f32; 2]| Some(self.map.at(u as usize, v as usize)?.distance());
-        let (before, after) = (range(places[edge - 1])?, range(places[edge])?);
+        let (before, after) = (range(pixels[edge - 1])?, range(pixels[edge])?);
         Some(GroundContact {
             range: before + part * (after - before),
-            position_px: places[edge],
+            position_px: pixels[edge],
         })
     }
 

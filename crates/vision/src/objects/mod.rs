@@ -1,6 +1,7 @@
-//! Which object is it? Radial scans from the robot outwards, robots, ball, goals, virtual sensors.
+//! Object detection: radial scan of the carpet's boundary, robots, ball, goals, virtual sensors.
 
 pub mod ball;
+mod covariance;
 pub mod goals;
 pub(crate) mod ground_contact;
 pub(crate) mod radial_scan;

@@ -1,4 +1,4 @@
-//! How far does the carpet reach in each direction, and what ends it? Rays from the mirror's axis to its rim.
+//! The carpet's boundary in each direction: rays from the mirror's axis to its rim.
 
 use std::f32::consts::TAU;
 use std::ops::Range;
@@ -8,6 +8,7 @@ use crate::colour::pixel_classifier::PixelClassifier;
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::nearest_pixel;
 use localize::robot::CameraConfig;
 
 /// A sample of a ray.
@@ -15,38 +16,38 @@ use localize::robot::CameraConfig;
 pub(crate) struct RaySample {
     pub(crate) u: u16,
     pub(crate) v: u16,
-    /// Where the ground would be, robot frame, metres; not a number above the horizon.
+    /// Ground point, robot frame, metres; NaN above the horizon.
     pub(crate) ground: [f32; 2],
     /// Its distance, metres; infinite above the horizon.
     pub(crate) range: f32,
 }
 
-/// The rays' samples, ray by ray, outward.
+/// Samples of all rays, ray by ray, outward.
 #[derive(Debug, Clone)]
 pub(crate) struct RadialScan {
     pub(crate) samples: Vec<RaySample>,
-    /// Where each ray starts in `samples`, and one past the last.
+    /// Index of each ray's first sample, and one past the last.
     pub(crate) starts: Vec<usize>,
-    /// What was read, one a sample.
+    /// Class of each sample in the last image read.
     pub(crate) classes: Vec<ColourClass>,
     reader: PixelClassifier,
 }
 
-/// What one ray shows.
+/// End of the carpet along one ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct CarpetEnd {
-    /// Distance of the last carpet before something else, metres; infinite where nothing ends it or none is seen.
+    /// Range of the last carpet sample, metres; infinite if nothing ends the carpet or none is visible.
     pub(crate) range: f32,
-    /// First sample beyond that.
+    /// First sample beyond it.
     pub(crate) first_beyond: usize,
-    /// Was any carpet seen?
+    /// True if the ray shows carpet.
     pub(crate) carpet_seen: bool,
 }
 
-/// Carpet begins again where so many of the last five samples are carpet; fewer are noise on something dark.
+/// Carpet starts again if this many of the last five samples are carpet; fewer are noise on a dark object.
 const CARPET_HISTORY_MASK: u32 = 0b1_1111;
 const CARPET_HISTORY_MIN: u32 = 4;
-/// So many samples of a ray lie beside the robot itself.
+/// Samples of a ray that count as next to the robot.
 const NEAR_ROBOT_SAMPLES: usize = 8;
 
 impl RadialScan {
@@ -57,16 +58,12 @@ impl RadialScan {
         range_min: f32,
         config: &ObjectConfig,
     ) -> Self {
-        let [cu, cv] = camera.centre_px;
         let (width, height) = (map.width_px as f32, map.height_px as f32);
         let (mut samples, mut starts) = (Vec::new(), vec![0]);
         for ray in 0..config.ray_count {
-            let (sin, cos) = (TAU * ray as f32 / config.ray_count as f32).sin_cos();
+            let azimuth = (TAU * ray as f32 / config.ray_count as f32).sin_cos();
             for step in (0..).step_by(config.ray_step_px) {
-                let (u, v) = (
-                    (cu + step as f32 * cos).round(),
-                    (cv - step as f32 * sin).round(),
-                );
+                let [u, v] = nearest_pixel(camera.centre_px, step as f32, azimuth);
                 let inside = u >= 0.0 && v >= 0.0 && u < width && v < height;
                 if !(inside && camera.is_inside_mirror(u, v)) {
                     break;
@@ -77,7 +74,7 @@ impl RadialScan {
                 }
                 let ground = map.at(column, row);
                 let range = ground.map_or(f32::INFINITY, |at| at.distance());
-                // Without ground before the first ground there is the robot itself.
+                // Pixels without ground before the first ground show the robot itself.
                 if range < range_min || ground.is_none() && samples.len() == starts[ray] {
                     continue;
                 }
@@ -90,9 +87,9 @@ impl RadialScan {
             }
             starts.push(samples.len());
         }
-        let places: Vec<[u16; 2]> = samples.iter().map(|s| [s.u, s.v]).collect();
+        let pixels: Vec<[u16; 2]> = samples.iter().map(|s| [s.u, s.v]).collect();
         RadialScan {
-            reader: PixelClassifier::new(&places, map.height_px),
+            reader: PixelClassifier::new(&pixels, map.height_px),
             classes: vec![ColourClass::OTHER; samples.len()],
             samples,
             starts,
@@ -103,28 +100,28 @@ impl RadialScan {
         self.starts.len() - 1
     }
 
-    /// Reads what the rays show in these rows of a frame that was checked.
+    /// Classifies the samples in these rows. The image must have been checked.
     pub(crate) fn read(
         &mut self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
         rows: &Range<usize>,
     ) {
         self.reader
-            .classify_rows(frame, table, rows, &mut self.classes);
+            .classify_rows(image, table, rows, &mut self.classes);
     }
 
-    /// Follows each ray to the carpet's end.
+    /// Finds the end of the carpet along each ray.
     ///
-    /// A cable, a shadow or a ball is passed over: only what covers more of the ground than `gap_max` plus `gap_share`
-    /// of its distance ends the carpet. White counts a quarter, since a line may point at the robot. A ray whose
-    /// nearest samples are covered (own body, a rod) starts where its first carpet is.
+    /// Gaps of up to `carpet_gap_max` plus `carpet_gap_per_range` times the range are ignored: cables, shadows, a ball.
+    /// White counts a quarter, since a line may point at the robot. A ray whose nearest samples are covered (own body,
+    /// a rod) starts at its first carpet.
     pub(crate) fn find_carpet_ends(&self, config: &ObjectConfig) -> Vec<CarpetEnd> {
-        let sight = |ray| self.find_carpet_end(ray, config);
-        (0..self.count()).map(sight).collect()
+        let carpet_end = |ray| self.find_carpet_end(ray, config);
+        (0..self.count()).map(carpet_end).collect()
     }
 
-    /// The samples of a class, each with its ray's direction, turns.
+    /// Samples of a class, each with its ray's azimuth, turns.
     pub(crate) fn samples_of_class(
         &self,
         class: ColourClass,
@@ -133,7 +130,7 @@ impl RadialScan {
         ends.flat_map(move |(ray, ends)| {
             let turns = ray as f32 / self.count() as f32;
             let classes = &self.classes[ends[0]..ends[1]];
-            // Most rays show none: whole vector registers at a time.
+            // Most rays have none: this fold vectorises.
             let any = classes
                 .iter()
                 .fold(false, |any, &found| any | (found == class));
@@ -179,7 +176,7 @@ impl RadialScan {
                 };
                 if gap > gap_max {
                     return CarpetEnd {
-                        range: range,
+                        range,
                         first_beyond: last + 1,
                         carpet_seen: true,
                     };
@@ -193,12 +190,12 @@ impl RadialScan {
     }
 }
 
-/// Where a ray's carpet begins, and which of the last samples up to there are carpet, a bit each.
+/// First carpet sample of a ray, and a bit mask of carpet among the last samples up to it.
 fn first_carpet(classes: &[ColourClass], start: usize) -> Option<(usize, u32)> {
     let mut recent = 0u32;
     for (index, &class) in classes.iter().enumerate().skip(start) {
         recent = (recent << 1 | u32::from(class == ColourClass::CARPET)) & CARPET_HISTORY_MASK;
-        // Beside the robot itself little carpet may be left before an obstacle: two samples of it are enough there.
+        // Next to the robot little carpet may be visible before an obstacle: two samples suffice.
         let near = index < start + NEAR_ROBOT_SAMPLES && recent & 0b11 == 0b11;
         if class == ColourClass::CARPET && (near || recent.count_ones() >= CARPET_HISTORY_MIN) {
             return Some((index, recent));
@@ -207,11 +204,11 @@ fn first_carpet(classes: &[ColourClass], start: usize) -> Option<(usize, u32)> {
     None
 }
 
-/// Does the carpet reach farther on both sides of neighbouring rays that end at `range`, by `more` metres at least?
+/// True if the carpet reaches at least `more` metres beyond `range` on both sides of a group of rays.
 ///
-/// Past one ray at the silhouette's edge, which may graze it.
+/// Skips one ray on each side, which may graze the silhouette.
 pub(crate) fn occludes_carpet_end(
-    sights: &[CarpetEnd],
+    carpet_ends: &[CarpetEnd],
     group: &[usize],
     range: f32,
     more: f32,
@@ -219,16 +216,16 @@ pub(crate) fn occludes_carpet_end(
     let (Some(first), Some(last)) = (group.first(), group.last()) else {
         return false;
     };
-    let count = sights.len();
+    let count = carpet_ends.len();
     [(first + count - 2) % count, (last + 2) % count]
         .iter()
-        .all(|&ray| sights[ray].range - range >= more)
+        .all(|&ray| carpet_ends[ray].range - range >= more)
 }
 
-/// How many samples are carpet before the first that is not.
+/// Number of leading carpet samples.
 fn count_leading_carpet(classes: &[ColourClass]) -> usize {
     let other = |class: &ColourClass| *class != ColourClass::CARPET;
-    // Whole vector registers first.
+    // Whole blocks first, vectorised.
     let (blocks, _) = classes.as_chunks::<16>();
     let plain =
         |block: &&[ColourClass; 16]| block.iter().fold(true, |all, class| all & !other(class));

@@ -1,95 +1,97 @@
-//! What stands at the carpet's end in each direction? One column a ray, rods and cables passed over.
+//! Obstacle at the carpet's end of each ray; rods and cables are skipped.
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectConfig;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 
-/// What ends the carpet of one ray.
+/// Obstacle of one ray.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct RayObstacle {
-    /// Where its foot is, metres.
+    /// Range of its base, metres.
     pub(crate) range: f32,
-    /// The median of its own and both neighbours' ranges.
+    /// Median of its own and both neighbours' ranges, metres.
     pub(crate) smoothed_range: f32,
     /// The ray's direction, robot frame, unit length.
     pub(crate) direction: [f32; 2],
-    /// Dark or coloured from the floor up.
+    /// True if it is dark or of a team's colour from the floor up.
     pub(crate) solid_base: bool,
-    /// No carpet before it: it begins beside the robot itself.
+    /// True if no carpet is visible before it: it starts next to the robot.
     pub(crate) touches_robot: bool,
-    /// Samples of that colour.
+    /// Number of cyan samples.
     pub(crate) cyan: u32,
-    /// Samples of that colour.
+    /// Number of magenta samples.
     pub(crate) magenta: u32,
-    /// Its foot.
+    /// Sample of its base.
     pub(crate) base_sample: usize,
 }
 
-/// A foot is so many samples high at least: its edge is mixed with the carpet.
+/// Samples of a base: its edge is mixed with the carpet.
 pub(crate) const BASE_SAMPLES: usize = 5;
 
-/// How far neighbouring columns of one thing lie apart at most, metres: a side seen at a slant, and a sample's step.
+/// Largest range step between adjacent rays on one object, metres: a slanted side plus the sample spacing.
 pub(crate) fn range_step_max(range: f32) -> f32 {
     0.15 + 0.1 * range
 }
 
-/// The columns of all rays; none where nothing stands within range.
+/// Obstacles of all rays; None if there is none within range.
 pub(crate) fn find_ray_obstacles(
     rays: &RadialScan,
-    sights: &[CarpetEnd],
+    carpet_ends: &[CarpetEnd],
     config: &ObjectConfig,
 ) -> Vec<Option<RayObstacle>> {
-    let mut columns: Vec<Option<RayObstacle>> = (0..rays.count())
+    let mut obstacles: Vec<Option<RayObstacle>> = (0..rays.count())
         .map(|ray| {
             let all = rays.starts[ray]..rays.starts[ray + 1];
             find_obstacle_at_robot(rays, all.clone(), config)
-                .or_else(|| find_obstacle_beyond_carpet(rays, &sights[ray], all.end, config))
+                .or_else(|| find_obstacle_beyond_carpet(rays, &carpet_ends[ray], all.end, config))
         })
         .collect();
-    replace_thin_obstacles(&mut columns, config);
-    smooth_ranges(&columns)
+    replace_thin_obstacles(&mut obstacles, config);
+    smooth_ranges(&obstacles)
 }
 
-/// What stands beyond the carpet.
+/// Obstacle at the carpet's end.
 fn find_obstacle_beyond_carpet(
     rays: &RadialScan,
-    sight: &CarpetEnd,
+    carpet_end: &CarpetEnd,
     end: usize,
     config: &ObjectConfig,
 ) -> Option<RayObstacle> {
-    if !(sight.carpet_seen && sight.range <= config.robot_range_max) {
+    if !(carpet_end.carpet_seen && carpet_end.range <= config.robot_range_max) {
         return None;
     }
-    // A line, and what is mixed of it and the carpet, may lie before the foot.
-    let before = sight.first_beyond..skip_lines(rays, sight.first_beyond, end, config);
+    // A line and its blurred edges may precede the base.
+    let before = carpet_end.first_beyond..skip_lines(rays, carpet_end.first_beyond, end, config);
     let solid = before.clone().find(|&first| {
-        let foot = &rays.classes[first..end.min(first + BASE_SAMPLES)];
-        is_robot_colour(foot[0])
-            && 2 * foot.iter().filter(|&&class| is_robot_colour(class)).count() >= foot.len()
+        let base = &rays.classes[first..end.min(first + BASE_SAMPLES)];
+        is_robot_colour(base[0])
+            && 2 * base.iter().filter(|&&class| is_robot_colour(class)).count() >= base.len()
     });
     let first = solid.unwrap_or_else(|| {
         let mut samples = before.clone();
         let line = |sample: &usize| rays.classes[*sample] == ColourClass::WHITE;
         samples.find(|sample| !line(sample)).unwrap_or(before.end)
     });
-    let foot = &rays.classes[first..end.min(first + BASE_SAMPLES)];
-    let whites = foot
+    let base = &rays.classes[first..end.min(first + BASE_SAMPLES)];
+    let whites = base
         .iter()
         .filter(|&&class| class == ColourClass::WHITE)
         .count();
-    if foot.is_empty() || 2 * whites > foot.len() {
+    if base.is_empty() || 2 * whites > base.len() {
         return None;
     }
-    // What is mixed of floor and foot is shared between them.
+    // The base is in the middle of the samples that mix floor and obstacle.
     let floor = |class: &ColourClass| matches!(*class, ColourClass::CARPET | ColourClass::WHITE);
-    let between = &rays.classes[sight.first_beyond..first];
+    let between = &rays.classes[carpet_end.first_beyond..first];
     let last = between.iter().rposition(floor);
-    let last = last.map_or(sight.first_beyond - 1, |last| sight.first_beyond + last);
+    let last = last.map_or(carpet_end.first_beyond - 1, |last| {
+        carpet_end.first_beyond + last
+    });
     let range = (rays.samples[last].range + rays.samples[first].range) / 2.0;
     Some(build_ray_obstacle(rays, first, end, range, solid.is_some()))
 }
 
-/// So far on lines may lie, from a sample on.
+/// One past the last sample that may be a line, starting at `from`.
 fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectConfig) -> usize {
     let mut gap = 0.0;
     let within = |sample: &usize| {
@@ -99,7 +101,7 @@ fn skip_lines(rays: &RadialScan, from: usize, end: usize, config: &ObjectConfig)
     from + (from..end).take_while(within).count()
 }
 
-/// Ground that a sample covers along its ray, metres: white counts a quarter, as a line may point at the robot.
+/// Ground that a sample covers along its ray, metres; white counts a quarter, since a line may point at the robot.
 fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
     let step = rays.samples[sample].range - rays.samples[sample - 1].range;
     if rays.classes[sample] == ColourClass::WHITE {
@@ -109,7 +111,7 @@ fn weighted_ground_step(rays: &RadialScan, sample: usize) -> f32 {
     }
 }
 
-/// What hides the carpet from the robot itself on, farther than a passed-over gap would.
+/// Obstacle that hides the carpet from the robot on, farther than an ignored gap.
 fn find_obstacle_at_robot(
     rays: &RadialScan,
     all: std::ops::Range<usize>,
@@ -140,7 +142,7 @@ fn build_ray_obstacle(
     range: f32,
     solid: bool,
 ) -> RayObstacle {
-    let of = |wanted: ColourClass| {
+    let count_class = |wanted: ColourClass| {
         let same = rays.classes[first..end].iter().filter(|&&c| c == wanted);
         same.count() as u32
     };
@@ -152,8 +154,8 @@ fn build_ray_obstacle(
         direction: [x / length, y / length],
         solid_base: solid,
         touches_robot: false,
-        cyan: of(ColourClass::CYAN),
-        magenta: of(ColourClass::MAGENTA),
+        cyan: count_class(ColourClass::CYAN),
+        magenta: count_class(ColourClass::MAGENTA),
         base_sample: first,
     }
 }
@@ -165,55 +167,55 @@ fn is_robot_colour(class: ColourClass) -> bool {
     )
 }
 
-/// Rays whose end is nearer than both its neighbours' and too narrow for a robot see a rod or a cable: what stands beside
-/// it stands behind it too.
+/// Replaces obstacles that are nearer than both neighbours and narrower than a robot (rods, cables) by the nearer
+/// neighbour.
 ///
-/// The robot's own rods look so in every direction that has one.
-fn replace_thin_obstacles(columns: &mut [Option<RayObstacle>], config: &ObjectConfig) {
-    let count = columns.len();
+/// The mirror's own rods appear in fixed directions.
+fn replace_thin_obstacles(obstacles: &mut [Option<RayObstacle>], config: &ObjectConfig) {
+    let count = obstacles.len();
     let ray_angle = std::f32::consts::TAU / count as f32;
     for first in 0..count {
-        let range = |columns: &[Option<RayObstacle>], ray: usize| {
-            columns[ray % count].map_or(f32::INFINITY, |column| column.range)
+        let range = |obstacles: &[Option<RayObstacle>], ray: usize| {
+            obstacles[ray % count].map_or(f32::INFINITY, |obstacle| obstacle.range)
         };
-        let own = range(columns, first);
-        let before = range(columns, first + count - 1);
+        let own = range(obstacles, first);
+        let before = range(obstacles, first + count - 1);
         if !own.is_finite() || before - own <= range_step_max(own) {
             continue;
         }
         let widest = (config.robot_width_min / (ray_angle * own)) as usize;
-        let farther = |ray: &usize| range(columns, *ray) - own > range_step_max(own);
+        let farther = |ray: &usize| range(obstacles, *ray) - own > range_step_max(own);
         let Some(after) = (first + 1..=first + widest).find(farther) else {
             continue;
         };
-        let beside = if before <= range(columns, after) {
-            columns[(first + count - 1) % count]
+        let neighbours = if before <= range(obstacles, after) {
+            obstacles[(first + count - 1) % count]
         } else {
-            columns[after % count]
+            obstacles[after % count]
         };
         for ray in first..after {
-            // Behind a rod things are seen in the rod's own direction.
-            let towards = columns[ray % count].map(|column| column.direction);
-            columns[ray % count] = beside.map(|beside| RayObstacle {
-                direction: towards.unwrap_or(beside.direction),
-                ..beside
+            // The replacement is in the ray's own direction.
+            let towards = obstacles[ray % count].map(|obstacle| obstacle.direction);
+            obstacles[ray % count] = neighbours.map(|neighbours| RayObstacle {
+                direction: towards.unwrap_or(neighbours.direction),
+                ..neighbours
             });
         }
     }
 }
 
-/// With the median of three neighbouring rays' ranges: a robot is as wide as several, noise ends a single one early.
-fn smooth_ranges(columns: &[Option<RayObstacle>]) -> Vec<Option<RayObstacle>> {
-    let count = columns.len();
+/// Smooths ranges and bases over three adjacent rays: a robot covers several, noise only one.
+fn smooth_ranges(obstacles: &[Option<RayObstacle>]) -> Vec<Option<RayObstacle>> {
+    let count = obstacles.len();
     let median = |ray: usize| {
-        let own = columns[ray]?;
-        let beside = [ray + count - 1, ray + 1].map(|ray| columns[ray % count]);
-        let [before, after] = beside.map(|other| other.map_or(own.range, |other| other.range));
+        let own = obstacles[ray]?;
+        let neighbours = [ray + count - 1, ray + 1].map(|ray| obstacles[ray % count]);
+        let [before, after] = neighbours.map(|other| other.map_or(own.range, |other| other.range));
         let solid = |other: Option<RayObstacle>| {
             let near = other.filter(|o| (o.range - own.range).abs() < range_step_max(own.range));
             near.map_or(own.solid_base, |other| other.solid_base)
         };
-        let [one, other] = beside.map(solid);
+        let [one, other] = neighbours.map(solid);
         Some(RayObstacle {
             smoothed_range: own.range.clamp(before.min(after), before.max(after)),
             solid_base: if one == other { one } else { own.solid_base },

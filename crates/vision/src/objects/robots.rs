@@ -1,61 +1,54 @@
-//! Where do robots stand? What ends the carpet in neighbouring directions at like distance, with its team marker.
+//! Robot detection: groups of adjacent rays whose carpet ends at similar range, with their team marker.
 //!
-//! lima2001 section 3: the first obstacle in each direction; a robot's foot is where its column leaves the carpet.
+//! lima2001 section 3: the first obstacle in each direction; a robot's base is where its ray leaves the carpet.
 
 use localize::frames::{At, RobotFrame};
+use localize::world::TeamColour;
 
 use crate::config::ObjectConfig;
+use crate::objects::covariance::covariance_from_polar;
 use crate::objects::ground_contact::{GroundContact, GroundContactSearch};
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 use crate::objects::ray_obstacles::{
     BASE_SAMPLES, RayObstacle, find_ray_obstacles, range_step_max,
 };
 
-/// The colour that a robot wears.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Marker {
-    /// Cyan.
-    Cyan,
-    /// Magenta.
-    Magenta,
-}
-
-/// A robot, or somebody's legs.
+/// A robot, or a person's legs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotDetection {
-    /// Its middle: `robot_radius` behind its nearest edge; metres.
+    /// Its centre, metres: `robot_radius` behind its nearest edge.
     pub at: At<RobotFrame>,
-    /// The nearest point of the ground that it covers, metres.
+    /// Its nearest ground contact, metres.
     pub edge: At<RobotFrame>,
-    /// Covariance of its middle: xx, xy, yy, m².
+    /// Covariance of its centre: xx, xy, yy, m².
     pub covariance: [f32; 3],
-    /// How wide it is seen, metres.
+    /// Visible width, metres.
     pub width: f32,
-    /// Its team's colour, where one is seen.
-    pub marker: Option<Marker>,
-    /// How sure it is one: thirds for standing before what is beside it, for its marker and for its dark foot.
+    /// Team colour, if a marker is visible.
+    pub marker: Option<TeamColour>,
+    /// Confidence: one third per cue (depth step to its neighbours, team marker, dark base); at least two thirds.
     pub score: f32,
-    /// Its nearest edge in the image: column, row, pixels.
+    /// Image position of its nearest edge: column, row, pixels.
     pub position_px: [f32; 2],
 }
 
-/// Groups the rays' ends into robots.
+/// Groups the rays' obstacles into robots.
 pub(crate) fn detect_robots(
     rays: &RadialScan,
-    sights: &[CarpetEnd],
-    floor: &GroundContactSearch<'_>,
+    carpet_ends: &[CarpetEnd],
+    contact_search: &GroundContactSearch<'_>,
     config: &ObjectConfig,
 ) -> Vec<RobotDetection> {
-    let columns = find_ray_obstacles(rays, sights, config);
-    let count = columns.len();
-    let joined = |a: usize, b: usize| match (columns[a], columns[b]) {
+    let obstacles = find_ray_obstacles(rays, carpet_ends, config);
+    let count = obstacles.len();
+    let joined = |a: usize, b: usize| match (obstacles[a], obstacles[b]) {
         (Some(a), Some(b)) => {
             (a.smoothed_range - b.smoothed_range).abs()
                 < range_step_max(a.smoothed_range.min(b.smoothed_range))
         }
         _ => false,
     };
-    // Start at a gap, so that no group is cut where the circle is.
+    // Start at a gap, so that no group is split at azimuth 0.
     let Some(first) = (0..count).find(|&ray| !joined((ray + count - 1) % count, ray)) else {
         return Vec::new();
     };
@@ -65,34 +58,41 @@ pub(crate) fn detect_robots(
         let ray = (first + step) % count;
         let follows = group.last().is_some_and(|&last| joined(last, ray)) && step < count;
         if !follows {
-            split_group(&columns, &group, config, &mut |group| {
-                found.extend(build_robot(rays, sights, floor, &columns, group, config));
+            split_group(&obstacles, &group, config, &mut |group| {
+                found.extend(build_robot(
+                    rays,
+                    carpet_ends,
+                    contact_search,
+                    &obstacles,
+                    group,
+                    config,
+                ));
             });
             group.clear();
         }
-        if columns[ray].is_some() {
+        if obstacles[ray].is_some() {
             group.push(ray);
         }
     }
     found
 }
 
-/// A group wider than a robot is cut where it recedes between two nearer parts, or else steps: robots side by side.
+/// Splits a group wider than a robot at a dip between nearer parts, at a depth step, or where the base changes.
 fn split_group(
-    columns: &[Option<RayObstacle>],
+    obstacles: &[Option<RayObstacle>],
     group: &[usize],
     config: &ObjectConfig,
     found: &mut impl FnMut(&[usize]),
 ) {
-    let range = |place: usize| columns[group[place]].map_or(f32::INFINITY, |c| c.smoothed_range);
+    let range = |index: usize| obstacles[group[index]].map_or(f32::INFINITY, |c| c.smoothed_range);
     let nearest = (0..group.len()).map(range).fold(f32::INFINITY, f32::min);
-    let ray_angle = std::f32::consts::TAU / columns.len() as f32;
-    // Seen corner on, the league's square robot is √2 wider than its side.
+    let ray_angle = std::f32::consts::TAU / obstacles.len() as f32;
+    // The diagonal of the league's square robot is √2 times its side.
     let robot_width = 2.0 * config.robot_radius * std::f32::consts::SQRT_2;
     if group.len() as f32 * ray_angle * nearest > robot_width {
-        // The nearest part before each place, and from each place on.
-        let running = |nearest: &mut f32, place| {
-            *nearest = range(place).min(*nearest);
+        // Running minimum of the range from both ends.
+        let running = |nearest: &mut f32, index| {
+            *nearest = range(index).min(*nearest);
             Some(*nearest)
         };
         let before: Vec<f32> = (0..group.len()).scan(f32::INFINITY, running).collect();
@@ -101,25 +101,26 @@ fn split_group(
             .scan(f32::INFINITY, running)
             .collect();
         after.reverse();
-        // Asked for inner places only.
-        let dip = |place: usize| range(place) - before[place - 1].max(after[place + 1]);
+        // Valid for inner indices only.
+        let dip = |index: usize| range(index) - before[index - 1].max(after[index + 1]);
         let cut = (1..group.len().saturating_sub(1)).max_by(|&a, &b| dip(a).total_cmp(&dip(b)));
         if let Some(cut) = cut.filter(|&cut| dip(cut) > 0.1) {
-            split_group(columns, &group[..cut], config, found);
-            split_group(columns, &group[cut + 1..], config, found);
+            split_group(obstacles, &group[..cut], config, found);
+            split_group(obstacles, &group[cut + 1..], config, found);
             return;
         }
-        // One stands half a robot farther than the other.
-        let step = |place: usize| (range(place) - range(place - 1)).abs();
+        // A depth step of half a robot separates two robots.
+        let step = |index: usize| (range(index) - range(index - 1)).abs();
         let cut = (1..group.len()).max_by(|&a, &b| step(a).total_cmp(&step(b)));
-        // Or what is dark from the floor up stands before a wall or the carpet's edge.
-        let solid = |place: usize| columns[group[place]].is_some_and(|column| column.solid_base);
+        // Or a change of the base: a dark base next to a wall or the carpet's boundary.
+        let solid =
+            |index: usize| obstacles[group[index]].is_some_and(|obstacle| obstacle.solid_base);
         let cut = cut
             .filter(|&cut| step(cut) > config.robot_radius)
-            .or_else(|| (1..group.len()).find(|&place| solid(place) != solid(place - 1)));
+            .or_else(|| (1..group.len()).find(|&index| solid(index) != solid(index - 1)));
         if let Some(cut) = cut {
-            split_group(columns, &group[..cut], config, found);
-            split_group(columns, &group[cut..], config, found);
+            split_group(obstacles, &group[..cut], config, found);
+            split_group(obstacles, &group[cut..], config, found);
             return;
         }
     }
@@ -128,27 +129,30 @@ fn split_group(
 
 fn build_robot(
     rays: &RadialScan,
-    sights: &[CarpetEnd],
-    floor: &GroundContactSearch<'_>,
-    columns: &[Option<RayObstacle>],
+    carpet_ends: &[CarpetEnd],
+    contact_search: &GroundContactSearch<'_>,
+    obstacles: &[Option<RayObstacle>],
     group: &[usize],
     config: &ObjectConfig,
 ) -> Option<RobotDetection> {
-    let members: Vec<RayObstacle> = group.iter().filter_map(|&ray| columns[ray]).collect();
+    let members: Vec<RayObstacle> = group.iter().filter_map(|&ray| obstacles[ray]).collect();
     let nearest = *members.iter().min_by(|a, b| a.range.total_cmp(&b.range))?;
-    let ray_angle = std::f32::consts::TAU / columns.len() as f32;
+    let ray_angle = std::f32::consts::TAU / obstacles.len() as f32;
     let width = members.len() as f32 * ray_angle * nearest.range;
     if width < config.robot_width_min || width > config.robot_width_max {
         return None;
     }
-    let stands_out = [group[0] + columns.len() - 2, group[group.len() - 1] + 2].map(|ray| {
-        let ray = ray % columns.len();
-        let end = columns[ray].map_or(sights[ray].range, |column| column.range);
+    let stands_out = [group[0] + obstacles.len() - 2, group[group.len() - 1] + 2].map(|ray| {
+        let ray = ray % obstacles.len();
+        let end = obstacles[ray].map_or(carpet_ends[ray].range, |obstacle| obstacle.range);
         end - nearest.range >= config.robot_depth_step_min
     });
     let stands_out = stands_out == [true; 2];
-    let solid =
-        members.iter().filter(|column| column.solid_base).count() as f32 / members.len() as f32;
+    let solid = members
+        .iter()
+        .filter(|obstacle| obstacle.solid_base)
+        .count() as f32
+        / members.len() as f32;
     let [mut x, mut y] = [0.0, 0.0];
     for member in &members {
         x += member.direction[0];
@@ -156,50 +160,49 @@ fn build_robot(
     }
     let length = x.hypot(y);
     let [x, y] = [x / length, y / length];
-    let (cyan, magenta) = members.iter().fold((0, 0), |(c, m), column| {
-        (c + column.cyan, m + column.magenta)
+    let (cyan, magenta) = members.iter().fold((0, 0), |(c, m), obstacle| {
+        (c + obstacle.cyan, m + obstacle.magenta)
     });
     let marker = match (cyan, magenta) {
         (c, m) if c.max(m) < 3 => None,
-        (c, m) if c > 2 * m => Some(Marker::Cyan),
-        (c, m) if m > 2 * c => Some(Marker::Magenta),
+        (c, m) if c > 2 * m => Some(TeamColour::Cyan),
+        (c, m) if m > 2 * c => Some(TeamColour::Magenta),
         _ => None,
     };
-    // A dark floor behind the carpet, a coloured thing on it, clutter: each shows one sign of a robot, not two.
-    let signs = [stands_out, marker.is_some(), solid >= 0.5];
-    let signs = signs.iter().filter(|&&sign| sign).count();
-    // A hand before the mirror is dark as well, and nothing is seen beside it; so near a marker is large, noise is not.
-    let touching = 2 * members.iter().filter(|column| column.touches_robot).count() > members.len();
+    // Dark floor behind the carpet, coloured objects and clutter show one cue each; a robot shows at least two.
+    let cues = [stands_out, marker.is_some(), solid >= 0.5];
+    let cues = cues.iter().filter(|&&cue| cue).count();
+    // A hand in front of the mirror passes two cues as well. So near, a marker is large, but noise is not.
+    let touching = 2 * members
+        .iter()
+        .filter(|obstacle| obstacle.touches_robot)
+        .count()
+        > members.len();
     let plain = marker.is_none() || (cyan.max(magenta) as usize) < BASE_SAMPLES * members.len();
-    if signs < 2 || touching && plain {
+    if cues < 2 || touching && plain {
         return None;
     }
     let sample = rays.samples[nearest.base_sample];
-    let at_px = [f32::from(sample.u), f32::from(sample.v)];
-    let foot = floor.find_nearest(at_px, ray_angle);
-    let foot = foot
+    let base_px = [f32::from(sample.u), f32::from(sample.v)];
+    let contact = contact_search.find_nearest(base_px, ray_angle);
+    let contact = contact
         .filter(|_| !nearest.touches_robot)
         .unwrap_or(GroundContact {
             range: nearest.range,
-            position_px: at_px,
+            position_px: base_px,
         });
-    let middle = foot.range + config.robot_radius;
-    // Along the ray: a sample's step and an unknown radius; across: half a ray's spacing and half the unknown width.
+    let middle = contact.range + config.robot_radius;
+    // Along the ray: sample spacing and unknown radius. Across: ray spacing and unknown width.
     let next = rays.samples[(nearest.base_sample + 1).min(rays.samples.len() - 1)].range;
     let step = (next - nearest.range).abs().min(1.0);
     let (along, across) = (step + 0.05, ray_angle * middle + 0.05);
-    let (a2, c2) = (along * along, across * across);
     Some(RobotDetection {
         at: At::new(middle * x, middle * y),
-        edge: At::new(foot.range * x, foot.range * y),
-        covariance: [
-            a2 * x * x + c2 * y * y,
-            (a2 - c2) * x * y,
-            a2 * y * y + c2 * x * x,
-        ],
+        edge: At::new(contact.range * x, contact.range * y),
+        covariance: covariance_from_polar([x, y], along, across),
         width,
         marker,
-        score: signs as f32 / 3.0,
-        position_px: foot.position_px,
+        score: cues as f32 / 3.0,
+        position_px: contact.position_px,
     })
 }

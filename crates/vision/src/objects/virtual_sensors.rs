@@ -1,51 +1,62 @@
-//! What do the virtual sensors say? Windows of the image, each asked one question: lima2001 section 3.3.
+//! Virtual sensors (lima2001 section 3.3): image regions that each answer one question.
 //!
-//! Nine bumpers around the camera, goals, ball, imminent kick, and whether the camera still sits under the mirror.
-//! The windows are configuration in image coordinates; those not configured are laid out from the ground map, so that
-//! any mirror has them.
+//! Nine bumpers around the robot, goals, ball, imminent kick, and whether the camera is still centred under the mirror.
+//! Regions are configured in image coordinates; the others are derived from the ground map, for any mirror.
+
+use localize::frames::At;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::{ImageRect, VirtualSensorConfig};
 use crate::error::VisionError;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
+use localize::config::SettingError;
 use localize::robot::CameraConfig;
+
+/// The setting below `vision.virtual_sensors` that holds the windows of that name.
+fn setting_name(window: &str) -> &str {
+    match window {
+        "bumper" => "bumpers",
+        "goal" => "goals",
+        other => other,
+    }
+}
 
 /// One bumper.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bumper {
-    /// Share of its window that is black, white or of a team's colour: not floor.
+    /// Fraction of its region that is black, white or of a team's colour.
     pub share: f32,
-    /// Is something there?
+    /// True if the fraction reaches the threshold.
     pub hit: bool,
 }
 
-/// What the windows of one frame say; places are columns and rows, pixels.
+/// Readings of one image; positions are column and row, pixels.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct VirtualSensorReadings {
     /// The bumpers, from the left over the front to the right and round the back.
     pub bumpers: Vec<Bumper>,
-    /// Middle of the blue goal, if it is in one of the goal windows.
+    /// Centroid of the blue goal, if it is in a goal region.
     pub blue_goal_px: Option<[f32; 2]>,
-    /// Middle of the yellow goal, if it is in one of the goal windows.
+    /// Centroid of the yellow goal, if it is in a goal region.
     pub yellow_goal_px: Option<[f32; 2]>,
-    /// Middle of the ball, if it is in the ball window.
+    /// Centroid of the ball, if it is in the ball region.
     pub ball_px: Option<[f32; 2]>,
-    /// Does the ball touch the kicker?
+    /// True if the ball touches the kicker.
     pub kick: bool,
-    /// Middle of the camera's own lens in the mirror, where it stands out.
+    /// Centroid of the camera's lens in the mirror. None if it does not stand out.
     pub lens_px: Option<[f32; 2]>,
-    /// Is the lens inside its window? If not, mirror or camera were moved.
+    /// True if the lens is inside its region; otherwise mirror or camera moved.
     pub lens_centred: Option<bool>,
 }
 
-/// A window's pixels: a grid of at most [`GRID`] × [`GRID`].
+/// Sampled pixels of a region: a grid of at most [`GRID`] × [`GRID`].
 #[derive(Debug, Clone)]
 struct PixelGrid {
     pixels: Vec<[u16; 2]>,
 }
 
-/// The windows of one camera.
+/// The virtual sensors of one camera.
 #[derive(Debug, Clone)]
 pub(crate) struct VirtualSensors {
     config: VirtualSensorConfig,
@@ -54,19 +65,19 @@ pub(crate) struct VirtualSensors {
     kick: PixelGrid,
     lens: PixelGrid,
     lens_window: ImageRect,
-    /// Where each window is: bumpers, goals, ball, kick, lens.
+    /// Name and rectangle of each region: bumpers, goals, ball, kick, lens.
     regions: Vec<(&'static str, ImageRect)>,
 }
 
-/// Samples along a window's side: a share of 1/256 is finer than any threshold.
+/// Samples along a region's side: a resolution of 1/256 is finer than any threshold.
 const GRID: usize = 16;
-/// The lens is sought in a square this many times as wide as its window.
+/// The lens is searched in a square this many times as wide as its region.
 const LENS_SEARCH_SCALE: f32 = 3.0;
-/// The lens is darker than this share of what surrounds it; a blacker robot around it hides it.
+/// The lens is darker than this fraction of its surroundings.
 const LENS_DARKNESS_RATIO: f32 = 0.6;
-/// Bumpers of lima2001: as many, evenly around.
+/// Number of bumpers, evenly around the robot (lima2001).
 const BUMPERS: usize = 9;
-/// Directions of the three goal windows from forward, degrees.
+/// Directions of the three goal regions from forward, degrees.
 const GOALS_DEG: [f32; 3] = [40.0, 0.0, -40.0];
 
 impl VirtualSensors {
@@ -78,21 +89,21 @@ impl VirtualSensors {
         let layout = Layout { map, camera };
         let bumpers = match &config.bumpers[..] {
             [] => layout.bumpers(config),
-            given => given.to_vec(),
+            rects => rects.to_vec(),
         };
         let goals = match &config.goals[..] {
             [] => layout.goals(),
-            given => given.to_vec(),
+            rects => rects.to_vec(),
         };
         let kick = config.kick.or_else(|| layout.kick(config));
         let lens_window = config.lens.unwrap_or_else(|| layout.lens());
-        let mut laid: Vec<(&'static str, ImageRect)> = Vec::new();
-        laid.extend(bumpers.iter().map(|&window| ("bumper", window)));
-        laid.extend(goals.iter().map(|&window| ("goal", window)));
-        laid.extend(config.ball.map(|window| ("ball", window)));
-        laid.extend(kick.map(|window| ("kick", window)));
-        laid.push(("lens", lens_window));
-        for (name, window) in &laid {
+        let mut regions: Vec<(&'static str, ImageRect)> = Vec::new();
+        regions.extend(bumpers.iter().map(|&window| ("bumper", window)));
+        regions.extend(goals.iter().map(|&window| ("goal", window)));
+        regions.extend(config.ball.map(|window| ("ball", window)));
+        regions.extend(kick.map(|window| ("kick", window)));
+        regions.push(("lens", lens_window));
+        for (name, window) in &regions {
             let right = window.left_px + window.width_px;
             let bottom = window.top_px + window.height_px;
             let configured = match *name {
@@ -104,11 +115,19 @@ impl VirtualSensors {
             };
             let inside = right <= map.width_px as f32 && bottom <= map.height_px as f32;
             if configured && !inside {
-                return Err(VisionError::Config {
-                    key: "windows",
-                    value: f64::from(right.max(bottom)),
-                    reason: "a window must lie inside the image",
-                });
+                let wide = right > map.width_px as f32;
+                let (end, size_px) = match wide {
+                    true => (right, map.width_px),
+                    false => (bottom, map.height_px),
+                };
+                return Err(SettingError {
+                    key: format!("vision.virtual_sensors.{}", setting_name(name)),
+                    value: f64::from(end),
+                    min: 0.0,
+                    max: size_px as f64,
+                    why: "a window must lie inside the image",
+                }
+                .into());
             }
         }
         let samples = |window: &ImageRect| PixelGrid::new(window, map, GRID);
@@ -121,7 +140,7 @@ impl VirtualSensors {
                 .map_or(PixelGrid { pixels: Vec::new() }, samples),
             lens: PixelGrid::new(&lens_window.scaled(LENS_SEARCH_SCALE), map, 3 * GRID / 2),
             lens_window,
-            regions: laid,
+            regions,
         })
     }
 
@@ -131,7 +150,7 @@ impl VirtualSensors {
 
     pub(crate) fn read(
         &self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
         ball_px: Option<[f32; 2]>,
     ) -> VirtualSensorReadings {
@@ -142,31 +161,31 @@ impl VirtualSensors {
             )
         };
         let bumpers = self.bumpers.iter().map(|samples| {
-            let share = samples.class_share(frame, table, obstacle);
+            let share = samples.class_share(image, table, obstacle);
             Bumper {
                 share,
                 hit: share >= self.config.bumper_occupied_share_min,
             }
         });
-        let goal = |wanted: ColourClass| {
+        let goal = |target: ColourClass| {
             let middles = self
                 .goals
                 .iter()
-                .filter_map(|samples| samples.class_centroid(frame, table, wanted));
+                .filter_map(|samples| samples.class_centroid(image, table, target));
             let (share, middle) = middles.max_by(|a, b| a.0.total_cmp(&b.0))?;
             (share >= self.config.goal_colour_share_min).then_some(middle)
         };
-        let touching = self
+        let ball_share = self
             .kick
-            .class_share(frame, table, |class| class == ColourClass::BALL);
-        let lens_px = self.lens.find_dark_blob(frame);
+            .class_share(image, table, |class| class == ColourClass::BALL);
+        let lens_px = self.lens.find_dark_blob(image);
         VirtualSensorReadings {
             bumpers: bumpers.collect(),
             blue_goal_px: goal(ColourClass::BLUE),
             yellow_goal_px: goal(ColourClass::YELLOW),
             ball_px: ball_px
                 .filter(|&at| self.config.ball.is_none_or(|window| window.contains(at))),
-            kick: touching >= self.config.kick_colour_share_min,
+            kick: ball_share >= self.config.kick_colour_share_min,
             lens_px,
             lens_centred: lens_px.map(|at| self.lens_window.contains(at)),
         }
@@ -177,13 +196,13 @@ impl PixelGrid {
     fn new(window: &ImageRect, map: &GroundMap, grid: usize) -> Self {
         let along = |start: f32, length: f32, size: usize| -> Vec<u16> {
             let count = (length.round() as usize).clamp(1, grid);
-            let mut places: Vec<u16> = (0..count)
+            let mut positions: Vec<u16> = (0..count)
                 .map(|step| start + length * (step as f32 + 0.5) / count as f32)
-                .filter(|place| (0.0..size as f32).contains(place))
-                .map(|place| place as u16)
+                .filter(|position| (0.0..size as f32).contains(position))
+                .map(|position| position as u16)
                 .collect();
-            places.dedup();
-            places
+            positions.dedup();
+            positions
         };
         let columns = along(window.left_px, window.width_px, map.width_px);
         let rows = along(window.top_px, window.height_px, map.height_px);
@@ -197,102 +216,93 @@ impl PixelGrid {
 
     fn classes<'a>(
         &'a self,
-        frame: &'a ImageView<'_>,
+        image: &'a ImageView<'_>,
         table: &'a ColourLookupTable,
     ) -> impl Iterator<Item = ([u16; 2], ColourClass)> + 'a {
         let class =
-            |[u, v]: [u16; 2]| table.class(frame.native_channels(usize::from(u), usize::from(v)));
+            |[u, v]: [u16; 2]| table.class(image.native_channels(usize::from(u), usize::from(v)));
         self.pixels.iter().map(move |&pixel| (pixel, class(pixel)))
     }
 
     fn class_share(
         &self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
-        wanted: impl Fn(ColourClass) -> bool,
+        matches: impl Fn(ColourClass) -> bool,
     ) -> f32 {
         let found = self
-            .classes(frame, table)
-            .filter(|&(_, class)| wanted(class));
+            .classes(image, table)
+            .filter(|&(_, class)| matches(class));
         found.count() as f32 / self.pixels.len().max(1) as f32
     }
 
-    /// Share and middle of a class's pixels.
+    /// Fraction and centroid of a class's pixels.
     fn class_centroid(
         &self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
         table: &ColourLookupTable,
-        wanted: ColourClass,
+        target: ColourClass,
     ) -> Option<(f32, [f32; 2])> {
         let found = self
-            .classes(frame, table)
-            .filter(|&(_, class)| class == wanted);
+            .classes(image, table)
+            .filter(|&(_, class)| class == target);
         let [u, v, count] = found.fold([0.0f32; 3], |[u, v, count], ([at_u, at_v], _)| {
             [u + f32::from(at_u), v + f32::from(at_v), count + 1.0]
         });
         (count > 0.0).then(|| (count / self.pixels.len() as f32, [u / count, v / count]))
     }
 
-    /// Middle of what is dark here, if it stands out from the rest and is not cut by the window's edge.
-    fn find_dark_blob(&self, frame: &ImageView<'_>) -> Option<[f32; 2]> {
+    /// Centroid of the dark pixels, if they stand out and are not cut by the region's edge.
+    fn find_dark_blob(&self, image: &ImageView<'_>) -> Option<[f32; 2]> {
         let level = |[u, v]: [u16; 2]| {
-            let rgb = frame.rgb(usize::from(u), usize::from(v));
+            let rgb = image.rgb(usize::from(u), usize::from(v));
             rgb.iter().map(|&channel| f32::from(channel)).sum::<f32>() / 3.0
         };
         let levels: Vec<f32> = self.pixels.iter().map(|&pixel| level(pixel)).collect();
         let mut ranked = levels.clone();
         let upper_quarter = levels.len() * 3 / 4;
         ranked.get(upper_quarter)?;
-        let (_, &mut around, _) = ranked.select_nth_unstable_by(upper_quarter, f32::total_cmp);
+        let (_, &mut surround_level, _) =
+            ranked.select_nth_unstable_by(upper_quarter, f32::total_cmp);
         let (first, last) = (self.pixels.first()?, self.pixels.last()?);
         let at_edge =
             |[u, v]: [u16; 2]| u == first[0] || v == first[1] || u == last[0] || v == last[1];
         let (mut sum, mut count, mut cut) = ([0.0f32; 2], 0.0, 0.0);
         let pixels = self.pixels.iter().zip(&levels);
-        for (&pixel, _) in pixels.filter(|&(_, &level)| level < LENS_DARKNESS_RATIO * around) {
+        for (&pixel, _) in
+            pixels.filter(|&(_, &level)| level < LENS_DARKNESS_RATIO * surround_level)
+        {
             sum = [sum[0] + f32::from(pixel[0]), sum[1] + f32::from(pixel[1])];
             count += 1.0;
             cut += f32::from(u8::from(at_edge(pixel)));
         }
-        // A disc inside the square touches its edge nowhere; a rod or two may.
-        let stands_out = count >= 4.0 && cut < 0.25 * count && around >= 8.0;
+        // A disc inside the square does not touch its edge; rods may.
+        let stands_out = count >= 4.0 && cut < 0.25 * count && surround_level >= 8.0;
         stands_out.then(|| sum.map(|sum| sum / count))
     }
 }
 
-/// Lays out windows by what the map says of the ground.
+/// Derives default regions from the ground map.
 struct Layout<'a> {
     map: &'a GroundMap,
     camera: &'a CameraConfig,
 }
 
 impl Layout<'_> {
-    /// The pixel that shows a place of the ground best; none if it is farther off than a tenth of its distance.
+    /// Pixel nearest to a ground point; None if it is off by more than a tenth of the range.
     fn nearest_pixel(&self, angle: f32, range: f32) -> Option<[f32; 2]> {
-        let [x, y] = [range * angle.cos(), range * angle.sin()];
-        let mut best = (0.1 * range, None);
-        for row in 0..self.map.height_px {
-            for column in 0..self.map.width_px {
-                let Some(ground) = self.map.at(column, row) else {
-                    continue;
-                };
-                let off = (ground.x - x).hypot(ground.y - y);
-                if off < best.0 {
-                    best = (off, Some([column as f32, row as f32]));
-                }
-            }
-        }
-        best.1
+        let ground = At::new(range * angle.cos(), range * angle.sin());
+        self.map.nearest_pixel(ground, 0.1 * range)
     }
 
-    /// A square around a place of the ground that is as wide as `size` metres of ground along the ray.
+    /// Square around a ground point, as wide as `size` metres of ground along the ray.
     fn square(&self, angle: f32, range: f32, size: f32) -> Option<ImageRect> {
         let middle = self.nearest_pixel(angle, range)?;
         let [near, far] =
             [range - 0.5 * size, range + 0.5 * size].map(|at| self.nearest_pixel(angle, at));
         let (near, far) = (near.unwrap_or(middle), far?);
         let along = (far[0] - near[0]).hypot(far[1] - near[1]);
-        Some(ImageRect::around(middle, along.max(3.0)))
+        Some(ImageRect::square(middle, along.max(3.0)))
     }
 
     fn bumpers(&self, config: &VirtualSensorConfig) -> Vec<ImageRect> {
@@ -320,7 +330,7 @@ impl Layout<'_> {
                     cu + 0.75 * rim * direction[0],
                     cv + 0.75 * rim * direction[1],
                 ];
-                ImageRect::around(middle, 0.5 * rim)
+                ImageRect::square(middle, 0.5 * rim)
             })
             .collect()
     }
@@ -329,15 +339,15 @@ impl Layout<'_> {
         self.square(0.0, config.kick_range, config.kick_size)
     }
 
-    /// A fiftieth of the image around where the axis should be: a mirror moved by more bends the map by centimetres.
+    /// A fiftieth of the image around the axis: a larger displacement of the mirror distorts the map by centimetres.
     fn lens(&self) -> ImageRect {
         let side = 0.02 * self.map.width_px.min(self.map.height_px) as f32;
-        ImageRect::around(self.camera.centre_px, side.max(4.0))
+        ImageRect::square(self.camera.centre_px, side.max(4.0))
     }
 }
 
 impl ImageRect {
-    fn around([u, v]: [f32; 2], side: f32) -> Self {
+    fn square([u, v]: [f32; 2], side: f32) -> Self {
         ImageRect {
             left_px: u - 0.5 * side,
             top_px: v - 0.5 * side,
@@ -356,7 +366,7 @@ impl ImageRect {
         }
     }
 
-    /// Is a place of the image inside?
+    /// True if an image position is inside.
     pub fn contains(&self, [u, v]: [f32; 2]) -> bool {
         (self.left_px..self.left_px + self.width_px).contains(&u)
             && (self.top_px..self.top_px + self.height_px).contains(&v)

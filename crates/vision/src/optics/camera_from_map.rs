@@ -1,13 +1,13 @@
-//! Which camera belongs to a calibrated map? Its axis, forward direction and handedness, from the map alone.
+//! Recovers the camera of a calibrated map: axis, forward direction and handedness.
 
 use localize::robot::CameraConfig;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::optics::ground_map::GroundMap;
 
-/// The camera of a map alone: its axis, forward direction and side as the nearest ground shows them.
+/// Camera of a map: axis, forward direction and handedness, from the ground nearest to the robot.
 ///
-/// None if the map shows too little ground. The rim is where the map ends.
+/// None if the map shows too little ground. The rim radius is that of the outermost mapped pixel.
 pub fn camera_from_map(map: &GroundMap) -> Option<CameraConfig> {
     let mut ranges: Vec<f32> = ground(map).map(|(_, at)| at[0].hypot(at[1])).collect();
     if ranges.len() < 100 {
@@ -15,7 +15,7 @@ pub fn camera_from_map(map: &GroundMap) -> Option<CameraConfig> {
     }
     let quarter = ranges.len() / 4;
     let (_, &mut near, _) = ranges.select_nth_unstable_by(quarter, f32::total_cmp);
-    // Near the axis ground is nearly a rotated, scaled image: x ≈ a·(u, v) + b, solved by least squares.
+    // Near the axis the ground is nearly a rotated, scaled image: x ≈ a·(u, v) + b, solved by least squares.
     let mut normal = Matrix3::<f64>::zeros();
     let mut sides = [Vector3::<f64>::zeros(); 2];
     for (pixel, at) in ground(map).filter(|(_, at)| at[0].hypot(at[1]) <= near) {
@@ -51,7 +51,7 @@ pub fn camera_from_map(map: &GroundMap) -> Option<CameraConfig> {
     })
 }
 
-/// The pixels that show ground, and where it is.
+/// Pixels that show ground (u, v), with their ground points (x, y), metres.
 fn ground(map: &GroundMap) -> impl Iterator<Item = ([f32; 2], [f32; 2])> {
     (0..map.height_px)
         .flat_map(move |row| (0..map.width_px).map(move |column| (column, row)))

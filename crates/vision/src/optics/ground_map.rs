@@ -1,4 +1,4 @@
-//! Which point of the ground does a pixel show? The map that vision measures with, traced or calibrated.
+//! The ground map: for each pixel its ground point, traced from a mirror profile or calibrated.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Cursor, Seek, Write};
@@ -15,13 +15,13 @@ pub struct GroundMap {
     pub width_px: usize,
     /// Rows.
     pub height_px: usize,
-    /// Forward, metres, row by row; NaN where no ground is seen.
+    /// Forward, metres, row by row; NaN if the pixel shows no ground.
     pub x: Vec<f32>,
-    /// To the left, metres, row by row; NaN where no ground is seen.
+    /// To the left, metres, row by row; NaN if the pixel shows no ground.
     pub y: Vec<f32>,
 }
 
-/// Why there is no map.
+/// Why a map cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum GroundMapError {
     /// The file cannot be opened, read or written.
@@ -29,10 +29,10 @@ pub enum GroundMapError {
     File {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// An array is missing, of another type, or of another shape.
+    /// An array is missing or has the wrong type or shape.
     #[error("{}: {reason}", path.display())]
     Content {
         /// The file.
@@ -43,7 +43,13 @@ pub enum GroundMapError {
 }
 
 impl GroundMap {
-    /// The ground point that the pixel's centre shows.
+    /// Distance of the nearest ground that the map shows, metres; infinite if it shows none.
+    pub(crate) fn nearest_ground(&self) -> f32 {
+        let ranges = self.x.iter().zip(&self.y).map(|(x, y)| x.hypot(*y));
+        ranges.fold(f32::INFINITY, f32::min)
+    }
+
+    /// Ground point of the pixel's centre.
     pub fn at(&self, column: usize, row: usize) -> Option<At<RobotFrame>> {
         if column >= self.width_px || row >= self.height_px {
             return None;
@@ -53,7 +59,7 @@ impl GroundMap {
         (x.is_finite() && y.is_finite()).then(|| At::new(x, y))
     }
 
-    /// The ground point between pixel centres, bilinear; none if any of the four neighbours shows no ground.
+    /// Ground point between pixel centres, bilinear. None if any of the four neighbours shows no ground.
     pub fn interpolate(&self, u: f32, v: f32) -> Option<At<RobotFrame>> {
         let (u0, v0) = (u.floor(), v.floor());
         if !(u0 >= 0.0 && v0 >= 0.0) {
@@ -76,6 +82,23 @@ impl GroundMap {
         ))
     }
 
+    /// The pixel (column, row) whose ground is nearest to a ground point; None if none lies within `distance_max` metres.
+    pub fn nearest_pixel(&self, ground: At<RobotFrame>, distance_max: f32) -> Option<[f32; 2]> {
+        let (mut nearest, mut pixel) = (distance_max, None);
+        for row in 0..self.height_px {
+            for column in 0..self.width_px {
+                let Some(here) = self.at(column, row) else {
+                    continue;
+                };
+                let distance = (here.x - ground.x).hypot(here.y - ground.y);
+                if distance < nearest {
+                    (nearest, pixel) = (distance, Some([column as f32, row as f32]));
+                }
+            }
+        }
+        pixel
+    }
+
     /// Reads `x_m` and `y_m` (float32, rows × columns) from an npz archive.
     pub fn load(path: &Path) -> Result<Self, GroundMapError> {
         let file = |source| GroundMapError::File {
@@ -88,7 +111,7 @@ impl GroundMap {
         let (y, shape) = read_array(&mut archive, path, "y_m")?;
         if shape != [height_px, width_px] {
             let reason = format!(
-                "x_m is {height_px} × {width_px} but y_m is {} × {}",
+                "shapes differ: x_m is {height_px} × {width_px}, y_m is {} × {}",
                 shape[0], shape[1]
             );
             return Err(GroundMapError::Content {
@@ -104,7 +127,7 @@ impl GroundMap {
         })
     }
 
-    /// Writes the npz archive; the file appears whole or not at all.
+    /// Writes the npz archive atomically.
     pub fn save(&self, path: &Path) -> Result<(), GroundMapError> {
         let file = |source| GroundMapError::File {
             path: path.to_owned(),
@@ -150,21 +173,22 @@ fn read_array(
     let found: Option<NpyFile<_>> = archive
         .by_name(name)
         .map_err(|error| content(format!("{name}: {error}")))?;
-    let found = found.ok_or_else(|| content(format!("has no array {name}")))?;
+    let found =
+        found.ok_or_else(|| content(format!("missing array: {name} (expected x_m and y_m)")))?;
     let &[rows, columns] = found.shape() else {
         return Err(content(format!(
-            "{name} has {} dimensions, wanted rows × columns",
+            "wrong shape of {name}: {} dimensions (expected rows × columns)",
             found.shape().len()
         )));
     };
     if found.order() != npyz::Order::C {
         return Err(content(format!(
-            "{name} is stored column by column, wanted row by row"
+            "wrong order of {name}: column by column (expected row by row)"
         )));
     }
     let values = found
         .into_vec::<f32>()
-        .map_err(|error| content(format!("{name}: {error} (wanted float32)")))?;
+        .map_err(|error| content(format!("{name}: {error} (expected float32)")))?;
     Ok((values, [rows as usize, columns as usize]))
 }
 

@@ -1,4 +1,4 @@
-//! What shape is the mirror? A profile of revolution, smooth between its samples, kinks kept.
+//! Mirror profile: a surface of revolution, interpolated smoothly between samples without ringing at kinks.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ pub struct Profile {
     slope: Vec<f64>,
 }
 
-/// Why there is no profile.
+/// Why a profile is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
     /// The file cannot be read.
@@ -18,10 +18,10 @@ pub enum ProfileError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The reader's word.
+        /// The CSV reader's error.
         source: csv::Error,
     },
-    /// A line of the file is no sample of a profile.
+    /// A line of the file is not a valid sample.
     #[error("{}: line {line}: {reason}", path.display())]
     Line {
         /// The file.
@@ -31,7 +31,7 @@ pub enum ProfileError {
         /// What is wrong.
         reason: String,
     },
-    /// The samples make no mirror.
+    /// The samples do not form a profile.
     #[error("sample {index} (radius {radius} m): {reason}")]
     Sample {
         /// Counted from 0.
@@ -43,16 +43,16 @@ pub enum ProfileError {
     },
 }
 
-/// The fewest samples that a smooth profile can be laid through.
+/// Fewest samples that Akima's slopes need.
 const SAMPLES_MIN: usize = 5;
-/// Radius and height beyond which a profile is written in another unit, metres.
+/// Larger radii and heights mean that the file is not in metres.
 const RADIUS_MAX: f64 = 2.0;
 const HEIGHT_MAX: f64 = 10.0;
 
 impl Profile {
-    /// Lays a smooth curve through samples of (radius, height above the ground), metres.
+    /// Interpolates samples of (radius, height above the ground), metres.
     ///
-    /// Slopes are Akima's: local, exact on straight parts, and they do not ring beside a kink between two parts.
+    /// Slopes are Akima's: local, exact on straight parts, and without ringing next to a kink.
     pub fn new(radius: Vec<f64>, height: Vec<f64>) -> Result<Self, ProfileError> {
         let refuse = |index: usize, reason: &str| {
             let radius = radius.get(index).copied().unwrap_or(f64::NAN);
@@ -70,10 +70,10 @@ impl Profile {
         }
         for index in 0..radius.len() {
             if !(radius[index].is_finite() && height[index].is_finite()) {
-                return refuse(index, "is not a number");
+                return refuse(index, "not a finite number");
             }
             if radius[index] < 0.0 {
-                return refuse(index, "lies on the other side of the axis");
+                return refuse(index, "negative radius (expected >= 0)");
             }
             if index > 0 && radius[index] <= radius[index - 1] {
                 return refuse(
@@ -110,7 +110,7 @@ impl Profile {
             let found = header.iter().collect::<Vec<_>>().join(",");
             return Err(at(
                 1,
-                format!("header is {found:?}, wanted radius_m,height_m"),
+                format!("wrong header: {found:?} (expected radius_m,height_m)"),
             ));
         }
         let (mut radius, mut height, mut lines) = (Vec::new(), Vec::new(), Vec::new());
@@ -127,7 +127,7 @@ impl Profile {
                 return Err(at(
                     line,
                     format!(
-                        "radius {r}, height {h}: metres are wanted, and no robot's mirror is wider than {RADIUS_MAX} m or higher than {HEIGHT_MAX} m"
+                        "radius {r}, height {h} out of range (expected metres: radius <= {RADIUS_MAX}, height <= {HEIGHT_MAX})"
                     ),
                 ));
             }
@@ -144,17 +144,17 @@ impl Profile {
         })
     }
 
-    /// The radii between which the mirror exists, metres.
+    /// Innermost and outermost radius, metres.
     pub fn radii(&self) -> (f64, f64) {
         (self.radius[0], self.radius[self.radius.len() - 1])
     }
 
-    /// Its samples: (radius, height above the ground), metres.
+    /// The samples: (radius, height above the ground), metres.
     pub fn samples(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         self.radius.iter().copied().zip(self.height.iter().copied())
     }
 
-    /// Height above the ground (metres) and slope at a radius; continued straight beyond the ends.
+    /// Height above the ground (metres) and slope at a radius; extrapolated linearly beyond the ends.
     pub fn height_and_slope(&self, radius: f64) -> (f64, f64) {
         let last = self.radius.len() - 1;
         if radius <= self.radius[0] {
@@ -185,7 +185,7 @@ impl Profile {
     }
 }
 
-/// Akima's slopes: neighbours' secants weighted by how much the secants on the other side disagree.
+/// Akima's slopes: adjacent secants, each weighted by the disagreement of the secants on the other side.
 fn akima_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
     let count = x.len();
     let secant: Vec<f64> = (0..count - 1)

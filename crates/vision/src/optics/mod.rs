@@ -1,7 +1,8 @@
-//! Which ground point does a pixel show? Mirror profiles, ray tracing, ground maps.
+//! Projection between image and ground: mirror profiles, ray tracing, ground maps.
 
 pub mod camera_from_map;
 pub mod ground_map;
+pub(crate) mod image_polar;
 pub mod mirror;
 pub mod ray_tracing;
 

@@ -1,4 +1,4 @@
-//! Which ray belongs to a pixel? Pinhole, mirror and mount, traced by the exact law of reflection (MATH.md 1).
+//! Traces each pixel's ray through pinhole, mirror and mount by the exact law of reflection (docs/methods.md 2.5; tilt: 3.2).
 
 use localize::frames::{At, RobotFrame};
 use nalgebra::{Rotation3, Vector3};
@@ -8,33 +8,33 @@ use crate::optics::ground_map::GroundMap;
 use crate::optics::mirror::Profile;
 use localize::robot::CameraConfig;
 
-/// How camera and mirror really sit on the robot, as opposed to how they should; all zero for a perfect mount.
+/// Mounting errors of camera and mirror; all zero for a perfect mount.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Mount {
-    /// Lean of the whole rig, degrees: towards the robot's x (a) and y (b), about the point on the ground below.
+    /// Tilt of the whole rig, degrees: towards the robot's x (a) and y (b), about the ground point below.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub lean_deg: [f64; 2],
-    /// Tilt of the mirror against the camera's axis, degrees: its axis's top moves towards the robot's x and y.
+    /// Tilt of the mirror against the camera's axis, degrees: the top of its axis moves towards the robot's x and y.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub mirror_tilt_deg: [f64; 2],
     /// Offset of the mirror's axis from the camera's, metres along the robot's x and y.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub mirror_offset: [f64; 2],
-    /// How much higher the mirror hangs than its profile says, metres.
+    /// Height of the mirror above the profile's height, metres.
     pub mirror_raise: f64,
 }
 
-/// A pixel's ray after the mirror, robot frame (z up from the ground).
+/// A pixel's ray after reflection, robot frame (z up from the ground).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// Where it leaves the mirror, metres.
+    /// Point on the mirror, metres.
     pub origin: [f32; 3],
-    /// Where it goes, unit length.
+    /// Unit vector.
     pub direction: [f32; 3],
 }
 
-/// One ray a pixel, row by row; none where the image shows no mirror.
+/// One ray per pixel, row by row; None if the pixel shows no mirror.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RayTable {
     /// Columns.
@@ -45,25 +45,25 @@ pub struct RayTable {
     pub rays: Vec<Option<Ray>>,
 }
 
-/// Why no rays can be traced.
+/// Why rays cannot be traced.
 #[derive(Debug, thiserror::Error)]
 pub enum OpticsError {
-    /// A number is missing that tracing needs.
-    #[error("[camera] needs {0} to trace a mirror profile")]
+    /// A required value is missing.
+    #[error("missing [camera] {0}: tracing a mirror profile needs it")]
     Missing(&'static str),
-    /// A number that no camera can have.
+    /// A value is out of range.
     #[error("[camera] {key} = {value}: {reason}")]
     Value {
         /// The key.
         key: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// The requirement it fails.
         reason: &'static str,
     },
 }
 
-/// Reflects every pixel's ray in the mirror.
+/// Traces the rays of all pixels.
 pub fn trace_rays(
     camera: &CameraConfig,
     profile: &Profile,
@@ -84,7 +84,7 @@ pub fn trace_rays(
 }
 
 impl RayTable {
-    /// Where each pixel's ray meets the ground.
+    /// Intersects the rays with the ground.
     pub fn ground_map(&self) -> GroundMap {
         let (x, y) = self
             .rays
@@ -104,21 +104,21 @@ impl RayTable {
 }
 
 impl Ray {
-    /// Where the ray comes down to a height above the ground; none if it goes up or starts below.
+    /// Intersection with a plane at a height above the ground, metres. None if the ray rises or starts below it.
     pub fn at_height(&self, height: f32) -> Option<At<RobotFrame>> {
         let drop = self.origin[2] - height;
         if !(self.direction[2] < 0.0 && drop >= 0.0) {
             return None;
         }
-        let way = drop / -self.direction[2];
+        let distance = drop / -self.direction[2];
         Some(At::new(
-            self.origin[0] + way * self.direction[0],
-            self.origin[1] + way * self.direction[1],
+            self.origin[0] + distance * self.direction[0],
+            self.origin[1] + distance * self.direction[1],
         ))
     }
 }
 
-/// Everything a pixel's ray needs, made once.
+/// Precomputed values for tracing.
 pub struct Tracer<'a> {
     camera: &'a CameraConfig,
     profile: &'a Profile,
@@ -131,11 +131,19 @@ pub struct Tracer<'a> {
     upright_from_rig: Rotation3<f64>,
 }
 
-/// Newton steps are this small when the meeting point is exact to the last digits that matter, metres.
+/// A camera ray reflected by the mirror, camera frame.
+struct Reflection {
+    /// Where it meets the mirror, metres from the pinhole.
+    point: Vector3<f64>,
+    /// Its direction afterwards, unit length.
+    direction: Vector3<f64>,
+}
+
+/// Newton's method has converged below this step, metres.
 const CONVERGED: f64 = 1e-12;
 
 impl<'a> Tracer<'a> {
-    /// Checks the camera's numbers and turns the mount into rotations.
+    /// Checks the camera and converts the mount to rotations.
     pub fn new(
         camera: &'a CameraConfig,
         profile: &'a Profile,
@@ -184,7 +192,7 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// The ray that a point of the image shows; none beyond the mirror's rim.
+    /// Ray of an image point. None beyond the mirror's rim.
     pub fn ray(&self, u: f64, v: f64) -> Option<Ray> {
         if !self.camera.is_inside_mirror(u as f32, v as f32) {
             return None;
@@ -196,7 +204,8 @@ impl<'a> Tracer<'a> {
         let [row_u, row_v] = self.camera.image_from_robot().map(|row| row.map(f64::from));
         let tangent_x = (row_u[0] * xu + row_v[0] * xv) / self.focal_px;
         let tangent_y = (row_u[1] * xu + row_v[1] * xv) / self.focal_px;
-        let (point, direction) = self.reflect(Vector3::new(tangent_x, tangent_y, 1.0))?;
+        let Reflection { point, direction } =
+            self.reflect(Vector3::new(tangent_x, tangent_y, 1.0))?;
         let origin = self.upright_from_rig * (point + Vector3::new(0.0, 0.0, self.pinhole_height));
         let direction = self.upright_from_rig * direction;
         let f32s = |v: Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
@@ -206,20 +215,20 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// Where a camera ray (z = 1) meets the mirror and where it goes from there, camera frame.
-    fn reflect(&self, towards: Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        // In the mirror's own frame its pivot is where the profile says.
+    /// Reflects a camera ray (z = 1), camera frame.
+    fn reflect(&self, towards: Vector3<f64>) -> Option<Reflection> {
+        // In the mirror's frame the pivot is at the profile's apex.
         let start = self.mirror_from_camera * -self.moved_pivot + self.pivot;
         let step = self.mirror_from_camera * towards;
         let profile_at = |radius: f64| {
             let (height, slope) = self.profile.height_and_slope(radius);
             (height - self.pinhole_height, slope)
         };
-        // Newton on z(way) − profile(radius(way)); a pinhole sees a mirror of revolution once, so it is monotone.
-        let mut way = self.pivot.z;
-        let mut met = None;
+        // Newton on z(t) − profile(radius(t)), t along the ray: monotone, since a ray meets the mirror once.
+        let mut distance = self.pivot.z;
+        let mut meeting_point = None;
         for _ in 0..50 {
-            let point = start + way * step;
+            let point = start + distance * step;
             let radius = point.x.hypot(point.y);
             let (height, slope) = profile_at(radius);
             let outward = if radius > 0.0 {
@@ -232,13 +241,13 @@ impl<'a> Tracer<'a> {
                 return None;
             }
             let correction = (point.z - height) / rate;
-            way -= correction;
+            distance -= correction;
             if correction.abs() < CONVERGED {
-                met = Some(start + way * step);
+                meeting_point = Some(start + distance * step);
                 break;
             }
         }
-        let point = met?;
+        let point = meeting_point?;
         let radius = point.x.hypot(point.y);
         let (innermost, outermost) = self.profile.radii();
         if radius > outermost || (innermost > 0.0 && radius < innermost) {
@@ -253,10 +262,10 @@ impl<'a> Tracer<'a> {
         let incoming = step.normalize();
         let outgoing = incoming - 2.0 * incoming.dot(&normal) * normal;
         let camera_from_mirror = self.mirror_from_camera.inverse();
-        Some((
-            camera_from_mirror * (point - self.pivot) + self.moved_pivot,
-            camera_from_mirror * outgoing,
-        ))
+        Some(Reflection {
+            point: camera_from_mirror * (point - self.pivot) + self.moved_pivot,
+            direction: camera_from_mirror * outgoing,
+        })
     }
 }
 
@@ -294,13 +303,13 @@ mod tests {
             let x = (1.0 - (1.0f64 - 1.6 * tangent * tangent).sqrt()) / (4.0 * tangent);
             let (height, slope) = (0.2 + 2.0 * x * x, 4.0 * x);
             let gamma = tangent.atan() + 2.0 * slope.atan();
-            let wanted = x + (height + 0.6) * gamma.tan();
+            let expected = x + (height + 0.6) * gamma.tan();
             let ray = tracer.ray(50.0, 50.0 - ahead_px).expect("a ray");
             match ray.at_height(0.0) {
                 Some(ground) => {
                     assert!(
-                        (f64::from(ground.x) - wanted).abs() < 1e-5 * wanted,
-                        "{} {wanted}",
+                        (f64::from(ground.x) - expected).abs() < 1e-5 * expected,
+                        "{} {expected}",
                         ground.x
                     );
                     assert!(ground.y.abs() < 1e-6);
@@ -317,14 +326,14 @@ mod tests {
             lean_deg: [1.0, 0.0],
             ..Mount::default()
         };
-        let leaning = Tracer::new(&camera, &profile, &mount).expect("a tracer");
-        let below = leaning
+        let tilted = Tracer::new(&camera, &profile, &mount).expect("a tracer");
+        let below = tilted
             .ray(50.0, 50.0)
             .and_then(|ray| ray.at_height(0.0))
             .expect("ground");
-        // The central ray goes straight back down the axis, which leans about the point on the ground.
+        // The central ray returns along the axis, which is tilted about the ground point.
         assert!(below.x.abs() < 1e-6 && below.y.abs() < 1e-6);
-        let origin = leaning.ray(50.0, 50.0).expect("a ray").origin;
+        let origin = tilted.ray(50.0, 50.0).expect("a ray").origin;
         assert!((f64::from(origin[0]) - 0.8 * 1f64.to_radians().sin()).abs() < 1e-6);
     }
 
@@ -337,8 +346,10 @@ mod tests {
             ..Mount::default()
         };
         let tracer = Tracer::new(&camera, &profile, &mount).expect("a tracer");
-        let (point, direction) = tracer.reflect(Vector3::new(0.1, -0.2, 1.0)).expect("met");
-        // Still on the camera's ray, and the reflection kept the length.
+        let Reflection { point, direction } = tracer
+            .reflect(Vector3::new(0.1, -0.2, 1.0))
+            .expect("a reflection");
+        // The point is on the camera's ray; reflection preserves the length.
         assert!((point.x / point.z - 0.1).abs() < 1e-10 && (point.y / point.z + 0.2).abs() < 1e-10);
         assert!((direction.norm() - 1.0).abs() < 1e-12);
     }

@@ -1,6 +1,6 @@
-//! How do the eyes get used to a light? Carpet and white are learned from one frame, and followed from then on.
+//! Learns the colours of carpet and white from one image and adapts them afterwards.
 
-use crate::colour::adaptation::ColourAdaptation;
+use crate::colour::adaptation::{AdaptationInput, ColourAdaptation};
 use crate::colour::carpet_model::{CarpetModel, median_colour};
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::error::VisionError;
@@ -9,79 +9,86 @@ use crate::lines::detection::{LinePointDetection, peak_thresholds};
 
 use super::{Detections, Vision};
 
-/// Noise of demosaiced and of compressed images is alike in neighbours; this many samples apart it no longer is.
+/// Demosaicing and compression correlate the noise of neighbours; samples this far apart are independent.
 const NOISE_LAG: usize = 4;
 
-/// Fewer runs than this do not tell white's colour.
+/// Fewest line points for estimating white.
 const WHITE_POINTS_MIN: usize = 8;
 
-/// Colours under one light, and the table made of them.
+/// Colours under one light, and the lookup table derived from them.
 #[derive(Debug, Clone)]
 pub(super) struct ColourModel {
     pub(super) carpet_model: CarpetModel,
     pub(super) lookup_table: ColourLookupTable,
-    /// Weights of the channels for telling white from carpet, of 256.
+    /// Channel weights that separate white from carpet, of 256.
     pub(super) channel_weights: [u32; 3],
-    pub(super) noise: f32,
-    /// Share of the scanned pixels that were carpet when it was learned.
+    /// Standard deviation of the weighted brightness on plain carpet, levels.
+    pub(super) brightness_noise: f32,
+    /// Fraction of the scanned pixels that were carpet when the model was learned.
     pub(super) learned_carpet_share: f32,
     pub(super) format: PixelFormat,
     adaptation: ColourAdaptation,
-    /// Seen in this light.
+    /// Images processed with this model.
     image_count: u32,
 }
 
 impl Vision {
-    /// Learns carpet and white from one frame; reads it with what was learned.
+    /// Learns carpet and white from one image and reads it with the result; also returns its carpet share.
     pub(super) fn learn_colour_model(
         &mut self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
     ) -> Result<(ColourModel, f32), VisionError> {
-        let near: Vec<[u8; 3]> = self
+        let near_pixels: Vec<[u8; 3]> = self
             .pattern
             .samples
             .iter()
             .filter(|sample| sample.range <= self.config.colours.learning_range_max)
-            .map(|sample| frame.rgb(usize::from(sample.u), usize::from(sample.v)))
+            .map(|sample| image.rgb(usize::from(sample.u), usize::from(sample.v)))
             .collect();
-        let brightest = brightness_percentile_95(&near);
-        let black = VisionError::TooDark { brightest };
+        let brightest = brightness_percentile_95(&near_pixels);
+        let too_dark = VisionError::TooDark { brightest };
         if brightest <= self.config.colours.dark_image_level {
-            return Err(black);
+            return Err(too_dark);
         }
         let carpet: Vec<[u8; 3]> = match &self.colour_table {
-            Some(table) => near
+            Some(table) => near_pixels
                 .iter()
                 .filter(|&&rgb| table.class(rgb_to_yuv(rgb)) == ColourClass::CARPET)
                 .copied()
                 .collect(),
             None => Vec::new(),
         };
-        let model = CarpetModel::learn(if carpet.is_empty() { &near } else { &carpet });
-        let model = model.ok_or(black)?;
-        let mut light = self.build_colour_model(model, frame.format);
-        let mut share = self.read_scan(frame, &light);
-        self.measure_noise(frame, &mut light);
-        let mut seen = Detections::default();
-        self.find_carpet_ends(&mut seen);
-        self.detect_lines(frame, &light, &mut seen);
-        if let Some(white) = estimate_white(frame, &seen) {
-            light = self.build_colour_model(
-                light.carpet_model.with_white(white, light.noise),
-                frame.format,
+        let model = CarpetModel::learn(if carpet.is_empty() {
+            &near_pixels
+        } else {
+            &carpet
+        });
+        let model = model.ok_or(too_dark)?;
+        let mut colour_model = self.build_colour_model(model, image.format);
+        let mut share = self.read_scan(image, &colour_model);
+        self.measure_noise(image, &mut colour_model);
+        let mut detections = Detections::default();
+        self.find_carpet_ends(&mut detections);
+        self.detect_lines(image, &colour_model, &mut detections);
+        if let Some(white) = estimate_white(image, &detections) {
+            colour_model = self.build_colour_model(
+                colour_model
+                    .carpet_model
+                    .with_white(white, colour_model.brightness_noise),
+                image.format,
             );
-            share = self.read_scan(frame, &light);
-            self.measure_noise(frame, &mut light);
+            share = self.read_scan(image, &colour_model);
+            self.measure_noise(image, &mut colour_model);
         }
-        light.learned_carpet_share = share;
-        Ok((light, share))
+        colour_model.learned_carpet_share = share;
+        Ok((colour_model, share))
     }
 
     fn build_colour_model(&self, model: CarpetModel, format: PixelFormat) -> ColourModel {
         ColourModel {
             lookup_table: self.build_lookup_table(format, model, model),
             channel_weights: quantize_weights(&model),
-            noise: 0.0,
+            brightness_noise: 0.0,
             learned_carpet_share: 0.0,
             carpet_model: model,
             format,
@@ -90,7 +97,7 @@ impl Vision {
         }
     }
 
-    /// Classes of a camera's channels under a light that was learned as `prior` and is now `model`.
+    /// Lookup table from the camera's channels to classes; learned as `prior`, adapted to `model`.
     fn build_lookup_table(
         &self,
         format: PixelFormat,
@@ -99,17 +106,17 @@ impl Vision {
     ) -> ColourLookupTable {
         let colours = self.config.colours.clone();
         let ball = self.config.objects.ball_hue_deg;
-        let labelled = self.colour_table.clone();
+        let table = self.colour_table.clone();
         ColourLookupTable::new(move |native| {
             let rgb = if format.is_yuv() {
                 yuv_to_rgb(native)
             } else {
                 native
             };
-            match &labelled {
+            match &table {
                 None => model.classify(rgb, &colours, ball),
                 Some(table) if format.is_yuv() && model == prior => table.class(native),
-                // People labelled what they saw in another light: the carpet tells by how much each channel changed.
+                // The labels belong to the prior's light: the carpet's change scales each channel.
                 Some(table) => table.class(rgb_to_yuv(std::array::from_fn(|i| {
                     let change = prior.carpet[i].max(1.0) / model.carpet[i].max(1.0);
                     (f32::from(rgb[i]) * change).round().min(255.0) as u8
@@ -118,18 +125,18 @@ impl Vision {
         })
     }
 
-    /// Follows slow changes of the light by what this frame confirms.
+    /// Adapts the colours to slow changes of the light, from pixels confirmed by this image.
     pub(super) fn adapt_colours(
         &mut self,
-        frame: &ImageView<'_>,
-        light: &mut ColourModel,
-        seen: &Detections,
+        image: &ImageView<'_>,
+        colour_model: &mut ColourModel,
+        detections: &Detections,
     ) {
         let config = &self.config.colours.adaptation;
-        light.image_count += 1;
+        colour_model.image_count += 1;
         if !config.enabled
-            || seen.colours_learned
-            || !light
+            || detections.colours_learned
+            || !colour_model
                 .image_count
                 .is_multiple_of(config.interval_images.max(1))
         {
@@ -137,45 +144,48 @@ impl Vision {
         }
         let is_carpet = |index: usize| {
             let sample = &self.pattern.samples[index];
-            let native = frame.native_channels(usize::from(sample.u), usize::from(sample.v));
-            light.lookup_table.class(native) == ColourClass::CARPET
+            let native = image.native_channels(usize::from(sample.u), usize::from(sample.v));
+            colour_model.lookup_table.class(native) == ColourClass::CARPET
         };
-        let changed = light.adaptation.update(
-            frame,
-            &self.pattern,
-            is_carpet,
-            seen,
-            (&light.carpet_model, self.centre_px),
-            config,
-        );
+        let input = AdaptationInput {
+            image,
+            pattern: &self.pattern,
+            detections,
+            model: &colour_model.carpet_model,
+            centre_px: self.centre_px,
+        };
+        let changed = colour_model.adaptation.update(&input, is_carpet, config);
         if let Some(model) = changed {
-            light.lookup_table =
-                self.build_lookup_table(light.format, model, *light.adaptation.prior());
-            light.channel_weights = quantize_weights(&model);
-            light.carpet_model = model;
-            self.measure_noise(frame, light);
+            colour_model.lookup_table = self.build_lookup_table(
+                colour_model.format,
+                model,
+                *colour_model.adaptation.prior(),
+            );
+            colour_model.channel_weights = quantize_weights(&model);
+            colour_model.carpet_model = model;
+            self.measure_noise(image, colour_model);
         }
     }
 
-    fn measure_noise(&mut self, frame: &ImageView<'_>, light: &mut ColourModel) {
-        self.classify_all_samples(frame, &light.lookup_table);
-        light.noise = self.estimate_noise();
+    fn measure_noise(&mut self, image: &ImageView<'_>, colour_model: &mut ColourModel) {
+        self.classify_all_samples(image, &colour_model.lookup_table);
+        colour_model.brightness_noise = self.estimate_noise();
         peak_thresholds(
             &self.pattern,
-            &light.carpet_model,
-            light.noise,
+            &colour_model.carpet_model,
+            colour_model.brightness_noise,
             &self.config.lines,
             self.line_width,
             &mut self.peak_thresholds,
         );
     }
 
-    /// Standard deviation of the values on plain carpet, from differences along scan lines; edges are outliers.
+    /// Standard deviation of the brightness on plain carpet, from the median difference along scan lines (robust to edges).
     fn estimate_noise(&self) -> f32 {
         let mut counts = [0u32; 256];
         let mut values = vec![0; self.pattern.longest_segment()];
-        for piece in &self.pattern.segments {
-            let range = piece.start as usize..piece.end as usize;
+        for segment in &self.pattern.segments {
+            let range = segment.start as usize..segment.end as usize;
             let values = &mut values[..range.len()];
             self.brightness.gather(range.clone(), values);
             let pairs = values.windows(1 + NOISE_LAG);
@@ -200,14 +210,14 @@ impl Vision {
     }
 }
 
-/// A model's weights in whole 256ths.
+/// Channel weights in 256ths that sum to 256.
 fn quantize_weights(model: &CarpetModel) -> [u32; 3] {
     let weights = model.channel_weights();
     let [r, g, _] = weights.map(|weight| (256.0 * weight).round() as u32);
     [r, g, 256 - r - g]
 }
 
-/// The level that 95 % of the pixels stay below.
+/// 95th percentile of the pixels' brightest channel.
 fn brightness_percentile_95(pixels: &[[u8; 3]]) -> u8 {
     let mut levels: Vec<u8> = pixels
         .iter()
@@ -220,9 +230,9 @@ fn brightness_percentile_95(pixels: &[[u8; 3]]) -> u8 {
     *levels.select_nth_unstable(at).1
 }
 
-/// White's colour: the median over the better half of the line points.
-fn estimate_white(frame: &ImageView<'_>, seen: &Detections) -> Option<[f32; 3]> {
-    let mut order: Vec<&LinePointDetection> = seen.line_points.iter().collect();
+/// Colour of white: median over the line points of the higher contrast half.
+fn estimate_white(image: &ImageView<'_>, detections: &Detections) -> Option<[f32; 3]> {
+    let mut order: Vec<&LinePointDetection> = detections.line_points.iter().collect();
     if order.len() < WHITE_POINTS_MIN {
         return None;
     }
@@ -232,7 +242,7 @@ fn estimate_white(frame: &ImageView<'_>, seen: &Detections) -> Option<[f32; 3]> 
         .iter()
         .map(|point| {
             let [u, v] = point.position_px.map(|at| at.round().max(0.0) as usize);
-            frame.rgb(u, v)
+            image.rgb(u, v)
         })
         .collect();
     median_colour(&colours)

@@ -1,4 +1,4 @@
-//! What does this frame show? The tables of one camera and map, and the way from a frame to everything seen in it.
+//! The vision pipeline: precomputed tables of one camera and map, and the stages from an image to its detections.
 
 mod learning;
 
@@ -26,54 +26,65 @@ use crate::optics::ground_map::GroundMap;
 use crate::scan::brightness::BrightnessReader;
 use crate::scan::limits::ScanLimits;
 use crate::scan::pattern::ScanPattern;
+use localize::config::{SettingError, bound};
 use localize::robot::CameraConfig;
 
 use learning::ColourModel;
 
-/// Everything that one frame shows.
+/// Detections of one image.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Detections {
     /// Points of the field's markings.
     pub line_points: Vec<LinePointDetection>,
-    /// Runs that look like a line and are none.
+    /// Peaks that failed line validation.
     pub rejected_candidates: Vec<RejectedCandidate>,
     /// The ball.
     pub ball: Option<BallDetection>,
-    /// Robots, and legs of people.
+    /// Robots; people's legs can look alike.
     pub robots: Vec<RobotDetection>,
     /// Goals and posts.
     pub goals: Vec<GoalDetection>,
-    /// What the virtual sensors say.
+    /// Readings of the virtual sensors.
     pub virtual_sensors: VirtualSensorReadings,
-    /// Where the carpet ends in each direction around the mirror's axis, metres (infinite: not seen); the first is
-    /// image right, then towards image up.
+    /// Distance of the carpet's boundary in each direction about the mirror's axis, metres; infinite if none is
+    /// visible. The first direction is image right, then counter-clockwise towards image up.
     pub carpet_end: Vec<f32>,
-    /// Share of the scanned pixels that are carpet.
+    /// Fraction of the scanned pixels that are carpet.
     pub carpet_share: f32,
-    /// True if the colours were learned anew from this frame.
+    /// True if the colours were learned from this image.
     pub colours_learned: bool,
 }
 
-/// The carpet's share is counted over each so manieth sample: thousands are left, which tell it to a percent.
+/// The carpet share is measured on every n-th sample: thousands remain, which is exact to a percent.
 const CARPET_SAMPLE_STRIDE: usize = 16;
 
-/// So many rows are read by one reader and then by the next: what the first fetched is in the core's cache for the others.
+/// All readers process this many rows before the next band, so that the band stays in the core's cache.
 const BAND_ROWS: usize = 4;
 
-/// The eyes of one robot: tables of its camera and map, and the colours of the light it is in.
+/// An image read along scan lines and rays, before lines and objects are sought.
+struct ScannedImage {
+    colour_model: ColourModel,
+    carpet_ends: Vec<CarpetEnd>,
+    /// Carpet ends, carpet share and `colours_learned` are set.
+    detections: Detections,
+}
+
+/// The vision pipeline of one robot: tables of its camera and map, and the colour model of the present light.
+///
+/// Processes images in order; the colour model adapts from image to image.
 #[derive(Debug, Clone)]
 pub struct Vision {
     map: GroundMap,
     config: VisionConfig,
     line_width: f32,
     pattern: ScanPattern,
-    /// Column and row of each of the pattern's samples, together in memory.
+    /// Column and row of each of the pattern's samples, contiguous in memory.
     sample_pixels: Vec<[u16; 2]>,
     brightness: BrightnessReader,
     scan_limits: ScanLimits,
-    /// Reads all of the pattern's samples.
+    /// Classifies all of the pattern's samples.
     sample_classifier: PixelClassifier,
-    /// Reads each [`SHARE_STEP`]th of them.
+    /// Classifies every [`CARPET_SAMPLE_STRIDE`]-th sample.
     subsample_classifier: PixelClassifier,
     subsample_classes: Vec<ColourClass>,
     radial_scan: RadialScan,
@@ -88,7 +99,7 @@ pub struct Vision {
 }
 
 impl Vision {
-    /// Builds the tables; `line_width` of the field's markings in metres.
+    /// Builds the tables; `line_width`: width of the field's markings, metres.
     pub fn new(
         map: &GroundMap,
         camera: &CameraConfig,
@@ -98,7 +109,7 @@ impl Vision {
         Vision::with_mask(map, camera, None, line_width, config)
     }
 
-    /// As [`Eyes::new`], with a mask: one entry a pixel, row by row, false where the robot's own body and rods are.
+    /// As [`Vision::new`], with a mask: one entry per pixel, row by row, false on the robot's own body and rods.
     pub fn with_mask(
         map: &GroundMap,
         camera: &CameraConfig,
@@ -107,9 +118,9 @@ impl Vision {
         config: VisionConfig,
     ) -> Result<Self, VisionError> {
         config.check()?;
-        let size = |found_width_px, found_height_px| VisionError::ImageSize {
-            actual_width_px: found_width_px,
-            actual_height_px: found_height_px,
+        let size = |width_px, height_px| VisionError::ImageSize {
+            actual_width_px: width_px,
+            actual_height_px: height_px,
             expected_width_px: map.width_px,
             expected_height_px: map.height_px,
         };
@@ -119,37 +130,36 @@ impl Vision {
         if let Some(mask) = mask.filter(|mask| mask.len() != map.x.len()) {
             return Err(size(mask.len() / map.height_px.max(1), map.height_px));
         }
-        if !(line_width.is_finite() && line_width > 0.0) {
-            return Err(VisionError::Config {
-                key: "line_width",
-                value: f64::from(line_width),
-                reason: "must be positive",
-            });
-        }
+        bound("", 0.001, 10.0, "width of the field's lines, metres")
+            .check("line_width", f64::from(line_width))?;
         let pattern = ScanPattern::new(map, camera, mask, line_width, &config.scan);
         if pattern.samples.is_empty() {
-            return Err(VisionError::Config {
-                key: "scan.range_max",
+            return Err(SettingError {
+                key: "vision.scan.range_max".to_owned(),
                 value: f64::from(config.scan.range_max),
-                reason: "no pixel of the map shows ground within range",
-            });
+                min: f64::from(map.nearest_ground()),
+                max: f64::INFINITY,
+                why: "no pixel of the map shows ground within range",
+            }
+            .into());
         }
-        let rays = RadialScan::new(map, camera, mask, config.scan.range_min, &config.objects);
-        let places: Vec<[u16; 2]> = pattern.samples.iter().map(|s| [s.u, s.v]).collect();
-        let some: Vec<[u16; 2]> = places
+        let radial_scan =
+            RadialScan::new(map, camera, mask, config.scan.range_min, &config.objects);
+        let pixels: Vec<[u16; 2]> = pattern.samples.iter().map(|s| [s.u, s.v]).collect();
+        let subsample: Vec<[u16; 2]> = pixels
             .iter()
             .copied()
             .step_by(CARPET_SAMPLE_STRIDE)
             .collect();
         Ok(Vision {
             map: map.clone(),
-            brightness: BrightnessReader::new(&places, map.width_px, map.height_px),
-            scan_limits: ScanLimits::new(&pattern, rays.count()),
-            sample_classifier: PixelClassifier::new(&places, map.height_px),
-            subsample_classes: vec![ColourClass::OTHER; some.len()],
-            subsample_classifier: PixelClassifier::new(&some, map.height_px),
-            sample_pixels: places,
-            radial_scan: rays,
+            brightness: BrightnessReader::new(&pixels, map.width_px, map.height_px),
+            scan_limits: ScanLimits::new(&pattern, radial_scan.count()),
+            sample_classifier: PixelClassifier::new(&pixels, map.height_px),
+            subsample_classes: vec![ColourClass::OTHER; subsample.len()],
+            subsample_classifier: PixelClassifier::new(&subsample, map.height_px),
+            sample_pixels: pixels,
+            radial_scan,
             visited_mask: VisitedMask::default(),
             virtual_sensors: VirtualSensors::new(map, camera, &config.virtual_sensors)?,
             centre_px: camera.centre_px,
@@ -164,107 +174,127 @@ impl Vision {
         })
     }
 
-    /// Takes classes from a table learned from labels; brightness and noise are still learned from the images.
+    /// Uses a table learned from labels for classification; brightness and noise are still learned from images.
     pub fn set_colour_table(&mut self, table: ColourTable) {
         self.colour_table = Some(Arc::new(table));
         self.colour_model = None;
     }
 
-    /// The pixels that are read.
+    /// The pixels that line detection reads.
     pub fn scan_pattern(&self) -> &ScanPattern {
         &self.pattern
     }
 
-    /// The virtual sensors' windows with their names: bumper, goal, ball, kick, lens.
+    /// Regions of the virtual sensors with their names: bumper, goal, ball, kick, lens.
     pub fn virtual_sensor_regions(&self) -> &[(&'static str, ImageRect)] {
         self.virtual_sensors.regions()
     }
 
-    /// The classes of the pattern's samples in a frame, one a sample, under the light of the frame that was seen last.
+    /// Classifies the pattern's samples, one class per sample, with the colour model of the last processed image.
+    ///
+    /// Errors if the image has the wrong size or no colour model is learned.
     pub fn classify_samples(
         &mut self,
-        frame: &ImageView<'_>,
+        image: &ImageView<'_>,
     ) -> Result<&[ColourClass], VisionError> {
-        frame.check(self.map.width_px, self.map.height_px)?;
-        if let Some(light) = self.colour_model.take() {
-            self.classify_all_samples(frame, &light.lookup_table);
-            self.colour_model = Some(light);
-        }
+        image.check(self.map.width_px, self.map.height_px)?;
+        let Some(colour_model) = self.colour_model.take() else {
+            return Err(VisionError::NoColourModel);
+        };
+        self.classify_all_samples(image, &colour_model.lookup_table);
+        self.colour_model = Some(colour_model);
         Ok(&self.classes)
     }
 
-    /// Carpet and white under the present light, once a frame was seen.
+    /// Colours of carpet and white in the present light. None before the first image.
     pub fn carpet_model(&self) -> Option<&CarpetModel> {
-        self.colour_model.as_ref().map(|light| &light.carpet_model)
+        self.colour_model
+            .as_ref()
+            .map(|colour_model| &colour_model.carpet_model)
     }
 
-    /// Forgets the light, so that the next frame is learned from: for single images that do not follow each other.
+    /// Discards the colour model, so that it is learned from the next image: for images that are not a sequence.
     pub fn reset_colour_model(&mut self) {
         self.colour_model = None;
     }
 
-    /// Everything that a frame shows; the first frame, and one in quite another light, is learned from first.
-    pub fn process(&mut self, frame: &ImageView<'_>) -> Result<Detections, VisionError> {
-        let (mut light, sights, mut seen) = self.scan_image(frame)?;
-        self.detect_lines(frame, &light, &mut seen);
-        self.detect_objects(frame, &light, &sights, &mut seen);
-        self.adapt_colours(frame, &mut light, &seen);
-        self.detect_wall_bases(frame, &light, &mut seen);
-        self.colour_model = Some(light);
-        Ok(seen)
+    /// Detects lines and objects. Learns the colour model first if there is none or the light has changed much.
+    pub fn process(&mut self, image: &ImageView<'_>) -> Result<Detections, VisionError> {
+        let ScannedImage {
+            mut colour_model,
+            carpet_ends,
+            mut detections,
+        } = self.scan_image(image)?;
+        self.detect_lines(image, &colour_model, &mut detections);
+        self.detect_objects(image, &colour_model, &carpet_ends, &mut detections);
+        self.adapt_colours(image, &mut colour_model, &detections);
+        self.detect_wall_bases(image, &colour_model, &mut detections);
+        self.colour_model = Some(colour_model);
+        Ok(detections)
     }
 
-    /// As [`Eyes::see`], but for line points alone: what localisation needs.
-    pub fn process_lines(&mut self, frame: &ImageView<'_>) -> Result<Detections, VisionError> {
-        let (mut light, _, mut seen) = self.scan_image(frame)?;
-        self.detect_lines(frame, &light, &mut seen);
-        self.adapt_colours(frame, &mut light, &seen);
-        self.detect_wall_bases(frame, &light, &mut seen);
-        self.colour_model = Some(light);
-        Ok(seen)
+    /// As [`Vision::process`], but detects line points only, as localisation needs.
+    pub fn process_lines(&mut self, image: &ImageView<'_>) -> Result<Detections, VisionError> {
+        let ScannedImage {
+            mut colour_model,
+            mut detections,
+            ..
+        } = self.scan_image(image)?;
+        self.detect_lines(image, &colour_model, &mut detections);
+        self.adapt_colours(image, &mut colour_model, &detections);
+        self.detect_wall_bases(image, &colour_model, &mut detections);
+        self.colour_model = Some(colour_model);
+        Ok(detections)
     }
 
-    /// Segments the frame under the light known so far, or learned from it.
-    fn scan_image(
-        &mut self,
-        frame: &ImageView<'_>,
-    ) -> Result<(ColourModel, Vec<CarpetEnd>, Detections), VisionError> {
-        frame.check(self.map.width_px, self.map.height_px)?;
-        let mut seen = Detections::default();
-        // What was learned where no line was seen may be anything: a hand before the camera, a dark corner.
-        let light = self
-            .colour_model
-            .take()
-            .filter(|light| light.format == frame.format && light.carpet_model.white_measured);
-        let known = match light {
-            Some(light) => {
-                let share = self.read_scan(frame, &light);
-                (share >= self.config.colours.relearn_carpet_share * light.learned_carpet_share)
-                    .then_some((light, share))
+    /// Reads brightness and classes with the present colour model, or with one learned from this image.
+    fn scan_image(&mut self, image: &ImageView<'_>) -> Result<ScannedImage, VisionError> {
+        image.check(self.map.width_px, self.map.height_px)?;
+        let mut detections = Detections::default();
+        // Without a line the model is unreliable: it may be of a hand in front of the camera or of a dark corner.
+        let colour_model = self.colour_model.take().filter(|colour_model| {
+            colour_model.format == image.format && colour_model.carpet_model.white_measured
+        });
+        let usable = match colour_model {
+            Some(colour_model) => {
+                let share = self.read_scan(image, &colour_model);
+                (share
+                    >= self.config.colours.relearn_carpet_share * colour_model.learned_carpet_share)
+                    .then_some((colour_model, share))
             }
             None => None,
         };
-        let (light, share) = match known {
-            Some(known) => known,
+        let (colour_model, share) = match usable {
+            Some(usable) => usable,
             None => {
-                seen.colours_learned = true;
-                self.learn_colour_model(frame)?
+                detections.colours_learned = true;
+                self.learn_colour_model(image)?
             }
         };
-        seen.carpet_share = share;
-        let sights = self.find_carpet_ends(&mut seen);
-        Ok((light, sights, seen))
+        detections.carpet_share = share;
+        let carpet_ends = self.find_carpet_ends(&mut detections);
+        Ok(ScannedImage {
+            colour_model,
+            carpet_ends,
+            detections,
+        })
     }
 
-    /// Reads brightness and rays; returns the share of samples that are carpet.
-    fn read_scan(&mut self, frame: &ImageView<'_>, light: &ColourModel) -> f32 {
+    /// Reads brightness and rays; returns the fraction of samples that are carpet.
+    fn read_scan(&mut self, image: &ImageView<'_>, colour_model: &ColourModel) -> f32 {
         let classes = &mut self.subsample_classes;
-        for start in (0..frame.height_px).step_by(BAND_ROWS) {
-            let rows = start..(start + BAND_ROWS).min(frame.height_px);
-            self.brightness.read(frame, light.channel_weights, &rows);
-            self.subsample_classifier
-                .classify_rows(frame, &light.lookup_table, &rows, classes);
-            self.radial_scan.read(frame, &light.lookup_table, &rows);
+        for start in (0..image.height_px).step_by(BAND_ROWS) {
+            let rows = start..(start + BAND_ROWS).min(image.height_px);
+            self.brightness
+                .read(image, colour_model.channel_weights, &rows);
+            self.subsample_classifier.classify_rows(
+                image,
+                &colour_model.lookup_table,
+                &rows,
+                classes,
+            );
+            self.radial_scan
+                .read(image, &colour_model.lookup_table, &rows);
         }
         let carpet = classes
             .iter()
@@ -273,67 +303,98 @@ impl Vision {
     }
 
     /// Classifies all of the pattern's samples.
-    fn classify_all_samples(&mut self, frame: &ImageView<'_>, table: &ColourLookupTable) {
-        let all = 0..frame.height_px;
+    fn classify_all_samples(&mut self, image: &ImageView<'_>, table: &ColourLookupTable) {
+        let all = 0..image.height_px;
         self.sample_classifier
-            .classify_rows(frame, table, &all, &mut self.classes);
+            .classify_rows(image, table, &all, &mut self.classes);
     }
 
-    /// Follows the rays to the carpet's end.
-    fn find_carpet_ends(&self, seen: &mut Detections) -> Vec<CarpetEnd> {
-        let sights = self.radial_scan.find_carpet_ends(&self.config.objects);
-        seen.carpet_end = sights.iter().map(|sight| sight.range).collect();
-        sights
+    /// Finds the carpet's boundary along each ray.
+    fn find_carpet_ends(&self, detections: &mut Detections) -> Vec<CarpetEnd> {
+        let carpet_ends = self.radial_scan.find_carpet_ends(&self.config.objects);
+        detections.carpet_end = carpet_ends
+            .iter()
+            .map(|carpet_end| carpet_end.range)
+            .collect();
+        carpet_ends
     }
 
     fn detect_objects(
         &mut self,
-        frame: &ImageView<'_>,
-        light: &ColourModel,
-        sights: &[CarpetEnd],
-        seen: &mut Detections,
+        image: &ImageView<'_>,
+        colour_model: &ColourModel,
+        carpet_ends: &[CarpetEnd],
+        detections: &mut Detections,
     ) {
-        let floor = GroundContactSearch {
-            image: frame,
+        let contact_search = GroundContactSearch {
+            image,
             map: &self.map,
-            lookup_table: &light.lookup_table,
+            lookup_table: &colour_model.lookup_table,
             centre_px: self.centre_px,
         };
-        seen.robots = detect_robots(&self.radial_scan, sights, &floor, &self.config.objects);
-        seen.goals = detect_goals(&self.radial_scan, sights, &self.config.objects);
-        let search = BallDetector {
-            image: frame,
+        detections.robots = detect_robots(
+            &self.radial_scan,
+            carpet_ends,
+            &contact_search,
+            &self.config.objects,
+        );
+        detections.goals = detect_goals(&self.radial_scan, carpet_ends, &self.config.objects);
+        let ball_detector = BallDetector {
+            image,
             map: &self.map,
-            lookup_table: &light.lookup_table,
+            lookup_table: &colour_model.lookup_table,
             config: &self.config.objects,
-            carpet_end: &seen.carpet_end,
+            carpet_end: &detections.carpet_end,
             centre_px: self.centre_px,
         };
         let seeds = self.radial_scan.samples_of_class(ColourClass::BALL);
         let seeds = seeds
-            // The near part of a ball seems to lie no farther than it is.
-            .filter(|(turns, sample)| !search.is_beyond_carpet(*turns, sample.range / 1.5))
+            // A ball's upper pixels map to ground up to 1.5 times as far as the ball.
+            .filter(|(turns, sample)| !ball_detector.is_beyond_carpet(*turns, sample.range / 1.5))
             .map(|(_, sample)| [sample.u, sample.v]);
-        seen.ball = search.detect(seeds, &mut self.visited_mask);
-        let ball_px = seen.ball.map(|ball| ball.position_px);
-        seen.virtual_sensors = self
-            .virtual_sensors
-            .read(frame, &light.lookup_table, ball_px);
+        detections.ball = ball_detector.detect(seeds, &mut self.visited_mask);
+        let ball_px = detections.ball.map(|ball| ball.position_px);
+        detections.virtual_sensors =
+            self.virtual_sensors
+                .read(image, &colour_model.lookup_table, ball_px);
     }
 
-    fn detect_lines(&mut self, frame: &ImageView<'_>, light: &ColourModel, seen: &mut Detections) {
+    fn detect_lines(
+        &mut self,
+        image: &ImageView<'_>,
+        colour_model: &ColourModel,
+        detections: &mut Detections,
+    ) {
         let mut scratch = std::mem::take(&mut self.scratch);
-        let (points, refused) = (&mut seen.line_points, &mut seen.rejected_candidates);
-        let judge = self.line_validator(frame, light, &seen.carpet_end);
-        detect_line_points(&self.scan_readout(), &judge, &mut scratch, points, refused);
+        let (points, rejected) = (
+            &mut detections.line_points,
+            &mut detections.rejected_candidates,
+        );
+        let validator = self.line_validator(image, colour_model, &detections.carpet_end);
+        detect_line_points(
+            &self.scan_readout(),
+            &validator,
+            &mut scratch,
+            points,
+            rejected,
+        );
         self.scratch = scratch;
     }
 
-    /// The feet of walls, where they are wanted.
-    fn detect_wall_bases(&self, frame: &ImageView<'_>, light: &ColourModel, seen: &mut Detections) {
+    /// Adds base points of walls if configured.
+    fn detect_wall_bases(
+        &self,
+        image: &ImageView<'_>,
+        colour_model: &ColourModel,
+        detections: &mut Detections,
+    ) {
         if self.config.lines.detect_wall_bases {
-            let judge = self.line_validator(frame, light, &seen.carpet_end);
-            detect_wall_bases(&self.scan_readout(), &judge, &mut seen.line_points);
+            let validator = self.line_validator(image, colour_model, &detections.carpet_end);
+            detect_wall_bases(
+                &self.scan_readout(),
+                &validator,
+                &mut detections.line_points,
+            );
         }
     }
 
@@ -349,17 +410,17 @@ impl Vision {
 
     fn line_validator<'a>(
         &'a self,
-        frame: &'a ImageView<'a>,
-        light: &'a ColourModel,
+        image: &'a ImageView<'a>,
+        colour_model: &'a ColourModel,
         carpet_end: &'a [f32],
     ) -> LineValidator<'a> {
         LineValidator {
-            image: frame,
-            lookup_table: &light.lookup_table,
-            carpet_model: &light.carpet_model,
+            image,
+            lookup_table: &colour_model.lookup_table,
+            carpet_model: &colour_model.carpet_model,
             config: &self.config.lines,
             line_width: self.line_width,
-            noise: light.noise,
+            noise: colour_model.brightness_noise,
             carpet_end,
         }
     }

@@ -1,18 +1,18 @@
-//! How far outward is a scan line worth reading? To where the carpet ends, and a little farther.
+//! Limits reading of the scan lines to the carpet and a margin beyond its boundary.
 
 use crate::scan::pattern::{ScanPattern, ScanSample, ScanSegment};
 
-/// Samples that are kept or left together: one vector register of bytes.
+/// Samples per block: one vector register of bytes.
 const BLOCK: usize = 16;
 
-/// What is needed to know whether a block of samples lies beyond the carpet.
+/// Extent of a block of samples, to test whether it lies beyond the carpet.
 #[derive(Debug, Clone, Copy)]
 struct SampleBlock {
-    /// Its nearest sample, metres.
+    /// Range of its nearest sample, metres.
     nearest: f32,
-    /// The first of the rays (see [`crate::objects::radial_scan`]) that its samples lie between.
+    /// First of the rays (see [`crate::objects::radial_scan`]) that enclose its samples.
     ray: u16,
-    /// How many rays more those are.
+    /// Number of further rays.
     extra_rays: u16,
 }
 
@@ -20,16 +20,16 @@ struct SampleBlock {
 #[derive(Debug, Clone)]
 pub(crate) struct ScanLimits {
     blocks: Vec<SampleBlock>,
-    /// Where each piece's blocks begin, and one past the last.
+    /// Index of each segment's first block, and one past the last.
     starts: Vec<u32>,
 }
 
 impl ScanLimits {
-    /// `rays`: how many directions the carpet's end is known in.
+    /// `rays`: number of directions of the carpet's boundary.
     pub(crate) fn new(pattern: &ScanPattern, rays: usize) -> Self {
         let (mut blocks, mut starts) = (Vec::new(), vec![0]);
-        for piece in &pattern.segments {
-            let samples = &pattern.samples[piece.start as usize..piece.end as usize];
+        for segment in &pattern.segments {
+            let samples = &pattern.samples[segment.start as usize..segment.end as usize];
             blocks.extend(
                 samples
                     .chunks(BLOCK)
@@ -40,17 +40,17 @@ impl ScanLimits {
         ScanLimits { blocks, starts }
     }
 
-    /// One past the last sample of a piece that is worth reading; `carpet_end`: one entry a ray, metres.
+    /// One past the last sample of a segment to read; `carpet_end`: one entry per ray, metres.
     ///
-    /// A block more is read than lies before the carpet's end, so that a run across it is seen whole.
+    /// Includes one block beyond the boundary, so that a peak across it is complete.
     pub(crate) fn segment_end(
         &self,
-        piece: usize,
-        pieces: &[ScanSegment],
+        segment: usize,
+        segments: &[ScanSegment],
         carpet_end: &[f32],
     ) -> usize {
-        let ScanSegment { start, end, .. } = pieces[piece];
-        let blocks = &self.blocks[self.starts[piece] as usize..self.starts[piece + 1] as usize];
+        let ScanSegment { start, end, .. } = segments[segment];
+        let blocks = &self.blocks[self.starts[segment] as usize..self.starts[segment + 1] as usize];
         let kept = blocks
             .iter()
             .rposition(|block| !block.is_beyond_carpet(carpet_end));
@@ -63,7 +63,7 @@ impl SampleBlock {
     fn new(samples: &[ScanSample], rays: usize) -> Self {
         let place = |sample: &ScanSample| sample.azimuth_turns * rays as f32;
         let first = samples.first().map_or(0.0, place);
-        // Unwound about the first, so that a block across the circle's start is as narrow as any.
+        // Relative to the first sample, so that blocks across azimuth 0 stay narrow.
         let half = rays as f32 / 2.0;
         let unwound = |sample| (place(sample) - first + half).rem_euclid(rays as f32) - half;
         let (mut least, mut most) = (0.0f32, 0.0f32);
@@ -81,7 +81,7 @@ impl SampleBlock {
         }
     }
 
-    /// Does the carpet end before it in all of its directions?
+    /// True if the carpet ends before the block in all its directions.
     fn is_beyond_carpet(&self, carpet_end: &[f32]) -> bool {
         let count = carpet_end.len();
         let mut rays = usize::from(self.ray)..=usize::from(self.ray) + usize::from(self.extra_rays);
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
     use crate::scan::pattern::ScanKind;
 
-    /// One line straight outward, half a metre a sample, a little on either side of image right.
+    /// One radial line along image right, half a metre per sample, alternating slightly to both sides.
     fn pattern() -> ScanPattern {
         let sample = |index: usize| ScanSample {
             u: 0,
@@ -131,7 +131,7 @@ mod tests {
     fn scan_line_is_read_one_block_past_the_carpet_end() {
         let mut carpet_end = [f32::INFINITY; 12];
         assert_eq!(end(&carpet_end), 64);
-        // Image right lies between the last ray, the first and the second.
+        // The rays adjacent to image right are the last, the first and the second.
         for ray in [11, 0, 1] {
             carpet_end[ray] = 7.0;
         }

@@ -1,4 +1,4 @@
-//! Which pixels are read? Scan lines over the ground map, their brightness, peaks along them.
+//! Scan lines over the ground map, their brightness, and peaks along them.
 
 pub(crate) mod brightness;
 pub(crate) mod limits;

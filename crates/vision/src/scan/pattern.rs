@@ -1,4 +1,4 @@
-//! Where is the image read? Radial lines, spirals and circles as pixel tables, built once per map and mask.
+//! The scan pattern: radial lines, spirals and circles as pixel tables, built once per map and mask.
 //!
 //! minho2016 section III: 72 radial lines every 5° and 36 spirals each way every 10°; lima2001 4.4: circles.
 
@@ -6,25 +6,26 @@ use std::f32::consts::TAU;
 
 use crate::config::ScanConfig;
 use crate::optics::ground_map::GroundMap;
+use crate::optics::image_polar::{azimuth, nearest_pixel};
 use localize::robot::CameraConfig;
 
-/// Which kind of scan line.
+/// Kind of a scan line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ScanKind {
     /// Straight outward from the mirror's axis.
     Radial,
-    /// Outward and around.
+    /// Archimedes' spiral outward.
     Spiral,
     /// Around the axis.
     Circle,
 }
 
-/// An unbroken piece of a scan line: `samples[start..end]`, outward.
+/// A contiguous segment of a scan line: `samples[start..end]`, outward.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScanSegment {
-    /// Of which kind.
+    /// Kind of its scan line.
     pub kind: ScanKind,
-    /// Which of its kind.
+    /// Index of its scan line among its kind.
     pub line_index: u32,
     /// First sample.
     pub start: u32,
@@ -32,14 +33,14 @@ pub struct ScanSegment {
     pub end: u32,
 }
 
-/// One pixel that is read.
+/// One sample: a pixel and its ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScanSample {
     /// Column.
     pub u: u16,
     /// Row.
     pub v: u16,
-    /// The ground that the pixel's centre shows, robot frame, metres.
+    /// Ground point of the pixel's centre, robot frame, metres.
     pub ground: [f32; 2],
     /// Distance from the robot on the ground, metres.
     pub range: f32,
@@ -47,20 +48,20 @@ pub struct ScanSample {
     pub radial_footprint: f32,
     /// Ground that the pixel covers across that direction, metres.
     pub tangential_footprint: f32,
-    /// Direction from the mirror's axis in the image, turns from image right towards image up, in [0, 1).
+    /// Azimuth about the mirror's axis in the image, turns from image right towards image up, in [0, 1).
     pub azimuth_turns: f32,
 }
 
-/// All pixels that are read, scan line by scan line.
+/// All samples, scan line by scan line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanPattern {
     /// Line by line, outward.
     pub samples: Vec<ScanSample>,
-    /// The lines, cut where there is no ground to see.
+    /// The lines, split where no ground is visible.
     pub segments: Vec<ScanSegment>,
-    /// Different pixels visited.
+    /// Number of distinct pixels.
     pub pixel_count: usize,
-    /// Share of the whole image that they are (minho2016: 27.5 %).
+    /// Distinct pixels as a fraction of the image (minho2016: 27.5 %).
     pub coverage: f32,
 }
 
@@ -70,13 +71,13 @@ impl ScanSegment {
     }
 }
 
-/// Shorter pieces cannot hold carpet, line and carpet, samples.
+/// Shorter segments cannot contain carpet, line and carpet, samples.
 const SEGMENT_SAMPLES_MIN: usize = 5;
 
 impl ScanPattern {
-    /// Lays the lines over the image; a pixel is read if it shows ground within range and the mask is true there.
+    /// Lays the scan lines over the image; keeps pixels that show ground within range and are true in the mask.
     ///
-    /// `mask`: one entry a pixel, row by row; false where the robot's own body and rods are.
+    /// `mask`: one entry per pixel, row by row; false on the robot's own body and rods.
     pub fn new(
         map: &GroundMap,
         camera: &CameraConfig,
@@ -100,26 +101,28 @@ impl ScanPattern {
         let rim = camera.outer_radius_px.unwrap_or(corner).min(corner);
         for line in 0..config.radial_lines {
             let angle = TAU * line as f32 / config.radial_lines as f32;
-            builder.walk(ScanKind::Radial, line, rim, |way| (way, angle));
+            builder.walk(ScanKind::Radial, line, rim, |arc_length| {
+                (arc_length, angle)
+            });
         }
-        let turn = TAU * config.spiral_turns;
+        let sweep = TAU * config.spiral_turns;
         for line in 0..2 * config.spirals_each_way {
-            let way_round = if line % 2 == 0 { turn } else { -turn };
+            let sweep_signed = if line % 2 == 0 { sweep } else { -sweep };
             let start = TAU * (line / 2) as f32 / config.spirals_each_way as f32;
             // Archimedes' spiral: equal steps along the arc need the radius as a function of its length.
-            let radius_at = SpiralLength::new(rim, turn);
+            let radius_at = SpiralLength::new(rim, sweep);
             let length = radius_at.length();
-            builder.walk(ScanKind::Spiral, line, length, |way| {
-                let radius = radius_at.radius(way);
-                (radius, start + way_round * radius / rim)
+            builder.walk(ScanKind::Spiral, line, length, |arc_length| {
+                let radius = radius_at.radius(arc_length);
+                (radius, start + sweep_signed * radius / rim)
             });
         }
         let [inner, outer] = builder.radii(rim);
         for line in 0..config.circles {
             let part = (line as f32 + 0.5) / config.circles as f32;
             let radius = inner + part * (outer - inner);
-            builder.walk(ScanKind::Circle, line, TAU * radius, |way| {
-                (radius, way / radius)
+            builder.walk(ScanKind::Circle, line, TAU * radius, |arc_length| {
+                (radius, arc_length / radius)
             });
         }
         let pixels = builder.visited.iter().filter(|&&visited| visited).count();
@@ -131,7 +134,7 @@ impl ScanPattern {
         }
     }
 
-    /// Samples of the longest piece.
+    /// Number of samples of the longest segment.
     pub(crate) fn longest_segment(&self) -> usize {
         self.segments
             .iter()
@@ -153,7 +156,7 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Walks a line in steps of one pixel; `place` gives radius (pixels) and angle for a length along the line.
+    /// Samples a line in steps of one pixel; `place` returns radius (pixels) and azimuth at a length along the line.
     fn walk(
         &mut self,
         kind: ScanKind,
@@ -165,8 +168,7 @@ impl Builder<'_> {
         let mut last = None;
         for step in 0..=length_px as usize {
             let (radius, angle) = place(step as f32);
-            let u = (self.camera.centre_px[0] + radius * angle.cos()).round();
-            let v = (self.camera.centre_px[1] - radius * angle.sin()).round();
+            let [u, v] = nearest_pixel(self.camera.centre_px, radius, angle.sin_cos());
             if last == Some((u, v)) {
                 continue;
             }
@@ -179,19 +181,18 @@ impl Builder<'_> {
         self.close(kind, line, start);
     }
 
-    /// Between which radii in the image ground within range is seen, in whatever direction, pixels.
+    /// Image radii between which ground within range is visible in any direction, pixels.
     fn radii(&self, rim: f32) -> [f32; 2] {
         const DIRECTIONS: usize = 64;
         let mut radii = [rim, 0.0];
         for step in 0..=rim as usize {
             let radius = step as f32;
-            let seen = (0..DIRECTIONS).any(|direction| {
-                let (sin, cos) = (TAU * direction as f32 / DIRECTIONS as f32).sin_cos();
-                let [cu, cv] = self.camera.centre_px;
-                self.sample((cu + radius * cos).round(), (cv - radius * sin).round())
-                    .is_some()
+            let visible = (0..DIRECTIONS).any(|direction| {
+                let angle = TAU * direction as f32 / DIRECTIONS as f32;
+                let [u, v] = nearest_pixel(self.camera.centre_px, radius, angle.sin_cos());
+                self.sample(u, v).is_some()
             });
-            if seen {
+            if visible {
                 radii = [radii[0].min(radius), radius];
             }
         }
@@ -235,27 +236,36 @@ impl Builder<'_> {
         if !(self.config.range_min..=self.config.range_max).contains(&range) {
             return None;
         }
-        let (radial, tangential) = pixel_footprint(self.map, column, row)?;
-        if radial > self.radial_footprint_max {
+        let footprint = pixel_footprint(self.map, column, row)?;
+        if footprint.radial > self.radial_footprint_max {
             return None;
         }
-        let angle = (self.camera.centre_px[1] - v).atan2(u - self.camera.centre_px[0]);
+        let angle = azimuth(self.camera.centre_px, [u, v]);
         Some(ScanSample {
             u: column as u16,
             v: row as u16,
             ground: [ground.x, ground.y],
             range,
-            radial_footprint: radial,
-            tangential_footprint: tangential,
+            radial_footprint: footprint.radial,
+            tangential_footprint: footprint.tangential,
             azimuth_turns: (angle / TAU).rem_euclid(1.0),
         })
     }
 }
 
-/// How much ground a pixel covers: metres along the direction from the robot, and across it.
+/// Ground that a pixel covers, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PixelFootprint {
+    /// Along the direction from the robot.
+    pub radial: f32,
+    /// Across that direction.
+    pub tangential: f32,
+}
+
+/// Ground that a pixel covers, from the map's differences to the neighbouring pixels.
 ///
-/// From the map's differences to the neighbouring pixels; none beside pixels without ground.
-pub fn pixel_footprint(map: &GroundMap, column: usize, row: usize) -> Option<(f32, f32)> {
+/// None if the pixel, or both its neighbours in a row or column, show no ground.
+pub fn pixel_footprint(map: &GroundMap, column: usize, row: usize) -> Option<PixelFootprint> {
     let here = map.at(column, row)?;
     let derivative = |before: Option<_>, after: Option<_>| -> Option<[f32; 2]> {
         type Ground = localize::frames::At<localize::frames::RobotFrame>;
@@ -283,19 +293,20 @@ pub fn pixel_footprint(map: &GroundMap, column: usize, row: usize) -> Option<(f3
     let along = |[x, y]: [f32; 2]| ex * x + ey * y;
     let across = |[x, y]: [f32; 2]| ex * y - ey * x;
     let length = |a: f32, b: f32| (a * a + b * b).sqrt();
-    let radial = length(along(along_u), along(along_v));
-    let tangential = length(across(along_u), across(along_v));
-    Some((radial, tangential))
+    Some(PixelFootprint {
+        radial: length(along(along_u), along(along_v)),
+        tangential: length(across(along_u), across(along_v)),
+    })
 }
 
-/// Arc length along Archimedes' spiral r = rim·φ/turn, tabulated and inverted.
+/// Arc length of Archimedes' spiral r = rim·φ/sweep as a function of the radius, tabulated and inverted.
 struct SpiralLength {
     rim: f32,
     lengths: Vec<f32>,
 }
 
 impl SpiralLength {
-    fn new(rim: f32, turn: f32) -> Self {
+    fn new(rim: f32, sweep: f32) -> Self {
         let steps = rim.ceil().max(1.0) as usize;
         let step = rim / steps as f32;
         let mut lengths = Vec::with_capacity(steps + 1);
@@ -303,7 +314,7 @@ impl SpiralLength {
         lengths.push(0.0);
         for index in 0..steps {
             let middle = (index as f32 + 0.5) * step;
-            length += step * (1.0f32).hypot(turn * middle / rim);
+            length += step * (1.0f32).hypot(sweep * middle / rim);
             lengths.push(length);
         }
         SpiralLength { rim, lengths }

@@ -1,40 +1,40 @@
-//! Where does a scan line rise and fall? Peaks between valleys, whatever their width, by a threshold on their height.
+//! Peaks of brightness along a scan line, of any width, by a threshold on their height.
 
-/// A peak of a scan line with the feet it stands on, indices of samples.
+/// A peak with its bases; indices of samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Peak {
     /// The highest sample.
     pub(crate) index: usize,
-    /// Where the rise starts.
+    /// Start of the rise.
     pub(crate) left_base: usize,
-    /// Where the fall ends.
+    /// End of the fall.
     pub(crate) right_base: usize,
-    /// Crossing of the left half level, between samples.
+    /// Left half-height crossing, interpolated.
     pub(crate) left_edge: f32,
-    /// Crossing of the right half level, between samples.
+    /// Right half-height crossing, interpolated.
     pub(crate) right_edge: f32,
-    /// Height over the higher foot, levels.
+    /// Height above the higher base, levels.
     pub(crate) contrast: f32,
 }
 
 impl Peak {
-    /// Halfway between its edges, samples.
+    /// Midpoint of the edges, samples.
     pub(crate) fn middle(&self) -> f32 {
         (self.left_edge + self.right_edge) / 2.0
     }
 }
 
-/// Plain carpet is passed over in blocks of this many samples: one vector register of bytes.
+/// Samples per block when skipping plain carpet: one vector register of bytes.
 const BLOCK: usize = 16;
 
-/// Calls `found` with every peak that stands out by its place's threshold from the valleys on both its sides.
+/// Calls `found` with every peak that exceeds the valleys on both sides by the local threshold.
 ///
-/// Thresholds must not rise along the line: outward lines grow thinner and fainter.
+/// Thresholds must not rise along the line (lines appear thinner and fainter outward).
 ///
-/// The valley may lie far from the peak and much deeper than what borders it, so the feet are sought from the peak
-/// downward: the fall ends where the next samples fall no further.
+/// A valley may be far from the peak and much deeper than its surroundings. So the bases are searched downhill from the
+/// peak, to where the values stop falling.
 pub(crate) fn find_peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut(Peak)) {
-    let mut walk = PeakScanner {
+    let mut scanner = PeakScanner {
         low: u8::MAX,
         low_index: 0,
         high: 0,
@@ -45,15 +45,15 @@ pub(crate) fn find_peaks(values: &[u8], thresholds: &[u8], mut found: impl FnMut
     let (blocks, rest) = values.as_chunks::<BLOCK>();
     for (number, block) in blocks.iter().enumerate() {
         let start = number * BLOCK;
-        if !walk.skip_block(block, start, thresholds[start + BLOCK - 1]) {
-            walk.scan_samples(values, thresholds, start..start + BLOCK, &mut found);
+        if !scanner.skip_block(block, start, thresholds[start + BLOCK - 1]) {
+            scanner.scan_samples(values, thresholds, start..start + BLOCK, &mut found);
         }
     }
     let rest = values.len() - rest.len()..values.len();
-    walk.scan_samples(values, thresholds, rest, &mut found);
+    scanner.scan_samples(values, thresholds, rest, &mut found);
 }
 
-/// Where a walk along the values stands: climbing to a peak, or descending to a valley.
+/// State of the scan: rising to a peak or falling to a valley.
 struct PeakScanner {
     low: u8,
     low_index: usize,
@@ -64,7 +64,7 @@ struct PeakScanner {
 }
 
 impl PeakScanner {
-    /// Takes a whole block at once if no peak can begin or end in it.
+    /// Skips a block in which no peak can start or end; returns false if it must be scanned.
     fn skip_block(&mut self, block: &[u8; BLOCK], start: usize, threshold: u8) -> bool {
         let (least, most) = min_max(block);
         if self.rising {
@@ -84,7 +84,7 @@ impl PeakScanner {
             return false;
         }
         if least < self.low {
-            // The valley only bounds the search for a foot; the block's start is near enough.
+            // The valley only bounds the search for a base; the block's start is exact enough.
             (self.low, self.low_index) = (least, start);
         }
         true
@@ -104,10 +104,10 @@ impl PeakScanner {
                 let Some(fall) = self.find_fall(values_here, thresholds, index) else {
                     return;
                 };
-                if let Some(run) =
+                if let Some(peak) =
                     measure_peak(values, self.left_valley, self.high_index, thresholds[fall])
                 {
-                    found(run);
+                    found(peak);
                 }
                 self.rising = false;
                 (self.low, self.low_index) = (values[fall], fall);
@@ -124,7 +124,7 @@ impl PeakScanner {
         }
     }
 
-    /// The first sample that lies by its threshold below the highest so far.
+    /// First sample that is by its threshold below the maximum so far.
     fn find_fall(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
         let (mut high, mut high_at) = (self.high, self.high_index);
         let samples = values[start..].iter().zip(&thresholds[start..]);
@@ -141,7 +141,7 @@ impl PeakScanner {
         fall
     }
 
-    /// The first sample that lies by its threshold above the lowest so far.
+    /// First sample that is by its threshold above the minimum so far.
     fn find_rise(&mut self, values: &[u8], thresholds: &[u8], start: usize) -> Option<usize> {
         let (mut low, mut low_at) = (self.low, self.low_index);
         let samples = values[start..].iter().zip(&thresholds[start..]);
@@ -159,7 +159,7 @@ impl PeakScanner {
     }
 }
 
-/// Least and greatest of a block: a dozen vector instructions, as long as it is a function of its own.
+/// Minimum and maximum of a block; vectorises only as a separate function.
 #[inline(never)]
 fn min_max(block: &[u8; BLOCK]) -> (u8, u8) {
     let least = block.iter().fold(u8::MAX, |least, &value| least.min(value));
@@ -170,20 +170,20 @@ fn min_max(block: &[u8; BLOCK]) -> (u8, u8) {
 fn measure_peak(values: &[u8], left_valley: usize, peak: usize, threshold: u8) -> Option<Peak> {
     let level = i32::from(values[peak]);
     let threshold = i32::from(threshold);
-    let still = (threshold / 4).max(1);
+    let step_min = (threshold / 4).max(1);
     let value = |index: usize| i32::from(values[index]);
     let mut left = peak;
     while left > left_valley && level - value(left) < threshold {
         left -= 1;
     }
-    while left > left_valley && value(left) - value(left - 1) >= still {
+    while left > left_valley && value(left) - value(left - 1) >= step_min {
         left -= 1;
     }
     let mut right = peak;
     while right + 1 < values.len() && level - value(right) < threshold {
         right += 1;
     }
-    while right + 1 < values.len() && value(right) - value(right + 1) >= still {
+    while right + 1 < values.len() && value(right) - value(right + 1) >= step_min {
         right += 1;
     }
     let (left_level, right_level) = (value(left), value(right));
@@ -216,9 +216,11 @@ mod tests {
     use super::*;
 
     fn collect_peaks(values: &[u8], threshold: u8) -> Vec<Peak> {
-        let mut runs = Vec::new();
-        find_peaks(values, &vec![threshold; values.len()], |run| runs.push(run));
-        runs
+        let mut peaks = Vec::new();
+        find_peaks(values, &vec![threshold; values.len()], |peak| {
+            peaks.push(peak)
+        });
+        peaks
     }
 
     #[test]
@@ -226,22 +228,22 @@ mod tests {
         let values = [
             80, 80, 81, 140, 200, 200, 140, 80, 80, 80, 10, 10, 10, 80, 80,
         ];
-        let runs = collect_peaks(&values, 20);
-        assert_eq!(runs.len(), 1);
-        let run = runs[0];
+        let peaks = collect_peaks(&values, 20);
+        assert_eq!(peaks.len(), 1);
+        let peak = peaks[0];
         assert!(
-            (run.left_edge - 3.0).abs() < 0.1 && (run.right_edge - 6.0).abs() < 0.1,
-            "{run:?}"
+            (peak.left_edge - 3.0).abs() < 0.1 && (peak.right_edge - 6.0).abs() < 0.1,
+            "{peak:?}"
         );
-        assert!(run.right_base <= 8);
+        assert!(peak.right_base <= 8);
     }
 
     #[test]
     fn adjacent_faint_lines_are_separate_peaks() {
         let values = [80, 80, 95, 80, 80, 97, 81, 80];
-        let runs = collect_peaks(&values, 8);
-        assert_eq!(runs.len(), 2);
-        assert!((runs[0].left_edge + runs[0].right_edge - 4.0).abs() < 0.2);
+        let peaks = collect_peaks(&values, 8);
+        assert_eq!(peaks.len(), 2);
+        assert!((peaks[0].left_edge + peaks[0].right_edge - 4.0).abs() < 0.2);
     }
 
     #[test]

@@ -1,51 +1,40 @@
-//! Is it slower than it was? Measured figures kept in a file, and this run's beside them.
+//! Is it slower than before? Measured figures saved in a file, compared with those of this run.
 
 use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
-/// A difference below this part of the old value is the host's noise, in times.
+use super::measure::BenchFigure;
+
+/// Relative difference of a time that counts as noise of the host.
 const TIME_TOLERANCE: f64 = 0.1;
-/// The same in all else: equal seeds give equal figures, another compiler or processor other last digits.
+/// The same for other figures: equal seeds give equal figures, but compilers and processors differ in the last digits.
 const VALUE_TOLERANCE: f64 = 0.01;
 
 /// Figures of a run, as `bench --json` prints them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Baseline {
+pub(super) struct Baseline {
     /// Processor and number of cores.
     pub machine: String,
-    /// Name, value, unit and what is wanted.
-    pub figures: Vec<BaselineFigure>,
+    /// Name, value, unit and bound.
+    pub figures: Vec<BenchFigure>,
 }
 
-/// One figure.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct BaselineFigure {
-    /// Its name.
-    pub name: String,
-    /// Its value.
-    pub value: f64,
-    /// Its unit.
-    pub unit: String,
-    /// Bound to be met, as text with its direction.
-    pub wanted: String,
-}
-
-impl BaselineFigure {
-    /// How bad a value is, as its bound tells: small ones are good under `<=`, large ones under `>=`, near ones to `about`.
+impl BenchFigure {
+    /// Cost of a value by its bound: lower is better under `<=`, higher under `>=`, nearer under `about`.
     fn cost(&self, value: f64) -> f64 {
         if self.wanted.starts_with(">=") || self.unit.contains("real time") {
             return -value;
         }
         match self.wanted.strip_prefix("about ").map(str::parse::<f64>) {
             Some(Ok(aim)) => (value - aim).abs(),
-            // Also of times without a bound, and of counts that should be 0.
+            // Times without a bound, and counts that should be 0.
             _ => value,
         }
     }
 
-    /// Is its bound met? None where there is none.
+    /// True if its bound is met. None without a bound.
     fn meets_bound(&self) -> Option<bool> {
         let bound = self.wanted.trim_start_matches(['<', '>', '=', ' ']);
         let bound: f64 = bound.parse().ok()?;
@@ -56,7 +45,7 @@ impl BaselineFigure {
         })
     }
 
-    /// Changes below this part of the value mean nothing.
+    /// Relative changes below this are noise.
     fn tolerance(&self) -> f64 {
         let timed = self.unit == "ms" || self.unit.contains("real time");
         if timed {
@@ -67,42 +56,42 @@ impl BaselineFigure {
     }
 }
 
-/// A figure beside its earlier value.
+/// A figure and its earlier value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FigureComparison {
+pub(super) struct FigureComparison {
     /// Its name.
     pub name: String,
-    /// What it was.
+    /// Earlier value.
     pub before: f64,
-    /// What it is.
+    /// Value now.
     pub now: f64,
-    /// Now over before; none of a figure that was 0.
+    /// Now over before. None if it was 0.
     pub ratio: Option<f64>,
-    /// same, better, worse.
+    /// "same", "better" or "worse".
     pub verdict: &'static str,
 }
 
 impl Baseline {
     /// Reads what `bench --save` or `bench --json` wrote.
-    pub fn load(path: &Path) -> Result<Self> {
+    pub(super) fn load(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("cannot read {}", path.display()))?;
         serde_json::from_str(&text).with_context(|| path.display().to_string())
     }
 
     /// Writes the file.
-    pub fn save(&self, path: &Path) -> Result<()> {
+    pub(super) fn save(&self, path: &Path) -> Result<()> {
         let text = serde_json::to_string_pretty(self)?;
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
     }
 
-    /// Figures that both have, in this one's order.
-    pub fn compare_with(&self, earlier: &Baseline) -> Vec<FigureComparison> {
+    /// Compares the figures that both have, in this one's order.
+    pub(super) fn compare_with(&self, earlier: &Baseline) -> Vec<FigureComparison> {
         let pairs = self.figures.iter().filter_map(|now| {
             let before = earlier
                 .figures
                 .iter()
-                .find(|one| one.name == now.name && one.unit == now.unit)?;
+                .find(|figure| figure.name == now.name && figure.unit == now.unit)?;
             Some((before, now))
         });
         pairs
@@ -125,16 +114,16 @@ impl Baseline {
             .collect()
     }
 
-    /// Names that the earlier one has and this one has not.
-    pub fn missing(&self, earlier: &Baseline) -> Vec<String> {
-        let known = |name: &str| self.figures.iter().any(|one| one.name == name);
-        let gone = earlier.figures.iter().filter(|one| !known(&one.name));
-        gone.map(|one| one.name.clone()).collect()
+    /// Names of figures that only the earlier one has.
+    pub(super) fn missing(&self, earlier: &Baseline) -> Vec<String> {
+        let has = |name: &str| self.figures.iter().any(|figure| figure.name == name);
+        let gone = earlier.figures.iter().filter(|figure| !has(&figure.name));
+        gone.map(|figure| figure.name.clone()).collect()
     }
 }
 
-/// The table for people: each figure beside its bound and, if there is a baseline, beside what it was.
-pub fn print(
+/// Prints a table: each figure with its bound and, if there is a baseline, its earlier value.
+pub(super) fn print(
     now: &Baseline,
     earlier: Option<&Baseline>,
     compared: &[FigureComparison],
@@ -142,7 +131,7 @@ pub fn print(
 ) {
     if let Some(earlier) = earlier.filter(|earlier| earlier.machine != now.machine) {
         println!(
-            "the baseline is of another machine ({}): its times are not these",
+            "baseline of another machine: {} (times are not comparable)",
             earlier.machine
         );
     }
@@ -152,9 +141,14 @@ pub fn print(
     if earlier.is_none() {
         return;
     }
-    let count = |verdict| compared.iter().filter(|one| one.verdict == verdict).count();
+    let count = |verdict| {
+        compared
+            .iter()
+            .filter(|pair| pair.verdict == verdict)
+            .count()
+    };
     println!(
-        "{} better, {} worse, {} the same (times within {:.0} %, all else within {:.0} %)",
+        "{} better, {} worse, {} the same (times within {:.0} %, other figures within {:.0} %)",
         count("better"),
         count("worse"),
         count("same"),
@@ -166,8 +160,8 @@ pub fn print(
     }
 }
 
-fn line(figure: &BaselineFigure, has_baseline: bool, compared: &[FigureComparison]) -> String {
-    let BaselineFigure {
+fn line(figure: &BenchFigure, has_baseline: bool, compared: &[FigureComparison]) -> String {
+    let BenchFigure {
         name,
         value,
         unit,
@@ -180,7 +174,7 @@ fn line(figure: &BaselineFigure, has_baseline: bool, compared: &[FigureCompariso
     };
     let mut line = format!("{name:<26} {value:>10.4} {unit:<16} wanted {wanted:<10}{missed:<7}");
     if has_baseline {
-        let was = compared.iter().find(|one| one.name == *name);
+        let was = compared.iter().find(|pair| pair.name == *name);
         line += &was.map_or_else(
             || " new".to_owned(),
             |was| {
@@ -206,7 +200,7 @@ mod tests {
     fn bounded(values: &[(&str, f64, &str, &str)]) -> Baseline {
         let figures = values
             .iter()
-            .map(|&(name, value, unit, wanted)| BaselineFigure {
+            .map(|&(name, value, unit, wanted)| BenchFigure {
                 name: name.to_owned(),
                 value,
                 unit: unit.to_owned(),
@@ -233,7 +227,7 @@ mod tests {
         let verdicts: Vec<_> = now
             .compare_with(&before)
             .iter()
-            .map(|one| one.verdict)
+            .map(|pair| pair.verdict)
             .collect();
         assert_eq!(verdicts, ["better", "worse"]);
         let near = baseline(&[("see", 1.05, "ms")]);
@@ -255,7 +249,7 @@ mod tests {
             ("alarms", 2.0, "frames", "0"),
         ]);
         let compared = now.compare_with(&before);
-        let verdicts: Vec<_> = compared.iter().map(|one| one.verdict).collect();
+        let verdicts: Vec<_> = compared.iter().map(|pair| pair.verdict).collect();
         assert_eq!(verdicts, ["worse", "same", "better", "worse"]);
         assert_eq!(compared[3].ratio, None);
         assert_eq!(now.figures[3].meets_bound(), Some(false));

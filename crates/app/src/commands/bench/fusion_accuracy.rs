@@ -1,4 +1,4 @@
-//! Fusion, team, eyes and mirrors in a few figures each; `mirrorball eval` has their whole tables.
+//! How accurate are fusion, team ball and vision, and how fast is a mirror report? A few figures each.
 
 use std::process::{Command, Stdio};
 use std::time::Instant;
@@ -9,11 +9,11 @@ use localize::robot::RobotConfig;
 use localize::synthetic::team_ball::{TeamExperiment, evaluate_team_ball};
 use sim::fusion_experiment::{Course, Estimator, FusionExperiment};
 
-use super::{Figure, figure};
+use super::measure::BenchFigure;
 use crate::eval::vision;
 use pipeline::paths;
 
-/// Figures of `fused`.
+/// Figures of `measure_fusion_and_team`.
 pub(super) const FUSION_NAMES: &[&str] = &[
     "fusion_all_mean",
     "fusion_all_mean_heading",
@@ -22,8 +22,8 @@ pub(super) const FUSION_NAMES: &[&str] = &[
     "team_ball_ratio",
 ];
 
-/// Everything that can go wrong at once on a drive, late frames, and a far ball.
-pub(super) fn measure_fusion_and_team(figures: &mut Vec<Figure>) -> Result<()> {
+/// Drives with all disturbances, drives with late images, and a distant ball.
+pub(super) fn measure_fusion_and_team(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let robot = RobotConfig::load(&paths::find_resource("config/robots/default.toml")?)?;
     let field = Field::load(&robot.field)?;
     let experiment = FusionExperiment {
@@ -39,23 +39,23 @@ pub(super) fn measure_fusion_and_team(figures: &mut Vec<Figure>) -> Result<()> {
         .context("a course is missing")?;
     let cm = |metres: f32| 100.0 * f64::from(metres);
     figures.extend([
-        figure("fusion_all_mean", cm(all.position), "cm", "<= 1.5"),
-        figure(
+        BenchFigure::new("fusion_all_mean", cm(all.position), "cm", "<= 1.5"),
+        BenchFigure::new(
             "fusion_all_mean_heading",
             f64::from(all.heading_deg),
             "degrees",
             "<= 0.3",
         ),
-        figure(
+        BenchFigure::new(
             "fusion_all_blind",
             cm(all.blind.unwrap_or(f32::NAN)),
             "cm",
             "<= 10",
         ),
-        figure("fusion_late_along", cm(late.along.abs()), "cm", "<= 2"),
+        BenchFigure::new("fusion_late_along", cm(late.along.abs()), "cm", "<= 2"),
     ]);
     let ball = evaluate_team_ball(0..20, &TeamExperiment::default());
-    figures.push(figure(
+    figures.push(BenchFigure::new(
         "team_ball_ratio",
         f64::from(ball.ratio),
         "of the best",
@@ -64,7 +64,7 @@ pub(super) fn measure_fusion_and_team(figures: &mut Vec<Figure>) -> Result<()> {
     Ok(())
 }
 
-/// Figures of `seen`.
+/// Figures of `measure_detection_rates`.
 pub(super) const VISION_NAMES: &[&str] = &[
     "eyes_points_right",
     "eyes_markings",
@@ -72,30 +72,35 @@ pub(super) const VISION_NAMES: &[&str] = &[
     "eyes_robots",
 ];
 
-/// What the eyes find in the recording that comes with Mirrorball.
-pub(super) fn measure_detection_rates(figures: &mut Vec<Figure>) -> Result<()> {
+/// Detection rates on the sample recording.
+pub(super) fn measure_detection_rates(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let shares = vision::detection_rates(&paths::find_resource("samples/sequence")?)?;
     let wanted = [">= 97", ">= 60", ">= 97", ">= 95"];
     for ((&name, value), wanted) in VISION_NAMES.iter().zip(shares).zip(wanted) {
-        figures.push(figure(name, value.unwrap_or(f64::NAN), "%", wanted));
+        figures.push(BenchFigure::new(
+            name,
+            value.unwrap_or(f64::NAN),
+            "%",
+            wanted,
+        ));
     }
     Ok(())
 }
 
-/// Figures of `mirrors`.
+/// Figures of `measure_mirror_report`.
 pub(super) const MIRRORS: &[&str] = &["mirror_report", "mirror_report_1000"];
 
-/// The whole command, Python's start included: the least of five, and once with a thousand imperfect mirrors.
-pub(super) fn measure_mirror_report(figures: &mut Vec<Figure>) -> Result<()> {
+/// Times the whole command with Python's start: the minimum of five runs, and one run with 1000 imperfect mirrors.
+pub(super) fn measure_mirror_report(figures: &mut Vec<BenchFigure>) -> Result<()> {
     if !cfg!(feature = "python") {
         return Ok(());
     }
-    let mut least = f64::INFINITY;
+    let mut fastest = f64::INFINITY;
     for _ in 0..5 {
-        least = least.min(time_mirror_report(0)?);
+        fastest = fastest.min(time_mirror_report(0)?);
     }
-    figures.push(figure("mirror_report", least, "ms", "<= 2000"));
-    figures.push(figure(
+    figures.push(BenchFigure::new("mirror_report", fastest, "ms", "<= 2000"));
+    figures.push(BenchFigure::new(
         "mirror_report_1000",
         time_mirror_report(1000)?,
         "ms",
@@ -105,22 +110,22 @@ pub(super) fn measure_mirror_report(figures: &mut Vec<Figure>) -> Result<()> {
 }
 
 fn time_mirror_report(mirrors: u32) -> Result<f64> {
-    let folder = tempfile::tempdir().context("no folder for the report")?;
-    let mut command = Command::new(std::env::current_exe().context("where am I?")?);
+    let folder = tempfile::tempdir().context("cannot make a temporary folder for the report")?;
+    let mut command = Command::new(std::env::current_exe().context("cannot find this executable")?);
     command
         .args(["mirror", "report", "lima2001", "--mirrors"])
         .arg(mirrors.to_string())
         .arg("--out")
         .arg(folder.path());
     let started = Instant::now();
-    let done = command
+    let status = command
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .status()
-        .context("cannot run myself")?;
+        .context("cannot run this executable")?;
     ensure!(
-        done.success(),
-        "mirror report failed: run it by itself to see why"
+        status.success(),
+        "mirrorball mirror report failed. Run `mirrorball mirror report lima2001` to see why"
     );
     Ok(started.elapsed().as_secs_f64() * 1e3)
 }

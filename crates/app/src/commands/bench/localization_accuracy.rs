@@ -1,4 +1,4 @@
-//! How well is the place found? Seeded drives, kidnaps and single frames of line points, scored against truth.
+//! How accurate is localization? Seeded drives, kidnaps and single sets of line points, scored against truth.
 
 use anyhow::Result;
 use localize::synthetic::drive::SyntheticDriveConfig;
@@ -7,10 +7,10 @@ use localize::synthetic::evaluation::{
 };
 use localize::{Field, LocalizeConfig};
 
-use super::{Figure, figure};
+use super::measure::BenchFigure;
 use pipeline::paths;
 
-/// Figures of `drives`.
+/// Figures of `measure_tracking`.
 pub(super) const DRIVES: &[&str] = &[
     "track_mean",
     "track_mean_heading",
@@ -36,125 +36,131 @@ pub(super) const DRIVES: &[&str] = &[
     "kidnap_back",
 ];
 
-/// The larger of the mean deviations in x and y, or of the largest ones, centimetres.
+/// The larger of the errors in x and y, centimetres.
 fn larger_axis_cm([x, y, _]: [f32; 3]) -> f64 {
     100.0 * f64::from(x.max(y))
 }
 
-/// Drives on 18 × 12 m as existing systems were measured on: 30 Hz, σ 3 to 5 cm, odometry biased by 3 %.
-pub(super) fn measure_tracking(figures: &mut Vec<Figure>) -> Result<()> {
+/// Drives on 18 × 12 m with the noise that published systems were measured with: 30 Hz, σ 3 to 5 cm, odometry biased by 3 %.
+pub(super) fn measure_tracking(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let config = LocalizeConfig::default();
     let usual = SyntheticDriveConfig::default();
-    // Ten minutes, by one robot after another.
+    // Ten minutes in all: 20 drives of 30 s.
     let score = evaluate_tracking(&field, &config, &usual, 0..20, 900);
     figures.extend([
-        figure(
+        BenchFigure::new(
             "track_mean",
             larger_axis_cm(score.mean_error),
             "cm",
             "<= 0.7",
         ),
-        figure(
+        BenchFigure::new(
             "track_mean_heading",
             f64::from(score.mean_error[2]),
             "degrees",
             "<= 0.12",
         ),
-        figure("track_max", larger_axis_cm(score.max_error), "cm", "<= 4"),
-        figure(
+        BenchFigure::new("track_max", larger_axis_cm(score.max_error), "cm", "<= 4"),
+        BenchFigure::new(
             "track_max_heading",
             f64::from(score.max_error[2]),
             "degrees",
             "<= 1",
         ),
-        figure("track_nees", f64::from(score.nees), "", "about 3"),
-        figure(
+        BenchFigure::new("track_nees", f64::from(score.nees), "", "about 3"),
+        BenchFigure::new(
             "track_false_alarms",
             score.alarms as f64,
             "frames of 17400",
             "0",
         ),
     ]);
-    let with = |drive: SyntheticDriveConfig| evaluate_tracking(&field, &config, &drive, 0..5, 900);
-    let outliers = with(SyntheticDriveConfig {
+    let evaluate =
+        |drive: SyntheticDriveConfig| evaluate_tracking(&field, &config, &drive, 0..5, 900);
+    let outliers = evaluate(SyntheticDriveConfig {
         outlier_share: 0.5,
         ..usual.clone()
     });
-    let near = with(SyntheticDriveConfig {
+    let short_range = evaluate(SyntheticDriveConfig {
         range_max: 3.0,
         ..usual.clone()
     });
-    let few = with(SyntheticDriveConfig {
+    let few_rays = evaluate(SyntheticDriveConfig {
         rays: 40,
         ..usual.clone()
     });
     figures.extend([
-        figure(
+        BenchFigure::new(
             "track_half_outliers",
             larger_axis_cm(outliers.mean_error),
             "cm",
             "<= 1.2",
         ),
-        figure("track_3_m", larger_axis_cm(near.mean_error), "cm", "<= 2.5"),
-        figure(
+        BenchFigure::new(
+            "track_3_m",
+            larger_axis_cm(short_range.mean_error),
+            "cm",
+            "<= 2.5",
+        ),
+        BenchFigure::new(
             "track_3_m_lost",
-            near.lost_frames as f64,
+            short_range.lost_frames as f64,
             "frames of 4350",
             "0",
         ),
-        figure(
+        BenchFigure::new(
             "track_40_rays",
-            larger_axis_cm(few.mean_error),
+            larger_axis_cm(few_rays.mean_error),
             "cm",
             "<= 1.2",
         ),
     ]);
-    let covered = |covered: f32| -> TrackingScore {
-        with(SyntheticDriveConfig {
-            occluded_share: covered,
+    let occluded = |occluded_share: f32| -> TrackingScore {
+        evaluate(SyntheticDriveConfig {
+            occluded_share,
             ..usual.clone()
         })
     };
-    let [eighth, quarter, half] = [0.125, 0.25, 0.5].map(covered);
+    let [eighth, quarter, half] = [0.125, 0.25, 0.5].map(occluded);
     figures.extend([
-        figure(
+        BenchFigure::new(
             "occluded_12_mean",
             larger_axis_cm(eighth.mean_error),
             "cm",
             "<= 2",
         ),
-        figure(
+        BenchFigure::new(
             "occluded_12_max",
             larger_axis_cm(eighth.max_error),
             "cm",
             "<= 10",
         ),
-        figure(
+        BenchFigure::new(
             "occluded_25_mean",
             larger_axis_cm(quarter.mean_error),
             "cm",
             "<= 2",
         ),
-        figure(
+        BenchFigure::new(
             "occluded_25_max",
             larger_axis_cm(quarter.max_error),
             "cm",
             "<= 10",
         ),
-        figure(
+        BenchFigure::new(
             "occluded_50_mean",
             larger_axis_cm(half.mean_error),
             "cm",
             "<= 2",
         ),
-        figure(
+        BenchFigure::new(
             "occluded_50_mean_heading",
             f64::from(half.mean_error[2].to_radians()),
             "rad",
             "<= 0.01",
         ),
-        figure(
+        BenchFigure::new(
             "occluded_50_max",
             larger_axis_cm(half.max_error),
             "cm",
@@ -165,45 +171,50 @@ pub(super) fn measure_tracking(figures: &mut Vec<Figure>) -> Result<()> {
     Ok(())
 }
 
-/// How often a place is found from one frame, and again after the robot was carried off.
+/// Success rates of the global search from one set of line points, and of the recovery from kidnaps.
 fn measure_global_search(
     field: &Field,
     config: &LocalizeConfig,
     usual: SyntheticDriveConfig,
-    figures: &mut Vec<Figure>,
+    figures: &mut Vec<BenchFigure>,
 ) {
     let frames = 1000;
-    let percent = |part: usize, of: usize| 100.0 * part as f64 / of as f64;
-    let blind = evaluate_global_search(field, config, &usual, false, 1, frames);
-    let led = evaluate_global_search(field, config, &usual, true, 1, frames);
-    let covered = SyntheticDriveConfig {
+    let percent = |part: usize, total: usize| 100.0 * part as f64 / total as f64;
+    let no_prior = evaluate_global_search(field, config, &usual, false, 1, frames);
+    let with_compass = evaluate_global_search(field, config, &usual, true, 1, frames);
+    let occluded = SyntheticDriveConfig {
         occluded_share: 0.25,
         ..usual
     };
-    let carried = evaluate_kidnaps(field, config, &covered, 1, 200);
+    let kidnaps = evaluate_kidnaps(field, config, &occluded, 1, 200);
     figures.extend([
-        figure(
+        BenchFigure::new(
             "find_no_prior",
-            percent(blind.top_1, frames),
+            percent(no_prior.top_1, frames),
             "%",
             ">= 97.5",
         ),
-        figure(
+        BenchFigure::new(
             "find_no_prior_first_five",
-            percent(blind.top_5, frames),
+            percent(no_prior.top_5, frames),
             "%",
             ">= 99.5",
         ),
-        figure("find_compass", percent(led.top_1, frames), "%", ">= 99.7"),
-        figure(
+        BenchFigure::new(
+            "find_compass",
+            percent(with_compass.top_1, frames),
+            "%",
+            ">= 99.7",
+        ),
+        BenchFigure::new(
             "kidnap_said",
-            percent(carried.detected, carried.kidnaps),
+            percent(kidnaps.detected, kidnaps.kidnaps),
             "%",
             ">= 99",
         ),
-        figure(
+        BenchFigure::new(
             "kidnap_back",
-            percent(carried.recovered, carried.kidnaps),
+            percent(kidnaps.recovered, kidnaps.kidnaps),
             "%",
             ">= 99",
         ),

@@ -1,4 +1,4 @@
-//! How long does it take to know the place? Points of the league's drive that existing systems were measured on.
+//! How long do tracking and global search take? Line points of a synthetic drive.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -14,12 +14,12 @@ use localize::{DistanceField, Field, Localizer, Pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::PipelineConfig;
+use super::measure::{BenchFigure, REPEATS, median_ms};
+use pipeline::PipelineConfig;
 use pipeline::paths;
 use pipeline::score::sample_statistics;
 
-/// The league's drive that existing systems were measured on: 30 Hz, about 113 points within 5 m.
+/// A synthetic drive with the data rate that published systems were measured with: 30 Hz, about 113 points within 5 m.
 fn drive_frames(field: &Field) -> Vec<SyntheticSample> {
     SyntheticDrive::new(
         field,
@@ -30,7 +30,7 @@ fn drive_frames(field: &Field) -> Vec<SyntheticSample> {
     .collect()
 }
 
-/// Figures of `placing`.
+/// Figures of `measure_localization`.
 pub(super) const NAMES: &[&str] = &[
     "match_points",
     "track_frame",
@@ -38,8 +38,8 @@ pub(super) const NAMES: &[&str] = &[
     "exact_compass",
 ];
 
-/// Our own matching, tracking and search.
-pub(super) fn measure_localization(figures: &mut Vec<Figure>) -> Result<()> {
+/// Times the matching, the tracking and the branch-and-bound search of the default preset.
+pub(super) fn measure_localization(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let frames = drive_frames(&field);
     let config = PipelineConfig::default().localize;
@@ -51,12 +51,12 @@ pub(super) fn measure_localization(figures: &mut Vec<Figure>) -> Result<()> {
         number = (number + 7) % frames.len();
         &frames[number]
     };
-    let near = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
+    let perturbed = |pose: Pose| Pose::new(pose.x + 0.02, pose.y - 0.02, pose.theta + 0.01);
     let value = median_ms(3000, || {
         let frame = next();
-        black_box(matcher.refine(&distances, &frame.points, near(frame.true_pose), 0.05));
+        black_box(matcher.refine(&distances, &frame.points, perturbed(frame.true_pose), 0.05));
     });
-    figures.push(figure("match_points", value, "ms", "<= 0.08"));
+    figures.push(BenchFigure::new("match_points", value, "ms", "<= 0.08"));
     let mut localizer = Localizer::new(&field, config);
     let mut times = Vec::new();
     for frame in &frames {
@@ -67,11 +67,11 @@ pub(super) fn measure_localization(figures: &mut Vec<Figure>) -> Result<()> {
         times.push(started.elapsed().as_secs_f64() * 1e3);
     }
     let value = sample_statistics(times).map_or(f64::NAN, |spread| spread.median);
-    figures.push(figure("track_frame", value, "ms", "<= 0.03"));
+    figures.push(BenchFigure::new("track_frame", value, "ms", "<= 0.03"));
     let value = median_ms(REPEATS, || {
         black_box(search.find_hypotheses(&distances, &mut matcher, &next().points, None));
     });
-    figures.push(figure("exact_no_prior", value, "ms", "<= 3"));
+    figures.push(BenchFigure::new("exact_no_prior", value, "ms", "<= 3"));
     let value = median_ms(REPEATS, || {
         let frame = next();
         let prior = HeadingPrior {
@@ -80,11 +80,11 @@ pub(super) fn measure_localization(figures: &mut Vec<Figure>) -> Result<()> {
         };
         black_box(search.find_hypotheses(&distances, &mut matcher, &frame.points, Some(prior)));
     });
-    figures.push(figure("exact_compass", value, "ms", "<= 0.5"));
+    figures.push(BenchFigure::new("exact_compass", value, "ms", "<= 0.5"));
     Ok(())
 }
 
-/// Figures of `papers`.
+/// Figures of `measure_paper_methods`.
 pub(super) const PAPERS: &[&str] = &[
     "hough",
     "scan_map_global",
@@ -92,8 +92,8 @@ pub(super) const PAPERS: &[&str] = &[
     "monte_carlo_cycle",
 ];
 
-/// The three papers' relocalisers.
-pub(super) fn measure_paper_methods(figures: &mut Vec<Figure>) -> Result<()> {
+/// Times the global searches of the three papers.
+pub(super) fn measure_paper_methods(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let field = Field::load(&paths::find_resource("config/fields/msl_18x12.toml")?)?;
     let frames = drive_frames(&field);
     let config = PipelineConfig::default().localize;
@@ -115,24 +115,24 @@ pub(super) fn measure_paper_methods(figures: &mut Vec<Figure>) -> Result<()> {
         let (frame, prior) = next();
         black_box(hough.find_poses(&frame.points, Some(prior)));
     });
-    figures.push(figure("hough", value, "ms", "<= 1"));
+    figures.push(BenchFigure::new("hough", value, "ms", "<= 1"));
     let map = ScanMap::new(&field, &distances, config.global_search.scan_map.clone());
     let value = median_ms(REPEATS, || {
         let (frame, prior) = next();
         black_box(map.find_poses(&frame.points, prior.heading, 6, 0.4));
     });
-    figures.push(figure("scan_map_global", value, "ms", "<= 2"));
+    figures.push(BenchFigure::new("scan_map_global", value, "ms", "<= 2"));
     let value = median_ms(REPEATS, || {
         let (frame, _) = next();
         black_box(map.find_pose_near(&frame.points, frame.true_pose));
     });
-    figures.push(figure("scan_map_local", value, "ms", "<= 0.05"));
+    figures.push(BenchFigure::new("scan_map_local", value, "ms", "<= 0.05"));
     let mut filter = MonteCarlo::new(&field, &distances, config.global_search.monte_carlo.clone());
     let value = median_ms(REPEATS, || {
         let (frame, prior) = next();
         filter.reset();
         black_box(filter.update(&frame.points, Some(prior)));
     });
-    figures.push(figure("monte_carlo_cycle", value, "ms", "<= 0.3"));
+    figures.push(BenchFigure::new("monte_carlo_cycle", value, "ms", "<= 0.3"));
     Ok(())
 }

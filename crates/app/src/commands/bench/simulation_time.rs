@@ -1,4 +1,4 @@
-//! How fast is the simulated game? One image of the demo among nine robots, and whole seconds of scenarios.
+//! How fast is the simulator? One image of the demo with nine robots, and seconds of scenarios.
 
 use std::hint::black_box;
 use std::path::PathBuf;
@@ -7,24 +7,24 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use localize::robot::BodyConfig;
 use localize::robot::CameraConfig;
+use localize::world::TeamColour;
 use localize::{At, Field, Pose};
 use sim::Scenario;
 use sim::render::{Renderer, RendererConfig, Scene};
-use sim::scenario::TeamColour;
 use sim::world::RobotState;
 use vision::Profile;
 
-use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::{Pipeline, PipelineConfig};
+use super::measure::{BenchFigure, REPEATS, median_ms};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// Figures of `rendering`.
+/// Figures of `measure_rendering`.
 pub(super) const RENDERING_NAMES: &[&str] = &["render_480_nine_robots"];
 
-/// Figures of `simulating`.
+/// Figures of `measure_simulation`.
 pub(super) const SIMULATION_NAMES: &[&str] = &["simulation_30_hz", "game_all_cores"];
 
 /// The demo's robot with nine robots from 1 to 9 m around it, the ball at 2 m, a goal 5 m ahead.
@@ -38,20 +38,20 @@ pub(super) struct DemoScene {
 }
 
 impl DemoScene {
-    /// With a camera of so many pixels a side in place of its own: the same view, as much finer.
+    /// Loads the scene with a square camera of `side_px` pixels that has the same view as the demo's.
     pub(super) fn load(side_px: usize) -> Result<Self> {
         let (scenario, robot) =
             Scenario::load(&paths::find_resource("config/scenarios/demo.toml")?)?;
         let field = Field::load(&robot.field)?;
         let own = robot.camera.context("the demo's robot has no camera")?;
-        let finer = side_px as f32 / own.width_px as f32;
+        let scale = side_px as f32 / own.width_px as f32;
         let camera = CameraConfig {
             width_px: side_px,
             height_px: side_px,
-            focal_px: own.focal_px.map(|focal| focal * finer),
+            focal_px: own.focal_px.map(|focal| focal * scale),
             // Integers are pixel centres.
-            centre_px: own.centre_px.map(|centre| (centre + 0.5) * finer - 0.5),
-            outer_radius_px: own.outer_radius_px.map(|radius| radius * finer),
+            centre_px: own.centre_px.map(|centre| (centre + 0.5) * scale - 0.5),
+            outer_radius_px: own.outer_radius_px.map(|radius| radius * scale),
             ..own
         };
         let mirror = robot.mirror.context("the demo's robot has no mirror")?;
@@ -96,11 +96,11 @@ impl DemoScene {
         })?)
     }
 
-    /// What the robot sees, turned by so many radians.
-    pub(super) fn render(&self, renderer: &mut Renderer, turn: f32, rgb: &mut Vec<u8>) {
+    /// Renders the robot's image at a heading (radians).
+    pub(super) fn render(&self, renderer: &mut Renderer, heading: f32, rgb: &mut Vec<u8>) {
         let ball = &self.scenario.ball;
         let scene = Scene {
-            pose: Pose::new(4.0, 0.3, turn),
+            pose: Pose::new(4.0, 0.3, heading),
             robots: &self.robots,
             ball: Some((At::new(2.5, 1.5), ball.diameter, ball.colour)),
             light_colour: [1.0; 3],
@@ -110,28 +110,33 @@ impl DemoScene {
     }
 }
 
-/// One image of the scene.
-pub(super) fn measure_rendering(figures: &mut Vec<Figure>) -> Result<()> {
+/// Times one image of the scene.
+pub(super) fn measure_rendering(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let demo = DemoScene::load(480)?;
     let mut renderer = demo.renderer()?;
-    let (mut turn, mut rgb) = (0.0f32, Vec::new());
+    let (mut heading, mut rgb) = (0.0f32, Vec::new());
     let value = median_ms(REPEATS, || {
-        turn += 0.1;
-        demo.render(&mut renderer, turn, &mut rgb);
+        heading += 0.1;
+        demo.render(&mut renderer, heading, &mut rgb);
         black_box(&rgb);
     });
-    figures.push(figure("render_480_nine_robots", value, "ms", "<= 4"));
+    figures.push(BenchFigure::new(
+        "render_480_nine_robots",
+        value,
+        "ms",
+        "<= 4",
+    ));
     Ok(())
 }
 
-/// The demo on one core, and the league's game as `sim` runs it: the simulator a step ahead in a thread of its own.
-pub(super) fn measure_simulation(figures: &mut Vec<Figure>) -> Result<()> {
+/// Times the demo on one core, and a full game as `sim` runs it: the simulator prefetches in its own thread.
+pub(super) fn measure_simulation(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let load = |name| Simulation::load(&paths::find_resource(name)?, None, Some(f64::MAX));
     let demo = load("config/scenarios/demo.toml")?;
     let mut setup = demo.setup()?;
-    // Nothing is commanded here.
+    // Without exposure control nobody has to pass commands to the camera.
     setup.robot.exposure = None;
-    figures.push(figure(
+    figures.push(BenchFigure::new(
         "simulation_30_hz",
         real_time_factor(demo, &setup)?,
         "x real time",
@@ -140,7 +145,7 @@ pub(super) fn measure_simulation(figures: &mut Vec<Figure>) -> Result<()> {
     let game = load("config/scenarios/game_18x12.toml")?;
     let mut setup = game.setup()?;
     setup.robot.exposure = None;
-    figures.push(figure(
+    figures.push(BenchFigure::new(
         "game_all_cores",
         real_time_factor(game.prefetch()?, &setup)?,
         "x real time",
@@ -150,11 +155,11 @@ pub(super) fn measure_simulation(figures: &mut Vec<Figure>) -> Result<()> {
 }
 
 fn real_time_factor(mut source: impl Iterator<Item = Sample>, setup: &Setup) -> Result<f64> {
-    let mut spine = Pipeline::new(setup, &PipelineConfig::default())?;
+    let mut pipeline = Pipeline::new(setup, &PipelineConfig::default())?;
     let mut next = || {
         source
-            .find_map(|sample| spine.process_sample(sample))
-            .context("the scenario ends at once")
+            .find_map(|sample| pipeline.process_sample(sample))
+            .context("the scenario ends before its first image")
     };
     // The first image builds tables and learns colours.
     let first = next()?.stamp;

@@ -1,4 +1,4 @@
-//! How long does it take to see? The recording that comes with Mirrorball, and our simulator's image at 1024 × 1024.
+//! How long does vision take? The sample recording, and a simulated image of 1024 × 1024.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -7,15 +7,15 @@ use anyhow::{Context, Result};
 use vision::image::{Image, ImageView, PixelFormat};
 use vision::{Mount, Profile, Vision, optics};
 
+use super::measure::{BenchFigure, REPEATS, median_ms};
 use super::simulation_time::DemoScene;
-use super::{Figure, REPEATS, figure, median_ms};
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::paths;
 use pipeline::sample::Sample;
 use pipeline::score::sample_statistics;
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// Figures of `seeing`.
+/// Figures of `measure_vision`.
 pub(super) const NAMES: &[&str] = &[
     "see_lines_480",
     "see_all_480",
@@ -23,8 +23,8 @@ pub(super) const NAMES: &[&str] = &[
     "image_to_pose_480",
 ];
 
-/// Each part of a frame's way, images of a drive in turn.
-pub(super) fn measure_vision(figures: &mut Vec<Figure>) -> Result<()> {
+/// Times line points, all features, colour learning, and image to pose, over the images of a drive.
+pub(super) fn measure_vision(figures: &mut Vec<BenchFigure>) -> Result<()> {
     let folder = paths::find_resource("samples/sequence")?;
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let (camera, map) = setup
@@ -38,7 +38,7 @@ pub(super) fn measure_vision(figures: &mut Vec<Figure>) -> Result<()> {
         )?);
     }
     let config = PipelineConfig::default();
-    let mut eyes = Vision::new(
+    let mut vision = Vision::new(
         map,
         camera,
         setup.field.config.line_width,
@@ -49,46 +49,56 @@ pub(super) fn measure_vision(figures: &mut Vec<Figure>) -> Result<()> {
         number = (number + 1) % images.len();
         images[number].view()
     };
-    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.process_lines(&next()))));
-    let see_all = median_ms(REPEATS, || drop(black_box(eyes.process(&next()))));
+    let see_lines = median_ms(REPEATS, || drop(black_box(vision.process_lines(&next()))));
+    let see_all = median_ms(REPEATS, || drop(black_box(vision.process(&next()))));
     let see_new_light = median_ms(30, || {
-        eyes.reset_colour_model();
-        drop(black_box(eyes.process(&next())));
+        vision.reset_colour_model();
+        drop(black_box(vision.process(&next())));
     });
-    figures.push(figure("see_lines_480", see_lines, "ms", "<= 0.15"));
-    figures.push(figure("see_all_480", see_all, "ms", "<= 0.5"));
-    figures.push(figure("see_new_light_480", see_new_light, "ms", "-"));
+    figures.push(BenchFigure::new(
+        "see_lines_480",
+        see_lines,
+        "ms",
+        "<= 0.15",
+    ));
+    figures.push(BenchFigure::new("see_all_480", see_all, "ms", "<= 0.5"));
+    figures.push(BenchFigure::new(
+        "see_new_light_480",
+        see_new_light,
+        "ms",
+        "-",
+    ));
     let recording =
         pipeline::recording::Recording::open(&folder, crate::commands::locate::EXTERNAL_POINT_STD)?;
     let samples: Vec<Sample> = recording.collect();
-    let mut whole = Vec::new();
+    let mut image_to_pose = Vec::new();
     for _ in 0..10 {
-        let mut spine = Pipeline::new(&setup, &config)?;
+        let mut pipeline = Pipeline::new(&setup, &config)?;
         for sample in &samples {
             let started = Instant::now();
-            if let Some(cycle) = spine.process_sample(sample.clone()) {
-                // The first frame learns its colours and searches the field.
+            if let Some(cycle) = pipeline.process_sample(sample.clone()) {
+                // The first image is left out: it learns the colours and searches the field.
                 if cycle
                     .inputs
                     .odometry
                     .first()
                     .is_some_and(|odometry| odometry.stamp.0 > 0)
                 {
-                    whole.push(started.elapsed().as_secs_f64() * 1e3);
+                    image_to_pose.push(started.elapsed().as_secs_f64() * 1e3);
                 }
             }
         }
     }
-    let value = sample_statistics(whole).map_or(f64::NAN, |spread| spread.median);
-    figures.push(figure("image_to_pose_480", value, "ms", "<= 1"));
+    let value = sample_statistics(image_to_pose).map_or(f64::NAN, |spread| spread.median);
+    figures.push(BenchFigure::new("image_to_pose_480", value, "ms", "<= 1"));
     Ok(())
 }
 
-/// Figures of `seeing_large`.
+/// Figures of `measure_vision_large`.
 pub(super) const LARGE_NAMES: &[&str] = &["see_lines_1024", "see_all_1024"];
 
-/// The same features in an image of 1024 × 1024: the demo's robot among nine others, with a camera as much finer.
-pub(super) fn measure_vision_large(figures: &mut Vec<Figure>) -> Result<()> {
+/// The same features in an image of 1024 × 1024: the demo's robot among nine others.
+pub(super) fn measure_vision_large(figures: &mut Vec<BenchFigure>) -> Result<()> {
     const SIDE_PX: usize = 1024;
     let demo = DemoScene::load(SIDE_PX)?;
     let profile = Profile::load(&demo.mirror)?;
@@ -100,7 +110,7 @@ pub(super) fn measure_vision_large(figures: &mut Vec<Figure>) -> Result<()> {
         demo.render(&mut renderer, f32::from(turn), &mut rgb);
         images.push(rgb);
     }
-    let mut eyes = Vision::new(
+    let mut vision = Vision::new(
         &map,
         &demo.camera,
         demo.field.config.line_width,
@@ -111,9 +121,9 @@ pub(super) fn measure_vision_large(figures: &mut Vec<Figure>) -> Result<()> {
         number = (number + 1) % images.len();
         ImageView::packed(SIDE_PX, SIDE_PX, PixelFormat::Rgb8, &images[number])
     };
-    let see_lines = median_ms(REPEATS, || drop(black_box(eyes.process_lines(&next()))));
-    let see_all = median_ms(REPEATS, || drop(black_box(eyes.process(&next()))));
-    figures.push(figure("see_lines_1024", see_lines, "ms", "-"));
-    figures.push(figure("see_all_1024", see_all, "ms", "<= 1.2"));
+    let see_lines = median_ms(REPEATS, || drop(black_box(vision.process_lines(&next()))));
+    let see_all = median_ms(REPEATS, || drop(black_box(vision.process(&next()))));
+    figures.push(BenchFigure::new("see_lines_1024", see_lines, "ms", "-"));
+    figures.push(BenchFigure::new("see_all_1024", see_all, "ms", "<= 1.2"));
     Ok(())
 }

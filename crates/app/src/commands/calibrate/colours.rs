@@ -1,4 +1,4 @@
-//! `mirrorball calibrate colours`: a table of what colours mean, from labels or from images alone.
+//! `mirrorball calibrate colours`: a colour table, from labels or from images alone.
 
 use std::path::{Path, PathBuf};
 
@@ -12,33 +12,33 @@ use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::image::{Image, rgb_to_yuv};
 use vision::{Vision, overlay};
 
-use super::{SkippedImage, load_drive_images};
-use pipeline::cycle::PipelineConfig;
+use super::images::{SkippedImage, load_drive_images};
+use pipeline::PipelineConfig;
 use pipeline::setup::Setup;
 
-/// From images: what each colour means, as a table that robot.toml can name (`colours = "FILE"`).
+/// Colour table from images, for the key `colours` of robot.toml.
 ///
-/// The folder is a recording (robot.toml, frames.csv). Without labels, carpet and white are learned from each image as
-/// while playing, and all images vote. With labels (a CSV of file,u,v,class, paths relative to it) the table is learned
-/// from the labelled pixels.
+/// The folder is a recording (robot.toml, frames.csv). Without labels, carpet and white are learned from each image as in
+/// `run`, and all images vote. With labels (a CSV of file,u,v,class, paths relative to it) the table is learned from the
+/// labelled pixels.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball calibrate colours samples/sequence --out colours.table --picture colours.png"
 )]
 pub(super) struct ColoursArgs {
-    /// The recording folder; with --labels it may be left out.
+    /// The recording folder; optional with --labels.
     #[arg(required_unless_present = "labels")]
     dir: Option<PathBuf>,
     /// Labelled pixels to learn from.
     #[arg(long, value_name = "LABELS.csv")]
     labels: Option<PathBuf>,
-    /// Where the table over Y, U and V goes (16 MiB).
+    /// File for the table over Y, U and V (16 MiB).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Also write the table over U and V alone, of the same labels (64 KiB).
+    /// Also write the table over U and V of the same labels (64 KiB).
     #[arg(long, value_name = "FILE")]
     uv: Option<PathBuf>,
-    /// Also draw the first image beside its classes.
+    /// Also draw the first image next to its classes.
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
 }
@@ -46,16 +46,16 @@ pub(super) struct ColoursArgs {
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Outcome {
-    /// Images that were used, of those given (without labels).
+    /// Numbers of used and of all images (without labels).
     #[serde(skip_serializing_if = "Option::is_none")]
     images: Option<[usize; 2]>,
     left_out: Vec<SkippedImage>,
-    /// Labelled pixels by class, and the share of them that the table gives back.
+    /// Labelled pixels by class, and the share that the table classifies correctly.
     labels: Vec<ClassShare>,
     table: PathBuf,
     #[serde(skip_serializing_if = "Option::is_none")]
     uv_table: Option<PathBuf>,
-    /// Share of the pixels (of the labels, or of all images) of which both tables say the same.
+    /// Share of the pixels (of the labels, or of all images) with the same class in both tables.
     tables_agree: f64,
 }
 
@@ -68,17 +68,21 @@ struct ClassShare {
 
 /// Runs the command.
 pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
-    let (tables, mut outcome, picture) = match &args.labels {
+    let LearnedTables {
+        yuv,
+        uv,
+        mut outcome,
+        first_image,
+    } = match &args.labels {
         Some(labels) => learn_from_labels(args, labels)?,
         None => learn_from_images(args)?,
     };
-    let [yuv, uv] = tables;
     yuv.save(&args.out)?;
     if let Some(path) = &args.uv {
         uv.save(path)?;
         outcome.uv_table = Some(path.clone());
     }
-    if let (Some(path), Some(image)) = (&args.picture, picture) {
+    if let (Some(path), Some(image)) = (&args.picture, first_image) {
         draw_classes(&image, &yuv).save(path)?;
     }
     if json {
@@ -90,14 +94,14 @@ pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
     }
     for class in &outcome.labels {
         println!(
-            "{}: {} labelled pixels, {:.1} % of them given back",
+            "{}: {} labelled pixels, {:.1} % classified correctly",
             class.class,
             class.pixels,
             100.0 * class.given_back
         );
     }
-    if let Some([used, given]) = outcome.images {
-        println!("{used} of {given} images used");
+    if let Some([used, all]) = outcome.images {
+        println!("{used} of {all} images used");
     }
     println!(
         "both tables agree on {:.1} % of these pixels",
@@ -107,13 +111,18 @@ pub(super) fn run(args: &ColoursArgs, json: bool) -> Result<()> {
     Ok(())
 }
 
-type LearnedTables = ([ColourTable; 2], Outcome, Option<Image>);
+/// Both tables of a calibration.
+struct LearnedTables {
+    yuv: ColourTable,
+    uv: ColourTable,
+    outcome: Outcome,
+    first_image: Option<Image>,
+}
 
 fn learn_from_labels(args: &ColoursArgs, path: &Path) -> Result<LearnedTables> {
     let labels = load_labels(path)?;
     let learn = |kind| {
-        ColourTable::learn(&labels, kind)
-            .with_context(|| format!("{}: has no label", path.display()))
+        ColourTable::learn(&labels, kind).with_context(|| format!("{}: no labels", path.display()))
     };
     let tables = [learn(TableKind::Yuv)?, learn(TableKind::Uv)?];
     let mut names: Vec<&str> = labels
@@ -122,7 +131,7 @@ fn learn_from_labels(args: &ColoursArgs, path: &Path) -> Result<LearnedTables> {
         .collect();
     names.sort_unstable();
     names.dedup();
-    let right = |label: &&Label| {
+    let is_correct = |label: &&Label| {
         let class = tables[0].class(rgb_to_yuv(label.rgb));
         tables[0].name(class) == Some(canonical_class_name(&label.class))
     };
@@ -134,7 +143,7 @@ fn learn_from_labels(args: &ColoursArgs, path: &Path) -> Result<LearnedTables> {
         ClassShare {
             class: (*name).to_owned(),
             pixels,
-            given_back: members.filter(right).count() as f64 / pixels.max(1) as f64,
+            given_back: members.filter(is_correct).count() as f64 / pixels.max(1) as f64,
         }
     };
     let outcome = Outcome {
@@ -145,14 +154,20 @@ fn learn_from_labels(args: &ColoursArgs, path: &Path) -> Result<LearnedTables> {
         uv_table: None,
         tables_agree: agreement(&tables, labels.iter().map(|label| label.rgb)),
     };
-    let picture = match &args.dir {
+    let first_image = match &args.dir {
         Some(dir) => load_drive_images(dir)?
             .into_iter()
             .next()
             .map(|image| image.image),
         None => None,
     };
-    Ok((tables, outcome, picture))
+    let [yuv, uv] = tables;
+    Ok(LearnedTables {
+        yuv,
+        uv,
+        outcome,
+        first_image,
+    })
 }
 
 fn learn_from_images(args: &ColoursArgs) -> Result<LearnedTables> {
@@ -162,14 +177,14 @@ fn learn_from_images(args: &ColoursArgs) -> Result<LearnedTables> {
     let (camera, map) = setup
         .camera
         .as_ref()
-        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
+        .with_context(|| format!("{}: no [camera]", robot_file.display()))?;
     let config = PipelineConfig::default().vision;
     let line_width = setup.field.config.line_width;
     let mask = setup.mask.as_deref();
-    let mut eyes = Vision::with_mask(map, camera, mask, line_width, config.clone())?;
+    let mut vision = Vision::with_mask(map, camera, mask, line_width, config.clone())?;
     let images = load_drive_images(dir)?;
     let learned: LearnedColours =
-        learn_colours(&mut eyes, &images).with_context(|| dir.display().to_string())?;
+        learn_colours(&mut vision, &images).with_context(|| dir.display().to_string())?;
     let tables = [TableKind::Yuv, TableKind::Uv].map(|kind| learned.table(kind, &config));
     let outcome = Outcome {
         images: Some([learned.models.len(), images.len()]),
@@ -185,8 +200,14 @@ fn learn_from_images(args: &ColoursArgs) -> Result<LearnedTables> {
                 .map(|rgb| [rgb[0], rgb[1], rgb[2]]),
         ),
     };
-    let picture = images.into_iter().next().map(|image| image.image);
-    Ok((tables, outcome, picture))
+    let first_image = images.into_iter().next().map(|image| image.image);
+    let [yuv, uv] = tables;
+    Ok(LearnedTables {
+        yuv,
+        uv,
+        outcome,
+        first_image,
+    })
 }
 
 fn agreement(tables: &[ColourTable; 2], pixels: impl Iterator<Item = [u8; 3]>) -> f64 {
@@ -199,7 +220,7 @@ fn agreement(tables: &[ColourTable; 2], pixels: impl Iterator<Item = [u8; 3]>) -
     same as f64 / all.max(1) as f64
 }
 
-/// An image beside the classes of its pixels.
+/// An image next to the classes of its pixels.
 fn draw_classes(image: &Image, table: &ColourTable) -> Image {
     let mut classes = image.clone();
     for rgb in classes.rgb.chunks_exact_mut(3) {

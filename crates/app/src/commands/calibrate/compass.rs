@@ -1,4 +1,4 @@
-//! `mirrorball calibrate compass`: what does the robot's own iron do to its magnetometer?
+//! `mirrorball calibrate compass`: hard and soft iron of the robot.
 
 use std::path::PathBuf;
 
@@ -8,10 +8,10 @@ use serde::Serialize;
 
 use pipeline::csv_table::{CsvTable, CsvWriter, format_seconds};
 
-/// From magnetometer readings of the robot turning once all round: hard and soft iron.
+/// Compass calibration (hard and soft iron) from magnetometer readings of a full turn of the robot.
 ///
-/// The folder is a recording with magnetometer.csv (stamp_s,x,y: the field in the robot's frame, any unit). Readings that
-/// something nearby disturbed are left out.
+/// The folder is a recording with magnetometer.csv (stamp_s,x,y: magnetic field in the robot frame, any unit). Disturbed
+/// readings are left out.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball calibrate compass turn/ --out compass.toml --headings turn/compass.csv"
@@ -19,7 +19,7 @@ use pipeline::csv_table::{CsvTable, CsvWriter, format_seconds};
 pub(super) struct CompassArgs {
     /// The recording folder.
     dir: PathBuf,
-    /// Where the calibration goes (TOML).
+    /// File for the calibration (TOML).
     #[arg(long, value_name = "FILE.toml")]
     out: PathBuf,
     /// Direction of magnetic north on the field, degrees counter-clockwise from its x axis.
@@ -58,7 +58,7 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
     if let Some(path) = &args.headings {
         let mut file = CsvWriter::create(path, "stamp_s,heading_rad")?;
         for (stamp, reading) in stamps.iter().zip(&readings) {
-            let (heading, _) = fit.calibration.heading(*reading);
+            let heading = fit.calibration.heading(*reading).heading;
             file.write_row(format_args!("{},{heading}", format_seconds(*stamp)))?;
         }
         file.finish()?;
@@ -69,7 +69,7 @@ pub(super) fn run(args: &CompassArgs, json: bool) -> Result<()> {
         return Ok(());
     }
     println!(
-        "{} readings on the ellipse within {:.2}°, {} disturbed ones left out; uncalibrated headings erred by up to {:.1}°",
+        "{} readings with a residual of {:.2}°, {} disturbed ones left out; error of uncalibrated headings up to {:.1}°",
         fit.used, fit.residual_deg, fit.left_out, fit.raw_error_deg
     );
     println!("{}", args.out.display());

@@ -1,4 +1,4 @@
-//! `mirrorball calibrate mask`: where does the camera see its own robot?
+//! `mirrorball calibrate mask`: which pixels show the robot itself?
 
 use std::path::PathBuf;
 
@@ -9,12 +9,12 @@ use vision::calibrate::calibrate_mask;
 use vision::calibrate::mask::save_mask;
 use vision::image::Image;
 
-use super::load_drive_images;
+use super::images::load_drive_images;
 
-/// From a few images of the robot turning in place: its own body and rods.
+/// Mask of the robot's own body from a few images of the robot turning in place.
 ///
-/// The folder is a recording (robot.toml, frames.csv) with at least six images spread around the circle. The mask is a
-/// grey PNG, black where the robot sees itself; robot.toml names it (`mask = "mask.png"`).
+/// The folder is a recording (robot.toml, frames.csv) with at least six images at headings around the circle. The mask is
+/// a grey PNG, black where the image shows the robot itself, for the key `mask` of robot.toml.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball calibrate mask samples/calibration --out mask.png --picture seen.png"
@@ -22,7 +22,7 @@ use super::load_drive_images;
 pub(super) struct MaskArgs {
     /// The recording folder.
     dir: PathBuf,
-    /// Where the mask goes.
+    /// File for the mask.
     #[arg(long, value_name = "MASK.png")]
     out: PathBuf,
     /// Also draw the mask into the first image.
@@ -34,7 +34,7 @@ pub(super) struct MaskArgs {
 #[derive(Serialize)]
 struct Outcome {
     images: usize,
-    /// Share of the mirror's image that is the robot itself.
+    /// Share of the mirror's image that shows the robot itself.
     own_share: f64,
     mask: PathBuf,
 }
@@ -46,7 +46,7 @@ pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
     let camera = robot
         .camera
         .as_ref()
-        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
+        .with_context(|| format!("{}: no [camera]", robot_file.display()))?;
     let images: Vec<Image> = load_drive_images(&args.dir)?
         .into_iter()
         .map(|image| image.image)
@@ -80,7 +80,7 @@ pub(super) fn run(args: &MaskArgs, json: bool) -> Result<()> {
         return Ok(());
     }
     println!(
-        "{} images: the robot itself covers {:.1} % of the mirror's image",
+        "{} images: the robot covers {:.1} % of the mirror's image",
         outcome.images,
         100.0 * outcome.own_share
     );

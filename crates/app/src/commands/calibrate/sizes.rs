@@ -1,4 +1,4 @@
-//! `mirrorball calibrate sizes`: how wide are a line and the ball in the image, at every distance?
+//! `mirrorball calibrate sizes`: widths of lines and ball in the image by distance.
 
 use std::path::{Path, PathBuf};
 
@@ -8,15 +8,15 @@ use vision::calibrate::{SizeCalibration, calibrate_sizes};
 use vision::image::Image;
 use vision::overlay::{self, Rgb};
 
-use super::{SkippedImage, load_drive_images};
+use super::images::{SkippedImage, load_drive_images};
+use pipeline::PipelineConfig;
 use pipeline::csv_table::CsvWriter;
-use pipeline::cycle::PipelineConfig;
 use pipeline::setup::Setup;
 
-/// From a drive: width of lines and ball in pixels over distance, measured beside what the map makes of them.
+/// Widths of lines and ball in pixels by distance from a drive, measured and predicted by the map.
 ///
 /// The folder is a recording (robot.toml, frames.csv). The table's columns are distance_m,line_px,line_px_by_map,lines,
-/// ball_px,ball_px_by_map,balls; what was not seen often enough is left empty.
+/// ball_px,ball_px_by_map,balls; cells with too few detections are empty.
 #[derive(clap::Args)]
 #[command(
     after_help = "Example: mirrorball calibrate sizes samples/sequence --out sizes.csv --picture sizes.png"
@@ -24,13 +24,13 @@ use pipeline::setup::Setup;
 pub(super) struct SizesArgs {
     /// The recording folder.
     dir: PathBuf,
-    /// Measure with this calibrated map (npz) in place of the robot's own.
+    /// Use this calibrated ground map (npz) instead of the robot's own.
     #[arg(long, value_name = "MAP.npz")]
     map: Option<PathBuf>,
-    /// Where the table goes.
+    /// File for the table.
     #[arg(long, value_name = "FILE.csv")]
     out: PathBuf,
-    /// Also draw it: measured as crosses, by the map as lines; white for lines, orange for the ball; a grid of 1 m, 5 px.
+    /// Also draw it: measured as crosses, predicted as curves; white for lines, orange for the ball; a grid of 1 m, 5 px.
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
 }
@@ -55,25 +55,25 @@ pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
     let (camera, map) = setup
         .camera
         .as_ref()
-        .with_context(|| format!("{}: has no [camera]", robot_file.display()))?;
+        .with_context(|| format!("{}: no [camera]", robot_file.display()))?;
     let mut config = PipelineConfig::default().vision;
     if let Some(height) = setup.viewpoint_height {
         config.objects.viewpoint_height = height;
     }
     let images = load_drive_images(&args.dir)?;
-    let found = calibrate_sizes(camera, map, setup.field.config.line_width, &images, &config)
+    let calibration = calibrate_sizes(camera, map, setup.field.config.line_width, &images, &config)
         .with_context(|| args.dir.display().to_string())?;
-    write(&found, &args.out)?;
+    write(&calibration, &args.out)?;
     if let Some(path) = &args.picture {
-        chart(&found).save(path)?;
+        chart(&calibration).save(path)?;
     }
     let outcome = Outcome {
         images: images.len(),
-        left_out: SkippedImage::from_residuals(&found.images),
-        lines: found.rows.iter().map(|row| row.lines).sum(),
-        balls: found.rows.iter().map(|row| row.balls).sum(),
-        line_rms_px: found.line_rms_px,
-        ball_rms_px: found.ball_rms_px,
+        left_out: SkippedImage::from_residuals(&calibration.images),
+        lines: calibration.rows.iter().map(|row| row.lines).sum(),
+        balls: calibration.rows.iter().map(|row| row.balls).sum(),
+        line_rms_px: calibration.line_rms_px,
+        ball_rms_px: calibration.ball_rms_px,
         table: args.out.clone(),
     };
     if json {
@@ -82,7 +82,7 @@ pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
     }
     let px = |value: Option<f32>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
     println!("distance  line px (by map)  ball px (by map)");
-    for row in &found.rows {
+    for row in &calibration.rows {
         println!(
             "{:5.2} m   {:>6} {:>8}    {:>6} {:>8}",
             row.distance,
@@ -106,11 +106,11 @@ pub(super) fn run(args: &SizesArgs, json: bool) -> Result<()> {
     Ok(())
 }
 
-fn write(found: &SizeCalibration, path: &Path) -> Result<()> {
+fn write(calibration: &SizeCalibration, path: &Path) -> Result<()> {
     let header = "distance_m,line_px,line_px_by_map,lines,ball_px,ball_px_by_map,balls";
     let mut file = CsvWriter::create(path, header)?;
     let px = |value: Option<f32>| value.map_or(String::new(), |value| format!("{value:.2}"));
-    for row in &found.rows {
+    for row in &calibration.rows {
         file.write_row(format_args!(
             "{:.2},{},{},{},{},{},{}",
             row.distance,
@@ -132,8 +132,8 @@ const LINE: Rgb = [240, 240, 240];
 const BALL: Rgb = [255, 140, 0];
 
 /// Sizes over distance: the grid is 1 m and 5 px.
-fn chart(found: &SizeCalibration) -> Image {
-    let sizes = found.rows.iter().flat_map(|row| {
+fn chart(calibration: &SizeCalibration) -> Image {
+    let sizes = calibration.rows.iter().flat_map(|row| {
         [
             row.line_px,
             row.line_px_by_map,
@@ -141,11 +141,11 @@ fn chart(found: &SizeCalibration) -> Image {
             row.ball_px_by_map,
         ]
     });
-    let most_px = sizes.flatten().fold(10.0, f32::max).min(60.0) + 2.0;
-    let most_m = found.rows.last().map_or(1.0, |row| row.distance) + 0.5;
+    let size_max = sizes.flatten().fold(10.0, f32::max).min(60.0) + 2.0;
+    let distance_max = calibration.rows.last().map_or(1.0, |row| row.distance) + 0.5;
     let [width, height] = [
-        most_m * SCALE[0] + 2.0 * MARGIN,
-        most_px * SCALE[1] + 2.0 * MARGIN,
+        distance_max * SCALE[0] + 2.0 * MARGIN,
+        size_max * SCALE[1] + 2.0 * MARGIN,
     ];
     let mut image = Image {
         width_px: width as usize,
@@ -154,19 +154,19 @@ fn chart(found: &SizeCalibration) -> Image {
     };
     let place =
         |metres: f32, px: f32| [MARGIN + metres * SCALE[0], height - MARGIN - px * SCALE[1]];
-    for metres in 0..=most_m as usize {
+    for metres in 0..=distance_max as usize {
         stroke(
             &mut image,
             place(metres as f32, 0.0),
-            place(metres as f32, most_px),
+            place(metres as f32, size_max),
             GRID,
         );
     }
-    for px in (0..=most_px as usize).step_by(5) {
+    for px in (0..=size_max as usize).step_by(5) {
         stroke(
             &mut image,
             place(0.0, px as f32),
-            place(most_m, px as f32),
+            place(distance_max, px as f32),
             GRID,
         );
     }
@@ -177,7 +177,7 @@ fn chart(found: &SizeCalibration) -> Image {
     ];
     for (colour, measured, by_map) in curves {
         let mut last = None;
-        for row in &found.rows {
+        for row in &calibration.rows {
             if let Some(px) = measured(row) {
                 overlay::draw_cross(&mut image, place(row.distance, px), 5, colour);
             }

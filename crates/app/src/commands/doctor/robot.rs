@@ -1,28 +1,28 @@
-//! Do configuration and devices go together? Each device is opened and listened to for a moment; no wheel turns.
+//! Do configuration and devices match? Each device is opened and read for a moment; no wheel turns.
 
 use std::path::Path;
 use std::time::Duration;
 
 use hw::{DeviceEvent, Devices, EventQueue, HardwareConfig, HealthReport, HealthState};
 
-use super::Finding;
+use super::finding::Finding;
 use crate::net::NetworkConfig;
 use crate::run::network::NETWORK_FILE;
 use crate::run::raw_image::raw_image;
-use crate::run::robot_folder::resolve_robot_path;
-use pipeline::cycle::{Pipeline, PipelineConfig};
+use crate::run::robot_folder::RobotPaths;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// Line points that a camera on a field shows at least.
+/// Minimum number of line points of a camera on a field.
 const LINE_POINTS_MIN: usize = 15;
 
-/// What was found of a robot.
+/// Checks a robot's configuration and devices.
 pub(super) fn check_robot(path: &Path, listen: f64) -> Vec<Finding> {
-    let (folder, robot_file) = match resolve_robot_path(path) {
-        Ok(found) => found,
+    let RobotPaths { folder, robot_file } = match RobotPaths::resolve(path) {
+        Ok(paths) => paths,
         Err(error) => {
-            let remedy = "name the robot's folder, or copy config/robots/virtual and change it";
+            let remedy = "give the robot's folder, or copy config/robots/virtual and change it";
             return vec![Finding::bad("robot", format!("{error:#}"), remedy)];
         }
     };
@@ -44,7 +44,7 @@ pub(super) fn check_robot(path: &Path, listen: f64) -> Vec<Finding> {
         Err(error) => Finding::bad(
             "robot.toml",
             format!("{error:#}"),
-            "correct the file; docs/recording.md has its keys",
+            "correct the file; docs/recording.md lists its keys",
         ),
     });
     let hardware = HardwareConfig::load(&folder.join("hardware.toml"));
@@ -58,14 +58,14 @@ pub(super) fn check_robot(path: &Path, listen: f64) -> Vec<Finding> {
         Err(error) => findings.push(Finding::bad(
             "hardware.toml",
             error.to_string(),
-            "docs/hardware.toml has every key; `mirrorball run --list` the devices of this machine",
+            "docs/hardware.toml lists the keys; `mirrorball run --list` lists the devices of this machine",
         )),
     }
     findings.extend(check_network(&folder.join(NETWORK_FILE)));
     findings
 }
 
-/// What the robot's network.toml opens; nothing without one.
+/// Checks network.toml and lists what it opens. None without the file.
 fn check_network(path: &Path) -> Option<Finding> {
     if !path.exists() {
         return None;
@@ -73,7 +73,7 @@ fn check_network(path: &Path) -> Option<Finding> {
     let config = match NetworkConfig::load(path) {
         Ok(config) => config,
         Err(error) => {
-            let remedy = "docs/network.md has every key";
+            let remedy = "docs/network.md lists the keys";
             return Some(Finding::bad(NETWORK_FILE, format!("{error:#}"), remedy));
         }
     };
@@ -107,30 +107,30 @@ fn check_network(path: &Path) -> Option<Finding> {
 }
 
 fn hardware_summary(hardware: &HardwareConfig) -> String {
-    let yes = |there: bool| if there { "" } else { "no " };
+    let negation = |present: bool| if present { "" } else { "no " };
     format!(
         "{}camera, {}base, {} inertial",
-        yes(hardware.camera.is_some()),
-        yes(hardware.base.is_some()),
+        negation(hardware.camera.is_some()),
+        negation(hardware.base.is_some()),
         hardware.inertial.len()
     )
 }
 
 fn check_devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<Finding> {
-    let inbox = EventQueue::new(1024);
-    let devices = match Devices::start(hardware, &setup.robot, &inbox) {
+    let events = EventQueue::new(1024);
+    let devices = match Devices::start(hardware, &setup.robot, &events) {
         Ok(devices) => devices,
         Err(error) => {
             let remedy = "correct hardware.toml or robot.toml";
             return vec![Finding::bad("devices", error.to_string(), remedy)];
         }
     };
-    let until = hw::now() + listen;
-    let (mut frame, mut stopped) = (None, false);
-    while hw::now() < until {
-        match inbox.pop_timeout(Duration::from_millis(50)) {
-            Some(DeviceEvent::Image(newest)) => frame = Some(newest),
-            Some(DeviceEvent::Switches(switches)) => stopped = switches.emergency_stop,
+    let deadline = hw::now() + listen;
+    let (mut image, mut emergency_stop) = (None, false);
+    while hw::now() < deadline {
+        match events.pop_timeout(Duration::from_millis(50)) {
+            Some(DeviceEvent::Image(newest)) => image = Some(newest),
+            Some(DeviceEvent::Switches(switches)) => emergency_stop = switches.emergency_stop,
             _ => {}
         }
     }
@@ -141,24 +141,24 @@ fn check_devices(hardware: &HardwareConfig, setup: &Setup, listen: f64) -> Vec<F
         .zip(ports)
         .map(|(health, port)| device_finding(health, &port))
         .collect();
-    if stopped {
+    if emergency_stop {
         findings.push(Finding::note(
             "emergency stop",
-            "is pressed",
+            "pressed",
             "release it before the game",
         ));
     }
     if hardware.camera.is_some() {
-        findings.extend(frame.map(|frame| check_vision(setup, frame)));
+        findings.extend(image.map(|image| check_vision(setup, image)));
     }
     findings
 }
 
-/// The ports in the order in which [`Devices::health`] tells.
+/// The ports in the order of [`Devices::health`].
 fn device_ports(hardware: &HardwareConfig) -> Vec<String> {
     let base = hardware.base.iter().map(|base| base.port.clone());
     let camera = hardware.camera.iter().map(|camera| camera.device.clone());
-    let inertial = hardware.inertial.iter().map(|one| one.port.clone());
+    let inertial = hardware.inertial.iter().map(|sensor| sensor.port.clone());
     base.chain(camera).chain(inertial).collect()
 }
 
@@ -171,13 +171,11 @@ fn device_finding(health: &HealthReport, port: &str) -> Finding {
             Finding::note(&what, reason, "set the device's clock, or its driver's")
         }
         HealthState::Absent => Finding::bad(&what, reason, missing_device_remedy(port)),
-        HealthState::Stalled => {
-            Finding::bad(&what, reason, "look at its power, cable and settings")
-        }
+        HealthState::Stalled => Finding::bad(&what, reason, "check its power, cable and settings"),
         HealthState::Garbage => Finding::bad(
             &what,
             reason,
-            "compare baud rate and protocol with the device's; swap the names if two were confused",
+            "compare baud rate and protocol with the device's; swap the ports if two were confused",
         ),
         HealthState::Stuck | HealthState::Range => {
             Finding::bad(&what, reason, "switch the device off and on")
@@ -185,11 +183,11 @@ fn device_finding(health: &HealthReport, port: &str) -> Finding {
     }
 }
 
-/// What helps with a device that cannot be opened.
+/// Remedy for a device that cannot be opened.
 fn missing_device_remedy(port: &str) -> String {
     let path = Path::new(port.strip_prefix("unix:").unwrap_or(port));
     if port.starts_with("genicam:") {
-        return "look at the network's address and the camera's power; `arv-tool-0.8` lists what answers".to_owned();
+        return "check the network address and the camera's power; `arv-tool-0.8` lists the cameras".to_owned();
     }
     if !port.contains('/') {
         return format!(
@@ -200,7 +198,7 @@ fn missing_device_remedy(port: &str) -> String {
         path,
         rustix::fs::Access::READ_OK | rustix::fs::Access::WRITE_OK,
     ) {
-        Ok(()) => "end the other program that uses it (fuser names it)".to_owned(),
+        Ok(()) => "end the other program that uses it (`fuser` shows it)".to_owned(),
         Err(rustix::io::Errno::ACCESS) => {
             let group = if port.contains("video") || port.contains("v4l") {
                 "video"
@@ -209,31 +207,33 @@ fn missing_device_remedy(port: &str) -> String {
             };
             format!("install the udev rules, or: sudo usermod -aG {group} $USER, and log in again")
         }
-        Err(_) => "plug it in; `mirrorball run --list` shows the names that are there".to_owned(),
+        Err(_) => {
+            "plug it in; `mirrorball run --list` shows the devices that are present".to_owned()
+        }
     }
 }
 
-/// Looks at one frame as `run` would.
-fn check_vision(setup: &Setup, frame: hw::camera::CapturedImage) -> Finding {
-    let spine = Pipeline::new(setup, &PipelineConfig::default());
-    let stamp = frame.stamp;
-    let content = ImageContent::Pixels(SourceImage::Raw(raw_image(frame)));
-    let looked =
-        spine.map(|mut spine| spine.process_sample(Sample::Image(CameraImage { stamp, content })));
+/// Processes one image as `run` does.
+fn check_vision(setup: &Setup, image: hw::camera::CapturedImage) -> Finding {
+    let pipeline = Pipeline::new(setup, &PipelineConfig::default());
+    let stamp = image.stamp;
+    let content = ImageContent::Pixels(SourceImage::Raw(raw_image(image)));
+    let result = pipeline
+        .map(|mut pipeline| pipeline.process_sample(Sample::Image(CameraImage { stamp, content })));
     let bad = |found: String| {
         let remedy = "compare the camera's size and format with robot.toml's";
         Finding::bad("sight", found, remedy)
     };
-    match looked {
+    match result {
         Err(error) => bad(format!("{error:#}")),
-        Ok(None) => bad("no image was looked at".to_owned()),
+        Ok(None) => bad("no image was processed".to_owned()),
         Ok(Some(cycle)) => match cycle.fault {
             Some(fault) => bad(fault),
             None => {
                 let points = cycle.line_points.len();
                 let found = format!("{points} line points in one image");
                 if points < LINE_POINTS_MIN {
-                    let remedy = "on a field: uncover the lens, set exposure, check the map with `calibrate`";
+                    let remedy = "on a field: uncover the lens, set the exposure, check the map with `calibrate`";
                     Finding::note("sight", found, remedy)
                 } else {
                     Finding::fine("sight", found)

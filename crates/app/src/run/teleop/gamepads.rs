@@ -1,4 +1,4 @@
-//! What do game pads ask for? A motion while a shoulder button is held, and kicks.
+//! What do game pads command? A motion while a shoulder button is held, and kicks.
 
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
@@ -7,9 +7,9 @@ use localize::Stamp;
 use localize::omni::Twist;
 use rustix::fs::{Mode, OFlags};
 
-use super::twist_from_axes;
+use super::axes::twist_from_axes;
 
-/// Game pads as linux/joystick.h has them: events of 8 bytes.
+/// Game pads by the protocol of linux/joystick.h: events of 8 bytes.
 #[derive(Default)]
 pub(super) struct Gamepads {
     pub(super) pads: Vec<Gamepad>,
@@ -19,17 +19,17 @@ pub(super) struct Gamepads {
 pub(super) struct Gamepad {
     path: PathBuf,
     pub(super) fd: OwnedFd,
-    /// −1 to 1: left stick (right, down), triggers and right stick as the driver numbers them.
+    /// −1 to 1: left stick (right, down), triggers and right stick in the driver's numbering.
     axes: [f32; 8],
     buttons: [bool; 16],
     kick_pressed: bool,
 }
 
-/// Time between looks for pads that were plugged in, seconds.
+/// Period of the scan for new pads, seconds.
 const SCAN_PERIOD: f64 = 1.0;
-/// Deflection of a stick that is none.
+/// Deflections of a stick below this are zero.
 const DEAD_ZONE: f32 = 0.1;
-/// Axes and buttons as the kernel's driver for most pads (xpad) numbers them.
+/// Axes and buttons in the numbering of the kernel driver for most pads (xpad).
 const AXIS_LEFT_X: usize = 0;
 const AXIS_LEFT_Y: usize = 1;
 const AXIS_RIGHT_X: usize = 3;
@@ -39,10 +39,7 @@ const SHOULDER_BUTTONS: [usize; 2] = [4, 5];
 impl Gamepads {
     pub(super) fn scan(&mut self) {
         let now = hw::now();
-        if self
-            .last_scan
-            .is_some_and(|looked| now - looked < SCAN_PERIOD)
-        {
+        if self.last_scan.is_some_and(|last| now - last < SCAN_PERIOD) {
             return;
         }
         self.last_scan = Some(now);
@@ -54,7 +51,7 @@ impl Gamepads {
         }
     }
 
-    /// Takes what the pads say; one that was pulled out says nothing, and drives nothing, any more.
+    /// Reads the pads' events and removes pads that were unplugged.
     pub(super) fn read(&mut self) {
         self.pads.retain_mut(Gamepad::read);
     }
@@ -68,7 +65,7 @@ impl Gamepads {
     pub(super) fn twist(&self, speed: f32) -> Option<Twist> {
         let held = |pad: &&Gamepad| SHOULDER_BUTTONS.iter().any(|button| pad.buttons[*button]);
         let pad = self.pads.iter().find(held)?;
-        let way = [AXIS_LEFT_Y, AXIS_LEFT_X, AXIS_RIGHT_X].map(|axis| {
+        let axes = [AXIS_LEFT_Y, AXIS_LEFT_X, AXIS_RIGHT_X].map(|axis| {
             let deflection = pad.axes[axis];
             if deflection.abs() < DEAD_ZONE {
                 0.0
@@ -76,7 +73,7 @@ impl Gamepads {
                 -deflection
             }
         });
-        Some(twist_from_axes(way, speed))
+        Some(twist_from_axes(axes, speed))
     }
 }
 
@@ -93,7 +90,7 @@ impl Gamepad {
         })
     }
 
-    /// False if the pad is gone.
+    /// Reads the pending events. False if the pad is gone.
     fn read(&mut self) -> bool {
         let mut bytes = [0; 512];
         match rustix::io::read(&self.fd, &mut bytes[..]) {
@@ -109,15 +106,15 @@ impl Gamepad {
         }
     }
 
-    /// u32 time, i16 value, u8 kind (1 button, 2 axis, with 0x80 the state at the start), u8 number.
+    /// An event: u32 time, i16 value, u8 kind (1 button, 2 axis, with 0x80 the initial state), u8 number.
     fn handle_event(&mut self, event: &[u8]) {
         let value = i16::from_le_bytes([event[4], event[5]]);
-        let (first, number) = (event[6] & 0x80 != 0, usize::from(event[7]));
+        let (is_initial, number) = (event[6] & 0x80 != 0, usize::from(event[7]));
         match event[6] & 0x7F {
             1 => {
                 if let Some(button) = self.buttons.get_mut(number) {
                     *button = value != 0;
-                    self.kick_pressed |= number == KICK_BUTTON && value != 0 && !first;
+                    self.kick_pressed |= number == KICK_BUTTON && value != 0 && !is_initial;
                 }
             }
             2 => {
@@ -155,10 +152,10 @@ mod tests {
         let twist = pads.twist(1.0).expect("driven");
         assert!((twist.x - 1.0).abs() < 1e-4 && twist.y == 0.0);
         pads.pads[0].handle_event(&event(1, 1 | 0x80, 0));
-        assert!(!pads.take_kick(), "held since before");
+        assert!(!pads.take_kick(), "the button was pressed before the start");
         pads.pads[0].handle_event(&event(1, 1, 0));
         assert!(pads.take_kick() && !pads.take_kick());
-        // The end of /dev/null is what an unplugged pad looks like.
+        // /dev/null ends at once, as an unplugged pad does.
         pads.read();
         assert_eq!(pads.twist(1.0), None);
     }

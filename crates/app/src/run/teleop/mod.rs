@@ -1,5 +1,6 @@
-//! How does a hand drive the robot? By keys of the terminal or a game pad, and never longer than the hand is on them.
+//! How does a person drive the robot? By keyboard or game pad, only while a key or button is held.
 
+mod axes;
 mod gamepads;
 mod keyboard;
 
@@ -7,7 +8,6 @@ use std::os::fd::AsFd;
 
 use anyhow::Result;
 use hw::base::{Kick, MotionCommand};
-use localize::omni::Twist;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::command_arbiter::{CommandArbiter, CommandSource};
@@ -15,28 +15,29 @@ use super::stop_flag::StopFlag;
 use gamepads::Gamepads;
 use keyboard::{KeyAction, KeyboardState, RawTerminal};
 
-/// Commands are good for so long, seconds.
+/// Validity of a command, seconds.
 const COMMAND_VALIDITY: f64 = 0.08;
 /// Time between commands, nanoseconds.
 const PERIOD_NS: i64 = 20_000_000;
-/// Rate of turn over speed, rad/s per m/s: a robot that drives fast may turn fast.
-const YAW_RATE_PER_SPEED: f32 = 2.0;
 /// Speed of a kicked ball, m/s.
 const KICK_SPEED: f32 = 6.0;
 
-/// What the keys are, for whoever starts.
-pub const HELP: &str = "drive: w a s d, turn: q e, slower and faster: - +, kick: k, stop: space, end: x or Ctrl-C\n\
+/// Help text printed at the start.
+pub(crate) const HELP: &str = "drive: w a s d, turn: q e, slower and faster: - +, kick: k, stop: space, end: x or Ctrl-C\n\
      game pad: hold a shoulder button; left stick drives, right stick turns, first button kicks";
 
-/// Drives by hand until the end is asked for.
-pub fn drive(helm: &CommandArbiter, stop: &StopFlag) -> Result<()> {
-    let keys = RawTerminal::open()?;
-    let keys = keys.as_ref();
+/// Drives by hand until `stop` is raised.
+pub(crate) fn drive(arbiter: &CommandArbiter, stop: &StopFlag) -> Result<()> {
+    let terminal = RawTerminal::open()?;
+    let terminal = terminal.as_ref();
     let mut pads = Gamepads::default();
-    let mut hand = KeyboardState::new();
+    let mut keyboard = KeyboardState::new();
     while !stop.is_raised() {
         pads.scan();
-        let mut fds: Vec<_> = keys.iter().map(|keys| keys.fd.as_fd()).collect();
+        let mut fds: Vec<_> = terminal
+            .iter()
+            .map(|terminal| terminal.fd.as_fd())
+            .collect();
         fds.extend(pads.pads.iter().map(|pad| pad.fd.as_fd()));
         let mut fds: Vec<_> = fds
             .into_iter()
@@ -46,52 +47,44 @@ pub fn drive(helm: &CommandArbiter, stop: &StopFlag) -> Result<()> {
             tv_sec: 0,
             tv_nsec: PERIOD_NS,
         };
-        // An interrupted wait is a short one.
+        // An interrupted wait is shorter, which does no harm.
         let _interrupted = poll(&mut fds, Some(&period));
         drop(fds);
         let now = hw::now();
-        for key in keys.iter().flat_map(|keys| keys.read_keys()) {
-            match hand.handle_key(key, now) {
+        for key in terminal.iter().flat_map(|terminal| terminal.read_keys()) {
+            match keyboard.handle_key(key, now) {
                 Some(KeyAction::Quit) => stop.raise(),
-                Some(KeyAction::Kick) => kick(helm),
+                Some(KeyAction::Kick) => kick(arbiter),
                 None => {}
             }
         }
         pads.read();
         if pads.take_kick() {
-            kick(helm);
+            kick(arbiter);
         }
-        let twist = pads.twist(hand.speed).or_else(|| hand.twist(now));
+        let twist = pads.twist(keyboard.speed).or_else(|| keyboard.twist(now));
         match twist {
             Some(twist) => {
-                // A base that is not there now may be there for the next command.
-                let _refused = helm.drive(
+                // After a rejection the next command tries again.
+                let _rejected = arbiter.drive(
                     CommandSource::Operator,
                     MotionCommand::Twist(twist),
                     now + COMMAND_VALIDITY,
                     false,
                 );
-                hand.was_driving = true;
+                keyboard.was_driving = true;
             }
-            None if std::mem::take(&mut hand.was_driving) => helm.halt(),
+            None if std::mem::take(&mut keyboard.was_driving) => arbiter.halt(),
             None => {}
         }
     }
     Ok(())
 }
 
-fn kick(helm: &CommandArbiter) {
+fn kick(arbiter: &CommandArbiter) {
     let kick = Kick {
         speed: KICK_SPEED,
         lofted: false,
     };
-    let _refused = helm.kick(CommandSource::Operator, kick, hw::now() + COMMAND_VALIDITY);
-}
-
-fn twist_from_axes([x, y, turn]: [f32; 3], speed: f32) -> Twist {
-    Twist {
-        x: x * speed,
-        y: y * speed,
-        theta: turn * speed * YAW_RATE_PER_SPEED,
-    }
+    let _rejected = arbiter.kick(CommandSource::Operator, kick, hw::now() + COMMAND_VALIDITY);
 }

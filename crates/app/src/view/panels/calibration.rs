@@ -19,7 +19,7 @@ use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::settings;
 use crate::view::source::rgb_image;
-use pipeline::cycle::PIPELINE_FILE;
+use pipeline::config::PIPELINE_FILE;
 use pipeline::log::Header;
 
 /// Images of a turning robot that the mask is found from, at most: spread over what is at hand.

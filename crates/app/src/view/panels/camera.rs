@@ -19,7 +19,7 @@ use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
 use crate::view::session::Session;
 use crate::view::source::rgb_image;
 use crate::view::static_scene::StaticScene;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
 /// What is drawn over the image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

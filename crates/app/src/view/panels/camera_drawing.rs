@@ -5,17 +5,17 @@ use std::f32::consts::TAU;
 use eframe::egui::{Align2, Color32, FontId, Painter, Pos2, Shape, Stroke, Ui, Vec2};
 use localize::At;
 use localize::frames::RobotFrame;
+use localize::world::TeamColour;
 use vision::config::ImageRect;
 use vision::lines::detection::RejectionReason;
 use vision::objects::goals::GoalKind;
-use vision::objects::robots::Marker;
 
 use super::camera::CameraLayers;
 use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
 use crate::view::palette;
 use crate::view::panzoom::ScreenTransform;
 use crate::view::static_scene::StaticScene;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
 /// Rings of the ground grid, metres.
 const RINGS: [f32; 7] = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0];
@@ -149,8 +149,8 @@ fn objects(drawing: &CameraCanvas<'_>) {
                 eframe::egui::StrokeKind::Middle,
             );
             let team = match robot.marker {
-                Some(Marker::Cyan) => " cyan",
-                Some(Marker::Magenta) => " magenta",
+                Some(TeamColour::Cyan) => " cyan",
+                Some(TeamColour::Magenta) => " magenta",
                 None => "",
             };
             let text = format!("robot{team} {:.1} m", robot.at.distance());

@@ -17,7 +17,7 @@ use crate::view::panzoom::{PanZoom, fill_around};
 use crate::view::session::Session;
 use crate::view::source::sim_worker::SourceRequest;
 use crate::view::static_scene::StaticScene;
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 
 /// What can be caught with the pointer is this near, points.
 const PICK_RADIUS: f32 = 18.0;

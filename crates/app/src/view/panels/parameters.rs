@@ -10,7 +10,7 @@ use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::settings::{self, Setting};
 use crate::view::source::sim_worker::SourceRequest;
-use pipeline::cycle::PipelineConfig;
+use pipeline::PipelineConfig;
 
 /// Room for a setting's name, points.
 const NAME_WIDTH: f32 = 170.0;
@@ -174,7 +174,7 @@ impl ParametersPanel {
     ) {
         let mut config = self.config.clone();
         change(&mut config);
-        match config.vision.check() {
+        match config.check() {
             Ok(()) => self.apply_config(session, config),
             Err(error) => self.message = Some((false, error.to_string())),
         }
@@ -192,8 +192,7 @@ impl ParametersPanel {
             .try_into::<PipelineConfig>()
             .map_err(anyhow::Error::from)
             .and_then(|config| {
-                config.vision.check()?;
-                config.localize.check()?;
+                config.check()?;
                 Ok(config)
             })
             .with_context(|| format!("{} is not taken", path.join(".")));

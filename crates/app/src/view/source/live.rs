@@ -1,4 +1,4 @@
-//! What goes on right now? The last seconds of a live source, so that one may pause and step back.
+//! A live source with a bounded history of its last cycles, for pausing and stepping back.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -7,14 +7,14 @@ use super::DecodedCycle;
 use super::remote::StopGuard;
 use super::sim_worker::SimWorker;
 
-/// Cycles that may wait for the view to draw; beyond it the oldest goes.
+/// Cycles queued for the view; a further one drops the oldest.
 const INBOX_CAPACITY: usize = 32;
-/// Cycles that are kept to step back in.
+/// Cycles kept for stepping back.
 const HISTORY_CAPACITY: usize = 1800;
-/// Of these the newest keep their images: about 140 MB at 480 × 480 pixels.
+/// The newest of these keep their images: about 140 MB at 480 × 480 pixels.
 const HISTORY_IMAGES: usize = 200;
 
-/// Between the thread that drives and the view: the driving side never waits.
+/// Queue between the delivering thread and the view; the sender never waits.
 #[derive(Clone, Default)]
 pub(crate) struct CycleInbox(Arc<Mutex<InboxState>>);
 
@@ -27,102 +27,102 @@ struct InboxState {
 }
 
 impl CycleInbox {
-    /// Hands over a cycle; the oldest one goes if the view does not keep up.
+    /// Adds a cycle; drops the oldest one if the queue is full.
     pub(crate) fn push(&self, shown: DecodedCycle) {
-        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if waiting.cycles.len() >= INBOX_CAPACITY {
-            waiting.cycles.pop_front();
-            waiting.dropped += 1;
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if state.cycles.len() >= INBOX_CAPACITY {
+            state.cycles.pop_front();
+            state.dropped += 1;
         }
-        waiting.cycles.push_back(shown);
-        if let Some(wake) = &waiting.on_cycle {
+        state.cycles.push_back(shown);
+        if let Some(wake) = &state.on_cycle {
             wake();
         }
     }
 
-    /// Says what became of the source; none: it is well.
-    pub(crate) fn set_status(&self, word: Option<String>) {
-        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        waiting.status = word;
-        if let Some(wake) = &waiting.on_cycle {
+    /// Sets the source's problem; None if it works.
+    pub(crate) fn set_status(&self, status: Option<String>) {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        state.status = status;
+        if let Some(wake) = &state.on_cycle {
             wake();
         }
     }
 
-    /// Calls `wake` whenever a cycle comes.
+    /// Registers a callback for every new cycle.
     pub(crate) fn set_on_cycle(&self, wake: impl Fn() + Send + 'static) {
-        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        waiting.on_cycle = Some(Box::new(wake));
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        state.on_cycle = Some(Box::new(wake));
     }
 
-    /// Everything that waits, how many were dropped since the last call, and what became of the source.
+    /// Takes the queued cycles, the number dropped since the last call, and the source's problem.
     fn drain(&self) -> (VecDeque<DecodedCycle>, u64, Option<String>) {
-        let mut waiting = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let dropped = std::mem::take(&mut waiting.dropped);
-        let word = waiting.status.clone();
-        (std::mem::take(&mut waiting.cycles), dropped, word)
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let dropped = std::mem::take(&mut state.dropped);
+        let status = state.status.clone();
+        (std::mem::take(&mut state.cycles), dropped, status)
     }
 }
 
-/// A live source and its last seconds.
+/// A live source and its history.
 pub(crate) struct LiveSource {
     inbox: CycleInbox,
     worker: Option<SimWorker>,
     history: VecDeque<DecodedCycle>,
-    /// Which of the kept ones is shown.
-    place: usize,
-    /// What became of the source, if it is not well.
+    /// Index of the shown cycle in the history.
+    position: usize,
+    /// The source's problem; None if it works.
     pub(crate) status: Option<String>,
     _guard: Option<(StopGuard, Option<tempfile::TempDir>)>,
 }
 
 impl LiveSource {
-    /// `worker`: the simulation behind it, if it is the view's own.
+    /// `worker`: the simulation behind it, if the view owns it.
     pub(crate) fn new(inbox: CycleInbox, worker: Option<SimWorker>) -> Self {
         LiveSource {
             inbox,
             worker,
             history: VecDeque::new(),
-            place: 0,
+            position: 0,
             status: None,
             _guard: None,
         }
     }
 
-    /// The same, with what must live as long: a thread's lease, and the files of a robot elsewhere.
-    pub(crate) fn with_guard(self, lease: StopGuard, folder: Option<tempfile::TempDir>) -> Self {
+    /// Attaches what must live as long as the source: its thread's stop guard, and a remote robot's files.
+    pub(crate) fn with_guard(self, guard: StopGuard, folder: Option<tempfile::TempDir>) -> Self {
         LiveSource {
-            _guard: Some((lease, folder)),
+            _guard: Some((guard, folder)),
             ..self
         }
     }
 
-    /// The simulation behind it.
+    /// The simulation behind it, if the view owns it.
     pub(crate) fn worker(&self) -> Option<&SimWorker> {
         self.worker.as_ref()
     }
 
-    /// Where its cycles come in.
+    /// The queue of its incoming cycles.
     pub(crate) fn inbox(&self) -> &CycleInbox {
         &self.inbox
     }
 
-    /// Takes what came; returns it with the number of cycles that were dropped.
+    /// Takes the queued cycles into the history; returns them with the number of dropped ones.
     pub(crate) fn poll(&mut self) -> (Vec<DecodedCycle>, u64) {
-        let (came, dropped, word) = self.inbox.drain();
-        self.status = word;
-        let came: Vec<DecodedCycle> = came.into();
-        for shown in &came {
-            // A clock that was set back belongs to another run.
+        let (received, dropped, status) = self.inbox.drain();
+        self.status = status;
+        let received: Vec<DecodedCycle> = received.into();
+        for shown in &received {
+            // A clock that jumps back belongs to another run.
             if (self.history.back()).is_some_and(|last| last.cycle.stamp >= shown.cycle.stamp) {
                 self.history.clear();
-                self.place = 0;
+                self.position = 0;
             }
             self.history.push_back(shown.clone());
         }
         while self.history.len() > HISTORY_CAPACITY {
             self.history.pop_front();
-            self.place = self.place.saturating_sub(1);
+            self.position = self.position.saturating_sub(1);
         }
         let old = self.history.len().saturating_sub(HISTORY_IMAGES);
         for shown in self.history.iter_mut().take(old).rev() {
@@ -131,36 +131,36 @@ impl LiveSource {
             }
             Arc::make_mut(&mut shown.cycle).inputs.image = None;
         }
-        (came, dropped)
+        (received, dropped)
     }
 
     /// The newest cycle.
     pub(crate) fn newest(&mut self) -> Option<DecodedCycle> {
-        self.place = self.history.len().saturating_sub(1);
+        self.position = self.history.len().saturating_sub(1);
         self.history.back().cloned()
     }
 
-    /// What is kept, seconds.
+    /// First and last time of the history, seconds.
     pub(crate) fn span(&self) -> Option<(f64, f64)> {
         let (first, last) = (self.history.front()?, self.history.back()?);
         Some((first.cycle.stamp.seconds(), last.cycle.stamp.seconds()))
     }
 
-    /// The last kept cycle at or before a time, else the first.
+    /// The last cycle of the history at or before a time, else the first.
     pub(crate) fn seek(&mut self, time: f64) -> Option<DecodedCycle> {
-        let behind = self
+        let later = self
             .history
             .partition_point(|shown| shown.cycle.stamp.seconds() <= time);
-        self.place = behind.saturating_sub(1);
-        self.history.get(self.place).cloned()
+        self.position = later.saturating_sub(1);
+        self.history.get(self.position).cloned()
     }
 
-    /// So many kept cycles on or back.
+    /// The cycle `by` cycles later (negative: earlier) in the history.
     pub(crate) fn step(&mut self, by: i64) -> Option<DecodedCycle> {
-        let place = self.place as i64 + by;
-        let place = usize::try_from(place).ok()?;
-        let shown = self.history.get(place).cloned()?;
-        self.place = place;
+        let position = self.position as i64 + by;
+        let position = usize::try_from(position).ok()?;
+        let shown = self.history.get(position).cloned()?;
+        self.position = position;
         Some(shown)
     }
 }

@@ -1,4 +1,4 @@
-//! What does the log show at this moment? A few of its chunks in memory, whatever its length.
+//! Plays a log of any length with a few of its chunks in memory.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,25 +10,25 @@ use super::DecodedCycle;
 use pipeline::log::{LogIndex, LoggedCycle};
 use pipeline::setup::Setup;
 
-/// Chunks kept unpacked: about a megabyte each.
+/// Decoded chunks kept in memory: about 1 MB each.
 const CACHED_CHUNKS: usize = 8;
-/// A moment's cycle is sought in so many chunks before and behind; images alone may fill some.
+/// Chunks searched for a cycle in each direction; some may hold images only.
 const SEEK_CHUNKS: usize = 64;
 
-/// Plays a log.
+/// A log, and the cycle it shows.
 pub(crate) struct LogPlayer {
     index: Arc<LogIndex>,
     chunk_cache: VecDeque<(usize, Arc<Vec<LoggedCycle>>)>,
-    /// Chunk, and cycle in it.
+    /// Shown cycle: its chunk, and its index in the chunk.
     place: Option<(usize, usize)>,
-    /// What was shown last, and its place.
+    /// The cycle decoded last, and its position.
     last_decoded: Option<((usize, usize), DecodedCycle)>,
-    /// The log's files.
+    /// Temporary folder with the files that the log carries.
     folder: Option<tempfile::TempDir>,
 }
 
 impl LogPlayer {
-    /// Nothing is read yet but the index.
+    /// Creates a player; only the index has been read.
     pub(crate) fn new(index: LogIndex) -> Self {
         LogPlayer {
             index: Arc::new(index),
@@ -39,36 +39,37 @@ impl LogPlayer {
         }
     }
 
-    /// The log.
+    /// Index of the log.
     pub(crate) fn index(&self) -> &Arc<LogIndex> {
         &self.index
     }
 
-    /// From the first to the last message, seconds.
+    /// Times of the first and last message, seconds.
     pub(crate) fn span(&self) -> (f64, f64) {
         let (start, stop) = self.index.span();
         (start.seconds(), stop.seconds())
     }
 
-    /// The robot that the log was made with, from the files it carries.
+    /// Loads the robot's setup from the files in the log.
     ///
-    /// Its paths lead to a folder that lives as long as the player.
+    /// Its paths point into a temporary folder that lives as long as the player.
     pub(crate) fn load_setup(&mut self) -> Result<Setup> {
-        let folder = tempfile::tempdir().context("no room for the log's files")?;
+        let folder =
+            tempfile::tempdir().context("cannot create a temporary folder for the log's files")?;
         self.index.header().write_files(folder.path())?;
         let setup = Setup::load(&folder.path().join("robot.toml"), None);
         self.folder = Some(folder);
         setup
     }
 
-    /// The last cycle at or before a time, else the first one.
+    /// The last cycle at or before a time, else the first one after it.
     pub(crate) fn seek(&mut self, time: f64) -> Result<Option<DecodedCycle>> {
-        let wanted = Stamp::from_seconds(time);
-        let first = self.index.chunk_at(wanted);
+        let stamp = Stamp::from_seconds(time);
+        let first = self.index.chunk_at(stamp);
         for part in (first.saturating_sub(SEEK_CHUNKS)..=first).rev() {
             let cycles = self.chunk(part)?;
-            let behind = cycles.partition_point(|logged| logged.cycle.stamp <= wanted);
-            if let Some(place) = behind.checked_sub(1) {
+            let later = cycles.partition_point(|logged| logged.cycle.stamp <= stamp);
+            if let Some(place) = later.checked_sub(1) {
                 self.place = Some((part, place));
                 return self.decode_current();
             }
@@ -82,25 +83,25 @@ impl LogPlayer {
         Ok(None)
     }
 
-    /// So many cycles on or back; at an end the place stays.
+    /// The cycle `by` cycles later (negative: earlier); None beyond either end.
     pub(crate) fn step(&mut self, by: i64) -> Result<Option<DecodedCycle>> {
         let Some((mut part, place)) = self.place else {
             return self.seek(self.span().0);
         };
         let mut place = place as i64 + by;
         loop {
-            let held = self.chunk(part)?.len() as i64;
+            let count = self.chunk(part)?.len() as i64;
             if place < 0 {
-                let Some(before) = part.checked_sub(1) else {
+                let Some(previous) = part.checked_sub(1) else {
                     return Ok(None);
                 };
-                part = before;
+                part = previous;
                 place += self.chunk(part)?.len() as i64;
-            } else if place >= held {
+            } else if place >= count {
                 if part + 1 >= self.index.chunks().len() {
                     return Ok(None);
                 }
-                place -= held;
+                place -= count;
                 part += 1;
             } else {
                 self.place = Some((part, place as usize));
@@ -137,7 +138,7 @@ impl LogPlayer {
     }
 
     fn chunk(&mut self, part: usize) -> Result<Arc<Vec<LoggedCycle>>> {
-        if let Some((_, cycles)) = self.chunk_cache.iter().find(|(kept, _)| *kept == part) {
+        if let Some((_, cycles)) = self.chunk_cache.iter().find(|(cached, _)| *cached == part) {
             return Ok(cycles.clone());
         }
         let cycles = Arc::new(self.index.load(part)?);

@@ -1,4 +1,4 @@
-//! How did the whole log go? A thread reads it once, chunk by chunk, and sends the numbers of its cycles.
+//! Reads the whole log once in a thread, chunk by chunk, and sends the metrics of its cycles.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,12 +9,12 @@ use localize::robot::BaseConfig;
 use crate::view::time_series::CycleMetrics;
 use pipeline::log::LogIndex;
 
-/// Samples that may wait for the view to take them, in batches of a chunk.
+/// Batches queued for the view; a batch holds one chunk's cycles.
 const BATCH_CAPACITY: usize = 64;
-/// An image in so many is unpacked for its brightness and entropy.
+/// One image in this many is decoded for its brightness and entropy.
 const IMAGE_STRIDE: u64 = 10;
 
-/// A survey under way; dropping it ends its thread.
+/// The running reader; dropping it stops the thread.
 pub(crate) struct MetricsReader {
     batches: Receiver<Vec<CycleMetrics>>,
     stop: Arc<AtomicBool>,
@@ -22,13 +22,13 @@ pub(crate) struct MetricsReader {
 }
 
 impl MetricsReader {
-    /// Starts to read.
+    /// Starts the thread.
     pub(crate) fn start(index: Arc<LogIndex>, base: BaseConfig) -> std::io::Result<Self> {
         let (sender, batches) = sync_channel(BATCH_CAPACITY);
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         std::thread::Builder::new()
-            .name("survey".to_owned())
+            .name("metrics".to_owned())
             .spawn(move || read_metrics(&index, &base, &stopped, &sender))?;
         Ok(MetricsReader {
             batches,
@@ -37,7 +37,7 @@ impl MetricsReader {
         })
     }
 
-    /// What was read since the last call.
+    /// Metrics read since the last call.
     pub(crate) fn poll(&mut self) -> Vec<CycleMetrics> {
         let mut samples = Vec::new();
         loop {
@@ -52,7 +52,7 @@ impl MetricsReader {
         }
     }
 
-    /// True once the whole log was read.
+    /// True once the whole log is read.
     pub(crate) fn is_done(&self) -> bool {
         self.done
     }
@@ -75,7 +75,7 @@ fn read_metrics(
         if stop.load(Ordering::Relaxed) {
             return;
         }
-        // A chunk that cannot be read is told when it is shown; the plots have a gap there.
+        // The player reports an unreadable chunk when it is shown. The plots have a gap there.
         let Ok(cycles) = index.load(part) else {
             continue;
         };

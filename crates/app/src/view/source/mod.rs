@@ -1,4 +1,4 @@
-//! Where do the view's cycles come from? A log that is played, or something live: a simulation of its own, a run beside.
+//! Sources of cycles: a log, the view's own simulation, a run in this process, or a remote robot.
 
 pub(crate) mod live;
 pub(crate) mod log;
@@ -12,20 +12,20 @@ use std::sync::Arc;
 use localize::Pose;
 use vision::image::Image;
 
-use pipeline::cycle::Cycle;
+use pipeline::Cycle;
 use pipeline::sample::SourceImage;
 
-/// A cycle as it is shown, its image unpacked.
+/// A cycle with its image decoded.
 #[derive(Debug, Clone)]
 pub(crate) struct DecodedCycle {
-    /// What came in and what was found.
+    /// Inputs and results.
     pub(crate) cycle: Arc<Cycle>,
-    /// Particles of the relocaliser, where it has some and the source tells them.
+    /// Particles of the global search; empty if it is not running or the source does not provide them.
     pub(crate) particles: Vec<Pose>,
 }
 
 impl DecodedCycle {
-    /// A camera's own bytes become red, green and blue here, in the thread that brings them.
+    /// Converts a raw camera image to RGB, in the delivering thread.
     pub(crate) fn new(mut cycle: Arc<Cycle>, particles: Vec<Pose>) -> Self {
         if let Some(SourceImage::Raw(_)) = &cycle.inputs.image {
             let cycle = Arc::make_mut(&mut cycle);
@@ -36,7 +36,7 @@ impl DecodedCycle {
     }
 }
 
-/// The image of a cycle that is shown.
+/// The RGB image of a cycle.
 pub(crate) fn rgb_image(cycle: &Cycle) -> Option<&Arc<Image>> {
     match &cycle.inputs.image {
         Some(SourceImage::Rgb(image)) => Some(image),
@@ -46,16 +46,16 @@ pub(crate) fn rgb_image(cycle: &Cycle) -> Option<&Arc<Image>> {
 
 /// A source of cycles.
 pub(crate) enum Source {
-    /// None yet.
+    /// No source.
     Empty,
     /// A log.
     Log(Box<log::LogPlayer>),
-    /// Something that goes on whether it is looked at or not.
+    /// A live source, which runs on its own.
     Live(Box<live::LiveSource>),
 }
 
 impl Source {
-    /// First and last moment that can be shown, seconds.
+    /// First and last time that can be shown, seconds.
     pub(crate) fn span(&self) -> Option<(f64, f64)> {
         match self {
             Source::Empty => None,
@@ -64,7 +64,7 @@ impl Source {
         }
     }
 
-    /// The cycle shown at a moment: the last one at or before it, else the first.
+    /// The cycle to show at a time: the last one at or before it, else the first.
     pub(crate) fn seek(&mut self, time: f64) -> anyhow::Result<Option<DecodedCycle>> {
         match self {
             Source::Empty => Ok(None),
@@ -73,7 +73,7 @@ impl Source {
         }
     }
 
-    /// So many cycles on (or back) from the one shown last.
+    /// The cycle `by` cycles after (negative: before) the one shown last.
     pub(crate) fn step(&mut self, by: i64) -> anyhow::Result<Option<DecodedCycle>> {
         match self {
             Source::Empty => Ok(None),
@@ -82,7 +82,7 @@ impl Source {
         }
     }
 
-    /// The simulation that the view owns.
+    /// The simulation, if the view owns it.
     pub(crate) fn simulation(&self) -> Option<&sim_worker::SimWorker> {
         match self {
             Source::Live(live) => live.worker(),

@@ -1,4 +1,4 @@
-//! What if the log's run had had other settings? A thread computes it once more from the recorded inputs.
+//! Recomputes a log's run with other settings from its recorded inputs, in a thread.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,76 +9,78 @@ use anyhow::{Context, Result};
 use localize::robot::BaseConfig;
 
 use crate::view::time_series::{CycleMetrics, TimeSeries};
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::log::{ImageCompression, LogReader};
 use pipeline::setup::Setup;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// Cycles that may wait for the view to take them.
+/// Events queued for the view.
 const EVENT_CAPACITY: usize = 256;
 
-/// What the thread says.
+/// A message of the thread.
 enum RecomputeEvent {
-    /// A cycle; true if its pose is the recorded one to the last bit.
+    /// Metrics of a cycle; true if its pose is bit-identical to the recorded one.
     Cycle(Box<CycleMetrics>, bool),
-    /// It broke off.
+    /// The run stopped with an error.
     Failed(String),
 }
 
-/// A run computed once more; dropping it ends its thread.
+/// A recomputed run; dropping it stops its thread.
 pub(crate) struct Recompute {
     events: Receiver<RecomputeEvent>,
     stop: Arc<AtomicBool>,
-    /// The numbers of the cycles so far.
+    /// Metrics of the cycles so far.
     pub(crate) series: TimeSeries,
-    /// Cycles computed.
+    /// Number of recomputed cycles.
     pub(crate) cycles: u64,
-    /// Of these, poses that are not the recorded ones.
+    /// Number of poses that differ from the recorded ones.
     pub(crate) changed_poses: u64,
-    /// Whether vision was computed again, too.
+    /// True if vision was recomputed; false if the recorded line points were used.
     pub(crate) vision_recomputed: bool,
-    /// True once all is computed.
+    /// True once the run is complete.
     pub(crate) done: bool,
-    /// Why it broke off.
+    /// Why the run stopped early.
     pub(crate) error: Option<String>,
 }
 
 impl Recompute {
-    /// Starts to compute the log at `path` with other settings.
+    /// Starts to recompute the log at `path` with `config`.
     pub(crate) fn start(path: &Path, config: PipelineConfig) -> Result<Self> {
-        let sight = LogReader::open(path)?.header().images == ImageCompression::Png;
-        let (sender, news) = sync_channel(EVENT_CAPACITY);
+        let recompute_vision = LogReader::open(path)?.header().images == ImageCompression::Png;
+        let (sender, events) = sync_channel(EVENT_CAPACITY);
         let stop = Arc::new(AtomicBool::new(false));
         let (stopped, path) = (stop.clone(), path.to_owned());
         std::thread::Builder::new()
             .name("recompute".to_owned())
             .spawn(move || {
-                if let Err(error) = recompute_log(&path, &config, sight, &stopped, &sender) {
-                    // The view may have gone on to something else.
+                if let Err(error) =
+                    recompute_log(&path, &config, recompute_vision, &stopped, &sender)
+                {
+                    // The receiver is gone if the view opened another source.
                     let _ = sender.send(RecomputeEvent::Failed(format!("{error:#}")));
                 }
             })?;
         Ok(Recompute {
-            events: news,
+            events,
             stop,
             series: TimeSeries::default(),
             cycles: 0,
             changed_poses: 0,
-            vision_recomputed: sight,
+            vision_recomputed: recompute_vision,
             done: false,
             error: None,
         })
     }
 
-    /// Takes what was computed since the last call.
+    /// Takes the results since the last call.
     pub(crate) fn poll(&mut self) {
         loop {
             match self.events.try_recv() {
-                Ok(RecomputeEvent::Cycle(sample, same)) => {
+                Ok(RecomputeEvent::Cycle(metrics, identical)) => {
                     self.cycles += 1;
-                    self.changed_poses += u64::from(!same);
-                    self.series.push(*sample);
+                    self.changed_poses += u64::from(!identical);
+                    self.series.push(*metrics);
                 }
-                Ok(RecomputeEvent::Failed(fault)) => self.error = Some(fault),
+                Ok(RecomputeEvent::Failed(error)) => self.error = Some(error),
                 Err(TryRecvError::Empty) => return,
                 Err(TryRecvError::Disconnected) => {
                     self.done = true;
@@ -98,26 +100,27 @@ impl Drop for Recompute {
 fn recompute_log(
     path: &Path,
     config: &PipelineConfig,
-    sight: bool,
+    recompute_vision: bool,
     stop: &AtomicBool,
     sender: &SyncSender<RecomputeEvent>,
 ) -> Result<()> {
     let log = LogReader::open(path)?;
-    let folder = tempfile::tempdir().context("no room for the log's files")?;
+    let folder =
+        tempfile::tempdir().context("cannot create a temporary folder for the log's files")?;
     log.header().write_files(folder.path())?;
     let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
-    let mut spine = Pipeline::new(&setup, config)?;
+    let mut pipeline = Pipeline::new(&setup, config)?;
     let base: BaseConfig = setup.robot.base.clone().unwrap_or_default();
     for logged in log {
         let logged = logged?;
-        for sample in logged.samples(sight)? {
-            let Some(cycle) = spine.process_sample(sample) else {
+        for sample in logged.samples(recompute_vision)? {
+            let Some(cycle) = pipeline.process_sample(sample) else {
                 continue;
             };
-            let same = cycle.estimate.pose == logged.cycle.estimate.pose;
-            let sample = CycleMetrics::from_cycle(&cycle, &base, 0);
-            let news = RecomputeEvent::Cycle(Box::new(sample), same);
-            if stop.load(Ordering::Relaxed) || sender.send(news).is_err() {
+            let identical = cycle.estimate.pose == logged.cycle.estimate.pose;
+            let metrics = CycleMetrics::from_cycle(&cycle, &base, 0);
+            let event = RecomputeEvent::Cycle(Box::new(metrics), identical);
+            if stop.load(Ordering::Relaxed) || sender.send(event).is_err() {
                 return Ok(());
             }
         }

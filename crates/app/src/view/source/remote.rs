@@ -1,4 +1,4 @@
-//! What does a robot elsewhere see? Its live stream, read by a thread of its own, which waits for it if it goes away.
+//! Receives a robot's live stream over the network in a thread, and reconnects after a lost connection.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,14 +13,14 @@ use pipeline::feed::{RecvError, Subscription};
 use pipeline::log::{Header, LoggedCycle};
 use pipeline::setup::Setup;
 
-/// A robot that listens answers within this.
+/// Time limit for connecting to the robot and receiving its header.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(3);
-/// Between two looks at the connection.
+/// Interval at which the thread checks its stop flag.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
-/// Between two attempts to reach a robot that went away.
+/// Interval between reconnection attempts.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// The thread's lease: when it is dropped, the thread ends.
+/// Stops its thread when dropped.
 pub(crate) struct StopGuard(Arc<AtomicBool>);
 
 impl Drop for StopGuard {
@@ -29,30 +29,34 @@ impl Drop for StopGuard {
     }
 }
 
-/// A robot that is being watched.
+/// A connected robot.
 pub(crate) struct RemoteRobot {
-    /// What its log would start with.
+    /// Header of its log.
     pub(crate) header: Header,
-    /// Its robot, field and map.
+    /// Its robot, field and ground map.
     pub(crate) setup: Setup,
-    /// The files that the setup's paths lead to.
+    /// Temporary folder with the files that `setup` refers to.
     pub(crate) folder: tempfile::TempDir,
-    /// Ends the thread.
+    /// Stops the receiving thread.
     pub(crate) guard: StopGuard,
 }
 
-/// Connects to `host:port`, waits for the robot's files, and then hands its cycles over.
+/// Connects to `host:port`, waits for the robot's files, and starts the thread that forwards its cycles.
 pub(crate) fn connect(address: &str, inbox: CycleInbox) -> Result<RemoteRobot> {
     let mut client = StreamClient::connect(address, CONNECT_TIMEOUT)?;
-    let until = Instant::now() + CONNECT_TIMEOUT;
+    let deadline = Instant::now() + CONNECT_TIMEOUT;
     let header = loop {
         match client.next_event(POLL_INTERVAL)? {
             Some(StreamEvent::Header(header)) => break *header,
-            _ if Instant::now() > until => bail!("{address} does not say which robot it is"),
+            _ if Instant::now() > deadline => bail!(
+                "{address}: no header received within {} s",
+                CONNECT_TIMEOUT.as_secs()
+            ),
             _ => {}
         }
     };
-    let folder = tempfile::tempdir().context("no room for the robot's files")?;
+    let folder =
+        tempfile::tempdir().context("cannot create a temporary folder for the robot's files")?;
     header.write_files(folder.path())?;
     let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
     let stop = Arc::new(AtomicBool::new(false));
@@ -74,11 +78,11 @@ fn receive_cycles(mut client: StreamClient, address: &str, inbox: &CycleInbox, s
             Ok(Some(StreamEvent::Cycle(logged))) => inbox.push(decode(*logged)),
             Ok(_) => {}
             Err(error) => {
-                inbox.set_status(Some(format!("{error:#}; waiting for it to come back")));
-                let Some(again) = reconnect(address, stop) else {
+                inbox.set_status(Some(format!("{error:#}; reconnecting")));
+                let Some(reconnected) = reconnect(address, stop) else {
                     return;
                 };
-                client = again;
+                client = reconnected;
                 inbox.set_status(None);
             }
         }
@@ -97,7 +101,7 @@ fn reconnect(address: &str, stop: &AtomicBool) -> Option<StreamClient> {
 
 fn decode(logged: LoggedCycle) -> DecodedCycle {
     let mut cycle = logged.cycle;
-    // A broken image leaves a cycle that is still worth seeing.
+    // A cycle with a corrupt image is still shown, without its image.
     let image = logged.image.and_then(|image| image.decode().ok());
     cycle.inputs.image = image.map(Into::into);
     DecodedCycle {
@@ -106,7 +110,7 @@ fn decode(logged: LoggedCycle) -> DecodedCycle {
     }
 }
 
-/// Hands on the cycles of a run beside, until it ends.
+/// Forwards the cycles of a run in this process to the inbox until the run ends.
 pub(crate) fn forward_feed(
     subscription: Subscription,
     inbox: CycleInbox,

@@ -1,4 +1,4 @@
-//! A simulation of the view's own: a thread that plays a scenario at its pace and takes orders between two samples.
+//! The view's own simulation: a thread that plays a scenario at a set speed and handles requests between samples.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
@@ -14,80 +14,80 @@ use sim::scenario::FaultKind;
 
 use super::DecodedCycle;
 use super::live::CycleInbox;
-use pipeline::cycle::{Pipeline, PipelineConfig};
 use pipeline::setup::Setup;
 use pipeline::simulation::Simulation;
+use pipeline::{Pipeline, PipelineConfig};
 
-/// A pause lasts at most so long before the thread looks for orders again.
+/// Longest wait for a request while paused.
 const PAUSED_POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// So many orders wait at most: some seconds of a hand that drives, one order a drawn frame.
+/// Queued requests at most: some seconds of manual driving at one request per drawn frame.
 const REQUEST_CAPACITY: usize = 256;
-/// Behind its pace by more than this, it does not try to catch up, seconds.
+/// Largest lag behind the set speed that is caught up, seconds.
 const MAX_LAG: f64 = 0.1;
 
-/// What the view may ask of its simulation.
+/// A request of the view to its simulation.
 #[derive(Debug, Clone)]
 pub(crate) enum SourceRequest {
-    /// Stands still, or goes on.
+    /// Pauses, or resumes.
     Pause(bool),
-    /// Goes on until the next cycle.
+    /// Runs until the next cycle, then pauses.
     Step,
-    /// Simulated seconds a second; infinite: as fast as it goes.
+    /// Simulated seconds per second; infinite means as fast as possible.
     SetSpeed(f64),
-    /// Puts the robot elsewhere.
+    /// Moves the robot to a pose.
     Kidnap(Pose),
-    /// Puts another robot elsewhere, by its number.
+    /// Moves another robot, by its index, to a pose.
     PlaceOther(usize, Pose),
-    /// Hits the robot, N s on the field.
+    /// Applies an impulse to the robot, N s, field frame.
     ApplyImpulse([f32; 2]),
-    /// Puts the ball somewhere, with a velocity in m/s.
+    /// Places the ball with a velocity, m/s, field frame.
     PlaceBall(At<FieldFrame>, [f32; 2]),
-    /// The light's level; none: the scenario's.
+    /// Light level; None restores the scenario's.
     SetLightLevel(Option<f32>),
-    /// Something black in the view: middle and width, degrees.
+    /// Black sector in the image: centre and width, degrees.
     SetOcclusion(Option<(f32, f32)>),
-    /// The camera's settings.
+    /// Image sensor settings.
     SetImageSensor(FilmConfig),
-    /// Drives by hand; none: the scenario's way.
+    /// Commanded velocity; None restores the scenario's motion.
     Drive(Option<Twist>),
-    /// A sensor fails, or works again.
+    /// Starts or ends a sensor fault. The index selects the wheel.
     SetFault(FaultKind, usize, bool),
-    /// Other settings of vision and localisation; the pose is kept.
+    /// Replaces the settings of vision and localization; the pose is kept.
     Configure(Box<PipelineConfig>),
-    /// From the start, with this seed.
+    /// Restarts the scenario with this seed.
     Restart(u64),
 }
 
-/// What the simulation tells besides its cycles.
+/// State of the simulation.
 #[derive(Debug, Clone)]
 pub(crate) struct SimStatus {
-    /// Simulated seconds.
+    /// Simulated time, seconds.
     pub(crate) time: f64,
-    /// Where chance started from.
+    /// Seed of the random generators.
     pub(crate) seed: u64,
-    /// How long the scenario lasts, seconds.
+    /// Duration of the scenario, seconds.
     pub(crate) duration: f64,
-    /// It stands still.
+    /// The simulation is paused.
     pub(crate) paused: bool,
-    /// Simulated seconds a second that were asked for.
+    /// Requested simulated seconds per second.
     pub(crate) speed: f64,
-    /// The camera's settings.
+    /// Image sensor settings.
     pub(crate) image_sensor: FilmConfig,
-    /// Why the last order was not followed.
+    /// Why the last request failed.
     pub(crate) error: Option<String>,
 }
 
-/// The view's end of it; dropping it ends the thread.
+/// Handle of the simulation thread; dropping it stops the thread.
 pub(crate) struct SimWorker {
-    /// The scenario's file.
+    /// The scenario's path.
     pub(crate) scenario: PathBuf,
     requests: SyncSender<SourceRequest>,
     status: Arc<Mutex<SimStatus>>,
 }
 
 impl SimWorker {
-    /// Reads the scenario, and starts its thread.
+    /// Loads the scenario and starts its thread.
     pub(crate) fn start(
         scenario: &Path,
         seed: Option<u64>,
@@ -96,7 +96,7 @@ impl SimWorker {
     ) -> Result<(Self, Setup)> {
         let simulation = Simulation::load(scenario, seed, None)?;
         let setup = simulation.setup()?;
-        let spine = Pipeline::new(&setup, &config)?;
+        let pipeline = Pipeline::new(&setup, &config)?;
         let status = Arc::new(Mutex::new(SimStatus {
             time: 0.0,
             seed: simulation.sim().scenario().seed,
@@ -106,12 +106,12 @@ impl SimWorker {
             image_sensor: *simulation.sim().image_sensor(),
             error: None,
         }));
-        let (orders, received) = sync_channel(REQUEST_CAPACITY);
-        let mut running = SimThread {
+        let (requests, receiver) = sync_channel(REQUEST_CAPACITY);
+        let mut thread = SimThread {
             scenario: scenario.to_owned(),
             setup: simulation.setup()?,
             simulation,
-            spine,
+            pipeline,
             config,
             inbox,
             status: status.clone(),
@@ -122,22 +122,22 @@ impl SimWorker {
         };
         std::thread::Builder::new()
             .name("sim".to_owned())
-            .spawn(move || running.run(&received))?;
+            .spawn(move || thread.run(&receiver))?;
         let worker = SimWorker {
             scenario: scenario.to_owned(),
-            requests: orders,
+            requests,
             status,
         };
         Ok((worker, setup))
     }
 
-    /// Asks for something; it is done between two samples.
-    pub(crate) fn request(&self, order: SourceRequest) {
-        // The thread ends with this sender alone; what a stuck one cannot take is not waited for.
-        let _ = self.requests.try_send(order);
+    /// Sends a request; the thread handles it between two samples.
+    pub(crate) fn request(&self, request: SourceRequest) {
+        // The queue is full only if the thread hangs. The window must not wait for it.
+        let _ = self.requests.try_send(request);
     }
 
-    /// How it stands.
+    /// State of the simulation.
     pub(crate) fn status(&self) -> SimStatus {
         self.status
             .lock()
@@ -146,37 +146,37 @@ impl SimWorker {
     }
 }
 
-/// The thread's end.
+/// State of the simulation thread.
 struct SimThread {
     scenario: PathBuf,
     setup: Setup,
     simulation: Simulation,
-    spine: Pipeline,
+    pipeline: Pipeline,
     config: PipelineConfig,
     inbox: CycleInbox,
     status: Arc<Mutex<SimStatus>>,
     paused: bool,
     speed: f64,
-    /// When, and at which simulated second, the pace began to count.
+    /// Reference of the speed: a wall-clock time and its simulated time, seconds.
     speed_reference: (Instant, f64),
-    /// Cycles that are still to be run though it is paused.
+    /// Cycles still to run while paused.
     pending_cycles: u32,
 }
 
 impl SimThread {
-    fn run(&mut self, orders: &Receiver<SourceRequest>) {
+    fn run(&mut self, requests: &Receiver<SourceRequest>) {
         loop {
-            let still = self.paused && self.pending_cycles == 0;
-            if still {
-                match orders.recv_timeout(PAUSED_POLL_INTERVAL) {
-                    Ok(order) => self.handle_request(order),
+            let idle = self.paused && self.pending_cycles == 0;
+            if idle {
+                match requests.recv_timeout(PAUSED_POLL_INTERVAL) {
+                    Ok(request) => self.handle_request(request),
                     Err(std::sync::mpsc::RecvTimeoutError::Timeout) => {}
                     Err(std::sync::mpsc::RecvTimeoutError::Disconnected) => return,
                 }
             }
             loop {
-                match orders.try_recv() {
-                    Ok(order) => self.handle_request(order),
+                match requests.try_recv() {
+                    Ok(request) => self.handle_request(request),
                     Err(TryRecvError::Empty) => break,
                     Err(TryRecvError::Disconnected) => return,
                 }
@@ -192,7 +192,7 @@ impl SimThread {
     }
 
     fn process_sample(&mut self, sample: pipeline::sample::Sample) {
-        let Some(cycle) = self.spine.process_sample(sample) else {
+        let Some(cycle) = self.pipeline.process_sample(sample) else {
             return;
         };
         if let Some(command) = cycle.camera_command() {
@@ -203,12 +203,12 @@ impl SimThread {
         self.wait_until(time);
         self.inbox.push(DecodedCycle {
             cycle: Arc::new(cycle),
-            particles: self.spine.particles().to_vec(),
+            particles: self.pipeline.particles().to_vec(),
         });
         self.update_status(|status| status.time = time);
     }
 
-    /// Until the wall clock has come to a simulated second, by the pace.
+    /// Sleeps until the wall clock reaches a simulated time at the set speed.
     fn wait_until(&mut self, time: f64) {
         let due = (time - self.speed_reference.1) / self.speed;
         let late = self.speed_reference.0.elapsed().as_secs_f64() - due;
@@ -226,26 +226,26 @@ impl SimThread {
         self.update_status(|status| status.paused = paused);
     }
 
-    fn handle_request(&mut self, order: SourceRequest) {
+    fn handle_request(&mut self, request: SourceRequest) {
         self.update_status(|status| status.error = None);
-        match order {
+        match request {
             SourceRequest::Pause(paused) => return self.set_paused(paused),
             SourceRequest::Step => {
                 self.set_paused(true);
                 self.pending_cycles = 1;
                 return;
             }
-            SourceRequest::SetSpeed(pace) => {
-                self.speed = pace.max(0.01);
+            SourceRequest::SetSpeed(speed) => {
+                self.speed = speed.max(0.01);
                 self.speed_reference = (Instant::now(), self.simulation.sim().time());
-                return self.update_status(|status| status.speed = pace);
+                return self.update_status(|status| status.speed = speed);
             }
             SourceRequest::Configure(config) => return self.configure(*config),
             SourceRequest::Restart(seed) => return self.restart(seed),
             _ => {}
         }
         let sim = self.simulation.sim_mut();
-        match order {
+        match request {
             SourceRequest::Kidnap(pose) => sim.kidnap(pose),
             SourceRequest::PlaceOther(number, pose) => sim.place_other(number, pose),
             SourceRequest::ApplyImpulse(impulse) => sim.apply_impulse(impulse),
@@ -253,10 +253,10 @@ impl SimThread {
             SourceRequest::SetLightLevel(level) => sim.set_light_level(level),
             SourceRequest::SetOcclusion(sector) => sim.set_occlusion(sector),
             SourceRequest::Drive(twist) => sim.set_command(twist),
-            SourceRequest::SetFault(kind, wheel, fails) => sim.set_fault(kind, wheel, fails),
-            SourceRequest::SetImageSensor(film) => {
-                sim.set_image_sensor(film);
-                self.update_status(|status| status.image_sensor = film);
+            SourceRequest::SetFault(kind, wheel, active) => sim.set_fault(kind, wheel, active),
+            SourceRequest::SetImageSensor(config) => {
+                sim.set_image_sensor(config);
+                self.update_status(|status| status.image_sensor = config);
             }
             SourceRequest::Pause(_)
             | SourceRequest::Step
@@ -268,9 +268,9 @@ impl SimThread {
 
     fn configure(&mut self, config: PipelineConfig) {
         match Pipeline::new(&self.setup, &config) {
-            Ok(mut spine) => {
-                spine.warm_start_from(&self.spine);
-                self.spine = spine;
+            Ok(mut pipeline) => {
+                pipeline.warm_start_from(&self.pipeline);
+                self.pipeline = pipeline;
                 self.config = config;
             }
             Err(error) => self.update_status(|status| status.error = Some(format!("{error:#}"))),
@@ -278,15 +278,15 @@ impl SimThread {
     }
 
     fn restart(&mut self, seed: u64) {
-        let fresh = Simulation::load(&self.scenario, Some(seed), None)
+        let restarted = Simulation::load(&self.scenario, Some(seed), None)
             .and_then(|simulation| Ok((simulation, Pipeline::new(&self.setup, &self.config)?)));
-        match fresh {
-            Ok((simulation, spine)) => {
-                let film = *simulation.sim().image_sensor();
-                (self.simulation, self.spine) = (simulation, spine);
+        match restarted {
+            Ok((simulation, pipeline)) => {
+                let image_sensor = *simulation.sim().image_sensor();
+                (self.simulation, self.pipeline) = (simulation, pipeline);
                 self.set_paused(false);
                 self.update_status(|status| {
-                    (status.seed, status.image_sensor, status.time) = (seed, film, 0.0)
+                    (status.seed, status.image_sensor, status.time) = (seed, image_sensor, 0.0)
                 });
             }
             Err(error) => self.update_status(|status| status.error = Some(format!("{error:#}"))),

@@ -1,93 +1,67 @@
-//! What do pose, twist, lean, slip, biases, scales and latency tell of each other? One Kalman filter over all of them.
+//! Joint pose filter: an extended Kalman filter over pose, twist, tilt, and the errors of all sensors
+//! (docs/methods.md 8).
 //!
-//! Where an inertial unit tells, robot and lean follow it, and what it errs by is found from sights and wheels: the
-//! accelerometer feels gravity through every lean, so that lean, its bias and the unit's mount are states. Wheels measure
-//! the way since their last sample exactly as far as it was driven under this belief, so that frames may fall anywhere
-//! between. They wear and slide, and a bias of some per cent is the rule: scales and slip are states (nubot2013 4 and
-//! minho2016 IV.C fuse without).
+//! | module | content | section |
+//! | --- | --- | --- |
+//! | `state` | indices of the state vector | 8.1 |
+//! | `predict` | motion model f and its Jacobian F | 8.2, 8.3 |
+//! | `process_noise` | Q | 8.4 |
+//! | `wheel_update` | h, H, R of a wheel increment | 8.5 |
+//! | `zero_velocity_update` | h, H, R at rest | 8.6 |
+//! | `pose_update` | H and gain of a matched image, learned wheel noise | 8.7, 8.8 |
+//! | `covariance` | sparse kernels of these equations | |
+//!
+//! Tilt, accelerometer bias and mount are separate states, since an accelerometer measures gravity through each of them.
+//! The increment since the last wheel sample is a clone of the motion, so an image may fall between two wheel samples.
 
+mod covariance;
 mod pose_update;
 mod predict;
+mod process_noise;
+mod state;
 #[cfg(test)]
 mod tests;
 mod wheel_update;
+mod zero_velocity_update;
 
 use nalgebra::Matrix3;
 
-use super::FilterConfig;
 use super::pose_gaussian;
+use super::{FilterConfig, TiltEstimate};
 use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
-/// Pose on the field.
-const POSE: usize = 0;
-/// Way since the wheels' last sample, in the robot's frame at that time.
-const WHEEL_INCREMENT: usize = 3;
-/// Velocity, robot frame.
-const TWIST: usize = 6;
-const YAW_RATE: usize = 8;
-/// Up in the inertial unit's frame, its x and y.
-const TILT: usize = 9;
-/// About x, y and z.
-const GYRO_BIAS: usize = 11;
-/// Of way and turn.
-const ODOMETRY_SCALES: usize = 14;
-/// Of both horizontal axes.
-const ACCELEROMETER_BIAS: usize = 16;
-/// What of the unit's lean is not the camera's.
-const IMU_MOUNT: usize = 18;
-/// Velocity of the rims over the ground, m/s, rad/s.
-const SLIP: usize = 20;
-/// True rate over the gyro's, about z.
-const GYRO_SCALE: usize = 23;
-const LATENCY: usize = 24;
-const STATES: usize = 25;
-/// Rows are padded to whole vector registers.
-const ROW_STRIDE: usize = 28;
+use state::{
+    ACCELEROMETER_BIAS, Covariance, GYRO_BIAS, GYRO_SCALE, IMU_MOUNT, LATENCY, ODOMETRY_SCALES,
+    POSE, ROW_STRIDE, STATES, State, TILT, TWIST, YAW_RATE,
+};
 
-type State = [f32; STATES];
-type Covariance = [[f32; ROW_STRIDE]; STATES];
-/// A row of a matrix: the entries that are not zero.
-type SparseRow<'a> = &'a [(usize, f32)];
-
-/// Scales outside these are broken encoders, not wear.
-const SCALE_RANGE: (f32, f32) = (0.7, 1.4);
-/// Noise is learnt within these factors (variance) of what the configuration says.
-const NOISE_FACTOR_RANGE: (f32, f32) = (0.05, 20.0);
-/// Most intervals for which the wheels' last word is taken, when some were lost.
-const LOST_INTERVALS_MAX: f32 = 20.0;
-/// How fast a robot may drive and turn when it is first seen: m/s, rad/s (one sigma).
+/// Standard deviation of a new filter's twist: m/s, m/s, rad/s.
 const INITIAL_TWIST_STD: [f32; 3] = [3.0, 3.0, 6.0];
-/// How much a standing robot trembles, metres and radians per square root of a second.
-const STATIONARY_NOISE: [f32; 2] = [0.002, 0.0005];
-/// Part of a shock that the accelerometer misses: its scale and axes are no better. Were it more, nobody could say
-/// afterwards that the wheels err.
-const SHOCK_ERROR_SHARE: f32 = 0.03;
-/// No variance falls below this: what single precision resolves beside a metre, squared.
-const VARIANCE_MIN: f32 = 1e-13;
 
-/// Mean and covariance of everything.
+/// State estimate of the joint filter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointFilter {
     state: State,
     covariance: Covariance,
-    /// How long the way has been driven, seconds.
+    /// Time covered by the increment states, seconds.
     wheel_interval: f32,
-    /// Does an inertial unit tell how it leans?
+    /// Did the last prediction have an inertial unit?
     imu_active: bool,
-    /// Acceleration, smoothed, robot frame, m/s².
+    /// Robot frame, m/s².
     smoothed_acceleration: [f32; 2],
-    /// Variance of the wheels' noise over what the configuration says, learnt.
+    /// Learned factor of the wheels' configured noise variance.
     wheel_noise_factor: f32,
     collision: CollisionDetector,
 }
 
 impl JointFilter {
+    /// A filter at a new pose. Scales, biases, mount, slip and latency are taken over from `previous`.
     pub(super) fn new(
         pose: Pose,
         covariance: &Matrix3<f32>,
-        known: Option<&JointFilter>,
+        previous: Option<&JointFilter>,
         config: &FilterConfig,
     ) -> Self {
         let mut state = [0.0; STATES];
@@ -117,30 +91,29 @@ impl JointFilter {
         for (k, variance) in variances.into_iter().enumerate() {
             full[k][k] = variance;
         }
-        let mut noise = 1.0;
-        if let Some(known) = known {
-            noise = known.wheel_noise_factor;
-            // Wheels and units stay the same wherever the robot is put.
+        let mut wheel_noise_factor = 1.0;
+        if let Some(previous) = previous {
+            wheel_noise_factor = previous.wheel_noise_factor;
             for i in GYRO_BIAS..STATES {
-                state[i] = known.state[i];
-                full[i][GYRO_BIAS..].copy_from_slice(&known.covariance[i][GYRO_BIAS..]);
+                state[i] = previous.state[i];
+                full[i][GYRO_BIAS..].copy_from_slice(&previous.covariance[i][GYRO_BIAS..]);
             }
         }
         for k in 0..2 {
-            // Upright as robots stand, as far as it is known how the unit is mounted.
+            // An upright robot: the unit's tilt is that of its mount.
             state[TILT + k] = state[IMU_MOUNT + k];
-            let mounted = full[IMU_MOUNT + k];
-            for (j, value) in mounted.into_iter().enumerate().take(STATES) {
+            let mount = full[IMU_MOUNT + k];
+            for (j, value) in mount.into_iter().enumerate().take(STATES) {
                 full[TILT + k][j] = value;
                 full[j][TILT + k] = value;
             }
             full[TILT + k][TILT + k] =
-                mounted[IMU_MOUNT + k] + config.tilt_std_deg.to_radians().powi(2);
+                mount[IMU_MOUNT + k] + config.tilt_std_deg.to_radians().powi(2);
         }
-        let seen = covariance + pose_gaussian::systematic_covariance(config);
+        let pose_covariance = covariance + pose_gaussian::systematic_covariance(config);
         for i in 0..3 {
             for j in 0..3 {
-                full[POSE + i][POSE + j] = seen[(i, j)];
+                full[POSE + i][POSE + j] = pose_covariance[(i, j)];
             }
         }
         JointFilter {
@@ -149,7 +122,7 @@ impl JointFilter {
             wheel_interval: 0.0,
             imu_active: false,
             smoothed_acceleration: [0.0; 2],
-            wheel_noise_factor: noise,
+            wheel_noise_factor,
             collision: CollisionDetector::default(),
         }
     }
@@ -178,16 +151,19 @@ impl JointFilter {
         self.state[GYRO_BIAS + 2]
     }
 
-    /// Lean of the camera (MATH.md 2, "Tilt") with its standard deviation, radians; none where no inertial unit tells.
-    pub(super) fn tilt(&self) -> Option<([f32; 2], f32)> {
+    /// Tilt of the camera. None without an inertial unit.
+    pub(super) fn tilt(&self) -> Option<TiltEstimate> {
         let mean = [0, 1].map(|k| self.state[TILT + k] - self.state[IMU_MOUNT + k]);
         let p = &self.covariance;
         let variances = [0, 1].map(|k| {
-            let (lean, mount) = (TILT + k, IMU_MOUNT + k);
-            p[lean][lean] - 2.0 * p[lean][mount] + p[mount][mount]
+            let (tilt, mount) = (TILT + k, IMU_MOUNT + k);
+            p[tilt][tilt] - 2.0 * p[tilt][mount] + p[mount][mount]
         });
         let variance = variances[0].max(variances[1]).max(0.0);
-        self.imu_active.then(|| (mean, variance.sqrt()))
+        self.imu_active.then(|| TiltEstimate {
+            mean,
+            std: variance.sqrt(),
+        })
     }
 
     pub(super) fn latency(&self) -> f32 {
@@ -198,36 +174,7 @@ impl JointFilter {
         self.collision.is_active()
     }
 
-    /// A measurement: Σ terms·state deviates from what was measured by `residual`, whose own variance is given.
-    fn update_scalar(&mut self, terms: SparseRow, residual: f32, variance: f32) {
-        let mut gain = [0.0; ROW_STRIDE];
-        for &(column, factor) in terms {
-            for (value, other) in gain.iter_mut().zip(&self.covariance[column]) {
-                *value += factor * other;
-            }
-        }
-        let total: f32 = terms
-            .iter()
-            .map(|&(column, factor)| factor * gain[column])
-            .sum::<f32>()
-            + variance;
-        if !(total > 0.0) {
-            return;
-        }
-        let part = residual / total;
-        for (value, gain) in self.state.iter_mut().zip(&gain) {
-            *value += gain * part;
-        }
-        for (i, line) in self.covariance.iter_mut().enumerate() {
-            let factor = gain[i] / total;
-            for (value, gain) in line.iter_mut().zip(&gain) {
-                *value -= factor * gain;
-            }
-            line[i] = line[i].max(VARIANCE_MIN);
-        }
-        self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
-    }
-
+    /// Multiplies the pose's covariance by `factor` and decorrelates it from the other states.
     pub(super) fn inflate_covariance(&mut self, factor: f32) {
         for i in 0..STATES {
             for j in 0..STATES {
@@ -238,23 +185,24 @@ impl JointFilter {
                 };
             }
         }
-        // What moved it may move it still.
+        // The unreported motion may continue.
         for (k, std) in INITIAL_TWIST_STD.into_iter().enumerate() {
             self.covariance[TWIST + k][TWIST + k] += (0.3 * std).powi(2);
         }
     }
 
+    /// The same estimate in the other field half.
     pub(super) fn half_turned(&self) -> Self {
-        let mut other = self.clone();
-        other.state[0] = -self.state[0];
-        other.state[1] = -self.state[1];
-        other.state[2] = wrap_angle(self.state[2] + std::f32::consts::PI);
+        let mut turned = self.clone();
+        turned.state[0] = -self.state[0];
+        turned.state[1] = -self.state[1];
+        turned.state[2] = wrap_angle(self.state[2] + std::f32::consts::PI);
         for i in 0..2 {
             for j in 2..STATES {
-                other.covariance[i][j] = -self.covariance[i][j];
-                other.covariance[j][i] = -self.covariance[j][i];
+                turned.covariance[i][j] = -self.covariance[i][j];
+                turned.covariance[j][i] = -self.covariance[j][i];
             }
         }
-        other
+        turned
     }
 }

@@ -1,33 +1,40 @@
-//! What does a sight say of everything that is believed? The pose at the exposure, and through it all that moved it.
+//! Pose update of the joint filter by a matched image (docs/methods.md 8.7 and 8.8).
+//!
+//! An image measures pose and tilt (x, y, θ, a, b) at its exposure. The matcher already contains the prediction, so the
+//! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ + Q_rep with K = P Hᵀ S⁻¹.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-use super::{
-    IMU_MOUNT, JointFilter, LATENCY, NOISE_FACTOR_RANGE, POSE, STATES, TILT, TWIST, VARIANCE_MIN,
-    YAW_RATE,
-};
-use crate::filter::pose_gaussian::PosePosterior;
-use crate::filter::{FilterConfig, TiltPrior, pose_gaussian};
+use super::JointFilter;
+use super::covariance::VARIANCE_MIN;
+use super::state::{IMU_MOUNT, LATENCY, POSE, STATES, TILT, TWIST, YAW_RATE};
+use crate::filter::pose_gaussian::{PosePosterior, systematic_covariance};
+use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
 use crate::matching::{Matrix5, PARAMETERS};
 
-/// Columns of P Hᵀ, H = what a frame shows: pose and lean (x, y, θ, a, b) at the exposure.
+/// Range of the learned noise factor (variance).
+const NOISE_FACTOR_RANGE: (f32, f32) = (0.05, 20.0);
+
+/// P Hᵀ.
 type CrossCovariance = SMatrix<f32, STATES, PARAMETERS>;
 
 impl JointFilter {
-    /// Covariance of everything with pose and lean at the exposure: H = (1, −velocity) of (pose, latency), and the lean
-    /// of the camera, or none where every frame's lean is another one.
-    fn cross_covariance(&self, lean: TiltPrior) -> CrossCovariance {
+    /// P Hᵀ with H: pose → 1, latency → −field velocity, tilt → up direction minus mount.
+    ///
+    /// The tilt's columns are zero if it is independent in each image.
+    fn cross_covariance(&self, tilt_prior: TiltPrior) -> CrossCovariance {
         let p = &self.covariance;
         let velocity = self.field_velocity();
-        let own = matches!(lean, TiltPrior::FromState) && self.imu_active;
+        let tilt_in_state = matches!(tilt_prior, TiltPrior::FromState) && self.imu_active;
         CrossCovariance::from_fn(|i, j| match j {
             0..3 => p[i][POSE + j] - velocity[j] * p[i][LATENCY],
-            _ if own => p[i][TILT + j - 3] - p[i][IMU_MOUNT + j - 3],
+            _ if tilt_in_state => p[i][TILT + j - 3] - p[i][IMU_MOUNT + j - 3],
             _ => 0.0,
         })
     }
 
+    /// Velocity in the field frame.
     fn field_velocity(&self) -> Vector3<f32> {
         let (sin, cos) = self.state[POSE + 2].sin_cos();
         let (vx, vy) = (self.state[TWIST], self.state[TWIST + 1]);
@@ -38,21 +45,22 @@ impl JointFilter {
         )
     }
 
-    /// Covariance of what a frame shows, (x, y, θ, a, b).
-    pub(in crate::filter) fn predicted_covariance(&self, lean: TiltPrior) -> Matrix5 {
-        self.project_covariance(&self.cross_covariance(lean), lean)
+    /// S = H P Hᵀ: covariance of the predicted (x, y, θ, a, b).
+    pub(in crate::filter) fn predicted_covariance(&self, tilt_prior: TiltPrior) -> Matrix5 {
+        self.project_covariance(&self.cross_covariance(tilt_prior), tilt_prior)
     }
 
-    fn project_covariance(&self, with: &CrossCovariance, lean: TiltPrior) -> Matrix5 {
+    /// H · `cross`, plus the variance of a tilt that is not in the state.
+    fn project_covariance(&self, cross: &CrossCovariance, tilt_prior: TiltPrior) -> Matrix5 {
         let velocity = self.field_velocity();
-        let fresh = match lean {
+        let independent_std = match tilt_prior {
             TiltPrior::FromState if self.imu_active => None,
             TiltPrior::FromState => Some(1.0),
             TiltPrior::Independent(std) => Some(std),
         };
-        let full = Matrix5::from_fn(|i, j| match (i, fresh) {
-            (0..3, _) => with[(POSE + i, j)] - velocity[i] * with[(LATENCY, j)],
-            (_, None) => with[(TILT + i - 3, j)] - with[(IMU_MOUNT + i - 3, j)],
+        let full = Matrix5::from_fn(|i, j| match (i, independent_std) {
+            (0..3, _) => cross[(POSE + i, j)] - velocity[i] * cross[(LATENCY, j)],
+            (_, None) => cross[(TILT + i - 3, j)] - cross[(IMU_MOUNT + i - 3, j)],
             (_, Some(std)) => f32::from(u8::from(i == j)) * std * std,
         });
         (full + full.transpose()) * 0.5
@@ -60,34 +68,44 @@ impl JointFilter {
 
     pub(in crate::filter) fn update(
         &mut self,
-        matched: &PosePosterior,
-        lean: TiltPrior,
+        posterior: &PosePosterior,
+        tilt_prior: TiltPrior,
         config: &FilterConfig,
     ) {
-        let with = self.cross_covariance(lean);
-        let expected = self.project_covariance(&with, lean);
-        let Some(inverse) = expected.try_inverse() else {
+        let cross = self.cross_covariance(tilt_prior);
+        let predicted = self.project_covariance(&cross, tilt_prior);
+        let Some(information) = predicted.try_inverse() else {
             return;
         };
-        let gain = with * inverse;
-        let moved = pose_gaussian::innovation(self.pose(), matched.pose);
-        let [a, b] = matched.lean;
-        let innovation = SVector::<f32, PARAMETERS>::from([moved[0], moved[1], moved[2], a, b]);
-        self.adapt_wheel_noise(&expected, &moved, matched, config);
+        let gain = cross * information;
+        let pose_innovation = posterior.pose.difference(self.pose());
+        let [x, y, theta] = pose_innovation.into();
+        let [a, b] = posterior.tilt;
+        let innovation = SVector::<f32, PARAMETERS>::from([x, y, theta, a, b]);
+        self.adapt_wheel_noise(&predicted, &pose_innovation, posterior, config);
         let step = gain * innovation;
         for (value, step) in self.state.iter_mut().zip(step.iter()) {
             *value += step;
         }
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
         self.clamp_scales();
-        let learnt = gain * (expected - matched.covariance);
-        let down = learnt * gain.transpose();
-        let repeated = pose_gaussian::systematic_covariance(config);
+        let reduction = gain * (predicted - posterior.covariance) * gain.transpose();
+        self.reduce_covariance(&reduction, posterior, config);
+    }
+
+    /// P ← P − `reduction` + Q_rep, kept symmetric and positive on the diagonal.
+    fn reduce_covariance(
+        &mut self,
+        reduction: &SMatrix<f32, STATES, STATES>,
+        posterior: &PosePosterior,
+        config: &FilterConfig,
+    ) {
+        let systematic = systematic_covariance(config);
         for i in 0..STATES {
             for j in 0..=i {
-                let extra = if i < 3 { repeated[(i, j)] } else { 0.0 };
+                let added = if i < 3 { systematic[(i, j)] } else { 0.0 };
                 let mean = 0.5 * (self.covariance[i][j] + self.covariance[j][i]);
-                let value = mean - 0.5 * (down[(i, j)] + down[(j, i)]) + extra;
+                let value = mean - 0.5 * (reduction[(i, j)] + reduction[(j, i)]) + added;
                 let value = if i == j {
                     value.max(VARIANCE_MIN)
                 } else {
@@ -98,30 +116,31 @@ impl JointFilter {
             }
         }
         if config.camera_latency_std == 0.0 {
-            // The same, without what rounding left.
+            // Without a latency state the pose's posterior is known without rounding.
             for i in 0..3 {
                 for j in 0..3 {
-                    self.covariance[i][j] = matched.covariance[(i, j)] + repeated[(i, j)];
+                    self.covariance[i][j] = posterior.covariance[(i, j)] + systematic[(i, j)];
                 }
             }
         }
     }
-    /// An honest expectation is left by 3 − tr(P⁻¹P⁺) on average; more means noisier odometry than assumed.
+
+    /// Learns the wheels' noise factor (docs/methods.md 8.8): the expectation of D² is 3 − tr(S⁻¹ P_y).
     fn adapt_wheel_noise(
         &mut self,
-        expected: &Matrix5,
-        moved: &Vector3<f32>,
-        matched: &PosePosterior,
+        predicted: &Matrix5,
+        innovation: &Vector3<f32>,
+        posterior: &PosePosterior,
         config: &FilterConfig,
     ) {
-        let pose_part = expected.fixed_view::<3, 3>(0, 0).into_owned();
-        let Some(inverse) = pose_part.try_inverse() else {
+        let predicted = predicted.fixed_view::<3, 3>(0, 0).into_owned();
+        let Some(information) = predicted.try_inverse() else {
             return;
         };
-        let strain = moved.dot(&(inverse * moved));
-        let usual = 3.0 - (inverse * matched.covariance.fixed_view::<3, 3>(0, 0)).trace();
+        let squared = innovation.dot(&(information * innovation));
+        let expected = 3.0 - (information * posterior.covariance.fixed_view::<3, 3>(0, 0)).trace();
         self.wheel_noise_factor = (self.wheel_noise_factor
-            * (config.noise_adaptation_rate * (strain - usual).clamp(-3.0, 9.0)).exp())
+            * (config.noise_adaptation_rate * (squared - expected).clamp(-3.0, 9.0)).exp())
         .clamp(NOISE_FACTOR_RANGE.0, NOISE_FACTOR_RANGE.1);
     }
 }

@@ -8,122 +8,124 @@ const DT: f32 = 0.01;
 
 fn stationary_filter() -> (JointFilter, FilterConfig) {
     let config = FilterConfig::default();
-    let seen = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5));
+    let covariance = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-5));
     let origin = Pose::new(0.0, 0.0, 0.0);
-    (JointFilter::new(origin, &seen, None, &config), config)
+    (JointFilter::new(origin, &covariance, None, &config), config)
 }
 
-/// A hundredth of a second with what is felt and what the wheels counted in it.
+/// One step of `DT`: specific force and rate of the inertial unit, velocity of the wheels.
 fn predict_and_update(
-    joint: &mut JointFilter,
+    filter: &mut JointFilter,
     force: [f32; 2],
     rate: [f32; 3],
-    rolled: [f32; 3],
+    wheels: [f32; 3],
     config: &FilterConfig,
 ) {
-    let felt = ImuInterval {
+    let imu = ImuInterval {
         specific_force: force,
         rate,
         yaw_rate: rate[2],
         vibration_std: 0.0,
         sample_period: DT,
     };
-    let span = PredictionInput {
+    let input = PredictionInput {
         dt: DT,
-        imu: Some(felt),
+        imu: Some(imu),
         ..PredictionInput::default()
     };
-    joint.predict(&span, config);
-    let way = WheelIncrement {
-        motion: rolled.map(|speed| speed * DT),
+    filter.predict(&input, config);
+    let increment = WheelIncrement {
+        motion: wheels.map(|speed| speed * DT),
         dt: DT,
         slip: 0.0,
         imu_active: true,
     };
-    joint.update_wheels(&way, config);
+    filter.update_wheels(&increment, config);
 }
 
 #[test]
 fn wheel_slip_does_not_bias_dead_reckoning_with_an_imu() {
-    let (mut joint, config) = stationary_filter();
+    let (mut filter, config) = stationary_filter();
     let bias = [0.1, -0.08];
     for _ in 0..200 {
-        predict_and_update(&mut joint, bias, [0.0; 3], [0.0; 3], &config);
-        joint.zero_velocity_update(DT);
+        predict_and_update(&mut filter, bias, [0.0; 3], [0.0; 3], &config);
+        filter.zero_velocity_update(DT);
     }
-    // The carpet gives 3.5 m/s², the motors pull 6 and turn the wheels by 1 rad/s besides, until both drive 2 m/s.
-    let (mut x, mut speed, mut rims) = (0.0, 0.0_f32, 0.0_f32);
+    // The carpet transmits 3.5 m/s². The motors accelerate the rims by 6 m/s² and rotate them by 1 rad/s, up to 2 m/s.
+    let (mut x, mut speed, mut rim_speed) = (0.0, 0.0_f32, 0.0_f32);
     for _ in 0..150 {
-        let push = if speed < 2.0 { 3.5 } else { 0.0 };
-        let slides = push > 0.0;
-        rims = (rims + 6.0 * DT).min(2.0);
-        x += (speed + 0.5 * push * DT) * DT;
-        speed += push * DT;
-        let spin = if slides { 1.0 } else { 0.0 };
+        let acceleration = if speed < 2.0 { 3.5 } else { 0.0 };
+        rim_speed = (rim_speed + 6.0 * DT).min(2.0);
+        x += (speed + 0.5 * acceleration * DT) * DT;
+        speed += acceleration * DT;
+        let yaw_rate = if acceleration > 0.0 { 1.0 } else { 0.0 };
         predict_and_update(
-            &mut joint,
-            [bias[0] + push, bias[1]],
+            &mut filter,
+            [bias[0] + acceleration, bias[1]],
             [0.0; 3],
-            [rims, 0.0, spin],
+            [rim_speed, 0.0, yaw_rate],
             &config,
         );
     }
-    // The wheels' own word would be off by 0.24 m and 33°.
-    let pose = joint.pose();
+    // Wheel odometry alone would be wrong by 0.24 m and 33°.
+    let pose = filter.pose();
     assert!(
         (pose.x - x).abs() < 0.03 && pose.y.abs() < 0.02,
         "{pose:?} {x}"
     );
     assert!(pose.theta.abs() < 0.005, "{pose:?}");
     assert!(
-        (joint.scales()[0] - 1.0).abs() < 0.01,
+        (filter.scales()[0] - 1.0).abs() < 0.01,
         "{:?}",
-        joint.scales()
+        filter.scales()
     );
 }
 
 #[test]
 fn turning_in_place_separates_accelerometer_bias_from_tilt() {
-    let (mut joint, config) = stationary_filter();
-    let (lean, bias) = (0.4_f32.to_radians(), 0.12);
-    // Turning in place on a slope along the field's x: up turns against the robot.
-    let spin = 1.5;
+    let (mut filter, config) = stationary_filter();
+    let (tilt, bias) = (0.4_f32.to_radians(), 0.12);
+    // The robot rotates on a slope along the field's x.
+    let yaw_rate = 1.5;
     for k in 0..2000 {
-        let (sin, cos) = (spin * (k as f32 + 0.5) * DT).sin_cos();
-        let force = [GRAVITY * lean * cos + bias, -GRAVITY * lean * sin];
-        let rate = [0.0, 0.0, spin];
-        predict_and_update(&mut joint, force, rate, [0.0, 0.0, spin], &config);
+        let (sin, cos) = (yaw_rate * (k as f32 + 0.5) * DT).sin_cos();
+        let force = [GRAVITY * tilt * cos + bias, -GRAVITY * tilt * sin];
+        let rate = [0.0, 0.0, yaw_rate];
+        predict_and_update(&mut filter, force, rate, [0.0, 0.0, yaw_rate], &config);
     }
-    let found = joint.state[ACCELEROMETER_BIAS];
-    assert!((found - bias).abs() < 0.02, "{found}");
-    let (sin, cos) = (spin * 20.0).sin_cos();
-    for (found, wanted) in [
-        (joint.state[TILT], lean * cos),
-        (joint.state[TILT + 1], -lean * sin),
+    let estimated = filter.state[ACCELEROMETER_BIAS];
+    assert!((estimated - bias).abs() < 0.02, "{estimated}");
+    let (sin, cos) = (yaw_rate * 20.0).sin_cos();
+    for (estimated, expected) in [
+        (filter.state[TILT], tilt * cos),
+        (filter.state[TILT + 1], -tilt * sin),
     ] {
         assert!(
-            (found - wanted).abs() < 0.1_f32.to_radians(),
-            "{found} {wanted}"
+            (estimated - expected).abs() < 0.1_f32.to_radians(),
+            "{estimated} {expected}"
         );
     }
 }
 
 #[test]
 fn tilt_prior_comes_from_the_state_only_while_the_imu_is_active() {
-    let (mut joint, config) = stationary_filter();
-    predict_and_update(&mut joint, [0.0; 2], [0.0; 3], [0.0; 3], &config);
-    let fresh = joint.predicted_covariance(TiltPrior::Independent(0.01));
-    assert!((fresh[(3, 3)] - 1e-4).abs() < 1e-9 && fresh[(0, 3)] == 0.0);
-    let own = joint.predicted_covariance(TiltPrior::FromState)[(3, 3)].sqrt();
-    let usual = config.tilt_std_deg.to_radians();
-    assert!((own - usual).abs() < 0.01 * usual, "{own}");
-    assert!(joint.tilt().is_some());
-    joint.predict(
+    let (mut filter, config) = stationary_filter();
+    predict_and_update(&mut filter, [0.0; 2], [0.0; 3], [0.0; 3], &config);
+    let independent = filter.predicted_covariance(TiltPrior::Independent(0.01));
+    assert!((independent[(3, 3)] - 1e-4).abs() < 1e-9 && independent[(0, 3)] == 0.0);
+    let from_state = filter.predicted_covariance(TiltPrior::FromState)[(3, 3)].sqrt();
+    let expected = config.tilt_std_deg.to_radians();
+    assert!(
+        (from_state - expected).abs() < 0.01 * expected,
+        "{from_state}"
+    );
+    assert!(filter.tilt().is_some());
+    filter.predict(
         &PredictionInput {
             dt: DT,
             ..PredictionInput::default()
         },
         &config,
     );
-    assert!(joint.tilt().is_none());
+    assert!(filter.tilt().is_none());
 }

@@ -1,11 +1,11 @@
-//! Which cells score best? Blocks are opened in the order of their bounds, until no other can hold a better cell.
+//! Best-first search: blocks are searched in the order of their bounds until none can hold a better cell.
 
 use super::BranchAndBound;
 use super::bound::bounds_width;
 use super::tables::{BATCH, BLOCK, LANES, ROWS};
 use crate::frames::Pose;
 
-/// A block of poses at one heading, and the most that any of its cells can score.
+/// A block of poses at one heading, with the upper bound of its cells' scores.
 #[derive(Debug, Clone, Copy, Default)]
 struct PoseBlock {
     bound: u16,
@@ -32,15 +32,15 @@ pub(super) struct PoseCell {
     pub(super) pose: Pose,
 }
 
-/// Headings whose most promising block is opened first, to know soon what scores to expect.
+/// Number of headings whose best-bounded block is searched first, for an early estimate of the best score.
 const SEED_HEADINGS: usize = 4;
 
 impl BranchAndBound {
-    /// The best cells, distinct, best first.
+    /// The best cells at `count` headings from `first` (radians) in steps of `step`: distinct, best first.
     pub(super) fn find_best_cells(&self, first: f32, step: f32, count: usize) -> Vec<PoseCell> {
         let width = bounds_width(&self.tables);
         let layer = self.tables.rows.next_multiple_of(ROWS) * width;
-        // Rows of blocks that are poses, with their heading and number.
+        // Rows of blocks without the padding, with the indices of heading and row.
         let rows = self.bounds[..count * layer]
             .chunks_exact(layer)
             .enumerate()
@@ -48,40 +48,41 @@ impl BranchAndBound {
                 let rows = layer.chunks_exact(width).take(self.tables.rows).enumerate();
                 rows.map(move |(row, bounds)| (heading, row, bounds))
             });
-        let mut tops = vec![PoseBlock::default(); count];
+        let mut best_blocks = vec![PoseBlock::default(); count];
         for (heading, row, bounds) in rows.clone() {
             let bound = bound_max(bounds);
-            if bound > tops[heading].bound {
+            if bound > best_blocks[heading].bound {
                 let column = bounds.iter().position(|&other| other == bound);
-                tops[heading] = PoseBlock::new(bound, heading, row, column.unwrap_or(0));
+                best_blocks[heading] = PoseBlock::new(bound, heading, row, column.unwrap_or(0));
             }
         }
-        tops.sort_by_key(|top| std::cmp::Reverse(top.bound));
-        let part = self.config.runner_up_share;
-        let share = |best: u16| (f32::from(best) * part) as u16;
+        best_blocks.sort_by_key(|block| std::cmp::Reverse(block.bound));
+        let runner_up_share = self.config.runner_up_share;
+        let score_min = |best: u16| (f32::from(best) * runner_up_share) as u16;
         let mut best = 0;
         let points = self.selected_points.len();
         let offsets = |heading: u16| {
-            let begun = usize::from(heading) * points;
-            &self.offsets[begun..begun + points]
+            let start = usize::from(heading) * points;
+            &self.offsets[start..start + points]
         };
-        for top in tops.into_iter().take(SEED_HEADINGS) {
-            let heading = first + f32::from(top.heading) * step;
-            let cell = self.best_cell(top, heading, offsets(top.heading));
+        for block in best_blocks.into_iter().take(SEED_HEADINGS) {
+            let heading = first + f32::from(block.heading) * step;
+            let cell = self.best_cell(block, heading, offsets(block.heading));
             best = best.max(cell.score);
         }
-        let floor = share(best);
+        let floor = score_min(best);
         let mut blocks: Vec<PoseBlock> = Vec::new();
         for (heading, row, bounds) in rows {
             if bound_max(bounds) <= floor {
                 continue;
             }
-            let those = bounds
+            let promising = bounds
                 .iter()
                 .enumerate()
                 .filter(|(_, bound)| **bound > floor);
-            blocks
-                .extend(those.map(|(column, &bound)| PoseBlock::new(bound, heading, row, column)));
+            blocks.extend(
+                promising.map(|(column, &bound)| PoseBlock::new(bound, heading, row, column)),
+            );
         }
         blocks.sort_unstable_by_key(|block| {
             (
@@ -92,30 +93,30 @@ impl BranchAndBound {
             )
         });
         let mut cells: Vec<PoseCell> = Vec::new();
-        let mut spare = self.config.runner_up_blocks;
+        let mut blocks_left = self.config.runner_up_blocks;
         for block in blocks {
             if block.bound <= best {
-                if block.bound <= share(best) || spare == 0 {
+                if block.bound <= score_min(best) || blocks_left == 0 {
                     break;
                 }
-                spare -= 1;
+                blocks_left -= 1;
             }
             let heading = first + f32::from(block.heading) * step;
             let cell = self.best_cell(block, heading, offsets(block.heading));
             best = best.max(cell.score);
-            if cell.score > share(best) {
+            if cell.score > score_min(best) {
                 cells.push(cell);
             }
         }
-        self.suppress_neighbours(cells, share(best))
+        self.suppress_neighbours(cells, score_min(best))
     }
 
-    /// The best cells that score more than `least`, none close to a better one.
-    fn suppress_neighbours(&self, mut cells: Vec<PoseCell>, least: u16) -> Vec<PoseCell> {
+    /// The best cells with scores above `score_min`, without those close to a better one.
+    fn suppress_neighbours(&self, mut cells: Vec<PoseCell>, score_min: u16) -> Vec<PoseCell> {
         cells.sort_by_key(|cell| std::cmp::Reverse(cell.score));
         let mut distinct: Vec<PoseCell> = Vec::new();
         for cell in cells {
-            if distinct.len() >= self.config.hypotheses_max || cell.score <= least {
+            if distinct.len() >= self.config.hypotheses_max || cell.score <= score_min {
                 break;
             }
             if !distinct
@@ -128,14 +129,14 @@ impl BranchAndBound {
         distinct
     }
 
-    /// The best cell of a block at a heading, under which the points lie at `offsets`.
+    /// The best cell of a block at `heading` (radians), with the points' cell offsets at that heading.
     fn best_cell(&self, block: PoseBlock, heading: f32, offsets: &[(u32, u32)]) -> PoseCell {
         let tables = &self.tables;
         let stride = tables.score_stride;
         let at = usize::from(block.row) * BLOCK * stride + usize::from(block.column) * BLOCK;
         let mut sums = [[0_u16; BLOCK]; BLOCK];
         for batch in offsets.chunks(BATCH) {
-            // The scores of a row of cells are the bytes of a number; sums of a batch do not carry from one to the next.
+            // The scores of a row of cells are the bytes of a u32. The sum of a batch does not overflow a byte.
             let mut bytes = [0_u32; BLOCK];
             for &(x, y) in batch {
                 let start = at + y as usize * stride + x as usize;

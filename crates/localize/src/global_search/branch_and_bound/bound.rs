@@ -1,11 +1,12 @@
-//! How much can any pose of a block score? All blocks of a heading at once, as sums of the tables' rows.
+//! Upper bounds of the scores of all blocks at a heading, as sums of table rows.
 
 use super::BranchAndBound;
 use super::tables::{BATCH, BLOCK, LANES, ROWS, ScoreTables};
 
 impl BranchAndBound {
-    /// Bounds of all blocks at `count` headings from `first` on, and the points' offsets at each; rows are `bounds_width`
-    /// long, zero beyond the blocks, and filled up to whole `ROWS`.
+    /// Computes the bounds of all blocks at `count` headings from `first` on, and the points' offsets at each heading.
+    ///
+    /// Rows are `bounds_width` long, zero beyond the blocks, and padded to a multiple of `ROWS`.
     pub(super) fn compute_bounds(&mut self, first: f32, step: f32, count: usize) {
         let tables = &self.tables;
         let layer = tables.rows.next_multiple_of(ROWS) * bounds_width(tables);
@@ -14,15 +15,15 @@ impl BranchAndBound {
         self.offsets.clear();
         for (heading, bounds) in self.bounds.chunks_exact_mut(layer).enumerate() {
             let heading = first + heading as f32 * step;
-            let begun = self.offsets.len();
+            let start = self.offsets.len();
             tables.point_offsets(&self.selected_points, heading, &mut self.offsets);
             bases.clear();
-            bases.extend(self.offsets[begun..].iter().map(|&(x, y)| {
+            bases.extend(self.offsets[start..].iter().map(|&(x, y)| {
                 let (x, y) = (x as usize, y as usize);
                 let plane = (y % BLOCK) * BLOCK + x % BLOCK;
                 plane * tables.plane_size + (y / BLOCK) * tables.plane_stride + x / BLOCK
             }));
-            // A field of 25 m has rows of 128 blocks, aprons included; the largest that the configuration allows, 4096.
+            // A field of 25 m has rows of 128 blocks with padding, the largest allowed field 4096.
             match tables.plane_stride {
                 128 => bound_heading::<128, 512>(tables, &bases, bounds),
                 256 => bound_heading::<256, 1024>(tables, &bases, bounds),
@@ -35,12 +36,12 @@ impl BranchAndBound {
     }
 }
 
-/// Blocks in a row of bounds.
+/// Number of blocks in a row of bounds.
 pub(super) fn bounds_width(tables: &ScoreTables) -> usize {
     tables.columns.next_multiple_of(LANES)
 }
 
-/// Bounds at one heading; `SPAN` bytes are `ROWS` rows of `STRIDE`.
+/// Bounds at one heading; `SPAN` bytes are `ROWS` rows of `STRIDE` bytes.
 fn bound_heading<const STRIDE: usize, const SPAN: usize>(
     tables: &ScoreTables,
     bases: &[usize],
@@ -61,7 +62,7 @@ fn bound_heading<const STRIDE: usize, const SPAN: usize>(
     }
 }
 
-/// Adds `ROWS` rows of blocks of every point: bytes first, widened before they overflow.
+/// Sums `ROWS` rows of blocks over all points: in bytes per batch, widened to u16 before they overflow.
 fn sum_rows<const STRIDE: usize, const SPAN: usize>(
     planes: &[u8],
     bases: &[usize],

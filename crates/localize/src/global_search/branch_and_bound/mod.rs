@@ -1,9 +1,9 @@
-//! Where on the whole field can these line points have been seen from? Every pose, in a millisecond, provably.
+//! Branch and bound over all poses of the field: from which poses do the line points fit the markings best?
 //!
-//! Branch and bound over (x, y, θ) on max-pooled score tables (not in the papers; MATH.md 4). A block of 4 × 4 cells
-//! is bounded by the sum of its points' pooled scores (`tables`, `bound`). Only blocks whose bound beats the best cell
-//! found are opened (`open`). The best cells, distinct from each other, are matched to the end and ranked by
-//! likelihood (`rank`): the runners-up say how ambiguous the view is.
+//! The search over (x, y, θ) uses max-pooled score tables (own, docs/methods.md 6.1) and takes about a millisecond. A
+//! block of 4 × 4 cells is bounded by the sum of its points' pooled scores (`tables`, `bound`). Only blocks whose bound
+//! exceeds the best cell so far are searched (`best_first`). The best distinct cells are refined by matching and ranked
+//! by likelihood (`rank`); the runners-up show how ambiguous the measurement is.
 
 mod best_first;
 mod bound;
@@ -22,33 +22,33 @@ use crate::sample::LinePoint;
 
 use tables::ScoreTables;
 
-/// How the whole field is searched.
+/// Settings of the search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BranchAndBoundConfig {
     /// Side of a position cell, metres.
     pub cell: f32,
-    /// Step of headings, degrees: half of it moves a point 5 m away by about a cell.
+    /// Step of headings, degrees: half of it moves a point at 5 m by about a cell.
     pub heading_step_deg: f32,
-    /// How far outside the boundary lines a robot may stand, metres.
+    /// Distance outside the boundary lines that is searched, metres.
     pub margin: f32,
-    /// Line points beyond this distance from the robot are not used, metres: they swing too far per heading step.
+    /// Line points beyond this range are not used, metres: one heading step moves them too far.
     pub range_max: f32,
-    /// c of the score c²/(c² + d²), metres: as wide as cell and heading step leave a true pose's points off.
+    /// c of the score c²/(c² + d²), metres: the error of a true pose's points by the discretisation.
     pub kernel_scale: f32,
-    /// Most points used; more are thinned out evenly.
+    /// Largest number of points used; more are thinned out evenly.
     pub points_max: usize,
-    /// Most distinct hypotheses returned (each with its half turn, where the field has one).
+    /// Largest number of distinct hypotheses (each with its half turn on a symmetric field).
     pub hypotheses_max: usize,
-    /// Cells that score less than this share of the best are no hypotheses.
+    /// Cells with less than this share of the best score are no hypotheses.
     pub runner_up_share: f32,
-    /// Most blocks opened for runners-up, after the best cell is certain.
+    /// Largest number of blocks searched for runners-up after the best cell is found.
     pub runner_up_blocks: usize,
-    /// Hypotheses closer than this are one, metres.
+    /// Hypotheses closer than this are duplicates, metres.
     pub separation_min: f32,
-    /// Hypotheses closer than this are one, degrees.
+    /// Hypotheses closer than this are duplicates, degrees.
     pub separation_min_deg: f32,
-    /// By how much the points' joint likelihood is tempered: neighbouring points are not independent.
+    /// Exponent of the points' joint likelihood, below 1 since neighbouring points are not independent.
     pub likelihood_exponent: f32,
 }
 
@@ -71,7 +71,7 @@ impl Default for BranchAndBoundConfig {
     }
 }
 
-/// What is known about the heading beforehand (a compass).
+/// A heading known beforehand, from a compass.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeadingPrior {
     /// Expected heading, radians.
@@ -83,7 +83,7 @@ pub struct HeadingPrior {
 /// A pose that explains the points.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hypothesis {
-    /// The pose, matched to the end.
+    /// The pose, refined by matching.
     pub pose: Pose,
     /// Of (x, y, θ), metres and radians.
     pub covariance: Matrix3<f32>,
@@ -93,14 +93,14 @@ pub struct Hypothesis {
     pub inlier_share: f32,
     /// Root mean square distance of the inliers, metres.
     pub residual: f32,
-    /// Lean (a, b), radians.
+    /// Tilt (a, b), radians (docs/methods.md 3.1).
     pub tilt: [f32; 2],
     /// Probability among the hypotheses returned.
     pub probability: f32,
 }
 
 impl Hypothesis {
-    /// A match that nothing was compared with yet.
+    /// A hypothesis from a match; its probability is not computed yet.
     pub(crate) fn from_match(matched: &Match) -> Self {
         Hypothesis {
             pose: matched.pose,
@@ -114,14 +114,14 @@ impl Hypothesis {
     }
 }
 
-/// Score tables of one field, and what a search over them needs.
+/// Score tables of one field, and the buffers of a search.
 #[derive(Debug, Clone)]
 pub struct BranchAndBound {
     config: BranchAndBoundConfig,
     tables: ScoreTables,
-    /// A half turn maps the markings onto themselves.
+    /// True if a half turn maps the markings onto themselves.
     half_turn_symmetric: bool,
-    /// Headings of this search go up to half a turn: a pose stands for its half turn too.
+    /// True if this search covers headings up to π only: a pose then represents its half turn, too.
     fold_half_turn: bool,
     bounds: Vec<u16>,
     offsets: Vec<(u32, u32)>,
@@ -142,7 +142,7 @@ impl BranchAndBound {
         }
     }
 
-    /// Does a half turn map the field's markings onto themselves?
+    /// True if a half turn maps the field's markings onto themselves.
     pub fn is_half_turn_symmetric(&self) -> bool {
         self.half_turn_symmetric
     }
@@ -154,7 +154,7 @@ impl BranchAndBound {
 
     /// The poses that explain `points` (finite; robot frame) best, most probable first; empty without points.
     ///
-    /// Without a prior all headings are searched. On a symmetric field every pose then comes with its half turn.
+    /// Without a prior all headings are searched; on a symmetric field each pose is then followed by its half turn.
     pub fn find_hypotheses(
         &mut self,
         distances: &DistanceField,
@@ -172,11 +172,11 @@ impl BranchAndBound {
         self.compute_bounds(first, step, count);
         let cells = self.find_best_cells(first, step, count);
         let starts: Vec<Pose> = cells.iter().map(|cell| cell.pose).collect();
-        let reach = self.config.kernel_scale;
-        self.rank(distances, matcher, points, &starts, prior, reach)
+        let start_error = self.config.kernel_scale;
+        self.rank(distances, matcher, points, &starts, prior, start_error)
     }
 
-    /// Thins the points out to those used.
+    /// Selects the points within range, evenly thinned out.
     fn select_points(&mut self, points: &[LinePoint]) {
         let range = self.config.range_max;
         self.selected_points.clear();
@@ -208,25 +208,25 @@ impl BranchAndBound {
         (prior.heading - half + 0.5 * step, count)
     }
 
-    /// Are two poses too close to be two hypotheses?
+    /// True if two poses are too close to be two hypotheses.
     pub fn is_same_hypothesis(&self, a: Pose, b: Pose) -> bool {
         a.origin().distance_to(b.origin()) < self.config.separation_min
             && wrap_angle(a.theta - b.theta).abs() < self.config.separation_min_deg.to_radians()
     }
 
-    /// The same, up to the half turn where headings are searched up to it.
+    /// As `is_same_hypothesis`, modulo the half turn if headings up to π are searched.
     fn is_same_up_to_fold(&self, a: Pose, b: Pose) -> bool {
         self.is_same_hypothesis(a, b)
             || self.fold_half_turn && self.is_same_hypothesis(a, half_turn(b))
     }
 }
 
-/// The pose after the field was turned by half a turn.
+/// The pose after a rotation of the field by 180°.
 pub fn half_turn(pose: Pose) -> Pose {
     Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI)
 }
 
-/// Compares distances at points and at their half turns over the carpet.
+/// Compares the distances at points of the carpet and at the opposite points.
 fn half_turn_symmetric(field: &Field, distances: &DistanceField) -> bool {
     let (half_x, half_y) = field.carpet_half_extent();
     let step = 0.25;
@@ -234,9 +234,9 @@ fn half_turn_symmetric(field: &Field, distances: &DistanceField) -> bool {
     (0..=columns).all(|column| {
         (0..=rows).all(|row| {
             let (x, y) = (column as f32 * step, row as f32 * step - half_y);
-            let here = distances.nearest(x, y).signed_distance.abs();
-            let there = distances.nearest(-x, -y).signed_distance.abs();
-            (here - there).abs() < 0.02
+            let distance = distances.nearest(x, y).signed_distance.abs();
+            let opposite = distances.nearest(-x, -y).signed_distance.abs();
+            (distance - opposite).abs() < 0.02
         })
     })
 }

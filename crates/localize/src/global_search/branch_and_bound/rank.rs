@@ -1,4 +1,4 @@
-//! Which of several poses is it most probably? Each matched to the end, told apart, and weighed by likelihood.
+//! Ranking of pose candidates: each is refined by matching, deduplicated and weighted by likelihood.
 
 use super::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
 use crate::frames::{Pose, wrap_angle};
@@ -6,9 +6,16 @@ use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
 
+/// A hypothesis and its cost, a negative log likelihood.
+struct RankedHypothesis {
+    cost: f32,
+    hypothesis: Hypothesis,
+}
+
 impl BranchAndBound {
-    /// Matches the points from each start (off by about `spread` metres), leaves each pose once, and ranks by
-    /// likelihood; without a prior on a symmetric field with each pose's half turn behind it.
+    /// Refines each start (off by about `start_error` metres), removes duplicates and ranks by likelihood.
+    ///
+    /// Without a prior on a symmetric field, each pose is followed by its half turn.
     pub fn rank(
         &mut self,
         distances: &DistanceField,
@@ -16,79 +23,85 @@ impl BranchAndBound {
         points: &[LinePoint],
         starts: &[Pose],
         prior: Option<HeadingPrior>,
-        spread: f32,
+        start_error: f32,
     ) -> Vec<Hypothesis> {
         self.select_points(points);
         self.fold_half_turn = prior.is_none() && self.half_turn_symmetric;
         let selected_points = std::mem::take(&mut self.selected_points);
-        let mut found: Vec<(f32, Hypothesis)> = Vec::new();
-        for start in screen(distances, &selected_points, starts, spread) {
-            let matched = matcher.refine(distances, &selected_points, start, spread);
-            let known =
-                |(_, other): &(f32, Hypothesis)| self.is_same_up_to_fold(other.pose, matched.pose);
-            if found.iter().any(known) {
+        let mut ranked: Vec<RankedHypothesis> = Vec::new();
+        for start in screen(distances, &selected_points, starts, start_error) {
+            let matched = matcher.refine(distances, &selected_points, start, start_error);
+            let is_duplicate = |other: &RankedHypothesis| {
+                self.is_same_up_to_fold(other.hypothesis.pose, matched.pose)
+            };
+            if ranked.iter().any(is_duplicate) {
                 continue;
             }
-            let turned = prior.map_or(0.0, |prior| {
+            let heading_cost = prior.map_or(0.0, |prior| {
                 0.5 * (wrap_angle(matched.pose.theta - prior.heading) / prior.std).powi(2)
             });
-            let cost = self.config.likelihood_exponent * matched.cost + turned;
-            found.push((cost, Hypothesis::from_match(&matched)));
+            ranked.push(RankedHypothesis {
+                cost: self.config.likelihood_exponent * matched.cost + heading_cost,
+                hypothesis: Hypothesis::from_match(&matched),
+            });
         }
         self.selected_points = selected_points;
-        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.sort_by(|a, b| a.cost.total_cmp(&b.cost));
         if self.fold_half_turn {
-            found = found
+            ranked = ranked
                 .into_iter()
-                .flat_map(|(cost, one)| {
-                    let other = half_turned(&one);
-                    [(cost, one), (cost, other)]
+                .flat_map(|first| {
+                    let second = RankedHypothesis {
+                        cost: first.cost,
+                        hypothesis: half_turned(&first.hypothesis),
+                    };
+                    [first, second]
                 })
                 .collect();
         }
-        normalise_probabilities(found)
+        normalise_probabilities(ranked)
     }
 }
 
-fn half_turned(one: &Hypothesis) -> Hypothesis {
-    // Turning by half a turn maps (x, y) to (−x, −y): second moments stay, those with θ change sign.
-    let mut covariance = one.covariance;
+fn half_turned(hypothesis: &Hypothesis) -> Hypothesis {
+    // A half turn maps (x, y) to (−x, −y): only the covariances of θ with x and y change sign.
+    let mut covariance = hypothesis.covariance;
     for i in 0..2 {
         covariance[(i, 2)] = -covariance[(i, 2)];
         covariance[(2, i)] = -covariance[(2, i)];
     }
     Hypothesis {
-        pose: half_turn(one.pose),
+        pose: half_turn(hypothesis.pose),
         covariance,
-        ..one.clone()
+        ..hypothesis.clone()
     }
 }
 
-/// Starts that are matched to the end.
+/// Largest number of starts that are refined by matching.
 const REFINED_MAX: usize = 24;
 
-/// Points that many starts are screened with.
+/// Number of points used for screening.
 const SCREENING_POINTS: usize = 40;
 
-/// The starts themselves if they are few, or those under which some of the points lie nearest to markings.
+/// All starts if they are few, else those with the best scores of a subset of the points.
 fn screen(
     distances: &DistanceField,
     points: &[LinePoint],
     starts: &[Pose],
-    reach: f32,
+    kernel_scale: f32,
 ) -> Vec<Pose> {
     if starts.len() <= REFINED_MAX {
         return starts.to_vec();
     }
-    let some: Vec<&LinePoint> = points
+    let subset: Vec<&LinePoint> = points
         .iter()
         .step_by(points.len().div_ceil(SCREENING_POINTS).max(1))
         .collect();
-    let squared = reach * reach;
+    let squared = kernel_scale * kernel_scale;
     let mut scored: Vec<(f32, Pose)> = starts
         .iter()
         .map(|&pose| {
-            let score = some
+            let score = subset
                 .iter()
                 .map(|point| {
                     let at = pose * point.at;
@@ -107,14 +120,14 @@ fn screen(
         .collect()
 }
 
-/// Probabilities from costs (negative log likelihoods, ascending).
-fn normalise_probabilities(found: Vec<(f32, Hypothesis)>) -> Vec<Hypothesis> {
-    let least = found.first().map_or(0.0, |(cost, _)| *cost);
-    let total: f32 = found.iter().map(|(cost, _)| (least - cost).exp()).sum();
-    found
+/// Probabilities from costs; `ranked` is sorted by cost, ascending.
+fn normalise_probabilities(ranked: Vec<RankedHypothesis>) -> Vec<Hypothesis> {
+    let cost_min = ranked.first().map_or(0.0, |best| best.cost);
+    let total: f32 = ranked.iter().map(|each| (cost_min - each.cost).exp()).sum();
+    ranked
         .into_iter()
-        .map(|(cost, hypothesis)| Hypothesis {
-            probability: (least - cost).exp() / total,
+        .map(|RankedHypothesis { cost, hypothesis }| Hypothesis {
+            probability: (cost_min - cost).exp() / total,
             ..hypothesis
         })
         .collect()

@@ -1,8 +1,7 @@
-//! What does a point score in each cell, and at most in each block? Tables of one field, laid out for vector sums.
+//! Tables of a field: the score of a point in each cell, and its maximum in each block, laid out for vector sums.
 //!
-//! The pooled table is stored once per offset modulo the block's side, so that one point's bounds for a row of blocks
-//! are consecutive bytes. Rows have one of a few lengths that the compiler knows: then it can tell by one comparison
-//! that several rows below each other lie inside the table.
+//! The max-pooled table is stored once per offset modulo the block's side, so that one point's bounds for a row of
+//! blocks are consecutive bytes. Row lengths are one of a few constants: a single bounds check then covers several rows.
 
 use super::BranchAndBoundConfig;
 use crate::field::Field;
@@ -11,19 +10,19 @@ use crate::sample::LinePoint;
 
 /// Side of a block in cells.
 pub(super) const BLOCK: usize = 4;
-/// Largest score of a cell: 17 of them fit one byte.
+/// Largest score of a cell: the sum of 17 fits one byte.
 const SCORE_MAX: f32 = 15.0;
-/// Points whose bytes are added before they are widened.
+/// Number of points summed in bytes before widening.
 pub(super) const BATCH: usize = 17;
-/// Blocks bounded at once along a row: two vector registers of bytes.
+/// Blocks per row bounded at once: two vector registers of bytes.
 pub(super) const LANES: usize = 64;
-/// Rows of blocks bounded at once: with `LANES`, half the vector registers there are.
+/// Rows of blocks bounded at once: with `LANES` half of the vector registers.
 pub(super) const ROWS: usize = 4;
 
 /// Scores of cells and bounds of blocks of one field.
 #[derive(Debug, Clone)]
 pub(super) struct ScoreTables {
-    /// Scores by cell, `fine_stride` bytes per row.
+    /// Scores by cell, `score_stride` bytes per row.
     pub(super) scores: Vec<u8>,
     pub(super) score_stride: usize,
     /// Pooled scores: 16 planes, one per offset modulo the block's side.
@@ -31,10 +30,10 @@ pub(super) struct ScoreTables {
     /// A power of two, at least 128.
     pub(super) plane_stride: usize,
     pub(super) plane_size: usize,
-    /// Blocks of poses along x and y; rows are filled up to whole `ROWS`.
+    /// Blocks of poses along x and y; rows are padded to a multiple of `ROWS`.
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// Blocks beyond the poses on each side, so that every point's offset stays inside.
+    /// Blocks of padding on each side, so that every point's offset stays inside.
     padding: usize,
     /// Position of pose cell (0, 0), metres.
     pub(super) x0: f32,
@@ -52,19 +51,19 @@ impl ScoreTables {
         let (half_x, half_y) = (cells_of(field.length / 2.0), cells_of(field.width / 2.0));
         let blocks_of = |half: f32| (2 * half as usize + 1).div_ceil(BLOCK);
         let (columns, rows) = (blocks_of(half_x), blocks_of(half_y));
-        let apron = ((config.range_max / config.cell).ceil() as usize).div_ceil(BLOCK) + 1;
-        let plane_stride = (columns.next_multiple_of(LANES) + 2 * apron)
+        let padding = ((config.range_max / config.cell).ceil() as usize).div_ceil(BLOCK) + 1;
+        let plane_stride = (columns.next_multiple_of(LANES) + 2 * padding)
             .next_power_of_two()
             .max(128);
-        let plane_rows = rows.next_multiple_of(ROWS) + 2 * apron;
-        let (fine_stride, fine_rows) = (plane_stride * BLOCK, plane_rows * BLOCK);
+        let plane_rows = rows.next_multiple_of(ROWS) + 2 * padding;
+        let (score_stride, score_rows) = (plane_stride * BLOCK, plane_rows * BLOCK);
         let (x0, y0) = (-half_x * config.cell, -half_y * config.cell);
-        let edge = (apron * BLOCK) as f32;
+        let edge = (padding * BLOCK) as f32;
         let squared = config.kernel_scale * config.kernel_scale;
-        let fine: Vec<u8> = (0..fine_rows * fine_stride)
+        let scores: Vec<u8> = (0..score_rows * score_stride)
             .map(|k| {
-                let x = x0 + ((k % fine_stride) as f32 - edge) * config.cell;
-                let y = y0 + ((k / fine_stride) as f32 - edge) * config.cell;
+                let x = x0 + ((k % score_stride) as f32 - edge) * config.cell;
+                let y = y0 + ((k / score_stride) as f32 - edge) * config.cell;
                 let d = distances.nearest(x, y).signed_distance;
                 (SCORE_MAX * squared / (squared + d * d)).round() as u8
             })
@@ -73,16 +72,16 @@ impl ScoreTables {
             planes: Vec::new(),
             plane_stride,
             plane_size: plane_rows * plane_stride,
-            scores: fine,
-            score_stride: fine_stride,
+            scores,
+            score_stride,
             columns,
             rows,
-            padding: apron,
+            padding,
             x0,
             y0,
             per_cell: 1.0 / config.cell,
         };
-        tables.max_pool(fine_rows);
+        tables.max_pool(score_rows);
         tables
     }
 
@@ -91,13 +90,13 @@ impl ScoreTables {
         self.scores.len() + self.planes.len()
     }
 
-    /// Maxima over blocks from every cell on, sorted into planes by offset modulo the block's side.
-    fn max_pool(&mut self, fine_rows: usize) {
+    /// Maxima of the blocks that start at each cell, sorted into planes by offset modulo the block's side.
+    fn max_pool(&mut self, score_rows: usize) {
         self.planes = vec![0; self.plane_size * BLOCK * BLOCK];
-        for row in 0..fine_rows {
+        for row in 0..score_rows {
             for column in 0..self.score_stride {
                 let mut best = 0;
-                for r in row..(row + BLOCK).min(fine_rows) {
+                for r in row..(row + BLOCK).min(score_rows) {
                     let start = r * self.score_stride;
                     let end = start + (column + BLOCK).min(self.score_stride);
                     for &score in &self.scores[start + column..end] {
@@ -111,7 +110,7 @@ impl ScoreTables {
         }
     }
 
-    /// Appends the offsets of points (within `range_max`) in cells at one heading, from the tables' corner on.
+    /// Appends the points' offsets (columns, rows) from the tables' corner at one heading; points are within `range_max`.
     pub(super) fn point_offsets(
         &self,
         points: &[LinePoint],
@@ -123,7 +122,7 @@ impl ScoreTables {
         offsets.extend(points.iter().map(|point| {
             let x = (cos * point.at.x - sin * point.at.y) * self.per_cell;
             let y = (sin * point.at.x + cos * point.at.y) * self.per_cell;
-            // Never negative, so that cutting off rounds.
+            // Never negative, so that truncation rounds to the nearest.
             ((x + edge + 0.5) as u32, (y + edge + 0.5) as u32)
         }));
     }

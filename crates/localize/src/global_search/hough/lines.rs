@@ -1,6 +1,6 @@
-//! Which straight lines do the points lie on? Steps 2, 3 and 7 of lima2001 4.1.
+//! On which straight lines do the points lie? Steps 2, 3 and 7 of lima2001 4.1.
 
-use super::{Hough, HoughConfig, HoughLine};
+use super::{Hough, HoughConfig, HoughLine, LineOffset};
 
 impl Hough {
     /// Step 2: ρ = x cos φ + y sin φ (eq. 4) for every point and angle.
@@ -14,21 +14,22 @@ impl Hough {
         }
     }
 
-    /// Step 3: the top q cells, each with its surroundings taken out before the next.
+    /// Step 3: the q highest cells; the neighbourhood of each is cleared before the next is searched.
     pub(super) fn extract_lines(&mut self) -> Vec<HoughLine> {
         let width = 2 * self.rho_half_cells + 1;
         let step = self.config.angle_step_deg.to_radians();
-        let mut tops: Vec<(i16, usize)> = self.accumulator.chunks_exact(width).map(peak).collect();
-        let beside =
+        let mut peaks: Vec<(i16, usize)> = self.accumulator.chunks_exact(width).map(peak).collect();
+        let half_angles =
             (self.config.suppression_angle_deg / self.config.angle_step_deg).round() as i32;
-        let around = (self.config.suppression_distance / self.config.pixel_size).round() as usize;
+        let half_cells =
+            (self.config.suppression_distance / self.config.pixel_size).round() as usize;
         let mut lines = Vec::new();
         for _ in 0..self.config.lines_max {
-            let Some(angle) = (0..tops.len()).max_by_key(|&k| (tops[k].0, std::cmp::Reverse(k)))
+            let Some(angle) = (0..peaks.len()).max_by_key(|&k| (peaks[k].0, std::cmp::Reverse(k)))
             else {
                 break;
             };
-            let (votes, cell) = tops[angle];
+            let (votes, cell) = peaks[angle];
             if votes < 3 {
                 break;
             }
@@ -37,29 +38,29 @@ impl Hough {
                 rho: (cell as f32 - self.rho_half_cells as f32) * self.config.pixel_size,
                 votes,
             });
-            for turn in -beside..=beside {
-                // Beyond half a turn the same line has the opposite sign.
-                let turned = angle as i32 + turn;
-                let row = turned.rem_euclid(self.angles as i32) as usize;
-                let over = turned < 0 || turned >= self.angles as i32;
-                let middle = if over { width - 1 - cell } else { cell };
+            for angle_offset in -half_angles..=half_angles {
+                // Beyond 180° the same line has the opposite sign of ρ.
+                let neighbour = angle as i32 + angle_offset;
+                let row = neighbour.rem_euclid(self.angles as i32) as usize;
+                let wrapped = neighbour < 0 || neighbour >= self.angles as i32;
+                let middle = if wrapped { width - 1 - cell } else { cell };
                 let cells = &mut self.accumulator[row * width..(row + 1) * width];
-                let end = (middle + around + 1).min(width);
-                cells[middle.saturating_sub(around)..end].fill(0);
-                tops[row] = peak(cells);
+                let end = (middle + half_cells + 1).min(width);
+                cells[middle.saturating_sub(half_cells)..end].fill(0);
+                peaks[row] = peak(cells);
             }
         }
         lines
     }
 
-    /// Step 7: up to n lines with normal `phi`, from its column and some beside it (ρ̂_φ).
-    pub(super) fn lines_with_normal(&self, points: &[[f32; 2]], phi: f32) -> Vec<(f32, i16)> {
+    /// Step 7: up to n lines with normal `phi`, from its column and some neighbouring columns (ρ̂_φ).
+    pub(super) fn lines_with_normal(&self, points: &[[f32; 2]], phi: f32) -> Vec<LineOffset> {
         let width = 2 * self.rho_half_cells + 1;
         let step = self.config.angle_step_deg.to_radians();
-        let beside = self.config.angle_half_window_steps as i32;
+        let half_window = self.config.angle_half_window_steps as i32;
         let mut most = vec![0_i16; width];
         let mut row = vec![0_i16; width];
-        for column in -beside..=beside {
+        for column in -half_window..=half_window {
             row.fill(0);
             let direction = phi + column as f32 * step;
             vote_row(
@@ -73,25 +74,29 @@ impl Hough {
                 *most = (*most).max(*votes);
             }
         }
-        let around = (self.config.suppression_distance / self.config.pixel_size).round() as usize;
-        let mut found = Vec::new();
+        let half_cells =
+            (self.config.suppression_distance / self.config.pixel_size).round() as usize;
+        let mut offsets = Vec::new();
         for _ in 0..self.config.lines_per_direction_max {
             let (votes, cell) = peak(&most);
             if votes < 3 {
                 break;
             }
-            // The middle of equal cells.
+            // The middle of adjacent cells with equal votes.
             let last = cell + most[cell..].iter().take_while(|&&v| v == votes).count() - 1;
             let middle = 0.5 * (cell + last) as f32 - self.rho_half_cells as f32;
-            found.push((middle * self.config.pixel_size, votes));
-            let end = (cell + around + 1).min(width);
-            most[cell.saturating_sub(around)..end].fill(0);
+            offsets.push(LineOffset {
+                rho: middle * self.config.pixel_size,
+                votes,
+            });
+            let end = (cell + half_cells + 1).min(width);
+            most[cell.saturating_sub(half_cells)..end].fill(0);
         }
-        found
+        offsets
     }
 }
 
-/// Votes of all points in one column of φ.
+/// Adds the votes of all points to one column of φ (`direction`, radians).
 fn vote_row(
     row: &mut [i16],
     points: &[[f32; 2]],
@@ -101,17 +106,17 @@ fn vote_row(
 ) {
     let (sin, cos) = direction.sin_cos();
     let per_pixel = 1.0 / config.pixel_size;
-    let beside = config.vote_half_width_px;
+    let half_width = config.vote_half_width_px;
     for [x, y] in points {
         let rho = (x * cos + y * sin) * per_pixel + half as f32;
-        let first = (rho + 0.5) as usize - beside;
-        for votes in &mut row[first..=first + 2 * beside] {
+        let first = (rho + 0.5) as usize - half_width;
+        for votes in &mut row[first..=first + 2 * half_width] {
             *votes += 1;
         }
     }
 }
 
-/// Highest value and its first place.
+/// Highest value and the index of its first occurrence.
 fn peak(cells: &[i16]) -> (i16, usize) {
     let most = cells.iter().copied().max().unwrap_or(0);
     let at = cells.iter().position(|&votes| votes == most);

@@ -1,9 +1,8 @@
-//! Self-localisation by the Hough transform (lima2001 4): which straight lines are seen, and which lines of the field
-//! are they?
+//! Self-localization by the Hough transform (lima2001 4): which straight lines do the points form, and which lines of
+//! the field are they?
 //!
-//! The steps carry the numbers of lima2001 4.1. The paper works in the pixels of its isometric mirror; here points of
-//! the ground are mapped to that isometric plane first, so that any map serves. Transition pixels (step 1) come from
-//! vision's scan along 36 circles.
+//! Step numbers are those of lima2001 4.1. The paper works in the pixels of its isometric mirror. Here ground points are
+//! used instead, so that any mirror works. Transition pixels (step 1) come from vision's scan along 36 circles.
 
 mod lines;
 mod orientation;
@@ -25,32 +24,32 @@ pub use position::confirm_by_goal_colours;
 pub struct HoughConfig {
     /// Metres per pixel of the isometric plane (lima2001 4.4: 6.95 mm).
     pub pixel_size: f32,
-    /// Points beyond this are not used, metres: the plane's edge.
+    /// Points beyond this range are not used, metres: the edge of the plane.
     pub range_max: f32,
     /// Step of φ, degrees (lima2001 4.4: 0.5).
     pub angle_step_deg: f32,
-    /// Points vote for this many ρ cells on either side, since they scatter: 0 in the paper, whose points were exact
-    /// to a pixel; 4 is 3 cm.
+    /// A point votes for this many ρ cells on either side, because points scatter. The paper uses 0, since its points
+    /// were exact to a pixel; 4 is 3 cm.
     pub vote_half_width_px: usize,
-    /// Lines picked from the accumulator (lima2001 4.4: q = 6).
+    /// Lines taken from the accumulator (lima2001 4.4: q = 6).
     pub lines_max: usize,
-    /// Most lines per array (lima2001 4.5: n = 6).
+    /// Largest number of lines per array (lima2001 4.5: n = 6).
     pub lines_per_direction_max: usize,
     /// Columns taken on either side of φ for the arrays (lima2001 4.1 step 7).
     pub angle_half_window_steps: usize,
-    /// Two parameters of one line: closer than this in φ, degrees.
+    /// Peaks closer than this in φ belong to one line, degrees.
     pub suppression_angle_deg: f32,
-    /// And closer than this in ρ, metres.
+    /// Peaks closer than this in ρ belong to one line, metres.
     pub suppression_distance: f32,
-    /// A line seen and a line of the model match if they are this close, metres.
+    /// A detected line and a model line match within this distance, metres.
     pub tolerance: f32,
-    /// Δφ this far from parallel or perpendicular is irrelevant, degrees (lima2001 fig. 9b).
+    /// Relevance is zero this far from parallel or perpendicular, degrees (lima2001 fig. 9b).
     pub relevance_width_deg: f32,
-    /// Δρ this far from every distance between lines is irrelevant, metres (lima2001 fig. 9c).
+    /// Relevance is zero this far from every spacing of field lines, metres (lima2001 fig. 9c).
     pub relevance_width: f32,
-    /// Orientations looked at, the most relevant pair's first; 1 looks at no other, as the paper does.
+    /// Orientations tried, in the order of relevance; 1 as in the paper.
     pub orientations_max: usize,
-    /// Maxima of the correlation kept per array: where one line is seen, each of the field's seven fits it as well.
+    /// Maxima of the correlation kept per array: a single detected line fits each of the field's seven equally well.
     pub correlation_peaks_max: usize,
 }
 
@@ -75,12 +74,28 @@ impl Default for HoughConfig {
     }
 }
 
-/// A straight line: normal direction (radians, in [0, π)) and signed distance from the robot, metres.
+/// A straight line in the robot frame: direction of its normal (radians, in [0, π)) and signed distance, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct HoughLine {
     phi: f32,
     rho: f32,
     votes: i16,
+}
+
+/// A line's signed distance along a given normal, metres, and its votes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct LineOffset {
+    rho: f32,
+    votes: i16,
+}
+
+/// A pose and its score; higher is better.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScoredPose {
+    /// The pose.
+    pub pose: Pose,
+    /// Number of matched lines, plus 1e-4 per vote of these.
+    pub score: f32,
 }
 
 /// Accumulator and model arrays of one field.
@@ -95,12 +110,12 @@ pub struct Hough {
     model: [Vec<f32>; 2],
     /// Distances between parallel lines of the field.
     line_spacings: Vec<f32>,
-    half_x: f32,
-    half_y: f32,
+    /// Half the carpet's extent, metres: positions outside are rejected.
+    half_extent: [f32; 2],
 }
 
 impl Hough {
-    /// Lays out accumulator and model.
+    /// Allocates the accumulator and extracts the field's lines along x and y.
     pub fn new(field: &Field, config: HoughConfig) -> Self {
         let mut model = [Vec::new(), Vec::new()];
         for marking in &field.markings {
@@ -112,25 +127,25 @@ impl Hough {
                 }
             }
         }
-        let mut distances = Vec::new();
+        let mut line_spacings = Vec::new();
         for lines in &mut model {
             lines.sort_by(f32::total_cmp);
             lines.dedup_by(|a, b| (*a - *b).abs() < 1e-3);
             for (k, a) in lines.iter().enumerate() {
-                distances.extend(lines[..k].iter().map(|b| a - b));
+                line_spacings.extend(lines[..k].iter().map(|b| a - b));
             }
         }
         let angles = (180.0 / config.angle_step_deg).round() as usize;
         let half =
             (config.range_max / config.pixel_size).ceil() as usize + config.vote_half_width_px + 1;
+        let (half_x, half_y) = field.carpet_half_extent();
         Hough {
             accumulator: vec![0; angles * (2 * half + 1)],
             angles,
             rho_half_cells: half,
             model,
-            line_spacings: distances,
-            half_x: field.length / 2.0 + field.config.border,
-            half_y: field.width / 2.0 + field.config.border,
+            line_spacings,
+            half_extent: [half_x, half_y],
             config,
         }
     }
@@ -140,13 +155,13 @@ impl Hough {
         self.accumulator.len() * size_of::<i16>()
     }
 
-    /// Poses that put the lines seen onto lines of the field, best first; with a prior only those on its side of a
-    /// right angle, without one also the half turns.
+    /// Poses that align the detected lines with lines of the field, best first. With a prior only headings within 90°
+    /// of it are returned; without one also the half turns.
     pub fn find_poses(
         &mut self,
         points: &[LinePoint],
         prior: Option<HeadingPrior>,
-    ) -> Vec<(f32, Pose)> {
+    ) -> Vec<ScoredPose> {
         let points: Vec<[f32; 2]> = points
             .iter()
             .filter(|point| point.at.distance() < self.config.range_max)
@@ -154,15 +169,15 @@ impl Hough {
             .collect();
         self.vote(&points);
         let lines = self.extract_lines();
-        let mut found = Vec::new();
+        let mut poses = Vec::new();
         for phi in self.find_orientations(&lines) {
-            let seen = [
+            let offsets = [
                 self.lines_with_normal(&points, phi),
                 self.lines_with_normal(&points, phi + std::f32::consts::FRAC_PI_2),
             ];
-            found.extend(self.find_positions(phi, &seen, prior));
+            poses.extend(self.find_positions(phi, &offsets, prior));
         }
-        found.sort_by(|a, b| b.0.total_cmp(&a.0));
-        found
+        poses.sort_by(|a, b| b.score.total_cmp(&a.score));
+        poses
     }
 }

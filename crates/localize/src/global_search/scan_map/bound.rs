@@ -1,8 +1,8 @@
-//! How little can a block of cells err? Bounds from below, so that most of the field need not be compared.
+//! Lower bounds of the errors of a block's cells, so that most of the field need not be compared.
 //!
-//! For each scan line and seen distance the least error that any cell of a block has there, in bytes that lie side by
-//! side for all blocks: the bounds of the whole field are as many sums of rows as a frame has distances. No cell errs
-//! less than its block's bound, so that what is found is what a comparison of all cells finds.
+//! A table holds, for each scan line and bin of distance, the smallest error of any cell of a block. The bytes of all
+//! blocks are adjacent, so that bounding the whole field takes one row sum per measured distance. No cell's error is
+//! below its block's bound, so that the result equals that of an exhaustive comparison.
 
 use rayon::prelude::*;
 
@@ -11,26 +11,33 @@ use super::grid::Grid;
 use super::pattern::{LAYERS, SCAN_LINES, ScanHit, layers};
 use super::{BLOCK_CELLS, DISTANCE_STEPS};
 
-/// Steps of distance that share a bound: 0.1 m at 6 m range, as coarse as a cell.
+/// Steps of distance per bin: 0.1 m at a range of 6 m, about the side of a cell.
 const BIN: usize = 3;
 const BINS: usize = DISTANCE_STEPS as usize / BIN + 1;
 
-/// Side of a tile in blocks: a tile's bounds fill a cache line, so that those near a place are fetched with few.
+/// Side of a tile in blocks: a tile's bounds fill one cache line, so that a local search touches few lines.
 const TILE: usize = 8;
 const TILE_BLOCKS: usize = TILE * TILE;
 
-/// Least errors of all blocks, in quanta, by scan line, bin of distance, tile, block of the tile.
+/// A block of cells and the lower bound of their errors; ordered by bound.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct BoundedBlock {
+    pub(super) bound: u32,
+    pub(super) block: usize,
+}
+
+/// Smallest errors of all blocks, in quanta, by scan line, bin of distance, tile, block of the tile.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ErrorBounds {
     lower_bounds: Vec<[u8; TILE_BLOCKS]>,
-    /// Tiles along x and y; the last may reach beyond the blocks.
+    /// Tiles along x and y; the last may extend beyond the blocks.
     tiles: [usize; 2],
     /// Blocks along x and y.
     blocks: [usize; 2],
 }
 
 impl ErrorBounds {
-    /// From all cells' distances, by block, layer and cell; scan lines in parallel.
+    /// From all cells' distances, ordered by block, layer and cell; scan lines run in parallel.
     pub(super) fn new(cells: &[u8], grid: &Grid, errors: &ErrorModel) -> Self {
         let blocks = [grid.block_columns, grid.block_rows];
         let mut bounds = ErrorBounds {
@@ -63,23 +70,23 @@ impl ErrorBounds {
         self.lower_bounds.len() * TILE_BLOCKS
     }
 
-    /// The least that any cell of each block can err in all, with the block.
-    pub(super) fn all_blocks(&self, seen: &[ScanHit]) -> Vec<(u32, usize)> {
-        self.blocks_in(seen, [0, self.blocks[0] - 1], [0, self.blocks[1] - 1])
+    /// All blocks with the lower bounds of their total errors.
+    pub(super) fn all_blocks(&self, hits: &[ScanHit]) -> Vec<BoundedBlock> {
+        self.blocks_in(hits, [0, self.blocks[0] - 1], [0, self.blocks[1] - 1])
     }
 
-    /// The same for the blocks of a rectangle: first and last along x and y.
+    /// The blocks of a rectangle (first and last along x and y) with their bounds.
     pub(super) fn blocks_in(
         &self,
-        seen: &[ScanHit],
+        hits: &[ScanHit],
         [left, right]: [usize; 2],
         [top, bottom]: [usize; 2],
-    ) -> Vec<(u32, usize)> {
+    ) -> Vec<BoundedBlock> {
         let (across, down) = (left / TILE..=right / TILE, top / TILE..=bottom / TILE);
         let width = across.clone().count();
         let mut sums = vec![[0_u16; TILE_BLOCKS]; width * down.clone().count()];
-        for one in seen {
-            let row = self.row_offset(one);
+        for hit in hits {
+            let row = self.row_offset(hit);
             for (sums, y) in sums.chunks_exact_mut(width).zip(down.clone()) {
                 let first = row + y * self.tiles[0] + across.start();
                 for (sums, least) in sums
@@ -97,34 +104,37 @@ impl ErrorBounds {
             for x in left..=right {
                 let tile = (y / TILE - down.start()) * width + x / TILE - across.start();
                 let sum = sums[tile][y % TILE * TILE + x % TILE];
-                bounds.push((u32::from(sum) * QUANTUM, y * self.blocks[0] + x));
+                bounds.push(BoundedBlock {
+                    bound: u32::from(sum) * QUANTUM,
+                    block: y * self.blocks[0] + x,
+                });
             }
         }
         bounds
     }
 
-    /// The least that any cell of one block can err in these distances.
-    pub(super) fn of_block(&self, seen: &[ScanHit], block: usize) -> u32 {
+    /// The lower bound of a block's error over the given distances.
+    pub(super) fn of_block(&self, hits: &[ScanHit], block: usize) -> u32 {
         let (tile, place) = self.tile_index(block);
         let least =
-            |one: &ScanHit| u32::from(self.lower_bounds[self.row_offset(one) + tile][place]);
-        seen.iter().map(least).sum::<u32>() * QUANTUM
+            |hit: &ScanHit| u32::from(self.lower_bounds[self.row_offset(hit) + tile][place]);
+        hits.iter().map(least).sum::<u32>() * QUANTUM
     }
 
-    /// A block's tile, and its place there.
+    /// A block's tile, and its index in the tile.
     fn tile_index(&self, block: usize) -> (usize, usize) {
         let (x, y) = (block % self.blocks[0], block / self.blocks[0]);
         let tile = y / TILE * self.tiles[0] + x / TILE;
         (tile, y % TILE * TILE + x % TILE)
     }
 
-    /// Where the tiles of a distance begin.
-    fn row_offset(&self, seen: &ScanHit) -> usize {
-        (seen.line * BINS + usize::from(seen.steps) / BIN) * self.tiles[0] * self.tiles[1]
+    /// Index of the first tile of a distance.
+    fn row_offset(&self, hit: &ScanHit) -> usize {
+        (hit.line * BINS + usize::from(hit.steps) / BIN) * self.tiles[0] * self.tiles[1]
     }
 }
 
-/// Least difference in steps between any distance of a bin and any of those stored.
+/// Smallest difference in steps between any distance of a bin and any stored distance.
 fn min_step_differences(stored: &[u8]) -> [u8; BINS] {
     let first: [u8; BINS] = std::array::from_fn(|bin| (bin * BIN) as u8);
     let mut nearest = [u8::MAX; BINS];

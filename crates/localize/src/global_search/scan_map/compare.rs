@@ -1,118 +1,131 @@
-//! Which cells err least? Blocks are compared in the order of their bounds, until no other can hold one of the best.
+//! Which cells have the smallest errors? Blocks are compared in the order of their bounds until none can hold a better
+//! cell.
 
+use super::bound::BoundedBlock;
 use super::grid::CellWindow;
 use super::pattern::{LAYERS, ScanHit, layers};
 use super::{BLOCK_CELLS, NO_HIT, ScanMap};
 
-/// Distances between two looks at whether a block can still hold one of the best.
+/// Distances compared between two checks of whether a block can still hold one of the best cells.
 const CHECK_INTERVAL: usize = 16;
 
-/// Cells with their errors: the least of them, and all that are not much worse.
+/// Column and row of a cell, with its summed error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct CellError {
+    pub(super) sum: u32,
+    pub(super) cell: [usize; 2],
+}
+
+/// The smallest error, and the cells whose errors are not much larger.
 pub(super) struct BestCells {
     error_min: u32,
-    cells: Vec<(u32, [usize; 2])>,
-    /// Cells are kept up to this part above the least.
+    cells: Vec<CellError>,
+    /// Cells are kept up to this multiple of the smallest error.
     kept_ratio: f32,
 }
 
 impl BestCells {
     fn limit(&self) -> u32 {
-        // From u32::MAX on the cast saturates.
+        // The cast saturates at u32::MAX.
         (self.error_min as f32 * self.kept_ratio) as u32
     }
 
-    /// The best first, and of equal ones the first row's first.
-    pub(super) fn into_sorted(mut self) -> Vec<(u32, [usize; 2])> {
+    /// Best first; equal errors by row, then by column.
+    pub(super) fn into_sorted(mut self) -> Vec<CellError> {
         let limit = self.limit();
-        self.cells.retain(|&(sum, _)| sum <= limit);
-        self.cells
-            .sort_unstable_by_key(|&(sum, [column, row])| (sum, row, column));
+        self.cells.retain(|cell| cell.sum <= limit);
+        self.cells.sort_unstable_by_key(|cell| {
+            let [column, row] = cell.cell;
+            (cell.sum, row, column)
+        });
         self.cells
     }
 }
 
 impl ScanMap {
-    /// Compares the cells of blocks with their bounds, those first that promise most, until no other can hold a cell
-    /// of those kept.
+    /// Compares the cells of blocks in the order of their bounds, until no other block can hold a cell to be kept.
     pub(super) fn search_blocks(
         &self,
-        seen: &[ScanHit],
-        mut bounds: Vec<(u32, usize)>,
+        hits: &[ScanHit],
+        mut bounds: Vec<BoundedBlock>,
         window: &CellWindow,
-        kept: f32,
+        kept_ratio: f32,
     ) -> BestCells {
-        let mut found = BestCells {
+        let mut best_cells = BestCells {
             error_min: u32::MAX,
             cells: Vec::new(),
-            kept_ratio: kept,
+            kept_ratio,
         };
-        // The most promising block tells how few of the others are worth sorting.
-        if let Some(&best) = bounds.iter().min() {
-            self.search_block(&mut found, seen, best, window);
-            let (_, block) = best;
-            let limit = found.limit();
-            bounds.retain(|&(bound, other)| bound <= limit && other != block);
+        // The block with the smallest bound gives a limit that leaves few others to sort.
+        if let Some(&first) = bounds.iter().min() {
+            self.search_block(&mut best_cells, hits, first, window);
+            let limit = best_cells.limit();
+            bounds.retain(|other| other.bound <= limit && other.block != first.block);
         }
         bounds.sort_unstable();
-        for (bound, block) in bounds {
-            if bound > found.limit() {
+        for bounded in bounds {
+            if bounded.bound > best_cells.limit() {
                 break;
             }
-            self.search_block(&mut found, seen, (bound, block), window);
+            self.search_block(&mut best_cells, hits, bounded, window);
         }
-        found
+        best_cells
     }
 
     /// Compares a block's cells and keeps those that are not much worse than the best so far.
     fn search_block(
         &self,
-        found: &mut BestCells,
-        seen: &[ScanHit],
-        (bound, block): (u32, usize),
+        best_cells: &mut BestCells,
+        hits: &[ScanHit],
+        bounded: BoundedBlock,
         window: &CellWindow,
     ) {
-        let limit = found.limit();
-        let Some(sums) = self.block_errors(seen, (bound, block), limit) else {
+        let limit = best_cells.limit();
+        let Some(sums) = self.block_errors(hits, bounded, limit) else {
             return;
         };
-        for (cell, sum) in sums.into_iter().enumerate() {
-            let at = self.grid.cell(block, cell);
-            if sum <= limit && window.contains(at) {
-                found.error_min = found.error_min.min(sum);
-                found.cells.push((sum, at));
+        for (index, sum) in sums.into_iter().enumerate() {
+            let cell = self.grid.cell(bounded.block, index);
+            if sum <= limit && window.contains(cell) {
+                best_cells.error_min = best_cells.error_min.min(sum);
+                best_cells.cells.push(CellError { sum, cell });
             }
         }
     }
 
-    /// Errors of a block's cells over all distances seen, none once all of them must exceed the limit: what is left to
-    /// compare adds to no cell less than its part of the block's bound. Of a radial line's up to four distances the
-    /// nearest counts.
+    /// Errors of a block's cells over all measured distances; None as soon as all cells must exceed the limit.
+    ///
+    /// The remaining distances add at least their share of the block's bound to each cell. Of the up to four distances
+    /// of a radial line the one nearest to the measured distance counts.
     fn block_errors(
         &self,
-        seen: &[ScanHit],
-        (bound, block): (u32, usize),
+        hits: &[ScanHit],
+        BoundedBlock { bound, block }: BoundedBlock,
         limit: u32,
     ) -> Option<[u32; BLOCK_CELLS]> {
         let mut sums = [0; BLOCK_CELLS];
-        let mut left = bound;
+        let mut remaining_bound = bound;
         let stored = &self.cells[block * LAYERS * BLOCK_CELLS..][..LAYERS * BLOCK_CELLS];
-        let (layers_of_all, _) = stored.as_chunks::<BLOCK_CELLS>();
-        for some in seen.chunks(CHECK_INTERVAL) {
-            for one in some {
-                let (first, slots) = layers(one.line);
+        let (block_layers, _) = stored.as_chunks::<BLOCK_CELLS>();
+        for chunk in hits.chunks(CHECK_INTERVAL) {
+            for hit in chunk {
+                let (first, slots) = layers(hit.line);
                 let mut least = [NO_HIT; BLOCK_CELLS];
-                for layer in &layers_of_all[first..first + slots] {
+                for layer in &block_layers[first..first + slots] {
                     for (least, &steps) in least.iter_mut().zip(layer) {
-                        *least = (*least).min(steps.abs_diff(one.steps));
+                        *least = (*least).min(steps.abs_diff(hit.steps));
                     }
                 }
-                let weight = self.errors.weight(one.steps);
+                let weight = self.errors.weight(hit.steps);
                 for (sum, least) in sums.iter_mut().zip(least) {
                     *sum += self.errors.error(weight, least);
                 }
             }
-            left = left.saturating_sub(self.bounds.of_block(some, block));
-            if sums.iter().all(|&sum| sum.saturating_add(left) > limit) {
+            remaining_bound = remaining_bound.saturating_sub(self.bounds.of_block(chunk, block));
+            if sums
+                .iter()
+                .all(|&sum| sum.saturating_add(remaining_bound) > limit)
+            {
                 return None;
             }
         }
@@ -134,25 +147,25 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_chacha::rand_core::SeedableRng;
 
-    /// All cells of a window compared, as the paper does.
+    /// The smallest error of a window by comparing all cells, as the paper does.
     fn exhaustive_minimum(
         map: &ScanMap,
         points: &[LinePoint],
         heading: f32,
         window: &CellWindow,
     ) -> f32 {
-        let seen = scan_points(points, heading, &map.config);
+        let hits = scan_points(points, heading, &map.config);
         let least = (0..map.grid.blocks())
             .flat_map(|block| {
                 let sums = map
-                    .block_errors(&seen, (0, block), u32::MAX)
+                    .block_errors(&hits, BoundedBlock { bound: 0, block }, u32::MAX)
                     .expect("no limit");
                 (0..BLOCK_CELLS).map(move |cell| (sums[cell], map.grid.cell(block, cell)))
             })
             .filter(|(_, at)| window.contains(*at))
             .map(|(sum, _)| sum)
             .min();
-        ErrorModel::relative(least.expect("cells"), seen.len())
+        ErrorModel::relative(least.expect("cells"), hits.len())
     }
 
     #[test]
@@ -174,9 +187,10 @@ mod tests {
             let points = simulate_line_points(&field, &drive, truth, &mut rng);
             let best = map.find_poses(&points, truth.theta, 6, 0.4)[0];
             let all = exhaustive_minimum(&map, &points, truth.theta, &map.grid.full_window());
-            assert_eq!(best.0, all);
+            assert_eq!(best.error, all);
             let centre = Pose::new(truth.x + 0.4, truth.y - 0.3, truth.theta);
-            let (error, near) = map.find_pose_near(&points, centre).expect("points");
+            let near = map.find_pose_near(&points, centre).expect("points");
+            let (error, near) = (near.error, near.pose);
             assert!((near.x - centre.x).abs() < 1.11 && (near.y - centre.y).abs() < 1.11);
             let cell = |at: f32, from: f32| ((at - from) / map.config.cell).round() as usize;
             let (column, row) = (cell(centre.x, map.grid.x0), cell(centre.y, map.grid.y0));

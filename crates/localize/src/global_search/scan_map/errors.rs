@@ -1,4 +1,5 @@
-//! What does a difference between a seen and a stored distance cost? minho2016 eq. 5, near points weighing more.
+//! The error of a difference between a measured and a stored distance: minho2016 eq. 5, with larger weights for near
+//! points.
 
 use super::{DISTANCE_STEPS, ScanMapConfig};
 
@@ -6,12 +7,12 @@ use super::{DISTANCE_STEPS, ScanMapConfig};
 const CLASS: usize = 12;
 const CLASSES: usize = DISTANCE_STEPS as usize / CLASS + 1;
 
-/// Bounds count in these parts of an error: the largest error is 180 of them, so that 16 bits hold the sum over the
-/// 360 distances that a frame has at most.
+/// Bounds are multiples of this error. The largest error is 180 of them, so that 16 bits hold the sum over the 360
+/// distances that an image has at most.
 pub(super) const QUANTUM: u32 = 16;
 const ERROR_MAX: f32 = 180.0 * QUANTUM as f32;
 
-/// Errors by weight and difference in steps, in parts of the largest.
+/// Errors by weight and difference in steps, scaled to integers up to `ERROR_MAX`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ErrorModel {
     /// Largest errors, by class of distance.
@@ -33,25 +34,25 @@ impl ErrorModel {
         }
     }
 
-    /// The largest error of a distance seen.
+    /// The largest error of a measured distance.
     pub(super) fn weight(&self, steps: u8) -> f32 {
         self.weights[(usize::from(steps) / CLASS).min(CLASSES - 1)]
     }
 
-    /// The error that a difference makes: 1 − c²/(c² + t²), which vector registers compute faster than tables are read.
+    /// The error of a difference: 1 − c²/(c² + t²). Computing it in vector registers is faster than a table look-up.
     #[inline(always)]
     pub(super) fn error(&self, weight: f32, difference: u8) -> u32 {
         let squared = f32::from(difference) * f32::from(difference);
         round_to_u32(weight * squared / (self.kernel_scale_squared + squared))
     }
 
-    /// A sum of errors as a share of the largest that its distances could make.
+    /// A sum of errors as a share of the largest sum possible for `count` distances.
     pub(super) fn relative(sum: u32, count: usize) -> f32 {
         sum as f32 / (ERROR_MAX * count.max(1) as f32)
     }
 }
 
-/// The nearest whole number to one of up to seven digits, without a cast's checks: in 2²³ + x the last bit counts ones.
+/// The nearest integer to a number of 0 to 2²²: in 2²³ + x the last bit of the mantissa is 1. Vectorizes, unlike a cast.
 #[inline(always)]
 fn round_to_u32(number: f32) -> u32 {
     (number + 8_388_608.0).to_bits() & 0x7f_ffff

@@ -1,14 +1,14 @@
-//! Where do the cells lie, and which of them belong to a block?
+//! Positions of the scan map's cells, and their grouping into blocks.
 
 use super::{BLOCK, ScanMapConfig};
 use crate::field::Field;
 
-/// Where the cells lie.
+/// Layout of the cells.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Grid {
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// Blocks along x and y; the last may reach beyond the cells.
+    /// Blocks along x and y; the last may extend beyond the cells.
     pub(super) block_columns: usize,
     pub(super) block_rows: usize,
     /// Centre of cell (0, 0), metres.

@@ -1,13 +1,13 @@
-//! The scan map (minho2016 IV): from which cell of the field do scan lines meet markings at the distances seen?
+//! The scan map (minho2016 IV): from which cell of the field do scan lines cross markings at the measured distances?
 //!
-//! For every cell of 0.1 m over field + 1 m the distances are stored at which its 72 radial lines (every 5°, up to
-//! four each) and 72 spirals (36 each way, every 10°, one each) meet markings. A frame's distances are compared with
-//! the cells', under a known heading, by the error of eq. 5; scan lines that saw nothing are ignored, and near points
-//! weigh more. Where the paper compares all cells, here only blocks are opened whose bound says that they may hold
-//! one of the best: the answer is the same.
+//! Each cell of 0.1 m, up to 1 m outside the field, stores the distances at which its scan lines cross markings. There
+//! are 72 radial lines (every 5°, up to four distances each) and 72 spirals (36 per direction, every 10°, one each).
+//! An image's distances are compared with those of the cells under a known heading, by the error of eq. 5. Scan lines
+//! without a measurement are ignored, and near points have larger weights. The paper compares all cells. Here a block
+//! of cells is searched only if its bound allows one of the best cells: the result is the same (docs/methods.md 6.4).
 
 mod bound;
-mod cache;
+mod bytes;
 mod compare;
 mod errors;
 mod grid;
@@ -23,11 +23,10 @@ use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
 
 use bound::ErrorBounds;
+use compare::CellError;
 use errors::ErrorModel;
 use grid::{CellWindow, Grid};
 use pattern::{LAYERS, scan_field, scan_points};
-
-pub use cache::CacheStatus;
 
 /// Pattern and error of the scan map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -37,15 +36,15 @@ pub struct ScanMapConfig {
     pub cell: f32,
     /// Cells beyond the boundary lines, metres (minho2016 IV: 1).
     pub margin: f32,
-    /// Farthest distance looked at, metres ("the maximum robot visualization distance").
+    /// Largest distance used, metres ("the maximum robot visualization distance").
     pub range_max: f32,
-    /// Nearest, metres: the robot's own radius ("MASK").
+    /// Smallest distance used, metres: the robot's own radius ("MASK").
     pub range_min: f32,
-    /// By how much a spiral turns from the nearest to the farthest distance, degrees.
+    /// Rotation of a spiral from the smallest to the largest distance, degrees.
     pub spiral_turn_deg: f32,
     /// c of eq. 5, metres.
     pub kernel_scale: f32,
-    /// Distance at which a point's weight has fallen to half, metres.
+    /// Distance at which a point's weight is one half, metres.
     pub half_weight_range: f32,
     /// Half the side of the local search's square, metres (minho2016 VI: 4 m²).
     pub local_half: f32,
@@ -66,22 +65,31 @@ impl Default for ScanMapConfig {
     }
 }
 
-/// Distances are stored in 180ths of the range; `NONE` stands for none, and is far from every distance seen.
+/// Distances are stored in steps of 1/180 of the range. `NO_HIT` means none and differs much from every step.
 const DISTANCE_STEPS: f32 = 180.0;
 const NO_HIT: u8 = 255;
 
-/// Side of a block in cells, and its cells.
+/// Side of a block in cells, and the number of its cells.
 const BLOCK: usize = 4;
 const BLOCK_CELLS: usize = BLOCK * BLOCK;
 
-/// Cells up to this part above the best error are kept, for the runners-up.
+/// Cells with up to this multiple of the best error are kept, as runners-up.
 const KEPT_ERROR_RATIO: f32 = 1.25;
+
+/// A cell of the scan map and how well it explains an image's distances.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CellMatch {
+    /// Centre of the cell, under the heading of the search.
+    pub pose: Pose,
+    /// Error as a share of the largest possible: 0 is a perfect match, 1 the worst.
+    pub error: f32,
+}
 
 /// Distances of one field's markings from every cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScanMap {
     config: ScanMapConfig,
-    /// Distances by block, then by layer of the pattern, then by cell of the block.
+    /// Distances in steps, ordered by block, layer of the pattern, cell of the block.
     cells: Vec<u8>,
     bounds: ErrorBounds,
     errors: ErrorModel,
@@ -89,7 +97,7 @@ pub struct ScanMap {
 }
 
 impl ScanMap {
-    /// Scans the field from every cell, blocks in parallel.
+    /// Scans the field from every cell; blocks run in parallel on rayon's global pool.
     pub fn new(field: &Field, distances: &DistanceField, config: ScanMapConfig) -> Self {
         let grid = Grid::new(field, &config);
         let mut cells = vec![NO_HIT; grid.blocks() * LAYERS * BLOCK_CELLS];
@@ -110,7 +118,7 @@ impl ScanMap {
         ScanMap::assemble(cells, grid, config)
     }
 
-    /// With the distances of an earlier one; none if they are not as many as this field and pattern have.
+    /// The map with given distances; None if their number does not fit this field and pattern.
     fn from_cells(field: &Field, config: ScanMapConfig, cells: Vec<u8>) -> Option<Self> {
         let grid = Grid::new(field, &config);
         (cells.len() == grid.blocks() * LAYERS * BLOCK_CELLS)
@@ -133,59 +141,63 @@ impl ScanMap {
         self.cells.len() + self.bounds.memory_bytes()
     }
 
-    /// The cells with the least error under `heading`, best first, at most `most` and `apart` metres apart.
+    /// The cells with the smallest errors under `heading` (radians), best first: at most `count_max`, and at least
+    /// `separation_min` metres apart.
     pub fn find_poses(
         &self,
         points: &[LinePoint],
         heading: f32,
-        most: usize,
-        apart: f32,
-    ) -> Vec<(f32, Pose)> {
-        let seen = scan_points(points, heading, &self.config);
-        if seen.is_empty() {
+        count_max: usize,
+        separation_min: f32,
+    ) -> Vec<CellMatch> {
+        let hits = scan_points(points, heading, &self.config);
+        if hits.is_empty() {
             return Vec::new();
         }
-        let bounds = self.bounds.all_blocks(&seen);
-        let cells = self.search_blocks(&seen, bounds, &self.grid.full_window(), KEPT_ERROR_RATIO);
-        let mut found: Vec<(f32, Pose)> = Vec::new();
-        for (sum, cell) in cells.into_sorted() {
+        let bounds = self.bounds.all_blocks(&hits);
+        let cells = self.search_blocks(&hits, bounds, &self.grid.full_window(), KEPT_ERROR_RATIO);
+        let mut matches: Vec<CellMatch> = Vec::new();
+        for CellError { sum, cell } in cells.into_sorted() {
             let pose = self.pose(cell, heading);
-            let far = |other: &(f32, Pose)| other.1.origin().distance_to(pose.origin()) >= apart;
-            if found.iter().all(far) {
-                found.push((ErrorModel::relative(sum, seen.len()), pose));
+            let is_far = |other: &CellMatch| {
+                other.pose.origin().distance_to(pose.origin()) >= separation_min
+            };
+            if matches.iter().all(is_far) {
+                let error = ErrorModel::relative(sum, hits.len());
+                matches.push(CellMatch { pose, error });
             }
-            if found.len() >= most {
+            if matches.len() >= count_max {
                 break;
             }
         }
-        found
+        matches
     }
 
-    /// The same in a square about `centre` (minho2016 VI: 4 m²), the best cell alone.
-    pub fn find_pose_near(&self, points: &[LinePoint], centre: Pose) -> Option<(f32, Pose)> {
-        let seen = scan_points(points, centre.theta, &self.config);
-        if seen.is_empty() {
+    /// The best cell of a square around `centre` (minho2016 VI: 4 m²), under its heading; None without points.
+    pub fn find_pose_near(&self, points: &[LinePoint], centre: Pose) -> Option<CellMatch> {
+        let hits = scan_points(points, centre.theta, &self.config);
+        if hits.is_empty() {
             return None;
         }
         let half = (self.config.local_half / self.config.cell) as i32;
-        let around = |at: f32, from: f32, count: usize| {
-            let middle = ((at - from) / self.config.cell).round() as i32;
+        let cell_range = |position: f32, origin: f32, count: usize| {
+            let middle = ((position - origin) / self.config.cell).round() as i32;
             [middle.saturating_sub(half), middle.saturating_add(half)]
                 .map(|cell| cell.clamp(0, count as i32 - 1) as usize)
         };
         let window = CellWindow {
-            columns: around(centre.x, self.grid.x0, self.grid.columns),
-            rows: around(centre.y, self.grid.y0, self.grid.rows),
+            columns: cell_range(centre.x, self.grid.x0, self.grid.columns),
+            rows: cell_range(centre.y, self.grid.y0, self.grid.rows),
         };
         let blocks = |cells: [usize; 2]| cells.map(|cell| cell / BLOCK);
         let (columns, rows) = (blocks(window.columns), blocks(window.rows));
-        let bounds = self.bounds.blocks_in(&seen, columns, rows);
-        let cells = self.search_blocks(&seen, bounds, &window, 1.0);
-        let &(sum, cell) = cells.into_sorted().first()?;
-        Some((
-            ErrorModel::relative(sum, seen.len()),
-            self.pose(cell, centre.theta),
-        ))
+        let bounds = self.bounds.blocks_in(&hits, columns, rows);
+        let cells = self.search_blocks(&hits, bounds, &window, 1.0);
+        let &CellError { sum, cell } = cells.into_sorted().first()?;
+        Some(CellMatch {
+            pose: self.pose(cell, centre.theta),
+            error: ErrorModel::relative(sum, hits.len()),
+        })
     }
 
     fn pose(&self, [column, row]: [usize; 2], heading: f32) -> Pose {

@@ -4,13 +4,15 @@ use std::sync::Arc;
 
 use vision::image::Image;
 
-use crate::cycle::{Cycle, Inputs, Pipeline, PipelineConfig};
+use crate::config::PipelineConfig;
+use crate::cycle::{Cycle, Inputs};
 use crate::feed::Pace;
 use crate::log::verify::first_difference;
 use crate::log::{
     Header, ImageCompression, LogConfig, LogEnd, LogReader, Recorder, VerificationReport, export,
     verify,
 };
+use crate::pipeline::Pipeline;
 use crate::recording::Recording;
 use crate::setup::Setup;
 use crate::testing::{random_cycle, random_image, read, record, sample_recording};

@@ -3,10 +3,11 @@
 use anyhow::{Context, Result};
 use localize::frames::At;
 use localize::sample::LinePoint;
+use localize::world::TeamColour;
 use vision::lines::detection::{LinePointDetection, RejectedCandidate, RejectionReason};
 use vision::objects::ball::BallDetection;
 use vision::objects::goals::{GoalDetection, GoalKind};
-use vision::objects::robots::{Marker, RobotDetection};
+use vision::objects::robots::RobotDetection;
 use vision::process::Detections;
 
 use super::super::wire;
@@ -22,7 +23,7 @@ names!(refusal_name, refusal_named: RejectionReason {
     BeyondCarpet = "beyond carpet",
 });
 
-names!(marker_name, marker_named: Marker { Cyan = "cyan", Magenta = "magenta" });
+names!(marker_name, marker_named: TeamColour { Cyan = "cyan", Magenta = "magenta" });
 names!(goal_name, goal_named: GoalKind { Blue = "blue", Yellow = "yellow", Post = "post" });
 
 pub(crate) fn detections_to_wire(seen: &Detections) -> wire::Detections {

@@ -1,0 +1,190 @@
+//! The localizer's state machine: what is known about the pose, and every transition between these states.
+//!
+//! ```text
+//! Lost ──hypotheses──▶ Ambiguous ──one is probable──▶ Tracking ◀──supported── Suspect
+//!  ▲                       │                             │  contradicted ──▶     │
+//!  └────── no match ───────┴── dead reckoning timeout ───┴── several images ─────┘
+//! ```
+//!
+//! Tracking → Suspect → Lost follows nubot2013 4 (five cycles).
+
+use super::Localizer;
+use super::candidates::Candidates;
+use super::field_half::HalfEvidence;
+use crate::filter::PoseFilter;
+use crate::frames::Pose;
+use crate::stamp::Stamp;
+
+/// What is known about the pose.
+#[derive(Debug, Clone, Default)]
+pub(super) enum State {
+    /// No pose. A global search may have gathered images already.
+    #[default]
+    Lost,
+    /// Several hypotheses explain the images so far.
+    Ambiguous(Candidates),
+    /// One pose, supported by the images.
+    Tracking(Track),
+    /// One pose that the last images contradict.
+    Suspect(Track, Suspicion),
+}
+
+/// A tracked pose.
+#[derive(Debug, Clone)]
+pub(super) struct Track {
+    pub(super) filter: PoseFilter,
+    /// Evidence for the field half of the filter's pose.
+    pub(super) half_evidence: HalfEvidence,
+    /// Exposure of the last image whose pose was compared with the whole field.
+    pub(super) last_global_check: Stamp,
+}
+
+/// What contradicts a tracked pose.
+#[derive(Debug, Clone)]
+pub(super) enum Suspicion {
+    /// Rule `evidence`: another pose explains more points.
+    BetterAlternative(Alternative),
+    /// Rule `thresholds`: points and compass deviate too much.
+    PoorMatch {
+        /// Consecutive images.
+        images: u32,
+    },
+}
+
+/// A pose that explains the points better than the tracked one. Odometry moves it as well.
+#[derive(Debug, Clone)]
+pub(super) struct Alternative {
+    pub(super) filter: PoseFilter,
+    /// Consecutive images that preferred it.
+    pub(super) images: u32,
+}
+
+impl State {
+    /// The tracked pose.
+    pub(super) fn track(&self) -> Option<&Track> {
+        match self {
+            State::Tracking(track) | State::Suspect(track, _) => Some(track),
+            State::Lost | State::Ambiguous(_) => None,
+        }
+    }
+
+    pub(super) fn track_mut(&mut self) -> Option<&mut Track> {
+        match self {
+            State::Tracking(track) | State::Suspect(track, _) => Some(track),
+            State::Lost | State::Ambiguous(_) => None,
+        }
+    }
+
+    /// Filter of the tracked pose.
+    pub(super) fn filter(&self) -> Option<&PoseFilter> {
+        self.track().map(|track| &track.filter)
+    }
+
+    /// Applies `update` to the filter of each hypothesis: tracked pose, alternative, candidates.
+    pub(super) fn for_each_filter(&mut self, mut update: impl FnMut(&mut PoseFilter)) {
+        match self {
+            State::Lost => {}
+            State::Ambiguous(candidates) => candidates.filters_mut().for_each(update),
+            State::Tracking(track) => update(&mut track.filter),
+            State::Suspect(track, suspicion) => {
+                update(&mut track.filter);
+                if let Suspicion::BetterAlternative(alternative) = suspicion {
+                    update(&mut alternative.filter);
+                }
+            }
+        }
+    }
+
+    /// Is there no hypothesis?
+    pub(super) fn is_lost(&self) -> bool {
+        matches!(self, State::Lost)
+    }
+}
+
+/// Transitions.
+impl Localizer {
+    /// Any state → Lost: the pose is given up and the global search starts anew.
+    pub(super) fn lose_pose(&mut self) {
+        self.state = State::Lost;
+        self.global_search.reset();
+        self.snapshot = None;
+        self.buffered.clear();
+    }
+
+    /// Lost or Ambiguous → Ambiguous while there are hypotheses. The global search continues.
+    pub(super) fn keep_candidates(&mut self, candidates: Candidates) {
+        self.state = if candidates.is_empty() {
+            State::Lost
+        } else {
+            State::Ambiguous(candidates)
+        };
+    }
+
+    /// Any state → Tracking: one pose is known at `stamp`.
+    pub(super) fn start_tracking(
+        &mut self,
+        stamp: Stamp,
+        filter: PoseFilter,
+        half_evidence: HalfEvidence,
+    ) {
+        self.global_search.reset();
+        self.state = State::Tracking(Track {
+            filter,
+            half_evidence,
+            last_global_check: stamp,
+        });
+    }
+
+    /// Tracking or Suspect → Tracking: the image supports the pose.
+    pub(super) fn confirm_pose(&mut self, track: Track) {
+        self.state = State::Tracking(track);
+    }
+
+    /// Tracking or Suspect, unchanged: the image says nothing about the pose.
+    pub(super) fn keep_pose(&mut self, track: Track, suspicion: Option<Suspicion>) {
+        self.state = match suspicion {
+            None => State::Tracking(track),
+            Some(suspicion) => State::Suspect(track, suspicion),
+        };
+    }
+
+    /// Tracking or Suspect → Suspect, or Lost when enough consecutive images preferred the same alternative.
+    pub(super) fn suspect_alternative(
+        &mut self,
+        track: Track,
+        previous: Option<Suspicion>,
+        alternative: PoseFilter,
+    ) {
+        let same = |known: &Alternative, pose: Pose| {
+            self.search.is_same_hypothesis(known.filter.pose(), pose)
+        };
+        let images = match previous {
+            Some(Suspicion::BetterAlternative(known)) if same(&known, alternative.pose()) => {
+                known.images + 1
+            }
+            _ => 1,
+        };
+        if images >= self.config.mode.suspect_frames_max {
+            self.lose_pose();
+            return;
+        }
+        let alternative = Alternative {
+            filter: alternative,
+            images,
+        };
+        self.state = State::Suspect(track, Suspicion::BetterAlternative(alternative));
+    }
+
+    /// Tracking or Suspect → Suspect, or Lost after enough consecutive images with a poor match.
+    pub(super) fn suspect_poor_match(&mut self, track: Track, previous: Option<Suspicion>) {
+        let images = match previous {
+            Some(Suspicion::PoorMatch { images }) => images + 1,
+            _ => 1,
+        };
+        if images >= self.config.mode.suspect_frames_max {
+            self.lose_pose();
+            return;
+        }
+        self.state = State::Suspect(track, Suspicion::PoorMatch { images });
+    }
+}

@@ -1,0 +1,161 @@
+//! Where does a ground point of an upright robot's map lie when the robot is tilted, and the inverse?
+//!
+//! A calibrated map holds for an upright robot. With tilt (a, b), the x and y components of the vertical in the robot
+//! frame (radians), the ray to map point p = (X, Y) meets the ground elsewhere (docs/methods.md 3.3). The viewpoint
+//! stays at height H above the robot frame's origin. Nothing is linearised but the rotation itself, whose second-order
+//! terms are dropped: along the line of sight the tilt is a tangent in place of a sine.
+//!
+//! The order of operations is part of the definition: poses are reproducible bit by bit.
+
+use nalgebra::{RealField, convert};
+
+/// Smallest depth of a ray in [`ground_from_map`], share of H: a ray that is closer to the horizon is cut off there.
+const DEPTH_SHARE_MIN: f64 = 0.5;
+
+/// Depth H − s of the ray to `map_point` below the tilted viewpoint, with s = aX + bY; 0 or less at the horizon.
+#[inline]
+fn ray_depth<T: RealField + Copy>([x, y]: [T; 2], [a, b]: [T; 2], height: T) -> T {
+    height - a * x - b * y
+}
+
+/// The ground point (metres, robot frame) that a robot with tilt (a, b) sees at `map_point` of its upright map.
+///
+/// q = (p + (a, b) H) · H/(H − s). The depth H − s is bounded from below by H/2, so that the result is always finite.
+#[inline]
+pub fn ground_from_map<T: RealField + Copy>(map_point: [T; 2], tilt: [T; 2], height: T) -> [T; 2] {
+    let ([x, y], [a, b]) = (map_point, tilt);
+    let depth = ray_depth(map_point, tilt, height).max(convert::<f64, T>(DEPTH_SHARE_MIN) * height);
+    let stretch = height / depth;
+    [(x + a * height) * stretch, (y + b * height) * stretch]
+}
+
+/// As [`ground_from_map`], but unbounded: None if the ray's depth is not above `depth_min` (metres, positive).
+#[inline]
+pub fn ground_above_depth<T: RealField + Copy>(
+    map_point: [T; 2],
+    tilt: [T; 2],
+    height: T,
+    depth_min: T,
+) -> Option<[T; 2]> {
+    let ([x, y], [a, b]) = (map_point, tilt);
+    let depth = ray_depth(map_point, tilt, height);
+    (depth > depth_min).then(|| {
+        let stretch = height / depth;
+        [(x + a * height) * stretch, (y + b * height) * stretch]
+    })
+}
+
+/// The point of the upright map (metres, robot frame) at which a robot with tilt (a, b) sees `ground_point`.
+///
+/// The exact inverse of [`ground_from_map`]: p = q · H (1 + a² + b²)/(H + s′) − (a, b) H, with s′ = (a, b)·q.
+/// None if the upright map does not show the point, because the ray to it lies above the map's horizon.
+#[inline]
+pub fn map_from_ground<T: RealField + Copy>(
+    ground_point: [T; 2],
+    tilt: [T; 2],
+    height: T,
+) -> Option<[T; 2]> {
+    let ([x, y], [a, b]) = (ground_point, tilt);
+    let along = height + a * x + b * y;
+    (along > T::zero()).then(|| {
+        let shrink = height * (T::one() + a * a + b * b) / along;
+        [x * shrink - a * height, y * shrink - b * height]
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Vector3};
+    use proptest::prelude::*;
+
+    const HEIGHT: f64 = 0.75;
+
+    /// The upright map's ray to a point, seen from the viewpoint (0, 0, H).
+    fn map_ray([x, y]: [f64; 2]) -> Vector3<f64> {
+        Vector3::new(x, y, -HEIGHT)
+    }
+
+    /// Where a ray from the viewpoint meets the ground plane z = 0.
+    fn ground_intersection(ray: Vector3<f64>) -> [f64; 2] {
+        let scale = HEIGHT / -ray.z;
+        [scale * ray.x, scale * ray.y]
+    }
+
+    /// The axis and size of the rotation that takes the tilted vertical to the vertical, as a vector.
+    fn rotation_vector([a, b]: [f64; 2]) -> Vector3<f64> {
+        Vector3::new(b, -a, 0.0)
+    }
+
+    fn distance([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
+        (ax - bx).hypot(ay - by)
+    }
+
+    prop_compose! {
+        /// A tilt up to 5° in any direction.
+        fn tilts()(size in 0.0..5f64.to_radians(), direction in 0.0..std::f64::consts::TAU)
+            -> [f64; 2] { [size * direction.cos(), size * direction.sin()] }
+    }
+
+    prop_compose! {
+        /// A point up to 12 m away in any direction.
+        fn points()(range in 0.0..12.0, bearing in 0.0..std::f64::consts::TAU)
+            -> [f64; 2] { [range * bearing.cos(), range * bearing.sin()] }
+    }
+
+    proptest! {
+        #[test]
+        fn map_from_ground_inverts_ground_from_map(tilt in tilts(), point in points()) {
+            // Beyond the bounded depth the forward formula is cut off on purpose.
+            prop_assume!(ray_depth(point, tilt, HEIGHT) > 0.5 * HEIGHT);
+            let ([x, y], [a, b]) = (point.map(|v| v as f32), tilt.map(|v| v as f32));
+            let ground = ground_from_map([x, y], [a, b], HEIGHT as f32);
+            let [u, v] = map_from_ground(ground, [a, b], HEIGHT as f32).expect("a visible point");
+            // Rounding of a point at 24 m (the stretch is at most 2), a few operations long.
+            prop_assert!((u - x).hypot(v - y) < 24.0 * 8.0 * f32::EPSILON, "({u}, {v}) for ({x}, {y})");
+        }
+
+        #[test]
+        fn ground_from_map_equals_a_ray_plane_intersection(tilt in tilts(), point in points()) {
+            prop_assume!(ray_depth(point, tilt, HEIGHT) > 0.5 * HEIGHT);
+            // The ray under the rotation without its second-order terms: v + ω × v.
+            let ray = map_ray(point) + rotation_vector(tilt).cross(&map_ray(point));
+            let exact = ground_intersection(ray);
+            prop_assert!(distance(ground_from_map(point, tilt, HEIGHT), exact) < 1e-9);
+            let single = ground_from_map(point.map(|v| v as f32), tilt.map(|v| v as f32), HEIGHT as f32);
+            prop_assert!(distance(single.map(f64::from), exact) < 24.0 * 8.0 * f64::from(f32::EPSILON));
+        }
+
+        #[test]
+        fn ground_from_map_differs_from_a_full_rotation_by_second_order_terms(
+            tilt in tilts(), point in points(),
+        ) {
+            prop_assume!(ray_depth(point, tilt, HEIGHT) > 0.5 * HEIGHT);
+            let size = tilt[0].hypot(tilt[1]);
+            // The tilt (a, b) is a tangent along the line of sight.
+            let axis = rotation_vector(tilt) * (size.atan() / size.max(1e-12));
+            let exact = ground_intersection(Rotation3::new(axis) * map_ray(point));
+            let stretch = HEIGHT / ray_depth(point, tilt, HEIGHT);
+            // Across the tilt's direction a full rotation shrinks the point by cos φ, 1 − φ²/2.
+            let bound = 0.5 * size * size * stretch * point[0].hypot(point[1]) + 1e-9;
+            prop_assert!(distance(ground_from_map(point, tilt, HEIGHT), exact) <= bound);
+        }
+    }
+
+    #[test]
+    fn positive_a_makes_the_robot_see_farther_ahead() {
+        let [x, y] = ground_from_map([3.0_f32, 0.0], [0.01, 0.0], 0.75);
+        assert!(x > 3.0 && y == 0.0, "{x} {y}");
+    }
+
+    #[test]
+    fn points_at_or_above_the_horizon_have_no_counterpart() {
+        assert_eq!(
+            ground_above_depth([100.0, 0.0], [0.02, 0.0], 0.75, 0.0375),
+            None
+        );
+        assert_eq!(map_from_ground([-100.0, 0.0], [0.02, 0.0], 0.75), None);
+        let bounded = ground_from_map([100.0_f64, 0.0], [0.02, 0.0], 0.75);
+        assert!(bounded.iter().all(|v| v.is_finite()));
+    }
+}

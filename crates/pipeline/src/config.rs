@@ -1,0 +1,89 @@
+//! What may be set? All settings of the stages, from a preset and an overlay file, checked.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, anyhow};
+use localize::config::{LocalizeConfig, SettingError};
+use localize::team::TeamConfig;
+use localize::toml_location::key_location;
+use localize::world::WorldConfig;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use vision::config::VisionConfig;
+
+mod renamed_keys;
+#[cfg(test)]
+mod tests;
+
+pub use renamed_keys::{RENAMED_KEYS, RENAMED_VALUES};
+
+pub(crate) use renamed_keys::translate;
+
+/// The name under which a log and a recording folder hold these settings.
+pub const PIPELINE_FILE: &str = "pipeline.toml";
+
+/// Settings of all stages. A preset or an overlay file changes single values.
+#[derive(Debug, Clone, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PipelineConfig {
+    /// From an image to features.
+    pub vision: VisionConfig,
+    /// From features and motion to a pose.
+    pub localize: LocalizeConfig,
+    /// Tracking of ball and robots.
+    pub world: WorldConfig,
+    /// Fusion of what team-mates report.
+    pub team: TeamConfig,
+}
+
+impl PipelineConfig {
+    /// A preset, overridden by the values of an overlay file.
+    pub fn load(preset: &str, overlay: Option<&Path>) -> Result<Self> {
+        let base = PipelineConfig::preset(preset)?;
+        let Some(path) = overlay else {
+            return Ok(base);
+        };
+        let text = std::fs::read_to_string(path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
+        let file = path.display();
+        let overlay: toml::Table = toml::from_str(&text).with_context(|| file.to_string())?;
+        renamed_keys::refuse_renamed(&overlay, Some((path, &text)))?;
+        // Alone first: an unknown key or a wrong type is named with its line.
+        toml::from_str::<PipelineConfig>(&text).with_context(|| file.to_string())?;
+        apply_overlay(&base, overlay).map_err(|error| {
+            let key = error.downcast_ref().map(|SettingError { key, .. }| key);
+            let place = key_location(path, &text, key.map_or("", String::as_str));
+            anyhow!("{place}: {error:#}")
+        })
+    }
+
+    /// Refuses values that cannot work, and names the first.
+    pub fn check(&self) -> Result<(), SettingError> {
+        self.vision.check()?;
+        self.localize.check()?;
+        self.world.check()?;
+        self.team.check()
+    }
+}
+
+/// Settings overridden by those of an overlay, checked.
+pub fn apply_overlay(base: &PipelineConfig, overlay: toml::Table) -> Result<PipelineConfig> {
+    renamed_keys::refuse_renamed(&overlay, None)?;
+    let mut merged = toml::Table::try_from(base)?;
+    merge_tables(&mut merged, overlay);
+    let config: PipelineConfig = merged.try_into()?;
+    config.check()?;
+    Ok(config)
+}
+
+/// Replaces values of `base` by those of `overlay`, table by table.
+pub fn merge_tables(base: &mut toml::Table, overlay: toml::Table) {
+    for (key, value) in overlay {
+        match (base.get_mut(&key), value) {
+            (Some(toml::Value::Table(base)), toml::Value::Table(overlay)) => {
+                merge_tables(base, overlay);
+            }
+            (_, value) => drop(base.insert(key, value)),
+        }
+    }
+}

@@ -1,0 +1,447 @@
+//! What does a log hold, as columns of numbers? Topics of any version and program: their schemas are in the file.
+//!
+//! [`super::LogReader`] reads the cycles of a run for replay; this one reads any topic for studies, a chunk in memory
+//! at a time. A truncated file is read to its last complete chunk.
+
+mod layout;
+mod plan;
+mod protobuf;
+mod rows;
+#[cfg(test)]
+mod tests;
+mod value;
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use mcap::records::{Record, op};
+
+use super::encoded_image::EncodedImage;
+use super::index::{read_summary, scan_chunks};
+use super::mcap_records::{
+    LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
+};
+use super::schema::{PROJECT_NAME, decode_compressed_image};
+use layout::Schema;
+use plan::ColumnTable;
+pub use plan::{Column, ColumnData};
+use rows::RowTable;
+pub use value::{Fields, Value};
+
+/// Log times, nanoseconds: messages from the start until before the end.
+pub type TimeRange = Range<u64>;
+
+/// The topics of a log, by column or message by message.
+pub struct TopicReader {
+    path: PathBuf,
+    metadata: BTreeMap<String, String>,
+    chunks: Vec<Chunk>,
+    channels: HashMap<u16, String>,
+    topics: BTreeMap<String, Topic>,
+    end: LogEnd,
+}
+
+struct Chunk {
+    offset: u64,
+    length: u64,
+    /// Log times of its first and last message.
+    times: (u64, u64),
+    /// Channels with messages in it; `None` if the file does not say.
+    channels: Option<Vec<u16>>,
+}
+
+/// A topic of a log.
+#[derive(Debug)]
+pub struct Topic {
+    /// Name of its message type.
+    pub schema: String,
+    /// Its messages.
+    pub messages: u64,
+    layout: Result<Schema, String>,
+}
+
+/// A message as it is encoded.
+pub struct RawMessage {
+    /// Its topic.
+    pub topic: String,
+    /// When it was logged, nanoseconds.
+    pub log_time: u64,
+    data: Vec<u8>,
+}
+
+impl TopicReader {
+    /// Opens a log of any version; a file of another program is refused.
+    pub fn open(path: &Path) -> Result<Self> {
+        let metadata = read_metadata(path)?.with_context(|| {
+            format!(
+                "{} is an MCAP file, but no log of mirrorball",
+                path.display()
+            )
+        })?;
+        let mut reader = TopicReader {
+            path: path.to_owned(),
+            metadata,
+            chunks: Vec::new(),
+            channels: HashMap::new(),
+            topics: BTreeMap::new(),
+            end: LogEnd::Complete,
+        };
+        match read_summary(path) {
+            Ok(Some(summary)) => reader.use_summary(&summary),
+            _ => reader.scan_truncated()?,
+        }
+        Ok(reader)
+    }
+
+    fn use_summary(&mut self, summary: &mcap::Summary) {
+        let counts = summary.stats.as_ref();
+        for (id, channel) in &summary.channels {
+            let count = counts.and_then(|stats| stats.channel_message_counts.get(id));
+            let schema = channel.schema.as_ref();
+            let schema = schema.map_or(("", &[][..]), |schema| (&schema.name, &schema.data[..]));
+            self.add_channel(*id, &channel.topic, schema);
+            self.count_messages(&channel.topic, count.copied().unwrap_or(0));
+        }
+        self.chunks = summary
+            .chunk_indexes
+            .iter()
+            .map(|chunk| Chunk {
+                offset: chunk.chunk_start_offset,
+                length: chunk.chunk_length,
+                times: (chunk.message_start_time, chunk.message_end_time),
+                channels: Some(chunk.message_index_offsets.keys().copied().collect()),
+            })
+            .collect();
+        self.chunks.sort_by_key(|chunk| chunk.offset);
+    }
+
+    /// Reads every complete chunk once, for topics and counts.
+    fn scan_truncated(&mut self) -> Result<()> {
+        self.end = LogEnd::Truncated;
+        let chunks = scan_chunks(&self.path)?.into_iter().map(|chunk| Chunk {
+            offset: chunk.offset,
+            length: chunk.length,
+            times: (
+                super::schema::log_time(chunk.start),
+                super::schema::log_time(chunk.end),
+            ),
+            channels: None,
+        });
+        self.chunks = chunks.collect();
+        let mut schemas: HashMap<u16, (String, Vec<u8>)> = HashMap::new();
+        for index in 0..self.chunks.len() {
+            for record in self.read_chunk(&self.chunks[index])? {
+                match record {
+                    Record::Schema { header, data } => {
+                        schemas.insert(header.id, (header.name, data.into_owned()));
+                    }
+                    Record::Channel(channel) => {
+                        let schema = schemas.get(&channel.schema_id);
+                        let schema = schema.map_or(("", &[][..]), |(name, data)| (name, &data[..]));
+                        self.add_channel(channel.id, &channel.topic, schema);
+                    }
+                    Record::Message { header, .. } => {
+                        if let Some(topic) = self.channels.get(&header.channel_id).cloned() {
+                            self.count_messages(&topic, 1);
+                        }
+                    }
+                    _ => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn add_channel(&mut self, id: u16, topic: &str, (schema, descriptors): (&str, &[u8])) {
+        self.channels.insert(id, topic.to_owned());
+        self.topics
+            .entry(topic.to_owned())
+            .or_insert_with(|| Topic {
+                schema: schema.to_owned(),
+                messages: 0,
+                layout: Schema::parse(schema, descriptors).map_err(|error| format!("{error:#}")),
+            });
+    }
+
+    fn count_messages(&mut self, topic: &str, count: u64) {
+        if let Some(topic) = self.topics.get_mut(topic) {
+            topic.messages += count;
+        }
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// How the file ends.
+    pub fn end(&self) -> LogEnd {
+        self.end
+    }
+
+    /// What the log says of its run: format, version, source, seed, images.
+    pub fn metadata(&self) -> &BTreeMap<String, String> {
+        &self.metadata
+    }
+
+    /// Every topic by its name.
+    pub fn topics(&self) -> &BTreeMap<String, Topic> {
+        &self.topics
+    }
+
+    /// The files that the run was made with, by name: robot.toml, field.toml, …
+    pub fn files(&self) -> Result<BTreeMap<String, Vec<u8>>> {
+        let mut files = BTreeMap::new();
+        read_head(&self.path, |record| {
+            if let Record::Attachment { header, data, .. } = record {
+                files.insert(header.name, data.into_owned());
+            }
+        })?;
+        Ok(files)
+    }
+
+    /// How many chunks the file has: `chunk_messages` takes their indices.
+    pub fn chunk_count(&self) -> usize {
+        self.chunks.len()
+    }
+
+    /// Columns of a topic, and for each row its log time; see `plan` for the columns of a message.
+    ///
+    /// `elements`: further columns of single list elements, as `estimate.covariance[0]` in `estimate_covariance_0`.
+    /// `between_chunks` is called after each chunk; its error ends the reading.
+    pub fn columns(
+        &self,
+        topic: &str,
+        elements: &[String],
+        range: &TimeRange,
+        between_chunks: impl FnMut() -> Result<()>,
+    ) -> Result<(Vec<u64>, Vec<Column>)> {
+        let schema = self.schema(topic)?;
+        let mut table = ColumnTable::new(schema, schema.root(), elements)
+            .with_context(|| format!("topic {topic}"))?;
+        let mut times = Vec::new();
+        self.visit(topic, range, between_chunks, |log_time, data| {
+            times.push(log_time);
+            table.push(data).map_err(|error| self.damage(topic, error))
+        })?;
+        Ok(sort_by_time(times, table.finish()))
+    }
+
+    /// Entries of a list inside a topic's messages, one row each, with the log times of their messages.
+    ///
+    /// `field` is a repeated message, or a message of parallel lists, by its dotted name.
+    pub fn rows(
+        &self,
+        topic: &str,
+        field: &str,
+        range: &TimeRange,
+        between_chunks: impl FnMut() -> Result<()>,
+    ) -> Result<(Vec<u64>, Vec<Column>)> {
+        let schema = self.schema(topic)?;
+        let mut table = RowTable::new(schema, schema.root(), field)
+            .with_context(|| format!("topic {topic}"))?;
+        self.visit(topic, range, between_chunks, |log_time, data| {
+            table
+                .push(data, log_time)
+                .map_err(|error| self.damage(topic, error))
+        })?;
+        let (times, columns) = table.finish();
+        Ok(sort_by_time(times, columns))
+    }
+
+    /// Log times of a topic's messages, ascending.
+    pub fn log_times(&self, topic: &str) -> Result<Vec<u64>> {
+        let mut times = Vec::new();
+        let everything = 0..u64::MAX;
+        self.visit(
+            topic,
+            &everything,
+            || Ok(()),
+            |log_time, _| {
+                times.push(log_time);
+                Ok(())
+            },
+        )?;
+        times.sort_unstable();
+        Ok(times)
+    }
+
+    /// Messages of a chunk by log time; of all topics if none are named.
+    pub fn chunk_messages(
+        &self,
+        chunk: usize,
+        topics: &[String],
+        range: &TimeRange,
+    ) -> Result<Vec<RawMessage>> {
+        let chunk = self.chunks.get(chunk).context("no such chunk")?;
+        let wanted = |topic: &String| topics.is_empty() || topics.contains(topic);
+        let holds = |id: &u16| self.channels.get(id).is_some_and(wanted);
+        if !chunk.overlaps(range)
+            || chunk
+                .channels
+                .as_ref()
+                .is_some_and(|ids| !ids.iter().any(holds))
+        {
+            return Ok(Vec::new());
+        }
+        let mut messages = Vec::new();
+        for record in self.read_chunk(chunk)? {
+            if let Record::Message { header, data } = record
+                && let Some(topic) = self.channels.get(&header.channel_id)
+                && wanted(topic)
+                && range.contains(&header.log_time)
+            {
+                messages.push(RawMessage {
+                    topic: topic.clone(),
+                    log_time: header.log_time,
+                    data: data.into_owned(),
+                });
+            }
+        }
+        messages.sort_by_key(|message| message.log_time);
+        Ok(messages)
+    }
+
+    /// Fields and values of a message.
+    pub fn decode(&self, message: &RawMessage) -> Result<Fields> {
+        let schema = self.schema(&message.topic)?;
+        value::decode(schema, schema.root(), &message.data)
+            .map_err(|error| self.damage(&message.topic, error))
+    }
+
+    fn schema(&self, topic: &str) -> Result<&Schema> {
+        let found = self.topics.get(topic);
+        let found =
+            found.with_context(|| format!("{} has no topic {topic}", self.path.display()))?;
+        let layout = found.layout.as_ref();
+        layout.map_err(|reason| anyhow!("{}: topic {topic}: {reason}", self.path.display()))
+    }
+
+    fn damage(&self, topic: &str, error: protobuf::ProtobufError) -> anyhow::Error {
+        anyhow!("{}: a message of {topic}: {error}", self.path.display())
+    }
+
+    fn visit(
+        &self,
+        topic: &str,
+        range: &TimeRange,
+        mut between_chunks: impl FnMut() -> Result<()>,
+        mut visit: impl FnMut(u64, &[u8]) -> Result<()>,
+    ) -> Result<()> {
+        let is_topic = |id: &u16| self.channels.get(id).is_some_and(|name| name == topic);
+        for chunk in self.chunks.iter().filter(|chunk| chunk.overlaps(range)) {
+            if chunk
+                .channels
+                .as_ref()
+                .is_some_and(|ids| !ids.iter().any(is_topic))
+            {
+                continue;
+            }
+            for record in self.read_chunk(chunk)? {
+                if let Record::Message { header, data } = record
+                    && is_topic(&header.channel_id)
+                    && range.contains(&header.log_time)
+                {
+                    visit(header.log_time, &data)?;
+                }
+            }
+            between_chunks()?;
+        }
+        Ok(())
+    }
+
+    fn read_chunk(&self, chunk: &Chunk) -> Result<impl Iterator<Item = Record<'static>> + use<>> {
+        let place = || format!("{}: chunk at byte {}", self.path.display(), chunk.offset);
+        ensure!(
+            (RECORD_HEADER_BYTES as u64..MAX_RECORD_BYTES).contains(&chunk.length),
+            "{}: invalid length: {} bytes",
+            place(),
+            chunk.length
+        );
+        let mut file = File::open(&self.path)
+            .with_context(|| format!("cannot read {}", self.path.display()))?;
+        file.seek(SeekFrom::Start(chunk.offset))
+            .with_context(place)?;
+        let mut body = vec![0; chunk.length as usize];
+        file.read_exact(&mut body).with_context(place)?;
+        if body.first() != Some(&op::CHUNK) {
+            bail!("{}: the record there is no chunk", place());
+        }
+        let records = decode_chunk(&body[RECORD_HEADER_BYTES..]).with_context(place)?;
+        Ok(records.into_iter())
+    }
+}
+
+impl Chunk {
+    fn overlaps(&self, range: &TimeRange) -> bool {
+        self.times.0 < range.end && range.start <= self.times.1
+    }
+}
+
+impl RawMessage {
+    /// The image that a message of /camera/image holds, still encoded.
+    pub fn encoded_image(&self) -> Result<EncodedImage> {
+        decode_compressed_image(&self.data)
+    }
+}
+
+/// The metadata record of mirrorball; `None` where the file has no such record before its first message.
+fn read_metadata(path: &Path) -> Result<Option<BTreeMap<String, String>>> {
+    let mut metadata = None;
+    read_head(path, |record| {
+        if let Record::Metadata(record) = record
+            && record.name == PROJECT_NAME
+        {
+            metadata = Some(record.metadata);
+        }
+    })?;
+    Ok(metadata)
+}
+
+/// Visits the records before the first schema, channel or message.
+fn read_head(path: &Path, mut visit: impl FnMut(Record<'static>)) -> Result<()> {
+    let mut records = RecordReader::open(path)?;
+    while let Ok(Some(record)) = records.next_record() {
+        match record {
+            Record::Header(_) => {}
+            Record::Metadata(_) | Record::Attachment { .. } => visit(record),
+            _ => break,
+        }
+    }
+    Ok(())
+}
+
+/// Rows by ascending log time; rows of one time keep their order in the file.
+fn sort_by_time(times: Vec<u64>, columns: Vec<Column>) -> (Vec<u64>, Vec<Column>) {
+    if times.is_sorted() {
+        return (times, columns);
+    }
+    let mut order: Vec<usize> = (0..times.len()).collect();
+    order.sort_by_key(|&row| times[row]);
+    let columns = columns
+        .into_iter()
+        .map(|(name, data)| (name, data.permuted(&order)))
+        .collect();
+    (order.iter().map(|&row| times[row]).collect(), columns)
+}
+
+impl ColumnData {
+    fn permuted(self, order: &[usize]) -> Self {
+        fn pick<T: Copy>(values: &[T], order: &[usize]) -> Vec<T> {
+            order.iter().map(|&row| values[row]).collect()
+        }
+        match self {
+            ColumnData::F64(values) => ColumnData::F64(pick(&values, order)),
+            ColumnData::I64(values) => ColumnData::I64(pick(&values, order)),
+            ColumnData::Bool(values) => ColumnData::Bool(pick(&values, order)),
+            ColumnData::Text { codes, texts } => ColumnData::Text {
+                codes: pick(&codes, order),
+                texts,
+            },
+        }
+    }
+}

@@ -1,0 +1,315 @@
+//! How does a sample become a pose? The stages in order, one cycle per image, live, simulated or replayed alike.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use localize::config::LocalizeConfig;
+use localize::field::GoalColour;
+
+use localize::localizer::Localizer;
+use localize::sample::{GoalObservation, LinePoint};
+use localize::team::TeamModel;
+use localize::world::WorldModel;
+use localize::{Pose, Stamp};
+use nalgebra::Matrix3;
+use vision::exposure::{AutoExposure, ExposureStatus};
+use vision::objects::goals::GoalKind;
+use vision::process::{Detections, Vision};
+
+use crate::config::PipelineConfig;
+use crate::cycle::{Cycle, Inputs, Timings};
+use crate::paths;
+use crate::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use crate::scan_map_cache::{self, CacheStatus};
+use crate::setup::Setup;
+
+/// The stages in their order, with their state from image to image.
+pub struct Pipeline {
+    vision: Option<Vision>,
+    exposure: Option<AutoExposure>,
+    localizer: Localizer,
+    world: WorldModel,
+    team: TeamModel,
+    inputs: Inputs,
+    last_image: Option<Stamp>,
+    last_pose: Option<StampedPose>,
+    notice: Option<String>,
+}
+
+/// The pose of the latest image, from which another pipeline can start.
+#[derive(Clone, Copy)]
+struct StampedPose {
+    stamp: Stamp,
+    pose: Pose,
+    covariance: Matrix3<f32>,
+}
+
+/// What one image gave: features for localization, or the reason why there are none.
+#[derive(Default)]
+struct Features {
+    detections: Option<Detections>,
+    line_points: Vec<LinePoint>,
+    goals: Vec<GoalObservation>,
+    exposure: Option<ExposureStatus>,
+    image: Option<SourceImage>,
+    fault: Option<String>,
+}
+
+/// After a longer gap between images the light may have changed, and the colours are learned again, seconds.
+const COLOUR_MODEL_MAX_GAP: f64 = 1.0;
+
+impl Pipeline {
+    /// Builds all tables of the stages.
+    pub fn new(setup: &Setup, config: &PipelineConfig) -> Result<Self> {
+        let PipelineConfig {
+            mut vision,
+            mut localize,
+            world,
+            team,
+        } = config.clone();
+        // The mirror's profile gives the height exactly; the setting is for maps without a profile.
+        if let Some(height) = setup.viewpoint_height {
+            vision.objects.viewpoint_height = height;
+            localize.matching.viewpoint_height = height;
+        }
+        let compass = setup.robot.compass.as_ref();
+        if let Some(calibration) = compass.and_then(|compass| compass.calibration) {
+            localize.compass.calibration = Some(calibration);
+        }
+        let world = WorldModel::new(world, localize.matching.viewpoint_height);
+        let mut exposure = None;
+        let mut detector = None;
+        if let Some((camera, map)) = &setup.camera {
+            let line_width = setup.field.config.line_width;
+            let mask = setup.mask.as_deref();
+            let (control, config) = (setup.robot.exposure, &vision.exposure);
+            exposure = Some(AutoExposure::new(map, camera, mask, control, config)?);
+            detector = Some(Vision::with_mask(map, camera, mask, line_width, vision)?);
+        }
+        if let (Some(detector), Some(colours)) = (&mut detector, &setup.colours) {
+            detector.set_colour_table(colours.clone());
+        }
+        let (localizer, notice) = build_localizer(setup, localize);
+        Ok(Pipeline {
+            vision: detector,
+            exposure,
+            localizer,
+            world,
+            team: TeamModel::new(team),
+            inputs: Inputs::default(),
+            last_image: None,
+            last_pose: None,
+            notice,
+        })
+    }
+
+    /// What a user should know about the construction: a scan map that was built, or could not be stored.
+    pub fn notice(&self) -> Option<&str> {
+        self.notice.as_deref()
+    }
+
+    /// Number of distinct pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
+    pub fn scan_coverage(&self) -> Option<(usize, f32)> {
+        let pattern = self.vision.as_ref()?.scan_pattern();
+        Some((pattern.pixel_count, pattern.coverage))
+    }
+
+    /// Takes over the pose and the pending inputs of another pipeline, so that settings can change while the robot drives.
+    pub fn warm_start_from(&mut self, other: &Pipeline) {
+        self.inputs = other.inputs.clone();
+        self.last_pose = other.last_pose;
+        if let Some(last) = self.last_pose {
+            self.localizer
+                .set_pose(last.stamp, last.pose, &last.covariance);
+        }
+    }
+
+    /// Particles of the global search; empty if its method has none.
+    pub fn particles(&self) -> &[Pose] {
+        self.localizer.particles()
+    }
+
+    /// Takes a sample; an image ends a cycle.
+    pub fn process_sample(&mut self, sample: Sample) -> Option<Cycle> {
+        match sample {
+            Sample::Odometry(odometry) => self.inputs.odometry.push(odometry),
+            Sample::Compass(compass) => self.inputs.compass.push(compass),
+            Sample::Imu(imu) => self.inputs.imu.push(imu),
+            Sample::Command(command) => self.inputs.commands.push(command),
+            Sample::TeamReport(report) => self.inputs.reports.push(report),
+            Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
+            Sample::Image(image) => return Some(self.process_image(image)),
+        }
+        None
+    }
+
+    fn process_image(&mut self, image: CameraImage) -> Cycle {
+        let stamp = image.stamp;
+        let started = Instant::now();
+        let mut inputs = std::mem::take(&mut self.inputs);
+        let features = self.extract_features(stamp, image.content);
+        let see_ms = elapsed_ms(started);
+        let started = Instant::now();
+        inputs.image = features.image;
+        self.add_inputs(&inputs);
+        self.localizer.add_goals(stamp, &features.goals);
+        let estimate = self.localizer.process_points(stamp, &features.line_points);
+        let observations = features
+            .detections
+            .as_ref()
+            .map(crate::observations::object_observations);
+        let world = self.world.update(stamp, observations.as_ref(), &estimate);
+        let team = self.team.update(stamp, &world, &estimate);
+        // For the next image: this image's estimate is final already.
+        self.localizer.add_half_log_odds(team.half_log_odds);
+        self.last_pose = estimate.pose.map(|pose| StampedPose {
+            stamp,
+            pose,
+            covariance: estimate.covariance,
+        });
+        Cycle {
+            stamp,
+            inputs,
+            detections: features.detections,
+            line_points: features.line_points,
+            estimate,
+            world,
+            team,
+            exposure: features.exposure,
+            fault: features.fault,
+            timings: Timings {
+                see_ms,
+                localize_ms: elapsed_ms(started),
+            },
+        }
+    }
+
+    fn extract_features(&mut self, stamp: Stamp, content: ImageContent) -> Features {
+        match content {
+            ImageContent::Pixels(image) => {
+                let control = self.exposure.as_mut();
+                let exposure = control.and_then(|control| control.process(&image.view()));
+                let light_jumped = exposure.is_some_and(|status| status.light_jumped);
+                let features = match self.run_vision(stamp, &image, light_jumped) {
+                    Ok(detections) => Features::from_detections(detections),
+                    Err(fault) => Features::from_fault(fault),
+                };
+                Features {
+                    exposure,
+                    image: Some(image),
+                    ..features
+                }
+            }
+            ImageContent::Features { points, goals } => Features {
+                line_points: points,
+                goals,
+                ..Features::default()
+            },
+            ImageContent::Detections(detections) => Features::from_detections(*detections),
+            ImageContent::Unreadable(reason) => Features::from_fault(reason),
+        }
+    }
+
+    fn add_inputs(&mut self, inputs: &Inputs) {
+        for sample in inputs.sorted_samples() {
+            match sample {
+                Sample::Odometry(odometry) => {
+                    self.localizer.add_odometry(&odometry);
+                    self.world.add_odometry(&odometry);
+                }
+                Sample::Compass(compass) => self.localizer.add_compass(&compass),
+                Sample::TeamReport(report) => self.team.receive(&report),
+                Sample::Imu(imu) => self.localizer.add_imu(&imu),
+                Sample::Command(command) => self.localizer.add_command(&command),
+                Sample::GroundTruth(_) | Sample::Image(_) => {}
+            }
+        }
+    }
+
+    /// `light_jumped`: the exposure differs strongly from that of the previous image.
+    fn run_vision(
+        &mut self,
+        stamp: Stamp,
+        image: &SourceImage,
+        light_jumped: bool,
+    ) -> Result<Detections, String> {
+        let Some(vision) = &mut self.vision else {
+            return Err("an image, but robot.toml has no [camera]".to_owned());
+        };
+        let last = self.last_image.replace(stamp);
+        if light_jumped || last.is_some_and(|last| stamp - last > COLOUR_MODEL_MAX_GAP) {
+            vision.reset_colour_model();
+        }
+        vision
+            .process(&image.view())
+            .map_err(|error| error.to_string())
+    }
+}
+
+impl Features {
+    fn from_detections(detections: Detections) -> Self {
+        let points = detections.line_points.iter();
+        Features {
+            line_points: points.map(|candidate| candidate.point).collect(),
+            goals: goal_observations(&detections),
+            detections: Some(detections),
+            ..Features::default()
+        }
+    }
+
+    fn from_fault(reason: String) -> Self {
+        Features {
+            fault: Some(reason),
+            ..Features::default()
+        }
+    }
+}
+
+/// A localizer on the setup's field, and a notice about its scan map, which comes from the cache folder if possible.
+fn build_localizer(setup: &Setup, config: LocalizeConfig) -> (Localizer, Option<String>) {
+    let Some(folder) = paths::cache_folder() else {
+        return (Localizer::new(&setup.field, config), None);
+    };
+    let (localizer, status) = scan_map_cache::build_localizer(&setup.field, config, &folder);
+    let megabytes = localizer.memory_bytes() as f64 / 1e6;
+    let folder = folder.display();
+    let notice = match status {
+        None | Some(CacheStatus::Loaded) => None,
+        Some(CacheStatus::Built) => Some(format!(
+            "built the field's scan map and stored it in {folder} ({megabytes:.0} MB of tables in all)"
+        )),
+        Some(CacheStatus::Rebuilt) => Some(format!(
+            "rebuilt the field's scan map: the file in {folder} was damaged or of another version"
+        )),
+        Some(CacheStatus::NotStored(reason)) => Some(format!(
+            "built the field's scan map, but could not store it: {reason}"
+        )),
+    };
+    (localizer, notice)
+}
+
+/// The coloured goals, which tell the halves of the field apart, as localization takes them.
+pub fn goal_observations(detections: &Detections) -> Vec<GoalObservation> {
+    detections
+        .goals
+        .iter()
+        .filter_map(|goal| {
+            let colour = match goal.kind {
+                GoalKind::Blue => GoalColour::Blue,
+                GoalKind::Yellow => GoalColour::Yellow,
+                GoalKind::Post => return None,
+            };
+            let [var_xx, _, var_yy] = goal.covariance;
+            Some(GoalObservation {
+                colour,
+                at: goal.at,
+                std: (var_xx + var_yy).sqrt(),
+                width: goal.width,
+            })
+        })
+        .collect()
+}
+
+fn elapsed_ms(since: Instant) -> f32 {
+    since.elapsed().as_secs_f32() * 1e3
+}

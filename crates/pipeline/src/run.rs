@@ -1,0 +1,366 @@
+//! One run from its first sample to its summary: a scenario or a recording folder. Commands and the Python package call
+//! these functions, so that both give the same bits.
+
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context, Result, ensure};
+use serde::Serialize;
+use sim::scenario::Scenario;
+use vision::config::ObjectConfig;
+
+use crate::config::PipelineConfig;
+use crate::cycle::Cycle;
+use crate::log::{LogConfig, Recorder, start_log};
+use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
+use crate::pipeline::Pipeline;
+use crate::recording::Recording;
+use crate::score;
+use crate::score::detections::{DetectionStatistics, DetectionSummary, GroundTruthScene};
+use crate::score::summary::{RunStatistics, Summary};
+use crate::setup::Setup;
+use crate::simulation::{Simulation, load_scenario_with_overrides};
+
+/// Which scenario to run, and how.
+pub struct ScenarioOptions {
+    /// The scenario file.
+    pub scenario: PathBuf,
+    /// Values in place of the scenario's.
+    pub changes: toml::Table,
+    /// In place of the scenario's seed.
+    pub seed: Option<u64>,
+    /// In place of the scenario's duration, seconds.
+    pub duration: Option<f64>,
+    /// Settings of the pipeline.
+    pub config: PipelineConfig,
+    /// The log to write.
+    pub record: Option<(PathBuf, LogConfig)>,
+}
+
+/// A scenario that is ready to run.
+pub struct ScenarioRun {
+    options: ScenarioOptions,
+    scenario: Scenario,
+    duration: f64,
+}
+
+/// How far a run is.
+pub struct Progress<'a> {
+    /// Simulated seconds.
+    pub seconds: f64,
+    /// The cycle that just ended; `None` in a run of several robots.
+    pub cycle: Option<&'a Arc<Cycle>>,
+}
+
+/// Result of a run, as `mirrorball sim --json` prints it.
+#[derive(Debug, Serialize)]
+pub struct RunSummary {
+    /// Seed of the simulation.
+    pub seed: u64,
+    /// Simulated time, seconds.
+    pub simulated_s: f64,
+    /// Simulated seconds per second of computing.
+    pub times_real_time: f64,
+    /// Scores.
+    #[serde(flatten)]
+    pub scores: RunScores,
+}
+
+/// Scores of a run.
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
+pub enum RunScores {
+    /// Of its only robot.
+    SingleRobot(Summary),
+    /// Of each robot of the team.
+    MultiRobot {
+        /// In the order of their numbers.
+        robots: Vec<RobotSummary>,
+    },
+}
+
+impl ScenarioRun {
+    /// Reads and checks the scenario and its robot file.
+    pub fn load(options: ScenarioOptions) -> Result<Self> {
+        let (scenario, _) =
+            load_scenario_with_overrides(&options.scenario, &options.changes, options.seed)?;
+        let duration = options.duration.unwrap_or(scenario.duration);
+        Ok(ScenarioRun {
+            options,
+            scenario,
+            duration,
+        })
+    }
+
+    /// How long it runs, simulated seconds.
+    pub fn duration(&self) -> f64 {
+        self.duration
+    }
+
+    /// True if the scenario has several robots of ours.
+    pub fn is_multi_robot(&self) -> bool {
+        !self.scenario.squad.is_empty()
+    }
+
+    /// Runs to the end or until `on_progress` breaks off; either way the log is complete.
+    ///
+    /// `on_progress` is called after each cycle, and each simulated hundredth of a second in a run of several robots.
+    pub fn run(
+        self,
+        on_progress: impl FnMut(Progress<'_>) -> Result<ControlFlow<()>>,
+    ) -> Result<RunSummary> {
+        let (seed, simulated_s) = (self.scenario.seed, self.duration);
+        let started;
+        let scores;
+        if self.is_multi_robot() {
+            let simulation = self.multi_robot_simulation()?;
+            started = Instant::now();
+            scores = run_robots(simulation, on_progress)?;
+        } else {
+            let single = SingleRobotRun::new(self)?;
+            started = Instant::now();
+            scores = single.run(on_progress)?;
+        }
+        Ok(RunSummary {
+            seed,
+            simulated_s,
+            times_real_time: simulated_s / started.elapsed().as_secs_f64(),
+            scores,
+        })
+    }
+
+    fn multi_robot_simulation(&self) -> Result<MultiRobotSimulation> {
+        let options = &self.options;
+        let record = options.record.as_ref();
+        MultiRobotSimulation::new(
+            (&options.scenario, &self.scenario),
+            &options.config,
+            self.duration,
+            record.map(|(path, config)| (path.as_path(), config)),
+        )
+    }
+}
+
+struct SingleRobotRun {
+    simulation: Simulation,
+    pipeline: Pipeline,
+    recorder: Option<Recorder>,
+}
+
+impl SingleRobotRun {
+    fn new(run: ScenarioRun) -> Result<Self> {
+        let options = run.options;
+        let simulation = Simulation::with_overrides(
+            &options.scenario,
+            &options.changes,
+            options.seed,
+            options.duration,
+        )?;
+        let setup = simulation.setup()?;
+        let pipeline = Pipeline::new(&setup, &options.config)?;
+        let source = format!("sim {}", options.scenario.display());
+        let seed = Some(simulation.sim().scenario().seed);
+        let start = |(path, log_config): &(PathBuf, LogConfig)| {
+            start_log(path, &source, seed, (&setup, &options.config), log_config)
+        };
+        let recorder = options.record.as_ref().map(start).transpose()?;
+        Ok(SingleRobotRun {
+            simulation,
+            pipeline,
+            recorder,
+        })
+    }
+
+    fn run(
+        self,
+        mut on_progress: impl FnMut(Progress<'_>) -> Result<ControlFlow<()>>,
+    ) -> Result<RunScores> {
+        let SingleRobotRun {
+            simulation,
+            mut pipeline,
+            mut recorder,
+        } = self;
+        let mut statistics = RunStatistics::default();
+        simulation.run(&mut pipeline, |cycle| {
+            let cycle = Arc::new(cycle);
+            statistics.add_cycle(&cycle, score::cycle_error(&cycle));
+            let flow = on_progress(Progress {
+                seconds: cycle.stamp.seconds(),
+                cycle: Some(&cycle),
+            })?;
+            if let Some(recorder) = &mut recorder {
+                recorder.record_cycle(cycle)?;
+            }
+            Ok(flow)
+        })?;
+        recorder.map(Recorder::finish).transpose()?;
+        Ok(RunScores::SingleRobot(statistics.summary()))
+    }
+}
+
+fn run_robots(
+    simulation: MultiRobotSimulation,
+    mut on_progress: impl FnMut(Progress<'_>) -> Result<ControlFlow<()>>,
+) -> Result<RunScores> {
+    let robots = simulation.run(|seconds| {
+        on_progress(Progress {
+            seconds,
+            cycle: None,
+        })
+    })?;
+    Ok(RunScores::MultiRobot { robots })
+}
+
+/// Files that a scenario needs, itself first: robot, field, mirror profile, map, mask, colours, labels and their images.
+pub fn scenario_files(scenario: &Path) -> Result<Vec<PathBuf>> {
+    let (loaded, robot) = Scenario::load(scenario)?;
+    let mut files = vec![scenario.to_owned(), loaded.robot.clone()];
+    files.extend(loaded.field);
+    files.push(robot.field);
+    files.extend(robot.mirror.map(|mirror| mirror.profile));
+    files.extend(robot.map.map(|map| map.file));
+    files.extend(robot.mask);
+    files.extend(robot.colours);
+    let beside = loaded.robot.with_file_name("labels.csv");
+    let labels = robot.labels.or_else(|| beside.exists().then_some(beside));
+    if let Some(labels) = labels {
+        files.extend(labelled_images(&labels)?);
+        files.push(labels);
+    }
+    let mut known = BTreeSet::new();
+    files.retain(|file| known.insert(file.clone()));
+    Ok(files)
+}
+
+/// The images that a list of labelled pixels names in its first column.
+fn labelled_images(labels: &Path) -> Result<Vec<PathBuf>> {
+    let place = || format!("cannot read {}", labels.display());
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(labels)
+        .with_context(place)?;
+    let folder = labels.parent().unwrap_or(Path::new(""));
+    let mut images = BTreeSet::new();
+    for record in reader.records() {
+        images.extend(
+            record
+                .with_context(place)?
+                .get(0)
+                .map(|file| folder.join(file)),
+        );
+    }
+    Ok(images.into_iter().collect())
+}
+
+/// Which recording folder to locate the robot in, and how.
+pub struct RecordingOptions {
+    /// The folder.
+    pub folder: PathBuf,
+    /// A calibrated map in place of the robot's own.
+    pub map: Option<PathBuf>,
+    /// Settings of the pipeline.
+    pub config: PipelineConfig,
+    /// Standard deviation of line points that come without one, metres.
+    pub external_point_std: f32,
+}
+
+/// Result of a recording, as `mirrorball locate --json` prints it.
+#[derive(Debug, Serialize)]
+pub struct RecordingSummary {
+    /// Scores of the poses.
+    #[serde(flatten)]
+    pub summary: Summary,
+    /// Distinct pixels that the scan lines read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scan_pixels: Option<usize>,
+    /// Their fraction of the image.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scan_share: Option<f32>,
+    /// Scores of the detections, where objects.csv and truth.csv say what was there.
+    #[serde(rename = "eyes", skip_serializing_if = "Option::is_none")]
+    pub detections: Option<DetectionSummary>,
+}
+
+/// A recording folder that is ready to be processed.
+pub struct RecordingRun {
+    setup: Setup,
+    recording: Recording,
+    pipeline: Pipeline,
+}
+
+impl RecordingRun {
+    /// Reads the folder's robot file and tables.
+    pub fn open(options: &RecordingOptions) -> Result<Self> {
+        let robot_file = options.folder.join("robot.toml");
+        let setup = Setup::load(&robot_file, options.map.as_deref())?;
+        let recording = Recording::open(&options.folder, options.external_point_std)?;
+        let pipeline = Pipeline::new(&setup, &options.config)?;
+        Ok(RecordingRun {
+            setup,
+            recording,
+            pipeline,
+        })
+    }
+
+    /// Frames in the folder.
+    pub fn frames(&self) -> usize {
+        self.recording.frames()
+    }
+
+    /// Processes every frame; an error of `on_cycle` ends the run.
+    pub fn run(self, mut on_cycle: impl FnMut(&Cycle) -> Result<()>) -> Result<RecordingSummary> {
+        let RecordingRun {
+            setup,
+            recording,
+            mut pipeline,
+        } = self;
+        let truth = recording.truth.clone();
+        let objects = recording.objects.clone();
+        let mut statistics = RunStatistics::default();
+        let mut detections = DetectionStatistics::default();
+        let viewpoint_height = setup
+            .viewpoint_height
+            .unwrap_or(ObjectConfig::default().viewpoint_height);
+        for cycle in recording.filter_map(|sample| pipeline.process_sample(sample)) {
+            on_cycle(&cycle)?;
+            let pose = cycle.estimate.pose;
+            let error = pose.and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
+            statistics.add_cycle(&cycle, error);
+            if let (Some(found), Some((_, map))) = (&cycle.detections, &setup.camera)
+                && let Some(pose) = score::true_pose_at(&truth, cycle.stamp)
+            {
+                let scene = GroundTruthScene {
+                    pose,
+                    tilt: cycle.estimate.tilt,
+                    viewpoint_height,
+                    field: &setup.field,
+                    map,
+                    occluded_sectors: &[],
+                    objects: objects.get(&cycle.stamp).map(Vec::as_slice),
+                };
+                detections.add_image(found, &scene);
+            }
+        }
+        let summary = statistics.summary();
+        let coverage = pipeline.scan_coverage();
+        Ok(RecordingSummary {
+            scan_pixels: coverage.map(|(pixels, _)| pixels),
+            scan_share: coverage.map(|(_, share)| share),
+            detections: detections.summary(),
+            summary,
+        })
+    }
+}
+
+/// Fails if no frame of a recording could be used.
+pub fn ensure_usable(summary: &Summary, folder: &Path) -> Result<()> {
+    ensure!(
+        summary.unreadable < summary.frames,
+        "{}: no frame could be used",
+        folder.display()
+    );
+    Ok(())
+}

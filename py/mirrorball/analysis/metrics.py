@@ -1,0 +1,71 @@
+"""Metrics of a run's tables: errors, drop-outs and their durations, differences between two runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+ERROR_METRICS = {"position error, cm": ("error_m", 100.0), "heading error, °": ("error_theta_rad", 180.0 / np.pi)}
+TIME_METRICS = {"vision, ms": ("see_ms", 1.0), "localisation, ms": ("localize_ms", 1.0)}
+OTHER_METRICS = {"line points": ("line_points", 1.0), "normalised error²": ("nees", 1.0)}
+
+
+def summary(cycles: pd.DataFrame) -> pd.DataFrame:
+    """Mean, median, 95 % and largest of errors, times and counts; one row each, those unknown left out."""
+    rows = {}
+    for name, (column, scale) in (ERROR_METRICS | TIME_METRICS | OTHER_METRICS).items():
+        values = scale * cycles[column].abs().dropna()
+        if len(values):
+            rows[name] = (values.mean(), values.median(), values.quantile(0.95), values.max(), len(values))
+    return pd.DataFrame.from_dict(rows, orient="index", columns=["mean", "median", "95 %", "largest", "frames"])
+
+
+def shares(cycles: pd.DataFrame) -> dict[str, float]:
+    """Frames in each mode and with a fault, as shares of all."""
+    modes = cycles["mode"].value_counts(normalize=True)
+    found = {str(mode): float(share) for mode, share in modes.items()}
+    if "fault" in cycles:
+        found["unusable"] = float((cycles["fault"] != "").mean())
+    return found
+
+
+def dropouts(cycles: pd.DataFrame, *, gap_factor: float = 1.5) -> pd.DataFrame:
+    """What is missing: kind, start_s, stop_s, detail.
+
+    `dropped`: cycles that the recorder had no room for (their numbers are missing). `gap`: no frame for more than
+    `gap_factor` usual periods. `unusable`: a frame that could not be read. `lost`: no pose.
+    """
+    rows: list[tuple[str, float, float, str]] = []
+    stamps, index = cycles["stamp_s"].to_numpy(), cycles["index"].to_numpy()
+    periods = np.diff(stamps)
+    usual = float(np.median(periods)) if periods.size else 0.0
+    for at in np.flatnonzero(np.diff(index) > 1):
+        rows.append(("dropped", stamps[at], stamps[at + 1], f"{int(index[at + 1] - index[at] - 1)} cycles"))
+    for at in np.flatnonzero((periods > gap_factor * usual) & (np.diff(index) == 1)):
+        rows.append(("gap", stamps[at], stamps[at + 1], f"{periods[at]:.3f} s between frames"))
+    if "fault" in cycles:
+        broken = cycles[cycles["fault"] != ""]
+        rows += [("unusable", stamp, stamp, fault) for stamp, fault in zip(broken["stamp_s"], broken["fault"], strict=True)]
+    for first, last in _true_intervals((cycles["mode"] == "lost").to_numpy()):
+        reasons = cycles["reason"].iloc[first : last + 1]
+        rows.append(("lost", stamps[first], stamps[last], ", ".join(sorted({reason for reason in reasons if reason}))))
+    return pd.DataFrame(sorted(rows, key=lambda row: row[1]), columns=["kind", "start_s", "stop_s", "detail"])
+
+
+def _true_intervals(mask: Any) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(begin), int(end) - 1) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def difference(first: pd.DataFrame, second: pd.DataFrame, *, tolerance_s: float = 0.002) -> pd.DataFrame:
+    """Two runs frame by frame, where their stamps agree: poses' distance apart, and each one's columns as `_1` and `_2`."""
+    one, two = (run.sort_values("stamp_s") for run in (first, second))
+    both = pd.merge_asof(one, two.assign(stamp_2_s=two["stamp_s"]), on="stamp_s", direction="nearest",
+                         tolerance=tolerance_s, suffixes=("_1", "_2"))  # fmt: skip
+    both = both[both["stamp_2_s"].notna()].copy()
+    both["apart_m"] = np.hypot(both["x_m_1"] - both["x_m_2"], both["y_m_1"] - both["y_m_2"])
+    turned = both["theta_rad_1"] - both["theta_rad_2"]
+    both["apart_rad"] = np.abs(np.mod(turned + np.pi, 2.0 * np.pi) - np.pi)
+    return both

@@ -1,0 +1,344 @@
+//! Vision in Python: OpenCV's arrays in, columns of numbers out; `mirrorball.vision` names them.
+
+use std::path::PathBuf;
+
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadonlyArrayDyn,
+    PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use vision::image::{Image, ImageView, PixelFormat, rgb_to_yuv};
+use vision::lines::detection::RejectionReason;
+use vision::{Detections, VisionConfig};
+
+use crate::camera::Camera;
+use crate::errors;
+use crate::rays::GroundMap;
+
+/// An image as OpenCV reads it: rows × columns (grey) or rows × columns × 3 (blue, green, red), bytes.
+pub(crate) struct ArrayImage {
+    width_px: usize,
+    height_px: usize,
+    format: PixelFormat,
+    bytes: Vec<u8>,
+}
+
+impl ArrayImage {
+    pub(crate) fn from_array(array: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<Self> {
+        let (height_px, width_px, format) = match *array.shape() {
+            [rows, columns] => (rows, columns, PixelFormat::Grey8),
+            [rows, columns, 3] => (rows, columns, PixelFormat::Bgr8),
+            ref other => {
+                return Err(PyValueError::new_err(format!(
+                    "an image is rows × columns (grey) or rows × columns × 3 (BGR), not {other:?}"
+                )));
+            }
+        };
+        Ok(ArrayImage {
+            width_px,
+            height_px,
+            format,
+            // Slices of larger arrays are not packed; iteration packs them.
+            bytes: array.as_array().iter().copied().collect(),
+        })
+    }
+
+    fn view(&self) -> ImageView<'_> {
+        ImageView::packed(self.width_px, self.height_px, self.format, &self.bytes)
+    }
+
+    /// Red, green, blue.
+    pub(crate) fn to_rgb_image(&self) -> Image {
+        let rgb = match self.format {
+            PixelFormat::Grey8 => self.bytes.iter().flat_map(|&level| [level; 3]).collect(),
+            _ => {
+                let pixels = self.bytes.chunks_exact(3);
+                pixels.flat_map(|bgr| [bgr[2], bgr[1], bgr[0]]).collect()
+            }
+        };
+        Image {
+            width_px: self.width_px,
+            height_px: self.height_px,
+            rgb,
+        }
+    }
+}
+
+/// The settings of `[vision]`, as an overlay file has them under that name.
+pub(crate) fn parse_vision_config(toml: Option<&str>) -> PyResult<VisionConfig> {
+    toml.map_or_else(
+        || Ok(VisionConfig::default()),
+        |text| toml::from_str(text).map_err(|error| PyValueError::new_err(error.to_string())),
+    )
+}
+
+/// The camera as given, or as the map shows it.
+pub(crate) fn camera_or_from_map(
+    camera: Option<&Bound<'_, Camera>>,
+    map: &vision::GroundMap,
+) -> PyResult<localize::robot::CameraConfig> {
+    match camera {
+        Some(camera) => Ok(camera.get().0.clone()),
+        None => vision::optics::camera_from_map::camera_from_map(map)
+            .ok_or_else(|| PyValueError::new_err("the map shows too little ground")),
+    }
+}
+
+/// Vision of one camera: tables that are built once, and the colour model of the present light.
+#[pyclass(module = "mirrorball._core")]
+pub(crate) struct Vision {
+    vision: vision::Vision,
+    /// Different pixels that the scan lines read.
+    #[pyo3(get)]
+    scan_pixels: usize,
+    /// Their share of the image.
+    #[pyo3(get)]
+    scan_coverage: f32,
+}
+
+#[pymethods]
+impl Vision {
+    #[new]
+    #[pyo3(signature = (*, map, camera=None, mask=None, line_width_m=0.125, settings_toml=None))]
+    fn new(
+        py: Python<'_>,
+        map: &Bound<'_, GroundMap>,
+        camera: Option<&Bound<'_, Camera>>,
+        mask: Option<PyReadonlyArray2<'_, bool>>,
+        line_width_m: f32,
+        settings_toml: Option<&str>,
+    ) -> PyResult<Self> {
+        let map = map.get().to_rust(py)?;
+        let camera = camera_or_from_map(camera, &map)?;
+        let config = parse_vision_config(settings_toml)?;
+        let mask: Option<Vec<bool>> = mask.map(|mask| mask.as_array().iter().copied().collect());
+        let vision = py
+            .detach(|| {
+                vision::Vision::with_mask(&map, &camera, mask.as_deref(), line_width_m, config)
+            })
+            .map_err(|error| errors::vision(&error))?;
+        Ok(Vision {
+            scan_pixels: vision.scan_pattern().pixel_count,
+            scan_coverage: vision.scan_pattern().coverage,
+            vision,
+        })
+    }
+
+    /// Takes colour classes from a learned table.
+    fn set_colour_table(&mut self, table: &Bound<'_, ColourTable>) {
+        self.vision.set_colour_table(table.get().0.clone());
+    }
+
+    /// Discards the colour model; the next image gives a new one.
+    fn reset_colour_model(&mut self) {
+        self.vision.reset_colour_model();
+    }
+
+    /// Detections in an image: columns of numbers or texts by name.
+    fn process<'py>(
+        &mut self,
+        py: Python<'py>,
+        image: PyReadonlyArrayDyn<'py, u8>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let image = ArrayImage::from_array(&image)?;
+        let detections = py
+            .detach(|| self.vision.process(&image.view()))
+            .map_err(|error| errors::vision(&error))?;
+        detection_columns(py, &detections)
+    }
+}
+
+fn rejection_reason_name(reason: RejectionReason) -> &'static str {
+    match reason {
+        RejectionReason::NoAdjacentCarpet => "no carpet beside",
+        RejectionReason::TooNarrow => "too narrow",
+        RejectionReason::TooWide => "too wide",
+        RejectionReason::TooFaint => "too faint",
+        RejectionReason::NotWhite => "not white",
+        RejectionReason::BeyondCarpet => "beyond carpet",
+    }
+}
+
+fn f32_column<'py, T>(
+    py: Python<'py>,
+    rows: &[T],
+    value: impl Fn(&T) -> f32,
+) -> Bound<'py, PyArray1<f32>> {
+    rows.iter()
+        .map(value)
+        .collect::<Vec<f32>>()
+        .into_pyarray(py)
+}
+
+fn detection_columns<'py>(
+    py: Python<'py>,
+    detections: &Detections,
+) -> PyResult<Bound<'py, PyDict>> {
+    let all = PyDict::new(py);
+    let points = PyDict::new(py);
+    let rows = &detections.line_points;
+    points.set_item("x_m", f32_column(py, rows, |row| row.point.at.x))?;
+    points.set_item("y_m", f32_column(py, rows, |row| row.point.at.y))?;
+    points.set_item(
+        "std_radial_m",
+        f32_column(py, rows, |row| row.point.std_radial),
+    )?;
+    points.set_item(
+        "std_tangential_m",
+        f32_column(py, rows, |row| row.point.std_tangential),
+    )?;
+    points.set_item("u_px", f32_column(py, rows, |row| row.position_px[0]))?;
+    points.set_item("v_px", f32_column(py, rows, |row| row.position_px[1]))?;
+    points.set_item("width_m", f32_column(py, rows, |row| row.width))?;
+    points.set_item("contrast", f32_column(py, rows, |row| row.contrast))?;
+    all.set_item("points", points)?;
+    let refused = PyDict::new(py);
+    let rows = &detections.rejected_candidates;
+    refused.set_item("u_px", f32_column(py, rows, |row| row.position_px[0]))?;
+    refused.set_item("v_px", f32_column(py, rows, |row| row.position_px[1]))?;
+    let reasons: Vec<&str> = rows
+        .iter()
+        .map(|row| rejection_reason_name(row.reason))
+        .collect();
+    refused.set_item("reason", reasons)?;
+    all.set_item("refused", refused)?;
+    let ball = PyDict::new(py);
+    let rows = detections.ball.as_slice();
+    set_object_columns(&ball, py, rows, |row| {
+        (
+            [row.at.x, row.at.y],
+            row.covariance,
+            row.position_px,
+            row.score,
+        )
+    })?;
+    let on_ground: Vec<bool> = rows.iter().map(|row| row.on_ground).collect();
+    ball.set_item("on_ground", on_ground.into_pyarray(py))?;
+    ball.set_item("pixels", f32_column(py, rows, |row| row.pixels as f32))?;
+    all.set_item("ball", ball)?;
+    let robots = PyDict::new(py);
+    let rows = &detections.robots;
+    set_object_columns(&robots, py, rows, |row| {
+        (
+            [row.at.x, row.at.y],
+            row.covariance,
+            row.position_px,
+            row.score,
+        )
+    })?;
+    robots.set_item("edge_x_m", f32_column(py, rows, |row| row.edge.x))?;
+    robots.set_item("edge_y_m", f32_column(py, rows, |row| row.edge.y))?;
+    robots.set_item("width_m", f32_column(py, rows, |row| row.width))?;
+    let markers: Vec<String> = rows
+        .iter()
+        .map(|row| {
+            row.marker
+                .map_or(String::new(), |marker| format!("{marker:?}").to_lowercase())
+        })
+        .collect();
+    robots.set_item("marker", markers)?;
+    all.set_item("robots", robots)?;
+    let goals = PyDict::new(py);
+    let rows = &detections.goals;
+    set_object_columns(&goals, py, rows, |row| {
+        (
+            [row.at.x, row.at.y],
+            row.covariance,
+            row.position_px,
+            row.score,
+        )
+    })?;
+    goals.set_item("width_m", f32_column(py, rows, |row| row.width))?;
+    let kinds: Vec<String> = rows
+        .iter()
+        .map(|row| format!("{:?}", row.kind).to_lowercase())
+        .collect();
+    goals.set_item("kind", kinds)?;
+    all.set_item("goals", goals)?;
+    all.set_item(
+        "carpet_end_m",
+        detections.carpet_end.clone().into_pyarray(py),
+    )?;
+    all.set_item("carpet_share", detections.carpet_share)?;
+    let bumpers: Vec<bool> = detections
+        .virtual_sensors
+        .bumpers
+        .iter()
+        .map(|bumper| bumper.hit)
+        .collect();
+    all.set_item("bumpers", bumpers.into_pyarray(py))?;
+    all.set_item("kick", detections.virtual_sensors.kick)?;
+    all.set_item("lens_centred", detections.virtual_sensors.lens_centred)?;
+    Ok(all)
+}
+
+type ObjectColumns = ([f32; 2], [f32; 3], [f32; 2], f32);
+
+/// Position (m), covariance (m²), image position (px) and score, which all objects have.
+fn set_object_columns<'py, T>(
+    columns: &Bound<'py, PyDict>,
+    py: Python<'py>,
+    rows: &[T],
+    of: impl Fn(&T) -> ObjectColumns,
+) -> PyResult<()> {
+    columns.set_item("x_m", f32_column(py, rows, |row| of(row).0[0]))?;
+    columns.set_item("y_m", f32_column(py, rows, |row| of(row).0[1]))?;
+    columns.set_item("cov_xx_m2", f32_column(py, rows, |row| of(row).1[0]))?;
+    columns.set_item("cov_xy_m2", f32_column(py, rows, |row| of(row).1[1]))?;
+    columns.set_item("cov_yy_m2", f32_column(py, rows, |row| of(row).1[2]))?;
+    columns.set_item("u_px", f32_column(py, rows, |row| of(row).2[0]))?;
+    columns.set_item("v_px", f32_column(py, rows, |row| of(row).2[1]))?;
+    columns.set_item("score", f32_column(py, rows, |row| of(row).3))
+}
+
+/// A class for every colour.
+#[pyclass(frozen, module = "mirrorball._core")]
+pub(crate) struct ColourTable(pub(crate) vision::ColourTable);
+
+#[pymethods]
+impl ColourTable {
+    /// Reads a table's file.
+    #[staticmethod]
+    fn load(path: PathBuf) -> PyResult<Self> {
+        vision::ColourTable::load(&path)
+            .map(ColourTable)
+            .map_err(|error| errors::vision(&error))
+    }
+
+    /// Writes the file that robot.toml's `colours` names.
+    fn save(&self, path: PathBuf) -> PyResult<()> {
+        self.0.save(&path).map_err(|error| errors::vision(&error))
+    }
+
+    /// Names of the classes, by class.
+    #[getter]
+    fn names(&self) -> Vec<String> {
+        (0..=u8::MAX)
+            .map_while(|class| {
+                self.0
+                    .name(vision::colour::lookup_table::ColourClass(class))
+            })
+            .map(str::to_owned)
+            .collect()
+    }
+
+    /// The class of every pixel: rows × columns.
+    fn classify<'py>(
+        &self,
+        py: Python<'py>,
+        image: PyReadonlyArrayDyn<'py, u8>,
+    ) -> PyResult<Bound<'py, PyArray2<u8>>> {
+        let image = ArrayImage::from_array(&image)?.to_rgb_image();
+        let classes: Vec<u8> = py.detach(|| {
+            let pixels = image.rgb.chunks_exact(3);
+            pixels
+                .map(|rgb| self.0.class(rgb_to_yuv([rgb[0], rgb[1], rgb[2]])).0)
+                .collect()
+        });
+        classes
+            .into_pyarray(py)
+            .reshape([image.height_px, image.width_px])
+    }
+}
