@@ -1,13 +1,13 @@
-//! Bytes into the decoder of `vesc`; the first says in which pieces. `tools/fuzz 60 vesc`
+//! Fuzzes the decoder `vesc`: the first byte is the size of the pieces, the rest the stream. Run: `tools/fuzz 60 vesc`
 #![no_main]
 
 #[path = "../../crates/hw/tests/oracle/mod.rs"]
-#[expect(dead_code, reason = "one protocol of seven")]
+#[expect(dead_code, reason = "the checks of the other protocols")]
 mod oracle;
 
 libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     if let Some((cut, stream)) = bytes.split_first() {
-        oracle::vesc(stream, &[]);
-        oracle::vesc(stream, &[*cut]);
+        oracle::check_vesc(stream, &[]);
+        oracle::check_vesc(stream, &[*cut]);
     }
 });

@@ -1,4 +1,4 @@
-//! How long do an image and a second of simulation take, on one core?
+//! How long do an image and a simulated second take on one core?
 
 use std::hint::black_box;
 use std::path::Path;
@@ -45,7 +45,7 @@ fn image(c: &mut Criterion) {
         seed: 1,
     })
     .expect("a renderer");
-    // Nine robots from 1 to 9 m around us, the ball at 2 m, a goal 5 m ahead.
+    // Nine robots at distances of 1 to 9 m, the ball at 2 m, a goal 5 m ahead.
     let robots: Vec<RobotState> = (0..9)
         .map(|index| {
             let (sin, cos) = (0.7 * index as f32).sin_cos();
@@ -64,11 +64,11 @@ fn image(c: &mut Criterion) {
         .collect();
     let mut rgb = Vec::new();
     c.bench_function("render_480x480_nine_robots", |b| {
-        let mut turn = 0.0f32;
+        let mut theta = 0.0f32;
         b.iter(|| {
-            turn += 0.1;
+            theta += 0.1;
             let scene = Scene {
-                pose: Pose::new(4.0, 0.3, turn),
+                pose: Pose::new(4.0, 0.3, theta),
                 robots: &robots,
                 ball: Some((At::new(2.5, 1.5), 0.22, [245, 125, 20])),
                 light_colour: [1.0; 3],

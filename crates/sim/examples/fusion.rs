@@ -1,5 +1,5 @@
 //! Prints the table of `sim::fusion_experiment`: `cargo run --release -p sim --example fusion [SEEDS] [SECONDS] [COURSE|all]
-//! [LOCALIZE.toml]`, the last an overlay of localisation's settings.
+//! [LOCALIZE.toml]`. The last argument is an overlay of localisation settings.
 
 use std::path::Path;
 
@@ -24,10 +24,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         experiment.localize = toml::from_str(&std::fs::read_to_string(path)?)?;
     }
     if let Some(only) = only.filter(|only| only != "all") {
-        let wanted = only.to_lowercase();
+        let name = only.to_lowercase();
         experiment
             .disturbances
-            .retain(|course| format!("{course:?}").to_lowercase() == wanted);
+            .retain(|course| format!("{course:?}").to_lowercase() == name);
     }
     println!(
         "{:<15} {:<14} {:>6} {:>6} {:>6} {:>7} {:>7} {:>7} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}",

@@ -1,11 +1,11 @@
-//! How does a ball slow down? It slides, takes up spin, then rolls; a hollow shell rolls from 3/5 of its speed.
+//! How does a ball decelerate? It slides, gains spin, then rolls; a hollow shell starts to roll at 3/5 of its speed.
 
 use nalgebra::Vector2;
 
-/// How a ball moves over the carpet; rapier moves it, this takes its speed.
+/// Friction of a ball on the carpet; rapier does the rest of its motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct BallFriction {
-    /// Friction on the carpet while it slides.
+    /// Friction coefficient while it slides.
     pub(crate) sliding_friction: f32,
     /// Deceleration while it rolls, m/s².
     pub(crate) rolling_deceleration: f32,
@@ -14,11 +14,11 @@ pub(crate) struct BallFriction {
 const GRAVITY: f32 = 9.81;
 /// Mass over (moment of inertia / radius²) of a thin shell: 1 / (2/3).
 const SHELL_INERTIA_RATIO: f32 = 1.5;
-/// Slip below which a ball rolls, m/s: what friction takes up in a step of 2 ms anyway.
+/// Slip below which a ball rolls, m/s: friction removes about that much in a step of 2 ms.
 const ROLLING_SLIP_MAX: f32 = 0.02;
 
 impl BallFriction {
-    /// Velocity and the surface speed that the spin stands for (both m/s, equal when it rolls), after `step` seconds.
+    /// Velocity and surface velocity of the spin (both m/s, equal while rolling) after `step` seconds.
     pub(crate) fn step(
         &self,
         velocity: Vector2<f32>,
@@ -28,7 +28,7 @@ impl BallFriction {
         let slip = velocity - spin;
         let slip_speed = slip.norm();
         if slip_speed > ROLLING_SLIP_MAX {
-            // Slip vanishes at (1 + 3/2)·μg: the last step must not overshoot.
+            // Slip decreases at (1 + 3/2)·μg: the last step must not overshoot.
             let change = (self.sliding_friction * GRAVITY * step)
                 .min(slip_speed / (1.0 + SHELL_INERTIA_RATIO));
             let along = slip / slip_speed;
@@ -69,11 +69,14 @@ mod tests {
     #[test]
     fn rolling_ball_stops_at_v_squared_over_2a() {
         let (mut velocity, mut spin) = (Vector2::new(2.0, 0.0), Vector2::new(2.0, 0.0));
-        let mut way = 0.0;
+        let mut distance = 0.0;
         while velocity.norm() > 0.0 {
             (velocity, spin) = LAW.step(velocity, spin, 0.002);
-            way += velocity.x * 0.002;
+            distance += velocity.x * 0.002;
         }
-        assert!((way - 2.0 * 2.0 / (2.0 * 0.4)).abs() < 0.02, "{way}");
+        assert!(
+            (distance - 2.0 * 2.0 / (2.0 * 0.4)).abs() < 0.02,
+            "{distance}"
+        );
     }
 }

@@ -1,4 +1,4 @@
-//! What do the wheels do? An omnidirectional base: wheel speeds, traction with slip, and what the encoders count.
+//! How does an omnidirectional base drive? Wheel speeds, traction with slip, and encoder counts.
 
 use localize::omni::{OmniError, OmniKinematics, Twist};
 use localize::robot::BaseConfig;
@@ -11,26 +11,26 @@ use crate::scenario::WheelConfig;
 /// Wheels, motors and encoders.
 #[derive(Debug, Clone)]
 pub struct SimBase {
-    /// The wheels as the robot file believes them.
+    /// Kinematics by the robot file.
     omni: OmniKinematics,
     wheels: Vec<Wheel>,
-    /// Of the wheels from the centre, metres.
+    /// Distance of the wheels from the centre, metres.
     wheel_distance: f32,
     ticks_per_turn: f32,
     speed_max: f32,
     acceleration_max: f32,
-    /// What a wheel can push at most, N.
+    /// Maximum force of a wheel, N.
     traction_force_max: f32,
     slip_stiffness: f32,
-    /// What the motors follow now.
+    /// Velocity that the motors follow now, robot frame.
     motor_twist: Twist,
 }
 
 #[derive(Debug, Clone, Copy)]
 struct Wheel {
-    /// Real radius over the robot file's.
+    /// Real radius over that of the robot file.
     radius_scale: f32,
-    /// Angle turned since the start, radians; f64 since ticks are counted over hours.
+    /// Angle since the start, radians; f64, since ticks accumulate over hours.
     angle: f64,
     counted: i64,
 }
@@ -38,7 +38,7 @@ struct Wheel {
 const GRAVITY: f32 = 9.81;
 
 impl SimBase {
-    /// A base at rest (MATH.md 5); wheels that cannot drive everywhere are refused.
+    /// A base at rest (docs/methods.md 7.1). Fails for wheels that cannot drive in every direction.
     pub fn new(config: &BaseConfig, real: &WheelConfig) -> Result<Self, OmniError> {
         let angles: Vec<f32> = config
             .wheel_angles_deg
@@ -72,39 +72,43 @@ impl SimBase {
         })
     }
 
-    /// Turns the motors towards a wanted twist for `step` seconds and pushes the carpet, given the real motion.
+    /// Drives the motors towards `command` for `step` seconds while the robot moves with `real`.
     ///
-    /// Force (N along the robot's x and y) and torque (N m) of all wheels on the robot.
-    pub fn step(&mut self, wanted: Twist, real: Twist, step: f32) -> [f32; 3] {
-        self.ramp_motors(wanted, step);
+    /// Returns the force (N along the robot's x and y) and torque (N m) of all wheels on the robot.
+    pub fn step(&mut self, command: Twist, real: Twist, step: f32) -> [f32; 3] {
+        self.ramp_motors(command, step);
         let radius = self.omni.wheel_radius();
-        let turns = self.omni.wheel_speeds(self.motor_twist);
-        for (wheel, turn) in self.wheels.iter_mut().zip(turns) {
-            wheel.angle += f64::from(turn * step);
+        let speeds = self.omni.wheel_speeds(self.motor_twist);
+        for (wheel, speed) in self.wheels.iter_mut().zip(speeds) {
+            wheel.angle += f64::from(speed * step);
         }
-        let turns = self.omni.wheel_speeds(self.motor_twist);
-        let ground = self.omni.wheel_speeds(real);
-        let pushes = self
-            .wheels
-            .iter()
-            .zip(turns.zip(ground))
-            .map(|(wheel, (turn, ground))| {
-                // The controller turns the wheel as if it had the radius of the robot file.
-                let slip = radius * (turn * wheel.radius_scale - ground);
-                (self.slip_stiffness * slip)
-                    .clamp(-self.traction_force_max, self.traction_force_max)
-            });
-        self.omni.wrench(pushes)
+        let speeds = self.omni.wheel_speeds(self.motor_twist);
+        let ground_speeds = self.omni.wheel_speeds(real);
+        let forces =
+            self.wheels
+                .iter()
+                .zip(speeds.zip(ground_speeds))
+                .map(|(wheel, (speed, ground))| {
+                    // The controller assumes the radius of the robot file.
+                    let slip = radius * (speed * wheel.radius_scale - ground);
+                    (self.slip_stiffness * slip)
+                        .clamp(-self.traction_force_max, self.traction_force_max)
+                });
+        self.omni.wrench(forces)
     }
 
-    /// The motors' ramp: acceleration and wheel speed are limited, the direction of motion is kept.
-    fn ramp_motors(&mut self, wanted: Twist, step: f32) {
-        let target = self.omni.limit_twist(wanted, self.speed_max);
+    /// Changes the motors' velocity within the limits of acceleration and wheel speed, keeping the direction of motion.
+    fn ramp_motors(&mut self, command: Twist, step: f32) {
+        let target = self.omni.limit_twist(command, self.speed_max);
         let now = self.motor_twist;
         let change = Vector3::new(target.x - now.x, target.y - now.y, target.theta - now.theta);
         let size = Vector3::new(change.x, change.y, change.z * self.wheel_distance).norm();
-        let most = self.acceleration_max * step;
-        let part = if size > most { most / size } else { 1.0 };
+        let size_max = self.acceleration_max * step;
+        let part = if size > size_max {
+            size_max / size
+        } else {
+            1.0
+        };
         self.motor_twist = Twist {
             x: now.x + part * change.x,
             y: now.y + part * change.y,
@@ -112,11 +116,10 @@ impl SimBase {
         };
     }
 
-    /// What the encoders counted since the last call, as the robot file believes its wheels. `stuck` names a wheel whose
-    /// encoder does not count.
+    /// Odometry since the last call, by the kinematics of the robot file. `stuck` is a wheel whose encoder does not count.
     pub fn read_encoders(&mut self, stamp: Stamp, stuck: Option<usize>) -> Odometry {
         let tick = f64::from(std::f32::consts::TAU / self.ticks_per_turn);
-        let turns: Vec<f32> = self
+        let increments: Vec<f32> = self
             .wheels
             .iter_mut()
             .enumerate()
@@ -124,20 +127,20 @@ impl SimBase {
                 let total = (wheel.angle / tick).floor() as i64;
                 let ticks = total - wheel.counted;
                 wheel.counted = total;
-                let heard = if stuck == Some(index) { 0 } else { ticks };
-                (heard as f64 * tick) as f32
+                let counted = if stuck == Some(index) { 0 } else { ticks };
+                (counted as f64 * tick) as f32
             })
             .collect();
-        let (motion, slip) = self.omni.twist(&turns);
+        let (motion, slip) = self.omni.twist(&increments);
         motion.integrate(stamp, slip)
     }
 
-    /// How far each wheel has turned since the start, radians.
+    /// Angle of each wheel since the start, radians.
     pub fn wheel_angles(&self) -> impl Iterator<Item = f64> + '_ {
         self.wheels.iter().map(|wheel| wheel.angle)
     }
 
-    /// Stops the motors at once, as when the robot is lifted.
+    /// Stops the motors immediately, as for a lifted robot.
     pub fn stop_motors(&mut self) {
         self.motor_twist = Twist::default();
     }
@@ -156,7 +159,7 @@ mod tests {
         SimBase::new(&config, &WheelConfig::default()).expect("a base")
     }
 
-    /// Drives for a second on rails: the robot moves exactly as its motors want.
+    /// Odometry over one second in which the robot moves exactly with its motors.
     fn odometry_after_one_second(mut base: SimBase, twist: Twist) -> [f32; 3] {
         base.motor_twist = twist;
         let (mut x, mut y, mut theta) = (0.0f32, 0.0f32, 0.0f32);
@@ -207,7 +210,7 @@ mod tests {
         // Two of three wheels roll partly along x: 2·sin 60° of a third of the weight each.
         let wanted = -0.7 * weight / 3.0 * 2.0 * 60f32.to_radians().sin();
         assert!((force[0] - wanted).abs() < 0.5, "{} {wanted}", force[0]);
-        // Locked wheels that slide count nothing.
+        // Locked wheels that slide count no ticks.
         let counted = base.read_encoders(Stamp(0), None);
         assert_eq!((counted.dx, counted.dy, counted.dtheta), (0.0, 0.0, 0.0));
     }
@@ -223,7 +226,7 @@ mod tests {
         for _ in 0..50 {
             base.step(twist, twist, 0.002);
         }
-        // Two of three wheels carry x; without one of them half of it is left, and a turn that never was.
+        // Two of three wheels measure x; without one of them odometry has half of it and a false rotation.
         let Odometry { dx, dtheta, .. } = base.read_encoders(Stamp(0), Some(0));
         assert!((dx - 0.05).abs() < 0.004, "half of 0.1 m, found {dx}");
         assert!(dtheta.abs() > 0.1, "{dtheta}");

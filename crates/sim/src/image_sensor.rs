@@ -1,31 +1,30 @@
-//! What does the sensor make of the light? Exposure, gain, white balance, vignetting, shot and read noise, bytes.
+//! How does the image sensor convert light to bytes? Exposure, gain, white balance, vignetting, shot and read noise.
 
+use localize::random::standard_normal;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-
-use crate::sensors::standard_normal;
 
 /// `[film]` of a scenario: the camera's settings and its sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FilmConfig {
-    /// Exposure time over the one that suits light of level 1.
+    /// Exposure time, relative to the one that suits light of level 1.
     pub exposure: f32,
-    /// Gain: brightens what was exposed, noise included.
+    /// Gain, which amplifies signal and noise.
     pub gain: f32,
     /// Gains of red, green and blue.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub white_balance: [f32; 3],
-    /// Light lost at the image's corners over its centre.
+    /// Relative loss of light in the image's corners.
     pub vignetting: f32,
-    /// Electrons of a white pixel at exposure 1 and gain 1: fewer are noisier.
+    /// Electrons of a white pixel at exposure 1 and gain 1; fewer mean more shot noise.
     pub full_well: f32,
-    /// Noise of reading a pixel, electrons (one sigma).
+    /// Read noise of a pixel, electrons (one sigma).
     pub read_noise: f32,
     /// Width of the optics' blur, pixels.
     pub blur_px: f32,
-    /// Veiling glare: light that mirror and lens scatter over the whole image, relative to white.
+    /// Veiling glare: light scattered by mirror and lens over the whole image, relative to white.
     pub haze: f32,
 }
 
@@ -53,11 +52,15 @@ impl FilmConfig {
             ("blur_px", self.blur_px),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return Err((key.to_owned(), format!("{value} must be a positive number")));
+                return Err((
+                    key.to_owned(),
+                    format!("invalid value: {value} (expected a number above 0)"),
+                ));
             }
         }
         if !(self.read_noise >= 0.0 && self.haze >= 0.0 && (0.0..1.0).contains(&self.vignetting)) {
-            let reason = "read_noise and haze must be at least 0, vignetting between 0 and 1";
+            let reason =
+                "invalid value (expected read_noise and haze of at least 0, vignetting 0 to 1)";
             return Err(("vignetting".to_owned(), reason.to_owned()));
         }
         if !self
@@ -67,38 +70,38 @@ impl FilmConfig {
         {
             return Err((
                 "white_balance".to_owned(),
-                "wants three positive gains".to_owned(),
+                "invalid gains (expected three numbers above 0)".to_owned(),
             ));
         }
         Ok(())
     }
 }
 
-/// Normal numbers drawn once; each run of pixels reads them from another place.
+/// Normal random numbers, drawn once; each run of pixels starts at a random one of them.
 const NOISE_SAMPLES: usize = 1 << 14;
-/// The longest run that is developed at once, pixels.
+/// Longest run that is exposed at once, pixels.
 pub(crate) const RUN_PIXELS: usize = 256;
-/// Steps of the linear scale: fine enough that sRGB's steepest part moves by less than one byte.
+/// Steps of the linear scale: in sRGB's steepest part one step changes less than one byte.
 const TONES: usize = 4096;
-/// Entries of the tone table: a power of two, so that a mask stands for a check.
+/// Entries of the tone table: a power of two, so that a mask replaces the bounds check.
 const TONE_TABLE: usize = 8192;
-/// Pixels developed once an image from which all those around the mirror are taken.
+/// Pixels exposed once per image, from which those outside the mirror are taken.
 const DARK_PIXELS: usize = 4096;
 /// Linear value of full white.
 const WHITE: f32 = 1.0;
 
-/// Turns linear light into sRGB bytes.
+/// Converts linear light to sRGB bytes.
 pub(crate) struct ImageSensor {
     noise: Vec<f32>,
-    /// sRGB byte of each linear step; full white beyond the last.
+    /// sRGB byte of each linear step; white beyond the last.
     tone: Box<[u8; TONE_TABLE]>,
-    /// Pixels that see the dark around the mirror, each with noise of its own.
+    /// Dark pixels for the image outside the mirror, each with its own noise.
     dark_pixels: Vec<Rgbx>,
 }
 
-/// Tones of a run of pixels, one plane a colour: places in the tone table.
+/// Linear values of a run of pixels, one plane per colour: indices of the tone table.
 pub(crate) type ToneRun = [[u16; RUN_PIXELS]; 3];
-/// A printed pixel: red, green, blue, and a byte without meaning.
+/// An output pixel: red, green, blue, and an unused byte.
 pub(crate) type Rgbx = [u8; 4];
 
 impl ImageSensor {
@@ -116,13 +119,13 @@ impl ImageSensor {
         }
     }
 
-    /// Develops a run of at most `RUN` pixels: `light` is linear, per colour, under
-    /// white light of level 1; `lamp` is the light there is; `scale` is the vignetting.
+    /// Exposes a run of at most `RUN_PIXELS` pixels. `light`: linear, per colour, under white light of level 1;
+    /// `light_colour`: the actual light; `scale`: the vignetting.
     pub(crate) fn expose(
         &self,
         config: &FilmConfig,
         light: [&[f32]; 3],
-        lamp: [f32; 3],
+        light_colour: [f32; 3],
         scale: &[f32],
         rng: &mut Pcg,
         tones: &mut ToneRun,
@@ -131,8 +134,8 @@ impl ImageSensor {
         let start = rng.draw() as usize % NOISE_SAMPLES;
         for colour in 0..3 {
             let gain = config.gain * config.white_balance[colour];
-            let exposed = config.exposure * gain * lamp[colour];
-            // Electrons are counted before the gain: variance of v is v·gain/well + (gain·read/well)².
+            let exposed = config.exposure * gain * light_colour[colour];
+            // Shot noise arises before the gain: the variance of v is v·gain/well + (gain·read/well)².
             let shot = gain / config.full_well;
             let read = gain * config.read_noise / config.full_well;
             let read2 = read * read;
@@ -143,17 +146,17 @@ impl ImageSensor {
                 let value = (light[i] + config.haze) * scale[i] * exposed;
                 let noisy = value + noise[i] * (value * shot + read2).sqrt();
                 let step = (noisy * (TONES as f32 / WHITE)).clamp(0.0, TONES as f32);
-                // Adding 2²³ leaves the rounded number in the lowest bits; a cast would check for NaN.
+                // Adding 2²³ leaves the rounded value in the lowest bits, without the NaN check of a cast.
                 tones[i] = (step + 8_388_608.0).to_bits() as u16;
             }
         }
     }
 
-    /// The bytes of a developed run; a fourth one makes each a word.
-    pub(crate) fn tone_map(&self, tones: &ToneRun, prints: &mut [Rgbx]) {
+    /// The bytes of an exposed run.
+    pub(crate) fn tone_map(&self, tones: &ToneRun, pixels: &mut [Rgbx]) {
         let [red, green, blue] = tones;
-        for (((print, &red), &green), &blue) in prints.iter_mut().zip(red).zip(green).zip(blue) {
-            *print = [
+        for (((pixel, &red), &green), &blue) in pixels.iter_mut().zip(red).zip(green).zip(blue) {
+            *pixel = [
                 self.tone[usize::from(red) & (TONE_TABLE - 1)],
                 self.tone[usize::from(green) & (TONE_TABLE - 1)],
                 self.tone[usize::from(blue) & (TONE_TABLE - 1)],
@@ -162,11 +165,11 @@ impl ImageSensor {
         }
     }
 
-    /// Develops pixels that all see `light`: each run of them is a stretch of one strip, read from another place.
+    /// Fills the pixels `blank`, which all get the same `light`: each run is copied from a random place of a noisy strip.
     pub(crate) fn fill_dark(
         &mut self,
         config: &FilmConfig,
-        (light, lamp, scale): ([f32; 3], [f32; 3], f32),
+        (light, light_colour, scale): ([f32; 3], [f32; 3], f32),
         rng: &mut Pcg,
         blank: &[u32],
         pixels: &mut [[u8; 3]],
@@ -176,7 +179,7 @@ impl ImageSensor {
         let mut dark = std::mem::take(&mut self.dark_pixels);
         for strip in dark[..DARK_PIXELS].chunks_exact_mut(RUN_PIXELS) {
             let light = light.each_ref().map(|plane| &plane[..]);
-            self.expose(config, light, lamp, &scale, rng, &mut tones);
+            self.expose(config, light, light_colour, &scale, rng, &mut tones);
             self.tone_map(&tones, strip);
         }
         dark.copy_within(..RUN_PIXELS, DARK_PIXELS);
@@ -211,7 +214,7 @@ pub(crate) fn linear_from_srgb(byte: u8) -> f32 {
     }
 }
 
-/// O'Neill's PCG-XSH-RR: where each run of pixels starts to read its noise.
+/// O'Neill's PCG-XSH-RR, a fast generator for the noise offsets.
 pub(crate) struct Pcg(u64);
 
 impl Pcg {
@@ -250,10 +253,10 @@ mod tests {
             full_well: 500.0,
             ..FilmConfig::default()
         };
-        let mut spread = |level: f32| {
+        let mut measured_std = |level: f32| {
             let light = [level; RUN_PIXELS];
             let (mut sum, mut square, mut tones) = (0.0, 0.0, [[0; RUN_PIXELS]; 3]);
-            let mut prints = [[0; 4]; RUN_PIXELS];
+            let mut pixels = [[0; 4]; RUN_PIXELS];
             for _ in 0..200 {
                 film.expose(
                     &config,
@@ -263,8 +266,8 @@ mod tests {
                     &mut pcg,
                     &mut tones,
                 );
-                film.tone_map(&tones, &mut prints);
-                for &[_, byte, ..] in &prints {
+                film.tone_map(&tones, &mut pixels);
+                for &[_, byte, ..] in &pixels {
                     let value = f64::from(linear_from_srgb(byte));
                     sum += value;
                     square += value * value;
@@ -274,9 +277,12 @@ mod tests {
             (square / count - (sum / count).powi(2)).sqrt()
         };
         for level in [0.1, 0.4] {
-            let wanted = f64::from((level / 500.0f32).sqrt());
-            let found = spread(level);
-            assert!((found / wanted - 1.0).abs() < 0.1, "{found} {wanted}");
+            let expected = f64::from((level / 500.0f32).sqrt());
+            let measured = measured_std(level);
+            assert!(
+                (measured / expected - 1.0).abs() < 0.1,
+                "{measured} {expected}"
+            );
         }
     }
 }

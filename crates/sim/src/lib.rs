@@ -1,6 +1,6 @@
-//! A field in motion, and every sensor of the robot: what a real robot would sense, with the truth beside it.
+//! Simulation of a game and of every sensor of the robot, together with the true state.
 //!
-//! The mirror is traced as the scenario mounts it; vision measures with the map that it believes in.
+//! The simulator traces rays through the mirror as the scenario mounts it; vision uses the map of its own configuration.
 
 mod ball;
 pub mod base;

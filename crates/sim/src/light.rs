@@ -1,17 +1,17 @@
-//! How much light falls where, and when? An even hall with lamps' spots, and a level that changes with time.
+//! How is the field lit? Uniform light whose level changes with time, and spots of lamps and windows.
 
 use serde::{Deserialize, Serialize};
 
-/// `[light]` of a scenario; levels are relative to what the default exposure is made for.
+/// `[light]` of a scenario; levels are relative to the light that suits the default exposure.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LightConfig {
-    /// Level at all times where there are no keyframes.
+    /// Constant level, used without keyframes.
     pub level: f32,
-    /// Colour of the light: red, green and blue relative to white.
+    /// Colour of the light: red, green and blue, relative to white.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub colour: [f32; 3],
-    /// Levels at given times, straight between them.
+    /// Levels at given times, interpolated linearly.
     pub keyframes: Vec<LightKeyframe>,
     /// Lamps and windows: brighter (or darker) parts of the field.
     pub spots: Vec<LightSpot>,
@@ -38,19 +38,19 @@ pub struct LightKeyframe {
     pub level: f32,
 }
 
-/// A round part of the field with more light.
+/// A round spot of light on the field.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LightSpot {
-    /// Its middle on the field, metres.
+    /// Centre on the field, metres.
     pub x: f32,
-    /// Its middle on the field, metres.
+    /// Centre on the field, metres.
     pub y: f32,
-    /// Where it has faded to 1/e, metres.
+    /// Radius at which it has decayed to 1/e, metres.
     pub radius: f32,
-    /// Light added in its middle, relative to the hall's; negative for a shadow.
+    /// Light added at its centre, relative to the uniform light; negative for a shadow.
     pub strength: f32,
-    /// White gloss added in its middle: what the floor mirrors of a window, whatever its colour.
+    /// White gloss added at its centre: the reflection of a window on the floor, independent of the floor's colour.
     #[serde(default)]
     pub gloss: f32,
 }
@@ -65,13 +65,13 @@ impl LightConfig {
                 let part = ((time - before.time) / (next.time - before.time)) as f32;
                 before.level + part * (next.level - before.level)
             }
-            (Some(only), None) => only.level,
-            (None, Some(only)) => only.level,
+            (Some(end), None) => end.level,
+            (None, Some(first)) => first.level,
             (None, None) => self.level,
         }
     }
 
-    /// Light on a point of the field relative to the hall's, and the gloss there.
+    /// Light at a point of the field relative to the uniform light, and the gloss there.
     pub(crate) fn spot_light_at(&self, x: f32, y: f32) -> (f32, f32) {
         let mut sum = (1.0, 0.0);
         for spot in &self.spots {
@@ -89,7 +89,7 @@ impl LightConfig {
         if !level_ok(self.level) || !keys_ok || !self.colour.iter().all(|&part| level_ok(part)) {
             return Err((
                 "level".to_owned(),
-                "levels must be zero or positive".to_owned(),
+                "invalid level (expected numbers of at least 0)".to_owned(),
             ));
         }
         if self
@@ -97,7 +97,10 @@ impl LightConfig {
             .windows(2)
             .any(|pair| !(pair[0].time < pair[1].time))
         {
-            return Err(("keyframes".to_owned(), "times must rise".to_owned()));
+            return Err((
+                "keyframes".to_owned(),
+                "invalid order (expected increasing times)".to_owned(),
+            ));
         }
         if self
             .spots
@@ -106,7 +109,7 @@ impl LightConfig {
         {
             return Err((
                 "spots".to_owned(),
-                "radius must be positive, gloss at least 0".to_owned(),
+                "invalid spot (expected radius above 0, gloss of at least 0)".to_owned(),
             ));
         }
         Ok(())

@@ -1,4 +1,4 @@
-//! Where should our robot go now? Along the scenario's path, from where it truly is, around who is in the way.
+//! How does our robot drive? Along the scenario's path by its true pose, avoiding other robots.
 
 use localize::frames::{Pose, wrap_angle};
 use localize::omni::Twist;
@@ -6,13 +6,13 @@ use nalgebra::Vector2;
 
 use crate::scenario::PathConfig;
 
-/// A waypoint counts as passed at this distance, metres.
+/// Distance at which a waypoint counts as passed, metres.
 const WAYPOINT_RADIUS: f32 = 0.25;
-/// Braking is planned with this deceleration, m/s².
+/// Planned deceleration, m/s².
 const BRAKING: f32 = 1.5;
-/// Distance from another robot's centre below which ours turns aside, metres.
+/// Distance between robots' centres below which ours evades, metres.
 const AVOIDANCE_DISTANCE: f32 = 0.9;
-/// A waypoint that cannot be reached (somebody stands on it) is left out after so long, seconds.
+/// Time after which an unreachable (occupied) waypoint is skipped, seconds.
 const WAYPOINT_TIMEOUT: f32 = 12.0;
 
 /// Follows a path.
@@ -32,7 +32,7 @@ impl PathFollower {
         }
     }
 
-    /// The wanted twist (robot frame) at a time and pose; `elapsed` seconds after the last call.
+    /// The commanded twist (robot frame) at a time and pose; `elapsed`: seconds since the last call.
     pub(crate) fn command(
         &mut self,
         time: f64,
@@ -54,49 +54,49 @@ impl PathFollower {
             self.waypoint_time = 0.0;
             target = self.path.waypoints[self.next].pose();
         }
-        let here = Vector2::new(pose.x, pose.y);
-        let way = Vector2::new(target.x, target.y) - here;
-        let distance = way.norm();
-        // Slow down before corners no more than lets the robot turn in; before the end, to a stop.
+        let position = Vector2::new(pose.x, pose.y);
+        let offset = Vector2::new(target.x, target.y) - position;
+        let distance = offset.norm();
+        // At a corner the robot keeps 40 % of its speed; at the end it stops.
         let slowest = if last { 0.0 } else { self.path.speed * 0.4 };
         let speed = (2.0 * BRAKING * distance)
             .sqrt()
             .min(self.path.speed)
             .max(slowest.min(distance * 2.0));
-        let mut wanted = if distance > 1e-3 {
-            way / distance * speed
+        let mut velocity = if distance > 1e-3 {
+            offset / distance * speed
         } else {
-            way
+            offset
         };
         for other in others {
-            let away = here - Vector2::new(other.x, other.y);
+            let away = position - Vector2::new(other.x, other.y);
             let near = away.norm();
             if near < AVOIDANCE_DISTANCE && near > 1e-3 {
                 let side = Vector2::new(-away.y, away.x);
-                wanted += (away + side * 0.7) / near * (AVOIDANCE_DISTANCE - near)
+                velocity += (away + side * 0.7) / near * (AVOIDANCE_DISTANCE - near)
                     / AVOIDANCE_DISTANCE
                     * self.path.speed
                     * 2.0;
             }
         }
-        let wanted = wanted.cap_magnitude(self.path.speed);
+        let velocity = velocity.cap_magnitude(self.path.speed);
         let (sin, cos) = pose.theta.sin_cos();
         let turn_rate = self.path.turn_rate_deg.to_radians();
         Twist {
-            x: cos * wanted.x + sin * wanted.y,
-            y: -sin * wanted.x + cos * wanted.y,
+            x: cos * velocity.x + sin * velocity.y,
+            y: -sin * velocity.x + cos * velocity.y,
             theta: (wrap_angle(target.theta - pose.theta) * 2.0).clamp(-turn_rate, turn_rate),
         }
     }
 
     fn scheduled_command(&self, time: f64) -> Twist {
-        let past = self
+        let latest = self
             .path
             .commands
             .iter()
             .rev()
             .find(|command| command.time <= time);
-        past.map_or(Twist::default(), |command| Twist {
+        latest.map_or(Twist::default(), |command| Twist {
             x: command.vx,
             y: command.vy,
             theta: command.turn_deg.to_radians(),

@@ -1,4 +1,4 @@
-//! What happens on the field, and how does it look? A scenario read from TOML; all paths relative to its file.
+//! What happens in a simulation? A scenario read from TOML; its paths are relative to the file.
 
 mod load;
 
@@ -14,7 +14,7 @@ pub use load::ScenarioError;
 use crate::image_sensor::FilmConfig;
 use crate::light::LightConfig;
 
-/// A scenario file. Lengths in metres, times in seconds after the start, angles as their names say.
+/// A scenario file. Lengths in metres, times in seconds from the start, angles in the unit of their names.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
@@ -22,17 +22,17 @@ pub struct Scenario {
     pub robot: PathBuf,
     /// The field file; the robot's own if absent.
     pub field: Option<PathBuf>,
-    /// Where chance starts from.
+    /// Seed of all random numbers.
     #[serde(default)]
     pub seed: u64,
-    /// How long it lasts, seconds.
+    /// Duration, seconds.
     pub duration: f64,
     /// Images per second.
     #[serde(default = "default_frame_rate_hz")]
     pub frame_rate_hz: f64,
-    /// Where our robot stands at first.
+    /// Initial pose of our robot.
     pub start: Placement,
-    /// Where our robot drives.
+    /// How our robot drives.
     #[serde(default)]
     pub path: PathConfig,
     /// The ball.
@@ -41,19 +41,19 @@ pub struct Scenario {
     /// The other robots.
     #[serde(default)]
     pub others: OthersConfig,
-    /// Our other robots, each with eyes and a sense of place of its own; the robot file is the same.
+    /// Our other robots, each with its own vision and localization; they use the same robot file.
     #[serde(default)]
     pub squad: Vec<TeammateConfig>,
-    /// How words among our robots travel.
+    /// Radio link between our robots.
     #[serde(default)]
     pub radio: RadioConfig,
-    /// What the wheels do that the robot file does not say.
+    /// Deviations of the wheels from the robot file.
     #[serde(default)]
     pub wheels: WheelConfig,
-    /// How camera and mirror really sit, as opposed to what vision believes.
+    /// Real mounting of camera and mirror, which vision does not know.
     #[serde(default)]
     pub mount: Mount,
-    /// The real focal length over the one of the robot file.
+    /// Real focal length over that of the robot file.
     #[serde(default = "default_focal_scale")]
     pub focal_scale: f64,
     /// Exposure, gain, white balance, vignetting and noise.
@@ -62,16 +62,16 @@ pub struct Scenario {
     /// Light on the field.
     #[serde(default)]
     pub light: LightConfig,
-    /// Our robot is taken away.
+    /// Moves our robot to other poses.
     #[serde(default)]
     pub kidnaps: Vec<Kidnap>,
-    /// Our robot is pushed.
+    /// Impulses on our robot.
     #[serde(default)]
     pub pushes: Vec<Push>,
-    /// Something black hangs in the view.
+    /// Black sectors of the view.
     #[serde(default)]
     pub occlusions: Vec<Occlusion>,
-    /// Sensors that fail.
+    /// Sensor faults.
     #[serde(default)]
     pub faults: Vec<Fault>,
 }
@@ -84,7 +84,7 @@ fn default_focal_scale() -> f64 {
     1.0
 }
 
-/// A place and a heading on the field.
+/// Position and heading on the field.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Placement {
@@ -98,25 +98,25 @@ pub struct Placement {
 }
 
 impl Placement {
-    /// As a pose on the field.
+    /// The pose on the field.
     pub fn pose(self) -> Pose {
         Pose::new(self.x, self.y, self.theta_deg.to_radians())
     }
 }
 
-/// How our robot drives: along waypoints, by a list of velocities, or not at all.
+/// Path of our robot: waypoints, or a list of velocities, or none.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PathConfig {
-    /// Points to pass, in turn; a heading is reached on the way there.
+    /// Poses to pass in this order; the robot rotates to the heading while it drives.
     pub waypoints: Vec<Placement>,
-    /// After the last waypoint, start over.
+    /// Restart after the last waypoint.
     pub repeat: bool,
     /// Top speed on the path, m/s.
     pub speed: f32,
-    /// Top rate of turn on the path, degrees/s.
+    /// Maximum yaw rate on the path, degrees/s.
     pub turn_rate_deg: f32,
-    /// Velocities in the robot frame, each valid until the next; used where there are no waypoints.
+    /// Velocities in the robot frame, each valid until the next; used without waypoints.
     pub commands: Vec<TimedTwist>,
 }
 
@@ -132,11 +132,11 @@ impl Default for PathConfig {
     }
 }
 
-/// A velocity in the robot frame from a time on.
+/// A velocity in the robot frame with its start time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TimedTwist {
-    /// From when, seconds.
+    /// Start, seconds.
     pub time: f64,
     /// Forward, m/s.
     #[serde(default)]
@@ -153,25 +153,25 @@ pub struct TimedTwist {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TeammateConfig {
-    /// Where it stands at first.
+    /// Initial pose.
     pub start: Placement,
-    /// Where it drives.
+    /// Its path.
     #[serde(default)]
     pub path: PathConfig,
-    /// How its camera and mirror really sit.
+    /// Real mounting of its camera and mirror.
     #[serde(default)]
     pub mount: Mount,
 }
 
-/// How words among robots travel: some are lost, none arrives at once.
+/// Radio link between robots, with loss and delay.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RadioConfig {
-    /// Words a second of each robot.
+    /// Messages per second of each robot.
     pub rate_hz: f64,
-    /// Share of the words that are lost on the way to each robot.
+    /// Share of messages that are lost, for each receiver.
     pub loss: f32,
-    /// Shortest and longest time under way, seconds; words overtake each other.
+    /// Shortest and longest delay, seconds; messages may overtake one another.
     pub delay: [f64; 2],
 }
 
@@ -191,10 +191,10 @@ impl Default for RadioConfig {
 pub struct BallConfig {
     /// False for a field without a ball.
     pub present: bool,
-    /// Where it lies at first, metres.
+    /// Initial position, metres.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub position: [f32; 2],
-    /// How it moves at first (sliding), m/s.
+    /// Initial velocity (sliding), m/s.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub velocity: [f32; 2],
     /// Metres.
@@ -203,9 +203,9 @@ pub struct BallConfig {
     pub mass: f32,
     /// Its colour, sRGB 0 to 255.
     pub colour: [u8; 3],
-    /// Speed after a bounce off a wall or post over the speed before.
+    /// Coefficient of restitution at walls and posts.
     pub restitution: f32,
-    /// Friction on the carpet while it slides.
+    /// Friction coefficient on the carpet while it slides.
     pub sliding_friction: f32,
     /// Deceleration while it rolls, m/s².
     pub rolling_deceleration: f32,
@@ -227,15 +227,15 @@ impl Default for BallConfig {
     }
 }
 
-/// The other robots: so many at random places, or each as listed.
+/// The other robots: some at random poses, some at given ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct OthersConfig {
-    /// Opponents (magenta) at seeded places.
+    /// Number of opponents (magenta) at random poses.
     pub opponents: usize,
-    /// Team-mates (cyan) at seeded places.
+    /// Number of teammates (cyan) at random poses.
     pub mates: usize,
-    /// Robots at given places.
+    /// Robots at given poses.
     pub placed: Vec<PlacedRobot>,
     /// Their top speed, m/s.
     pub speed: f32,
@@ -255,7 +255,7 @@ impl Default for OthersConfig {
     }
 }
 
-/// A robot at a given place.
+/// A robot at a given pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedRobot {
@@ -266,22 +266,22 @@ pub struct PlacedRobot {
     /// Degrees counter-clockwise from the field's x axis.
     #[serde(default)]
     pub theta_deg: f32,
-    /// Whose it is.
+    /// Its team.
     pub team: TeamColour,
-    /// True if it only stands there.
+    /// True if it does not move.
     #[serde(default)]
     pub stands: bool,
 }
 
-/// Where wheels and odometry differ from the robot file.
+/// Deviations of wheels and odometry from the robot file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WheelConfig {
-    /// Friction of wheels on the carpet: what they can push at most, over the weight on them.
+    /// Friction coefficient of the wheels on the carpet.
     pub traction: f32,
-    /// Force of a wheel per slip speed, N per m/s: how much it creeps before it loses its grip.
+    /// Slip stiffness: force of a wheel per slip speed below the friction limit, N per m/s.
     pub grip: f32,
-    /// Each wheel's real radius over the one of the robot file; the last one repeats.
+    /// Real radius of each wheel over that of the robot file; the last value repeats.
     pub radius_scale: Vec<f32>,
 }
 
@@ -295,11 +295,11 @@ impl Default for WheelConfig {
     }
 }
 
-/// Our robot is put elsewhere, at once.
+/// Our robot is moved to another pose instantly.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kidnap {
-    /// When, seconds.
+    /// Time, seconds.
     pub time: f64,
     /// Metres.
     pub x: f32,
@@ -310,13 +310,13 @@ pub struct Kidnap {
     pub theta_deg: f32,
 }
 
-/// Our robot is hit.
+/// An impulse on our robot.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Push {
-    /// When, seconds.
+    /// Time, seconds.
     pub time: f64,
-    /// Impulse on the field, N s along x and y.
+    /// Impulse, field frame, N s along x and y.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub impulse: [f32; 2],
 }
@@ -325,27 +325,27 @@ pub struct Push {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Occlusion {
-    /// From when, seconds.
+    /// Start, seconds.
     pub start: f64,
-    /// Until when, seconds.
+    /// End, seconds.
     pub stop: f64,
-    /// Its middle, degrees counter-clockwise from the robot's x axis.
+    /// Centre, degrees counter-clockwise from the robot's x axis.
     pub direction_deg: f32,
-    /// Its whole width, degrees.
+    /// Full width, degrees.
     pub width_deg: f32,
 }
 
-/// A sensor fails for a while.
+/// A temporary sensor fault.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
-    /// What fails.
+    /// Kind of fault.
     pub kind: FaultKind,
-    /// From when, seconds.
+    /// Start, seconds.
     pub start: f64,
-    /// Until when, seconds.
+    /// End, seconds.
     pub stop: f64,
-    /// Which wheel, counted from 0 (wheel_stuck alone).
+    /// Wheel, counted from 0 (only for wheel_stuck).
     #[serde(default)]
     pub wheel: usize,
 }
@@ -356,11 +356,11 @@ pub struct Fault {
 pub enum FaultKind {
     /// No images.
     FramesDropped,
-    /// Every image is the last one before the fault.
+    /// The camera repeats the last image before the fault.
     FramesFrozen,
     /// No compass samples.
     CompassSilent,
-    /// The compass repeats its last heading.
+    /// The compass repeats the last heading before the fault.
     CompassFrozen,
     /// No odometry.
     OdometrySilent,

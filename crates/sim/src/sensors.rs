@@ -1,16 +1,16 @@
-//! What do IMU and compass read? Truth with bias, noise and shocks.
+//! What do IMU and compass measure? The true motion with bias, noise and magnetic distortion.
 
 use localize::frames::wrap_angle;
-pub(crate) use localize::random::standard_normal;
+use localize::random::standard_normal;
 use localize::robot::{CompassModelConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
 use localize::stamp::Stamp;
 use rand_chacha::ChaCha8Rng;
 
-/// What a robot at rest feels, m/s².
+/// Specific force of a robot at rest, m/s².
 const GRAVITY: f32 = 9.81;
 
-/// The inertial unit of one robot: its biases were drawn when it was made.
+/// An inertial unit; its biases are drawn once, in `new`.
 #[derive(Debug, Clone)]
 pub(crate) struct ImuModel {
     acceleration_noise: f32,
@@ -30,7 +30,7 @@ impl ImuModel {
         }
     }
 
-    /// A reading, from the mean true acceleration (robot frame, m/s²) since the last one and the rate (rad/s).
+    /// A reading for the mean true acceleration since the last one (robot frame, m/s²) and the true yaw rate (rad/s).
     pub(crate) fn read(
         &self,
         stamp: Stamp,
@@ -54,7 +54,7 @@ impl ImuModel {
     }
 }
 
-/// A compass with a bias that wanders (Ornstein and Uhlenbeck).
+/// A compass whose bias is an Ornstein-Uhlenbeck process.
 #[derive(Debug, Clone)]
 pub(crate) struct CompassModel {
     noise: f32,
@@ -66,20 +66,20 @@ pub(crate) struct CompassModel {
 
 impl CompassModel {
     pub(crate) fn new(config: &CompassModelConfig, rng: &mut ChaCha8Rng) -> Self {
-        let spread = config.bias_deg.to_radians();
+        let bias_std = config.bias_deg.to_radians();
         CompassModel {
             noise: config.noise_deg.to_radians(),
-            bias_std: spread,
+            bias_std,
             bias_decay: (-1.0 / (config.rate_hz * config.bias_time)).exp(),
-            bias: spread * standard_normal(rng),
+            bias: bias_std * standard_normal(rng),
             iron: config.iron.clone(),
         }
     }
 
-    /// A reading of the true heading, radians.
+    /// A reading for a true heading, radians.
     pub(crate) fn read(&mut self, stamp: Stamp, heading: f32, rng: &mut ChaCha8Rng) -> Compass {
-        let fresh = self.bias_std * (1.0 - self.bias_decay * self.bias_decay).sqrt();
-        self.bias = self.bias_decay * self.bias + fresh * standard_normal(rng);
+        let step_std = self.bias_std * (1.0 - self.bias_decay * self.bias_decay).sqrt();
+        self.bias = self.bias_decay * self.bias + step_std * standard_normal(rng);
         let heading = wrap_angle(heading + self.bias + self.noise * standard_normal(rng));
         let Some(IronConfig { hard, soft }) = &self.iron else {
             return Compass {
@@ -88,7 +88,7 @@ impl CompassModel {
                 magnetic_field: None,
             };
         };
-        // North lies along the field's x axis.
+        // North is along the field's x axis.
         let (sin, cos) = heading.sin_cos();
         let field = [0, 1].map(|k| soft[k][0] * cos - soft[k][1] * sin + hard[k]);
         Compass::from_magnetic_field(stamp, field)
@@ -119,26 +119,26 @@ mod tests {
             .collect();
         let fields: Vec<[f32; 2]> = readings
             .iter()
-            .filter_map(|one| one.1.magnetic_field)
+            .filter_map(|(_, compass)| compass.magnetic_field)
             .collect();
-        let told = localize::config::CompassConfig {
+        let calibrated = localize::config::CompassConfig {
             calibration: Some(
                 localize::sensors::compass_calibration::fit_calibration(&fields)
-                    .expect("a turn")
+                    .expect("a full rotation")
                     .calibration,
             ),
             ..localize::config::CompassConfig::default()
         };
         let worst = |heading: &dyn Fn(&Compass) -> f32| {
-            let off = readings
+            let errors = readings
                 .iter()
-                .map(|(truth, one)| wrap_angle(heading(one) - truth).abs());
-            off.fold(0.0_f32, f32::max).to_degrees()
+                .map(|(truth, compass)| wrap_angle(heading(compass) - truth).abs());
+            errors.fold(0.0_f32, f32::max).to_degrees()
         };
-        assert!(worst(&|one| one.heading) > 25.0);
-        assert!(worst(&|one| told.heading(one).expect("undisturbed")) < 6.0);
-        let beside_steel = Compass::from_magnetic_field(Stamp(0), [3.0, 0.0]);
-        assert_eq!(told.heading(&beside_steel), None);
+        assert!(worst(&|compass| compass.heading) > 25.0);
+        assert!(worst(&|compass| calibrated.heading(compass).expect("undisturbed")) < 6.0);
+        let near_steel = Compass::from_magnetic_field(Stamp(0), [3.0, 0.0]);
+        assert_eq!(calibrated.heading(&near_steel), None);
     }
 
     #[test]
@@ -152,7 +152,7 @@ mod tests {
         let count = 20_000;
         let errors = (0..count).map(|_| compass.read(Stamp(0), 3.0, &mut rng).heading - 3.0);
         let square: f32 = errors.map(|error| wrap_angle(error).powi(2)).sum();
-        let spread_deg = (square / count as f32).sqrt().to_degrees();
-        assert!((spread_deg - 5f32.hypot(4.0)).abs() < 0.3, "{spread_deg}");
+        let std_deg = (square / count as f32).sqrt().to_degrees();
+        assert!((std_deg - 5f32.hypot(4.0)).abs() < 0.3, "{std_deg}");
     }
 }

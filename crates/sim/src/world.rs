@@ -1,4 +1,4 @@
-//! Where does everything move? Our robot, the others and the ball in lockstep, top-down, on a rapier field.
+//! How do robots and ball move? Our robot, the others and the ball in two dimensions, simulated by rapier.
 
 use localize::field::Field;
 use localize::frames::{At, FieldFrame, Pose};
@@ -14,35 +14,35 @@ use crate::base::SimBase;
 use crate::scenario::{BallConfig, Scenario};
 use localize::world::TeamColour;
 
-/// Length of a step, seconds: at 12 m/s a ball moves a tenth of its diameter.
+/// Time step, seconds: a ball at 12 m/s moves a tenth of its diameter.
 pub const STEP: f32 = (STEP_NANOSECONDS as f64 * 1e-9) as f32;
-/// The same for the clock: whole nanoseconds, so that stamps never drift or round.
+/// The time step in whole nanoseconds, so that stamps are exact.
 pub(crate) const STEP_NANOSECONDS: i64 = 2_000_000;
 
 /// Mass of each of the other robots, kilograms (the league allows 40).
 const OTHER_MASS: f32 = 35.0;
 /// Half the side of the other robots, metres (the league allows 0.26).
 pub const OTHER_HALF_SIDE: f32 = 0.24;
-/// What the other robots can accelerate by, m/s² and rad/s².
+/// Maximum acceleration of the other robots, m/s² and rad/s².
 const OTHER_ACCELERATION: f32 = 3.5;
 const OTHER_TURN_ACCELERATION: f32 = 20.0;
-/// Speed kept after a bounce off a robot's body.
+/// Coefficient of restitution of robots' bodies.
 const BODY_RESTITUTION: f32 = 0.3;
-/// A net takes nearly all of a ball's speed.
+/// Coefficient of restitution of nets, which absorb most of a ball's speed.
 const NET_RESTITUTION: f32 = 0.1;
-/// Thickness of nets and walls, metres: what a ball at 12 m/s crosses in four steps.
+/// Thickness of nets and walls, metres: a ball at 12 m/s crosses it in four steps.
 const WALL_THICKNESS: f32 = 0.1;
-/// Room between the carpet and the hall's barrier, metres.
+/// Distance from the carpet to the barrier around it, metres.
 const BARRIER_GAP: f32 = 0.5;
 
-/// Bodies in motion; stamps and chance come from outside.
+/// The dynamics of all bodies; stamps and random numbers are the caller's.
 pub struct SimWorld {
     physics: PhysicsWorld,
     robot: RigidBodyHandle,
     others: Vec<OtherRobot>,
     ball: Option<BallBody>,
     base: SimBase,
-    /// Our robot's velocity at the end of the last step: what hits it in between is felt as well.
+    /// Our robot's velocity at the end of the last step, so that impulses between steps count as acceleration.
     last_velocity: Vector,
     last_acceleration: Vector2<f32>,
 }
@@ -60,31 +60,31 @@ struct BallBody {
     surface_velocity: Vector2<f32>,
 }
 
-/// Where a robot is and how it moves, field frame.
+/// Pose and velocity of a robot, field frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotState {
-    /// Its pose.
+    /// Pose.
     pub pose: Pose,
     /// m/s along the field's x and y.
     pub velocity: [f32; 2],
-    /// rad/s counter-clockwise.
+    /// Yaw rate, rad/s counter-clockwise.
     pub omega: f32,
     /// The colour of its marker.
     pub team: TeamColour,
 }
 
-/// Where the ball is and how it moves, field frame.
+/// Position and velocity of the ball, field frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallState {
-    /// Where it touches the ground.
+    /// Ground contact.
     pub at: At<FieldFrame>,
     /// m/s along the field's x and y.
     pub velocity: [f32; 2],
 }
 
 impl SimWorld {
-    /// Puts everything where the scenario says; `others` are poses and teams of the other robots. Wheels that cannot
-    /// drive everywhere are refused.
+    /// Places all bodies by the scenario; `others` are poses and teams of the other robots. Fails for wheels that cannot
+    /// drive in every direction.
     pub fn new(
         field: &Field,
         base: &BaseConfig,
@@ -135,21 +135,21 @@ impl SimWorld {
         })
     }
 
-    /// Moves everything by one `STEP`; our robot's motors follow `wanted` (robot frame).
-    pub fn step(&mut self, wanted: Twist) {
-        self.drive_robot(wanted);
+    /// Advances by one `STEP`; our robot's motors follow `command` (robot frame).
+    pub fn step(&mut self, command: Twist) {
+        self.drive_robot(command);
         for index in 0..self.others.len() {
             self.drive_other(index);
         }
         if let Some(ball) = &mut self.ball {
             let body = &mut self.physics.bodies[ball.body];
             let velocity = body.linvel();
-            let (slower, spin) = ball.friction.step(
+            let (slower, surface_velocity) = ball.friction.step(
                 Vector2::new(velocity.x, velocity.y),
                 ball.surface_velocity,
                 STEP,
             );
-            ball.surface_velocity = spin;
+            ball.surface_velocity = surface_velocity;
             body.set_linvel(Vector::new(slower.x, slower.y), true);
         }
         self.physics.step();
@@ -159,7 +159,7 @@ impl SimWorld {
         self.last_acceleration = Vector2::new(change.x, change.y);
     }
 
-    fn drive_robot(&mut self, wanted: Twist) {
+    fn drive_robot(&mut self, command: Twist) {
         let state = self.robot();
         let (sin, cos) = state.pose.theta.sin_cos();
         let [vx, vy] = state.velocity;
@@ -168,7 +168,7 @@ impl SimWorld {
             y: -sin * vx + cos * vy,
             theta: state.omega,
         };
-        let [fx, fy, torque] = self.base.step(wanted, real, STEP);
+        let [fx, fy, torque] = self.base.step(command, real, STEP);
         let body = &mut self.physics.bodies[self.robot];
         body.reset_forces(true);
         body.reset_torques(true);
@@ -180,32 +180,32 @@ impl SimWorld {
         let other = &self.others[index];
         let body = &mut self.physics.bodies[other.body];
         let velocity = body.linvel();
-        let missing = Vector2::new(
+        let velocity_error = Vector2::new(
             other.target_velocity[0] - velocity.x,
             other.target_velocity[1] - velocity.y,
         );
-        // A tenth of a second to reach what is wanted, within what the motors can do.
-        let acceleration = (missing * 10.0).cap_magnitude(OTHER_ACCELERATION);
-        let turn = ((other.target_velocity[2] - body.angvel()) * 10.0)
+        // Time constant of 0.1 s, within the limits of the motors.
+        let acceleration = (velocity_error * 10.0).cap_magnitude(OTHER_ACCELERATION);
+        let angular_acceleration = ((other.target_velocity[2] - body.angvel()) * 10.0)
             .clamp(-OTHER_TURN_ACCELERATION, OTHER_TURN_ACCELERATION);
         let (ax, ay) = (acceleration.x * STEP, acceleration.y * STEP);
         body.set_linvel(velocity + Vector::new(ax, ay), true);
-        body.set_angvel(body.angvel() + turn * STEP, true);
+        body.set_angvel(body.angvel() + angular_acceleration * STEP, true);
     }
 
-    /// Our robot.
+    /// State of our robot.
     pub fn robot(&self) -> RobotState {
         self.state(self.robot, TeamColour::Cyan)
     }
 
-    /// The other robots, in the order they were put there.
+    /// States of the other robots, in the order of `new`.
     pub fn others(&self) -> impl Iterator<Item = RobotState> + '_ {
         self.others
             .iter()
             .map(|other| self.state(other.body, other.team))
     }
 
-    /// The ball, where there is one.
+    /// State of the ball, if there is one.
     pub fn ball(&self) -> Option<BallState> {
         let body = &self.physics.bodies[self.ball.as_ref()?.body];
         let (at, velocity) = (body.translation(), body.linvel());
@@ -215,29 +215,29 @@ impl SimWorld {
         })
     }
 
-    /// Our robot's acceleration over the last step, field frame, m/s².
+    /// Mean acceleration of our robot over the last step, field frame, m/s².
     pub fn acceleration(&self) -> [f32; 2] {
         [self.last_acceleration.x, self.last_acceleration.y]
     }
 
-    /// What the encoders counted since the last call.
+    /// Odometry since the last call; `stuck` is a wheel whose encoder does not count.
     pub fn read_encoders(&mut self, stamp: Stamp, stuck: Option<usize>) -> Odometry {
         self.base.read_encoders(stamp, stuck)
     }
 
-    /// How far each wheel of our robot has turned since the start, radians.
+    /// Angle of each wheel of our robot since the start, radians.
     pub fn wheel_angles(&self) -> impl Iterator<Item = f64> + '_ {
         self.base.wheel_angles()
     }
 
-    /// Wanted velocity of another robot, field frame (m/s, m/s, rad/s).
-    pub fn set_other_velocity(&mut self, index: usize, wanted: [f32; 3]) {
+    /// Target velocity of another robot, field frame (m/s, m/s, rad/s).
+    pub fn set_other_velocity(&mut self, index: usize, target: [f32; 3]) {
         if let Some(other) = self.others.get_mut(index) {
-            other.target_velocity = wanted;
+            other.target_velocity = target;
         }
     }
 
-    /// Puts another robot where it is in another world; it goes on as it moves there.
+    /// Copies the state of another robot from another world; its velocity becomes its target velocity.
     pub fn set_other_state(&mut self, index: usize, state: &RobotState) {
         if let Some(other) = self.others.get_mut(index) {
             let ([vx, vy], pose) = (state.velocity, state.pose);
@@ -250,7 +250,7 @@ impl SimWorld {
         }
     }
 
-    /// Puts our robot elsewhere, standing; nothing else changes.
+    /// Moves our robot to a pose, at rest; nothing else changes.
     pub fn kidnap(&mut self, pose: Pose) {
         let body = &mut self.physics.bodies[self.robot];
         body.set_translation(Vector::new(pose.x, pose.y), true);
@@ -261,7 +261,7 @@ impl SimWorld {
         self.last_velocity = Vector::ZERO;
     }
 
-    /// Puts another robot elsewhere, standing; a number that none has does nothing.
+    /// Moves another robot to a pose, at rest; ignores an index out of range.
     pub fn place_other(&mut self, index: usize, pose: Pose) {
         if let Some(other) = self.others.get(index) {
             let body = &mut self.physics.bodies[other.body];
@@ -272,12 +272,12 @@ impl SimWorld {
         }
     }
 
-    /// Hits our robot with an impulse (N s, field frame).
+    /// Applies an impulse to our robot (N s, field frame).
     pub fn apply_impulse(&mut self, impulse: [f32; 2]) {
         self.physics.bodies[self.robot].apply_impulse(Vector::new(impulse[0], impulse[1]), true);
     }
 
-    /// Puts the ball somewhere with a velocity (m/s, field frame), sliding.
+    /// Places the ball with a velocity (m/s, field frame), sliding without spin.
     pub fn place_ball(&mut self, at: At<FieldFrame>, velocity: [f32; 2]) {
         if let Some(ball) = &mut self.ball {
             let body = &mut self.physics.bodies[ball.body];
@@ -309,7 +309,7 @@ fn dynamic(pose: Pose) -> RigidBodyBuilder {
 fn insert_ball(physics: &mut PhysicsWorld, config: &BallConfig) -> BallBody {
     let [x, y] = config.position;
     let [vx, vy] = config.velocity;
-    // The law of rolling takes its speed; no damping of rapier's besides.
+    // `BallFriction` decelerates the ball; rapier's damping is off.
     let body = RigidBodyBuilder::dynamic()
         .translation(Vector::new(x, y))
         .linvel(Vector::new(vx, vy))
@@ -361,14 +361,14 @@ fn insert_field(physics: &mut PhysicsWorld, field: &Field, restitution: f32) {
             }
         }
     }
-    // A field with walls has them where its size ends; others have the hall's barrier a little beyond the carpet.
+    // Walls stand on the boundary of a field that has them; other fields have a barrier outside the carpet.
     let (gap, (half_x, half_y)) = match field.config.walls {
         true => (0.0, (field.config.length / 2.0, field.config.width / 2.0)),
         false => (BARRIER_GAP, field.carpet_half_extent()),
     };
     // Thick, so that nothing is ever squeezed through.
     let (x, y, thick) = (half_x + gap + 0.5, half_y + gap + 0.5, 0.5);
-    // Where walls stand nearer than the goal is deep, they leave its mouth open.
+    // Walls that are closer to the goal line than the goal's depth leave the goal's mouth open.
     let mouth = if goal.depth > 0.0 && half_x + gap < field.config.length / 2.0 + goal.depth {
         goal.width / 2.0
     } else {

@@ -1,4 +1,4 @@
-//! A minute of driving among others calibrates the map by the field's lines alone, upright and with a tilted mirror.
+//! A drive of one minute among other robots calibrates the map by field lines, with an upright and a tilted mirror.
 
 use std::path::Path;
 
@@ -11,27 +11,28 @@ use vision::{GroundMap, Image, Mount, Profile, VisionConfig, optics};
 const IMAGE_INTERVAL: f64 = 2.0;
 
 /// Median distance between two maps over the ground between two ranges, metres.
-fn median_map_error(found: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
+fn median_map_error(map: &GroundMap, exact: &GroundMap, from: f32, to: f32) -> f32 {
     let pixels = (0..exact.height_px).flat_map(|v| (0..exact.width_px).map(move |u| (u, v)));
-    let wanted: Vec<(Option<f32>, f32)> = pixels
+    let errors: Vec<(Option<f32>, f32)> = pixels
         .filter_map(|(u, v)| {
             let truth = exact.at(u, v)?;
-            let off = found.at(u, v).map(|at| at.distance_to(truth));
-            Some((off, truth.distance()))
+            let error = map.at(u, v).map(|at| at.distance_to(truth));
+            Some((error, truth.distance()))
         })
         .filter(|(_, range)| (from..to).contains(range))
         .collect();
-    let mut offs: Vec<f32> = wanted.iter().filter_map(|(off, _)| *off).collect();
+    let mut known: Vec<f32> = errors.iter().filter_map(|(error, _)| *error).collect();
     assert!(
-        offs.len() * 10 > wanted.len() * 9,
-        "of {} pixels",
-        wanted.len()
+        known.len() * 10 > errors.len() * 9,
+        "{} of {} pixels have a ground point",
+        known.len(),
+        errors.len()
     );
-    offs.sort_by(f32::total_cmp);
-    offs[offs.len() / 2]
+    known.sort_by(f32::total_cmp);
+    known[known.len() / 2]
 }
 
-/// Calibrates from a simulated drive of a minute; the start is the upright mirror's map, `stretch` times as long.
+/// Calibrates from a simulated drive of a minute; the start map is the upright mirror's, scaled by `stretch`.
 fn calibrate_and_score(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f32, f32) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml");
     let text = std::fs::read_to_string(&path).expect("a scenario");
@@ -83,21 +84,21 @@ fn calibrate_and_score(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f
     let mut vision = VisionConfig::default();
     let (inner, outer) = profile.radii();
     vision.objects.viewpoint_height = profile.height_and_slope((inner + outer) / 2.0).0 as f32;
-    let found = calibrate_lines(&camera, &start, &field, &images, &vision).expect("a map");
+    let result = calibrate_lines(&camera, &start, &field, &images, &vision).expect("a map");
     let before =
         [(0.4, 3.0), (3.0, 5.0)].map(|(from, to)| median_map_error(&start, &exact, from, to));
     let (near, far) = (
-        median_map_error(&found.map, &exact, 0.4, 3.0),
-        median_map_error(&found.map, &exact, 3.0, 5.0),
+        median_map_error(&result.map, &exact, 0.4, 3.0),
+        median_map_error(&result.map, &exact, 3.0, 5.0),
     );
-    let left_out = found
+    let left_out = result
         .images
         .iter()
         .filter(|image| image.left_out.is_some())
         .count();
     println!(
-        "tilt {mirror_tilt_deg:?}, start {stretch} times as long ({before:.3?} m off): median {near:.4} m inside 3 m, \
-         {far:.4} m from 3 to 5 m, {left_out} of {} images left out",
+        "tilt {mirror_tilt_deg:?}, start scaled by {stretch} (error {before:.3?} m): median {near:.4} m inside 3 m, \
+         {far:.4} m from 3 to 5 m, {left_out} of {} images excluded",
         images.len()
     );
     (near, far)

@@ -1,8 +1,9 @@
-//! How well does each way of fusing know the robot's place? Simulated drives with slip, hits, leans, blindness, latency.
+//! How accurate is each sensor fusion? Simulated drives with wheel slip, pushes, tilt, vision loss and latency.
 //!
-//! Bodies, wheels, inertial unit and compass are the simulation's; line points are drawn from the true pose
-//! (`localize::synthetic::drive`), since images would only add vision's own errors. One seed gives one table.
+//! Dynamics, wheels, inertial unit and compass are simulated. Line points are sampled at the true pose
+//! (`localize::synthetic::drive`), since images would add vision's own errors. A seed determines the table.
 
+mod course;
 mod recording;
 mod score;
 
@@ -10,132 +11,33 @@ use localize::Field;
 use localize::config::LocalizeConfig;
 use localize::filter::FilterKind;
 use localize::robot::RobotConfig;
-use serde::{Deserialize, Serialize};
+
+pub use course::{Course, Estimator};
+pub use score::FusionScore;
 
 use crate::simulation::SimError;
 use recording::{RecordedDrive, record_drive};
 use score::{ScoreSums, run_dead_reckoning, run_localizer};
 
-/// What happens on a drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Course {
-    /// Waypoints at up to 2 m/s, wheels 3 % smaller than believed.
-    Plain,
-    /// The same with motors stronger than the wheels' grip.
-    Slip,
-    /// The same as plain with a hit every few seconds, wheels driving on.
-    Hits,
-    /// The robot leans by 0.45° in each direction, differently all the time.
-    Lean,
-    /// Two of every eight seconds without sight.
-    Blind,
-    /// Slip, hits, leans and blindness together.
-    All,
-    /// 3 m/s, frames stamped 80 ms after their exposure, as the configuration says.
-    Late,
-    /// The same, but the configuration does not know it.
-    UnknownLatency,
-}
-
-impl Course {
-    /// All of them, in the order of the table.
-    pub const ALL: [Course; 8] = [
-        Course::Plain,
-        Course::Slip,
-        Course::Hits,
-        Course::Lean,
-        Course::Blind,
-        Course::All,
-        Course::Late,
-        Course::UnknownLatency,
-    ];
-}
-
-/// Who says where the robot is?
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Estimator {
-    /// The joint filter with every witness.
-    Joint,
-    /// minho2016's net of filters with every witness.
-    Decentralised,
-    /// The joint filter without inertial unit.
-    NoImu,
-    /// The joint filter without wheels.
-    NoOdometry,
-    /// Every frame by itself, with the compass.
-    Vision,
-    /// The wheels alone, from the true start.
-    Odometry,
-}
-
-impl Estimator {
-    /// All of them, in the order of the table.
-    pub const ALL: [Estimator; 6] = [
-        Estimator::Joint,
-        Estimator::Decentralised,
-        Estimator::NoImu,
-        Estimator::NoOdometry,
-        Estimator::Vision,
-        Estimator::Odometry,
-    ];
-}
-
-/// One line of the table: metres and degrees, over all seeds.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FusionScore {
-    /// What happened.
-    pub course: Course,
-    /// Who estimated.
-    pub estimator: Estimator,
-    /// Frames with sight that were scored (two seconds after the start).
-    pub frames: usize,
-    /// Mean distance from the truth in them.
-    pub position: f32,
-    /// Largest.
-    pub position_max: f32,
-    /// Mean deviation of the heading.
-    pub heading_deg: f32,
-    /// Mean distance at the end of two seconds without sight; none where there is none.
-    pub blind: Option<f32>,
-    /// Largest of it.
-    pub blind_max: Option<f32>,
-    /// Mean over the hits of the largest distance in the second after each, in frames with sight.
-    pub after_hit: Option<f32>,
-    /// Mean deviation along the velocity, in frames with sight: what latency leaves.
-    pub along: f32,
-    /// Mean normalised error squared of frames with sight; 3 is honest.
-    pub nees: f32,
-    /// Share of frames with sight inside the 95 % band of χ² with three degrees of freedom.
-    pub nees_inside: f32,
-    /// Frames without a pose, or with one found by a search of the whole field.
-    pub searched: usize,
-    /// Largest deviation of the odometry's estimated scale from the true one, from 60 s on.
-    pub scale_off: Option<f32>,
-    /// Estimated latency at the end, seconds.
-    pub latency: f32,
-}
-
-/// Seeds, lengths, and how localisation is set.
+/// Seeds, durations and settings of the experiment.
 #[derive(Debug, Clone)]
 pub struct FusionExperiment {
     /// Seeds of each course.
     pub seeds: std::ops::Range<u64>,
-    /// Length of a drive, seconds.
+    /// Duration of a drive, seconds.
     pub duration: f64,
-    /// Courses to be driven.
+    /// Courses to drive.
     pub disturbances: Vec<Course>,
-    /// Estimators to be judged.
+    /// Estimators to score.
     pub estimators: Vec<Estimator>,
-    /// How localisation is set, but for the fusion and what the course asks.
+    /// Settings of localisation; estimator and course override some.
     pub localize: LocalizeConfig,
 }
 
 impl Default for FusionExperiment {
     fn default() -> Self {
         let mut localize = LocalizeConfig::default();
-        // Drawn points err independently; what frames repeat is the grid of the distance look-up alone.
+        // Errors of sampled points are independent; only the grid of the distance map is systematic.
         localize.filter.systematic_position_std = 0.0007;
         localize.filter.systematic_heading_std_deg = 0.02;
         FusionExperiment {
@@ -149,21 +51,21 @@ impl Default for FusionExperiment {
 }
 
 impl FusionExperiment {
-    /// Drives every course with every seed and judges every estimator on the same samples.
+    /// Drives every course with every seed and scores every estimator on the same samples.
     ///
-    /// `robot` needs camera and mirror, as for any simulation.
+    /// `robot` needs a camera and a mirror, as in any simulation.
     pub fn run(&self, robot: &RobotConfig, field: &Field) -> Result<Vec<FusionScore>, SimError> {
         let mut rows = Vec::new();
         for &course in &self.disturbances {
             let mut scores = vec![ScoreSums::default(); self.estimators.len()];
             for seed in self.seeds.clone() {
                 let drive = record_drive(course, seed, self.duration, robot, field)?;
-                for (frames, &estimator) in scores.iter_mut().zip(&self.estimators) {
-                    self.score_estimator(course, estimator, &drive, field, frames);
+                for (sums, &estimator) in scores.iter_mut().zip(&self.estimators) {
+                    self.score_estimator(course, estimator, &drive, field, sums);
                 }
             }
-            for (frames, &estimator) in scores.iter().zip(&self.estimators) {
-                rows.push(frames.score(course, estimator));
+            for (sums, &estimator) in scores.iter().zip(&self.estimators) {
+                rows.push(sums.score(course, estimator));
             }
         }
         Ok(rows)
@@ -175,10 +77,10 @@ impl FusionExperiment {
         estimator: Estimator,
         drive: &RecordedDrive,
         field: &Field,
-        frames: &mut ScoreSums,
+        sums: &mut ScoreSums,
     ) {
         if estimator == Estimator::Odometry {
-            run_dead_reckoning(drive, frames);
+            run_dead_reckoning(drive, sums);
             return;
         }
         let mut config = match estimator {
@@ -196,7 +98,7 @@ impl FusionExperiment {
             Course::UnknownLatency => config.filter.camera_latency_std = 0.05,
             _ => {}
         }
-        run_localizer(estimator, config, drive, field, frames);
+        run_localizer(estimator, config, drive, field, sums);
     }
 }
 
@@ -253,7 +155,7 @@ mod tests {
         assert!(joint.blind_max.is_some_and(|most| most < 0.1), "{rows:?}");
         assert!(joint.position < 0.01 && joint.searched == 0, "{rows:?}");
         assert!((1.0..5.0).contains(&joint.nees), "{rows:?}");
-        // Without an inertial unit the wheels' word is all there is.
+        // Without an inertial unit only the wheels measure the yaw rate.
         assert!(rows[1].blind.is_some_and(|blind| blind > 0.1), "{rows:?}");
     }
 

@@ -1,6 +1,7 @@
-//! What happens on each course? A simulated drive without images, its samples and truth kept, points drawn at poses.
+//! What do the sensors measure on a course? A simulated drive without images, with line points sampled at true poses.
 
 use localize::frames::{At, Pose, wrap_angle};
+use localize::random::standard_normal;
 use localize::robot::RobotConfig;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::synthetic::drive::{SyntheticDriveConfig, simulate_line_points};
@@ -9,27 +10,26 @@ use localize::{Field, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::Course;
+use super::course::Course;
 use crate::scenario::{PathConfig, Placement, Push, Scenario};
-use crate::sensors::standard_normal;
 use crate::simulation::{Sim, SimError, SimSample};
 
-/// From exposure to stamp on the late courses, seconds.
+/// Latency from exposure to stamp on the late courses, seconds.
 pub(super) const LATENCY: f32 = 0.08;
-/// Real radius of the wheels over the believed one: odometry reports 3 % too much.
+/// Real radius of the wheels over the configured one: odometry overestimates by 3 %.
 pub(super) const RADIUS_SCALE: f32 = 1.0 / 1.03;
-/// Frames a second; truth is kept three times as often.
+/// Images per second, and true poses per image.
 const FRAME_RATE: f64 = 30.0;
 const TRUTHS_PER_IMAGE: usize = 3;
-/// Blindness: so many seconds of each period.
+/// Duration and period of vision loss, seconds.
 const VISION_LOSS_TIME: f64 = 2.0;
 const VISION_LOSS_PERIOD: f64 = 8.0;
-/// Spread of the lean (radians) and how long it lasts, seconds.
+/// Standard deviation of the tilt (radians) and its correlation time (seconds).
 const TILT_STD: f32 = 0.45 * std::f32::consts::PI / 180.0;
 const TILT_CORRELATION_TIME: f32 = 0.4;
 const GRAVITY: f32 = 9.81;
 
-/// What the robot hears, in the order of time.
+/// One measurement of the robot.
 #[derive(Debug, Clone)]
 pub(super) enum SensorInput {
     Odometry(Odometry),
@@ -39,25 +39,25 @@ pub(super) enum SensorInput {
     Points(PointObservation),
 }
 
-/// A frame's points.
+/// The line points of one image.
 #[derive(Debug, Clone)]
 pub(super) struct PointObservation {
-    /// As the camera's driver stamps it.
+    /// Stamp of the camera driver.
     pub(super) stamp: Stamp,
     pub(super) points: Vec<LinePoint>,
     /// True pose and velocity (field frame) at the stamp.
     pub(super) truth: Pose,
     pub(super) velocity: [f32; 2],
-    /// Is this the last frame of two seconds without sight?
+    /// True for the last image of a vision loss.
     pub(super) vision_loss_end: bool,
     pub(super) vision_lost: bool,
 }
 
-/// A drive with all that was heard of it.
+/// All measurements of a drive.
 #[derive(Debug, Clone)]
 pub(super) struct RecordedDrive {
     pub(super) inputs: Vec<SensorInput>,
-    /// When the robot was hit.
+    /// Times of the pushes.
     pub(super) push_stamps: Vec<Stamp>,
     pub(super) start: Pose,
 }
@@ -68,7 +68,7 @@ struct TruthState {
     velocity: [f32; 2],
 }
 
-/// Drives a course.
+/// Simulates a drive on a course and records its measurements.
 pub(super) fn record_drive(
     course: Course,
     seed: u64,
@@ -83,24 +83,24 @@ pub(super) fn record_drive(
     if matches!(course, Course::Slip | Course::All)
         && let Some(base) = &mut robot.base
     {
-        // Half as much again as the carpet takes.
+        // 1.5 times what the traction on the carpet allows.
         base.acceleration_max = 5.0;
     }
-    shrink(&mut robot);
+    shrink_camera(&mut robot);
     let start = scenario.start.pose();
-    let hits = scenario
+    let push_stamps = scenario
         .pushes
         .iter()
         .map(|push| Stamp::from_seconds(push.time))
         .collect();
     let mut truths = Vec::new();
-    let mut heard = Vec::new();
+    let mut inputs = Vec::new();
     for sample in Sim::new(scenario, robot, field.clone())?.without_images() {
         match sample {
-            SimSample::Odometry(one) => heard.push(SensorInput::Odometry(one)),
-            SimSample::Imu(one) => heard.push(SensorInput::Imu(one)),
-            SimSample::Compass(one) => heard.push(SensorInput::Compass(one)),
-            SimSample::Command(one) => heard.push(SensorInput::Command(one)),
+            SimSample::Odometry(odometry) => inputs.push(SensorInput::Odometry(odometry)),
+            SimSample::Imu(imu) => inputs.push(SensorInput::Imu(imu)),
+            SimSample::Compass(compass) => inputs.push(SensorInput::Compass(compass)),
+            SimSample::Command(command) => inputs.push(SensorInput::Command(command)),
             SimSample::Truth(truth) => truths.push(TruthState {
                 stamp: truth.stamp,
                 pose: truth.robot.pose,
@@ -109,13 +109,13 @@ pub(super) fn record_drive(
             SimSample::Image(_) => {}
         }
     }
-    let lean = add_tilt(course, &mut heard, &mut rng);
-    let frames = frames(course, &truths, &lean, field, &mut rng);
-    heard.extend(frames.into_iter().map(SensorInput::Points));
-    heard.sort_by_key(|one| (one.stamp(), one.priority()));
+    let tilt = add_tilt(course, &mut inputs, &mut rng);
+    let frames = frames(course, &truths, &tilt, field, &mut rng);
+    inputs.extend(frames.into_iter().map(SensorInput::Points));
+    inputs.sort_by_key(|input| (input.stamp(), input.priority()));
     Ok(RecordedDrive {
-        inputs: heard,
-        push_stamps: hits,
+        inputs,
+        push_stamps,
         start,
     })
 }
@@ -123,15 +123,15 @@ pub(super) fn record_drive(
 impl SensorInput {
     pub(super) fn stamp(&self) -> Stamp {
         match self {
-            SensorInput::Odometry(one) => one.stamp,
-            SensorInput::Imu(one) => one.stamp,
-            SensorInput::Compass(one) => one.stamp,
-            SensorInput::Command(one) => one.stamp,
-            SensorInput::Points(one) => one.stamp,
+            SensorInput::Odometry(odometry) => odometry.stamp,
+            SensorInput::Imu(imu) => imu.stamp,
+            SensorInput::Compass(compass) => compass.stamp,
+            SensorInput::Command(command) => command.stamp,
+            SensorInput::Points(points) => points.stamp,
         }
     }
 
-    /// Of one stamp, as the spine orders them.
+    /// Order among measurements of the same stamp, as in the pipeline.
     fn priority(&self) -> u8 {
         match self {
             SensorInput::Command(_) => 0,
@@ -208,8 +208,8 @@ fn scenario(
     }
 }
 
-/// The camera takes no images here: a small one is set up sooner.
-fn shrink(robot: &mut RobotConfig) {
+/// Shrinks the camera, which takes no images here, so that setting it up is fast.
+fn shrink_camera(robot: &mut RobotConfig) {
     const SIDE_PX: usize = 64;
     if let Some(camera) = &mut robot.camera {
         let part = SIDE_PX as f32 / camera.width_px as f32;
@@ -222,76 +222,79 @@ fn shrink(robot: &mut RobotConfig) {
     }
 }
 
-/// Lets the inertial unit feel a wandering lean; the lean at each of its readings.
+/// Adds a random tilt to the IMU readings and returns the tilt at each of them.
 fn add_tilt(
     course: Course,
-    heard: &mut [SensorInput],
+    inputs: &mut [SensorInput],
     rng: &mut ChaCha8Rng,
 ) -> Vec<(Stamp, [f32; 2])> {
     if !matches!(course, Course::Lean | Course::All) {
         return Vec::new();
     }
-    let mut told = Vec::new();
-    let (mut lean, mut smooth) = ([0.0_f32; 2], [0.0_f32; 2]);
+    let mut tilts = Vec::new();
+    let (mut tilt, mut filtered) = ([0.0_f32; 2], [0.0_f32; 2]);
     let mut last: Option<Stamp> = None;
-    for one in heard {
-        let SensorInput::Imu(imu) = one else { continue };
+    for input in inputs {
+        let SensorInput::Imu(imu) = input else {
+            continue;
+        };
         let seconds = last.map_or(0.01, |last| (imu.stamp - last) as f32);
         last = Some(imu.stamp);
-        let keep = (-seconds / TILT_CORRELATION_TIME).exp();
-        let before = smooth;
+        let decay = (-seconds / TILT_CORRELATION_TIME).exp();
+        let before = filtered;
         for k in 0..2 {
-            // A body does not jump: what wanders is followed within a tenth of a second. The second root keeps the spread.
-            lean[k] = keep * lean[k]
-                + (1.0 - keep * keep).sqrt() * 1.12 * TILT_STD * standard_normal(rng);
-            smooth[k] += (lean[k] - smooth[k]) * (seconds / 0.1).min(1.0);
+            // A low pass of 0.1 s keeps the tilt continuous; the factor 1.12 restores its standard deviation.
+            tilt[k] = decay * tilt[k]
+                + (1.0 - decay * decay).sqrt() * 1.12 * TILT_STD * standard_normal(rng);
+            filtered[k] += (tilt[k] - filtered[k]) * (seconds / 0.1).min(1.0);
         }
-        let [a, b] = std::array::from_fn(|k| (smooth[k] - before[k]) / seconds);
-        // Up turns against the robot by u̇ = u × ω: a lean that stays with a turning robot is felt by the gyro too.
+        let [a, b] = std::array::from_fn(|k| (filtered[k] - before[k]) / seconds);
+        // The up vector rotates in the robot frame by u̇ = u × ω: the gyro of a rotating robot also measures a constant tilt.
         let spin = imu.rate[2];
-        imu.rate[0] += b + smooth[0] * spin;
-        imu.rate[1] += smooth[1] * spin - a;
-        for (acceleration, lean) in imu.acceleration.iter_mut().zip(smooth) {
-            *acceleration += GRAVITY * lean;
+        imu.rate[0] += b + filtered[0] * spin;
+        imu.rate[1] += filtered[1] * spin - a;
+        for (acceleration, tilt) in imu.acceleration.iter_mut().zip(filtered) {
+            *acceleration += GRAVITY * tilt;
         }
-        told.push((imu.stamp, smooth));
+        tilts.push((imu.stamp, filtered));
     }
-    told
+    tilts
 }
 
 fn frames(
     course: Course,
     truths: &[TruthState],
-    lean: &[(Stamp, [f32; 2])],
+    tilt: &[(Stamp, [f32; 2])],
     field: &Field,
     rng: &mut ChaCha8Rng,
 ) -> Vec<PointObservation> {
     let late = matches!(course, Course::Late | Course::UnknownLatency);
-    let blinded = matches!(course, Course::Blind | Course::All);
+    let loses_vision = matches!(course, Course::Blind | Course::All);
     let sensing = SyntheticDriveConfig::default();
     let height = localize::matching::MatchConfig::default().viewpoint_height;
-    let blind_at = |seconds: f64| {
-        blinded && seconds.rem_euclid(VISION_LOSS_PERIOD) >= VISION_LOSS_PERIOD - VISION_LOSS_TIME
+    let is_lost_at = |seconds: f64| {
+        loses_vision
+            && seconds.rem_euclid(VISION_LOSS_PERIOD) >= VISION_LOSS_PERIOD - VISION_LOSS_TIME
     };
     let mut frames = Vec::new();
-    for exposed in truths.iter().step_by(TRUTHS_PER_IMAGE) {
+    for exposure in truths.iter().step_by(TRUTHS_PER_IMAGE) {
         let stamp = if late {
-            exposed.stamp + f64::from(LATENCY)
+            exposure.stamp + f64::from(LATENCY)
         } else {
-            exposed.stamp
+            exposure.stamp
         };
         let Some(truth) = interpolate_truth(truths, stamp) else {
             continue;
         };
         let seconds = stamp.seconds();
-        let blind = blind_at(seconds);
+        let blind = is_lost_at(seconds);
         let mut points = if blind {
             Vec::new()
         } else {
-            simulate_line_points(field, &sensing, exposed.pose, rng)
+            simulate_line_points(field, &sensing, exposure.pose, rng)
         };
-        let at = lean.partition_point(|(stamp, _)| *stamp <= exposed.stamp);
-        if let Some((_, tilt)) = at.checked_sub(1).and_then(|at| lean.get(at)) {
+        let at = tilt.partition_point(|(stamp, _)| *stamp <= exposure.stamp);
+        if let Some((_, tilt)) = at.checked_sub(1).and_then(|at| tilt.get(at)) {
             for point in &mut points {
                 let At { x, y, .. } = point.at;
                 let [x, y] = map_from_ground([x, y], *tilt, height).unwrap_or([x, y]);
@@ -313,7 +316,7 @@ fn frames(
     frames
 }
 
-/// The truth at a time between two that were kept.
+/// The true state at a time, interpolated.
 fn interpolate_truth(truths: &[TruthState], stamp: Stamp) -> Option<TruthState> {
     let after = truths.partition_point(|truth| truth.stamp < stamp);
     let (b, a) = (truths.get(after)?, truths.get(after.saturating_sub(1))?);

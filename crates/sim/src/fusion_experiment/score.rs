@@ -1,19 +1,55 @@
-//! How far is an estimator from the truth, and does it know? Sums over the frames of all seeds.
+//! How large are the errors of an estimator, and are they consistent with its covariance? Sums over all seeds.
 
 use localize::config::LocalizeConfig;
 use localize::estimate::{Estimate, Mode};
 use localize::frames::Pose;
 use localize::{Field, Localizer, Stamp, Tf};
+use serde::Serialize;
 
+use super::course::{Course, Estimator};
 use super::recording::{PointObservation, RADIUS_SCALE, RecordedDrive, SensorInput};
-use super::{Course, Estimator, FusionScore};
 
-/// Scored from here on: the first search and the first second of learning are not fusion.
+/// Start of scoring, seconds: excludes the first search and the initial adaptation.
 const SCORING_START: f64 = 2.0;
-/// The odometry's scale is judged from here on, seconds.
+/// Start of scoring the odometry scale, seconds.
 const SCALE_SCORING_START: f64 = 60.0;
 /// 2.5 and 97.5 % of χ² with three degrees of freedom.
 const CHI_SQUARED_BAND: [f32; 2] = [0.216, 9.348];
+
+/// One row of the table: metres and degrees, over all seeds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FusionScore {
+    /// Disturbances of the drive.
+    pub course: Course,
+    /// The estimator.
+    pub estimator: Estimator,
+    /// Scored images with line points (from two seconds after the start).
+    pub frames: usize,
+    /// Mean position error in them.
+    pub position: f32,
+    /// Largest position error.
+    pub position_max: f32,
+    /// Mean absolute heading error.
+    pub heading_deg: f32,
+    /// Mean position error at the end of a vision loss of two seconds; `None` without one.
+    pub blind: Option<f32>,
+    /// Largest position error there.
+    pub blind_max: Option<f32>,
+    /// Largest position error in the second after a push, with line points; mean over the pushes.
+    pub after_hit: Option<f32>,
+    /// Mean error along the velocity, with line points; latency causes it.
+    pub along: f32,
+    /// Mean normalised estimation error squared, with line points; 3 is consistent.
+    pub nees: f32,
+    /// Share of images with line points inside the 95 % band of χ² with three degrees of freedom.
+    pub nees_inside: f32,
+    /// Images without a pose, or with one from a global search.
+    pub searched: usize,
+    /// Largest error of the estimated odometry scale, from 60 s on.
+    pub scale_off: Option<f32>,
+    /// Estimated latency at the end, seconds.
+    pub latency: f32,
+}
 
 /// Sums of one estimator on one course.
 #[derive(Debug, Clone, Default)]
@@ -39,8 +75,8 @@ impl ScoreSums {
         if frame.stamp.seconds() < SCORING_START {
             return;
         }
-        let off = pose.difference(frame.truth);
-        let distance = off[0].hypot(off[1]);
+        let error = pose.difference(frame.truth);
+        let distance = error[0].hypot(error[1]);
         if frame.vision_loss_end {
             self.vision_loss_errors.push(distance);
         }
@@ -50,11 +86,11 @@ impl ScoreSums {
         self.count += 1;
         self.position += f64::from(distance);
         self.position_max = self.position_max.max(distance);
-        self.heading += f64::from(off[2].abs().to_degrees());
+        self.heading += f64::from(error[2].abs().to_degrees());
         let [vx, vy] = frame.velocity;
         let speed = vx.hypot(vy);
         if speed > 0.5 {
-            self.along_track_error += f64::from((off[0] * vx + off[1] * vy) / speed);
+            self.along_track_error += f64::from((error[0] * vx + error[1] * vy) / speed);
             self.moving += 1;
         }
     }
@@ -63,11 +99,11 @@ impl ScoreSums {
         let (Some(pose), false) = (estimate.pose, frame.vision_lost) else {
             return;
         };
-        let off = pose.difference(frame.truth);
+        let error = pose.difference(frame.truth);
         let Some(inverse) = estimate.covariance.try_inverse() else {
             return;
         };
-        let squared = off.dot(&(inverse * off));
+        let squared = error.dot(&(inverse * error));
         self.nees += f64::from(squared);
         self.nees_in_band +=
             usize::from((CHI_SQUARED_BAND[0]..=CHI_SQUARED_BAND[1]).contains(&squared));
@@ -98,71 +134,73 @@ impl ScoreSums {
     }
 }
 
-/// Lets a localizer follow the drive with the samples that this estimator has.
+/// Runs a localizer over the drive with the sensors of this estimator and adds its errors to `sums`.
 pub(super) fn run_localizer(
     estimator: Estimator,
     config: LocalizeConfig,
     drive: &RecordedDrive,
     field: &Field,
-    frames: &mut ScoreSums,
+    sums: &mut ScoreSums,
 ) {
     let mut localizer = Localizer::new(field, config);
     let wheels = !matches!(estimator, Estimator::Vision | Estimator::NoOdometry);
     let inertial = !matches!(estimator, Estimator::Vision | Estimator::NoImu);
     let mut last = None;
-    let mut hits = PushErrors::new(&drive.push_stamps);
-    for one in &drive.inputs {
-        match one {
-            SensorInput::Odometry(one) if wheels => localizer.add_odometry(one),
-            SensorInput::Imu(one) if inertial => localizer.add_imu(one),
-            SensorInput::Command(one) if inertial || wheels => localizer.add_command(one),
-            SensorInput::Compass(one) => localizer.add_compass(one),
+    let mut pushes = PushErrors::new(&drive.push_stamps);
+    for input in &drive.inputs {
+        match input {
+            SensorInput::Odometry(odometry) if wheels => localizer.add_odometry(odometry),
+            SensorInput::Imu(imu) if inertial => localizer.add_imu(imu),
+            SensorInput::Command(command) if inertial || wheels => localizer.add_command(command),
+            SensorInput::Compass(compass) => localizer.add_compass(compass),
             SensorInput::Points(frame) => {
                 let estimate = localizer.process_points(frame.stamp, &frame.points);
-                let begun = frame.stamp.seconds() >= SCORING_START;
-                // Alone, every frame is found by a search.
+                let scored = frame.stamp.seconds() >= SCORING_START;
+                // Without other sensors every image needs a search.
                 let searched = estimate.mode != Mode::Tracking && estimator != Estimator::Vision;
-                frames.relocated += usize::from(begun && searched);
+                sums.relocated += usize::from(scored && searched);
                 last = estimate.pose.or(last);
                 if let Some(pose) = last {
-                    frames.add_pose(frame, pose);
-                    hits.add_pose(frame, pose);
+                    sums.add_pose(frame, pose);
+                    pushes.add_pose(frame, pose);
                 }
-                if begun {
-                    frames.add_nees(frame, &estimate);
+                if scored {
+                    sums.add_nees(frame, &estimate);
                 }
                 if frame.stamp.seconds() > SCALE_SCORING_START && estimate.pose.is_some() && wheels
                 {
-                    let off = (estimate.odometry_scales[0] - RADIUS_SCALE).abs();
-                    frames.odometry_scale_error =
-                        Some(frames.odometry_scale_error.unwrap_or(0.0).max(off));
+                    let error = (estimate.odometry_scales[0] - RADIUS_SCALE).abs();
+                    sums.odometry_scale_error =
+                        Some(sums.odometry_scale_error.unwrap_or(0.0).max(error));
                 }
-                frames.latency = estimate.latency;
+                sums.latency = estimate.latency;
             }
             _ => {}
         }
     }
-    hits.finish(frames);
+    pushes.finish(sums);
 }
 
-/// Adds the wheels' motions up from the true start.
-pub(super) fn run_dead_reckoning(drive: &RecordedDrive, frames: &mut ScoreSums) {
+/// Integrates the odometry from the true start and adds its errors to `sums`.
+pub(super) fn run_dead_reckoning(drive: &RecordedDrive, sums: &mut ScoreSums) {
     let mut pose = drive.start;
-    let mut hits = PushErrors::new(&drive.push_stamps);
-    for one in &drive.inputs {
-        match one {
-            SensorInput::Odometry(one) => pose = pose * Tf::new(one.dx, one.dy, one.dtheta),
+    let mut pushes = PushErrors::new(&drive.push_stamps);
+    for input in &drive.inputs {
+        match input {
+            SensorInput::Odometry(odometry) => {
+                pose = pose * Tf::new(odometry.dx, odometry.dy, odometry.dtheta)
+            }
             SensorInput::Points(frame) => {
-                frames.add_pose(frame, pose);
-                hits.add_pose(frame, pose);
+                sums.add_pose(frame, pose);
+                pushes.add_pose(frame, pose);
             }
             _ => {}
         }
     }
-    hits.finish(frames);
+    pushes.finish(sums);
 }
 
-/// The largest error in the second after each hit.
+/// The largest position error in the second after each push.
 struct PushErrors<'a> {
     stamps: &'a [Stamp],
     largest: Vec<f32>,
@@ -180,15 +218,15 @@ impl<'a> PushErrors<'a> {
         if frame.vision_lost {
             return;
         }
-        let off = pose.difference(frame.truth);
+        let error = pose.difference(frame.truth);
         for (stamp, largest) in self.stamps.iter().zip(&mut self.largest) {
             if (0.0..1.0).contains(&stamp.seconds_until(frame.stamp)) {
-                *largest = largest.max(off[0].hypot(off[1]));
+                *largest = largest.max(error[0].hypot(error[1]));
             }
         }
     }
 
-    fn finish(self, frames: &mut ScoreSums) {
-        frames.post_push_errors.extend(self.largest);
+    fn finish(self, sums: &mut ScoreSums) {
+        sums.post_push_errors.extend(self.largest);
     }
 }

@@ -1,4 +1,4 @@
-//! Who stands on the stage? Robots, ball, goals and the robot's own rods, as pieces in the robot frame.
+//! Which objects are drawn? Robots, ball, goals and the robot's own rods, as primitives in the robot frame.
 
 use localize::field::{FieldConfig, GoalColour};
 use localize::frames::{At, Pose, RobotFrame, Tf};
@@ -8,26 +8,27 @@ use super::environment::Environment;
 use super::ground::Ground;
 use super::light_buffer::LightBuffer;
 use super::rays::{RayRange, SortedRays, Tile};
+use super::scene::Scene;
 use super::solids::{
     DrawContext, LightDirection, Outline, Panel, Primitive, Shadow, Solid, Sphere, Underbody,
 };
-use super::{Scene, linear};
+use crate::image_sensor::linear_from_srgb;
 use crate::light::LightConfig;
 use crate::world::{OTHER_HALF_SIDE, RobotState};
 use localize::world::TeamColour;
 
-/// Where the hall's lamps' light comes from on the field: a unit vector.
+/// Direction towards the light, field frame, unit vector.
 const LIGHT_DIRECTION: [f32; 2] = [0.8, 0.6];
-/// How high robots' bodies hang above the floor, metres.
+/// Ground clearance of robots' bodies, metres.
 const CLEARANCE: f32 = 0.03;
-/// A net's mesh and cord, metres.
+/// Mesh and cord of a net, metres.
 const NET: [f32; 2] = [0.12, 0.008];
 
-/// Everything upright, from far to near, and the shadows on the floor.
+/// All upright objects, from far to near, and the shadows on the floor.
 pub(super) struct DrawList {
     primitives: Vec<(f32, Primitive)>,
     shadows: Vec<Shadow>,
-    /// The rays of each piece and of each shadow.
+    /// Ray range of each primitive, and of each shadow.
     primitive_rays: Vec<RayRange>,
     shadow_rays: Vec<RayRange>,
     light_direction: LightDirection,
@@ -43,14 +44,14 @@ impl DrawList {
     pub(super) fn new(
         scene: &Scene,
         field: &FieldConfig,
-        hall: &Environment,
+        environment: &Environment,
         light: &LightConfig,
         rays: &SortedRays,
     ) -> Self {
         let robot_from_field = scene.pose.inverse();
         let (sin, cos) = robot_from_field.theta.sin_cos();
         let [lx, ly] = LIGHT_DIRECTION;
-        let stage = DrawList {
+        let draw_list = DrawList {
             primitives: Vec::new(),
             shadows: Vec::new(),
             primitive_rays: Vec::new(),
@@ -60,10 +61,10 @@ impl DrawList {
         let mut builder = DrawListBuilder {
             robot_from_field,
             light,
-            list: stage,
+            list: draw_list,
         };
-        for thing in &hall.clutter {
-            builder.add_solid(*thing);
+        for solid in &environment.clutter {
+            builder.add_solid(*solid);
         }
         builder.add_goals(field);
         for robot in scene.robots {
@@ -72,20 +73,20 @@ impl DrawList {
         if let Some((at, diameter, colour)) = scene.ball {
             builder.add_ball(at.x, at.y, diameter / 2.0, linear(colour));
         }
-        let mut stage = builder.list;
-        // Stable: parts of one robot keep their order, from the ground up.
-        stage.primitives.sort_by(|a, b| b.0.total_cmp(&a.0));
-        stage.primitive_rays = stage
+        let mut draw_list = builder.list;
+        // The sort is stable: parts of one robot keep their order, from the ground up.
+        draw_list.primitives.sort_by(|a, b| b.0.total_cmp(&a.0));
+        draw_list.primitive_rays = draw_list
             .primitives
             .iter()
-            .map(|(_, piece)| piece.ray_range(rays))
+            .map(|(_, primitive)| primitive.ray_range(rays))
             .collect();
-        stage.shadow_rays = stage
+        draw_list.shadow_rays = draw_list
             .shadows
             .iter()
             .map(|shadow| shadow.ray_range(rays))
             .collect();
-        stage
+        draw_list
     }
 
     /// Draws a tile: shadows on the floor, then everything from far to near.
@@ -94,18 +95,18 @@ impl DrawList {
         rays: &SortedRays,
         tile: &Tile,
         ground: &Ground,
-        plate: &mut LightBuffer,
+        light_buffer: &mut LightBuffer,
     ) {
-        let brush = DrawContext {
+        let context = DrawContext {
             rays,
             tile,
             light_direction: self.light_direction,
         };
-        for (shadow, reach) in self.shadows.iter().zip(&self.shadow_rays) {
-            shadow.draw(reach, &brush, ground, plate);
+        for (shadow, range) in self.shadows.iter().zip(&self.shadow_rays) {
+            shadow.draw(range, &context, ground, light_buffer);
         }
-        for ((_, piece), reach) in self.primitives.iter().zip(&self.primitive_rays) {
-            piece.draw(reach, &brush, plate);
+        for ((_, primitive), range) in self.primitives.iter().zip(&self.primitive_rays) {
+            primitive.draw(range, &context, light_buffer);
         }
     }
 }
@@ -116,17 +117,17 @@ impl DrawListBuilder<'_> {
         colour.map(|part| part * level)
     }
 
-    /// Takes a solid in field coordinates to the stage.
+    /// Adds a solid given in the field frame.
     fn add_solid(&mut self, mut solid: Solid) {
         solid.side = self.apply_light(solid.x, solid.y, solid.side);
         solid.cap = self.apply_light(solid.x, solid.y, solid.cap);
         let at: At<RobotFrame> = self.robot_from_field * At::new(solid.x, solid.y);
         (solid.x, solid.y) = (at.x, at.y);
         if let Outline::Box { cos, sin, .. } = &mut solid.outline {
-            let (turn_sin, turn_cos) = self.robot_from_field.theta.sin_cos();
+            let (yaw_sin, yaw_cos) = self.robot_from_field.theta.sin_cos();
             (*cos, *sin) = (
-                *cos * turn_cos - *sin * turn_sin,
-                *sin * turn_cos + *cos * turn_sin,
+                *cos * yaw_cos - *sin * yaw_sin,
+                *sin * yaw_cos + *cos * yaw_sin,
             );
         }
         self.list
@@ -134,7 +135,7 @@ impl DrawListBuilder<'_> {
             .push((at.distance(), Primitive::Solid(solid)));
     }
 
-    /// A league robot: dark body, darker neck, team marker, mast and head (0.8 m in all).
+    /// Adds a league robot of 0.8 m: dark body, neck, team marker, mast and head.
     fn add_robot(&mut self, robot: &RobotState) {
         let Pose { x, y, theta, .. } = robot.pose;
         let (sin, cos) = theta.sin_cos();
@@ -169,10 +170,10 @@ impl DrawListBuilder<'_> {
         part(-0.04, 0.60, 0.72, round(0.04), linear([30, 30, 32]));
         part(-0.04, 0.72, 0.80, round(0.11), linear([46, 46, 50]));
         let at: At<RobotFrame> = self.robot_from_field * At::new(x, y);
-        // All parts take the body's place in the order, or a part leaning our way would hide what stands on it.
+        // All parts get the body's distance, so that none hides a part above it.
         let count = self.list.primitives.len();
-        for piece in &mut self.list.primitives[count - 5..] {
-            piece.0 = at.distance();
+        for primitive in &mut self.list.primitives[count - 5..] {
+            primitive.0 = at.distance();
         }
         let (sin, cos) = (theta + self.robot_from_field.theta).sin_cos();
         self.list.shadows.push(Shadow {
@@ -231,7 +232,7 @@ impl DrawListBuilder<'_> {
                 cos: 1.0,
                 sin: 0.0,
             };
-            let mut stand = |y: f32, bottom: f32, top: f32, outline: Outline| {
+            let mut add_beam = |y: f32, bottom: f32, top: f32, outline: Outline| {
                 self.add_solid(Solid {
                     x: line,
                     y,
@@ -245,10 +246,10 @@ impl DrawListBuilder<'_> {
             if goal.post > 0.0 {
                 for across in [1.0, -1.0] {
                     let y = across * (goal.width / 2.0 + half_post);
-                    stand(y, 0.0, goal.height, beam([half_post, half_post]));
+                    add_beam(y, 0.0, goal.height, beam([half_post, half_post]));
                 }
                 let bar = beam([half_post, goal.width / 2.0 + goal.post]);
-                stand(0.0, goal.height, goal.height + goal.post, bar);
+                add_beam(0.0, goal.height, goal.height + goal.post, bar);
             }
             if goal.depth > 0.0 {
                 let back = line + side * goal.depth;
@@ -274,13 +275,13 @@ impl DrawListBuilder<'_> {
     ) {
         let (x, y) = ((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
         let colour = self.apply_light(x, y, colour);
-        let seen = |end: [f32; 2]| {
+        let to_robot_frame = |end: [f32; 2]| {
             let at: At<RobotFrame> = self.robot_from_field * At::new(end[0], end[1]);
             [at.x, at.y]
         };
-        let (from, to) = (seen(from), seen(to));
+        let (from, to) = (to_robot_frame(from), to_robot_frame(to));
         let middle = At::<RobotFrame>::new((from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0);
-        let screen = Panel {
+        let panel = Panel {
             from,
             to,
             top,
@@ -289,58 +290,60 @@ impl DrawListBuilder<'_> {
         };
         self.list
             .primitives
-            .push((middle.distance(), Primitive::Panel(screen)));
+            .push((middle.distance(), Primitive::Panel(panel)));
     }
 }
 
-/// What the robot sees of itself: the same in every image, so it is drawn once.
+/// The robot's own parts in the view: equal in every image, so they are drawn once.
 pub(super) struct OwnBody {
-    /// Rays that meet it, what of the scene is left of each, and what it adds.
+    /// Rays that meet it, the visible share of the scene, and the added light.
     overlay: Vec<(u32, f32, [f32; 3])>,
 }
 
-/// Height of the rods, metres: up to the mirror, whatever its height.
+/// Height of the rods, metres: more than any mirror's.
 const ROD_HEIGHT: f32 = 3.0;
 
 impl OwnBody {
     pub(super) fn new(body: &BodyConfig, camera_height: f32, rays: &SortedRays) -> Self {
         let solids = own_solids(body, camera_height);
-        let (tile, lamp) = (rays.single_tile(), [0.0, 1.0]);
-        let brush = DrawContext {
+        let (tile, light_direction) = (rays.single_tile(), [0.0, 1.0]);
+        let context = DrawContext {
             rays,
             tile: &tile,
-            light_direction: lamp,
+            light_direction,
         };
-        // Drawn over black and over white, the two tell how much of the scene is left.
+        // The difference between drawing over white and over black is the visible share of the scene.
         let mut over = [0.0, 1.0].map(|level| {
-            let mut plate = LightBuffer::new(rays.count());
-            plate.set_tile(&tile);
-            for plane in plate.planes(&tile.rays) {
+            let mut light_buffer = LightBuffer::new(rays.count());
+            light_buffer.set_tile(&tile);
+            for plane in light_buffer.planes(&tile.rays) {
                 plane.fill(level);
             }
             for solid in &solids {
-                let piece = Primitive::Solid(*solid);
-                piece.draw(&piece.ray_range(rays), &brush, &mut plate);
+                let primitive = Primitive::Solid(*solid);
+                primitive.draw(&primitive.ray_range(rays), &context, &mut light_buffer);
             }
-            plate
+            light_buffer
         });
-        let [black, white] = over.each_mut().map(|plate| plate.planes(&tile.rays));
-        let veil = (0..rays.count())
+        let [black, white] = over
+            .each_mut()
+            .map(|light_buffer| light_buffer.planes(&tile.rays));
+        let overlay = (0..rays.count())
             .filter_map(|ray| {
                 let left = white[0][ray] - black[0][ray];
                 let adds = [0, 1, 2].map(|colour| black[colour][ray]);
                 (left < 0.999).then_some((ray as u32, left, adds))
             })
             .collect();
-        OwnBody { overlay: veil }
+        OwnBody { overlay }
     }
 
-    pub(super) fn draw(&self, tile: &Tile, plate: &mut LightBuffer) {
+    pub(super) fn draw(&self, tile: &Tile, light_buffer: &mut LightBuffer) {
         let first = self
             .overlay
-            .partition_point(|veil| (veil.0 as usize) < tile.rays.start);
-        let inside = |veil: &&(u32, f32, [f32; 3])| (veil.0 as usize) < tile.rays.end;
-        let mut planes = plate.planes(&tile.rays);
+            .partition_point(|entry| (entry.0 as usize) < tile.rays.start);
+        let inside = |entry: &&(u32, f32, [f32; 3])| (entry.0 as usize) < tile.rays.end;
+        let mut planes = light_buffer.planes(&tile.rays);
         for (ray, left, adds) in self.overlay[first..].iter().take_while(inside) {
             let ray = *ray as usize - tile.rays.start;
             for (plane, adds) in planes.iter_mut().zip(adds) {
@@ -411,4 +414,9 @@ fn own_solids(body: &BodyConfig, camera_height: f32) -> Vec<Solid> {
         }
     }
     solids
+}
+
+/// Linear colours of an sRGB triple.
+fn linear(colour: [u8; 3]) -> [f32; 3] {
+    colour.map(linear_from_srgb)
 }

@@ -1,4 +1,4 @@
-//! What is around the field? A hall with walls, panels and doors, and clutter that stands about.
+//! What is around the field? A environment with walls, panels and doors, and clutter.
 
 use std::f32::consts::TAU;
 use std::ops::Range;
@@ -10,12 +10,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::light_buffer::LightBuffer;
 use super::rays::{SortedRays, Tile};
-use super::solids::{Outline, Solid};
+use super::solids::{Outline, Solid, edge_coverage};
 use crate::image_sensor::{RUN_PIXELS, linear_from_srgb, srgb_from_linear};
 
-/// Room between carpet and walls, metres.
+/// Distance between carpet and walls, metres.
 const MARGIN: f32 = 3.0;
-/// Cell of the walls' picture, metres, and how high it goes.
+/// Cell size and height of the walls' texture, metres.
 const CELL: f32 = 0.08;
 const HEIGHT: f32 = 4.0;
 /// Height of the darker skirting along the walls, metres.
@@ -24,10 +24,10 @@ const SKIRTING: f32 = 0.4;
 const FIELD_WALL: f32 = 0.5;
 /// Their sRGB colour.
 const FIELD_WALL_RGB: [u8; 3] = [206, 208, 205];
-/// Things that stand between carpet and walls.
+/// Number of objects between carpet and walls.
 const CLUTTER_COUNT: usize = 26;
 
-/// The hall, field frame.
+/// Hall and clutter, field frame.
 pub(super) struct Environment {
     half: [f32; 2],
     /// sRGB colours (a fourth byte for alignment): columns along the walls from the corner (+x, −y) counter-clockwise, rows upwards.
@@ -38,7 +38,7 @@ pub(super) struct Environment {
     linear_from_srgb: [f32; 256],
     /// Half extent of a field's own walls, and half the width of the goals' mouths in them.
     field_walls: Option<([f32; 2], f32)>,
-    /// What stands about; places and directions in the field frame.
+    /// Objects between carpet and walls, field frame.
     pub(super) clutter: Vec<Solid>,
 }
 
@@ -48,7 +48,7 @@ impl Environment {
         let half = [carpet_x + MARGIN, carpet_y + MARGIN];
         let columns = (4.0 * (half[0] + half[1]) / CELL).ceil() as usize;
         let rows = (HEIGHT / CELL) as usize;
-        let mut hall = Environment {
+        let mut environment = Environment {
             half,
             wall_texture: Vec::new(),
             columns,
@@ -60,11 +60,11 @@ impl Environment {
             )),
             clutter: make_clutter([carpet_x, carpet_y], rng),
         };
-        hall.paint_walls(rng);
-        hall
+        environment.paint_walls(rng);
+        environment
     }
 
-    /// Plain plaster over a darker skirting, with panels, doors and posters of any colour.
+    /// Paints plaster above a darker skirting, with panels, doors and posters of any colour.
     fn paint_walls(&mut self, rng: &mut ChaCha8Rng) {
         let (columns, rows) = (self.columns, self.rows);
         let plaster = [196, 192, 182, 0];
@@ -95,13 +95,13 @@ impl Environment {
         }
     }
 
-    /// Draws the walls over every ray that meets them above the floor; without branches, eight rays at once.
+    /// Draws the walls on every ray that meets them above the floor; branch-free for vectorisation.
     pub(super) fn shade(
         &self,
         pose: Pose,
         rays: &SortedRays,
         tile: &Tile,
-        plate: &mut LightBuffer,
+        light_buffer: &mut LightBuffer,
     ) {
         let (sin, cos) = pose.theta.sin_cos();
         let [hx, hy] = self.half;
@@ -111,7 +111,7 @@ impl Environment {
             (self.rows - 1) as f32,
         );
         let (mut cell, mut covered) = ([0u32; RUN_PIXELS], [0f32; RUN_PIXELS]);
-        let mut seen = [[0f32; RUN_PIXELS]; 3];
+        let mut colours = [[0f32; RUN_PIXELS]; 3];
         for bin in rays.bins(tile) {
             let first = first_ray_above_floor(pose, rays, &bin, self.half);
             for run in runs(first..bin.end) {
@@ -122,13 +122,13 @@ impl Environment {
                         (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
                     let (tx, ty) = (ray.direction[0][i], ray.direction[1][i]);
                     let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
-                    let way_x = distance_to_wall(hx, from_x, to_x);
-                    let way_y = distance_to_wall(hy, from_y, to_y);
-                    let way = way_x.min(way_y).max(1e-3);
-                    let z = ray.origin[2][i] + ray.slope[i] * way;
-                    covered[i] = (z / (way * ray.slope_spacing[i] + 1e-3) + 0.5).clamp(0.0, 1.0);
+                    let distance_x = distance_to_wall(hx, from_x, to_x);
+                    let distance_y = distance_to_wall(hy, from_y, to_y);
+                    let distance = distance_x.min(distance_y).max(1e-3);
+                    let z = ray.origin[2][i] + ray.slope[i] * distance;
+                    covered[i] = edge_coverage(z, distance * ray.slope_spacing[i] + 1e-3);
                     // Along the walls, counter-clockwise from the corner (+x, −y).
-                    let (x, y) = (from_x + way * to_x, from_y + way * to_y);
+                    let (x, y) = (from_x + distance * to_x, from_y + distance * to_y);
                     let side = if to_x > 0.0 {
                         y + hy
                     } else {
@@ -139,66 +139,64 @@ impl Environment {
                     } else {
                         3.0 * hx + 4.0 * hy + x
                     };
-                    let along = if way_x < way_y { side } else { end };
+                    let along = if distance_x < distance_y { side } else { end };
                     let column = (along * per_cell).clamp(0.0, most_column);
                     let row = (z * per_cell).clamp(0.0, most_row);
                     cell[i] = floor_to_u32(row) * self.columns as u32 + floor_to_u32(column);
                 }
                 for i in 0..count {
                     let [red, green, blue, _] = self.wall_texture[cell[i] as usize];
-                    seen[0][i] = self.linear_from_srgb[usize::from(red)];
-                    seen[1][i] = self.linear_from_srgb[usize::from(green)];
-                    seen[2][i] = self.linear_from_srgb[usize::from(blue)];
+                    colours[0][i] = self.linear_from_srgb[usize::from(red)];
+                    colours[1][i] = self.linear_from_srgb[usize::from(green)];
+                    colours[2][i] = self.linear_from_srgb[usize::from(blue)];
                 }
-                for (plane, seen) in plate.planes(&run).into_iter().zip(&seen) {
-                    for ((out, seen), covered) in plane.iter_mut().zip(seen).zip(&covered) {
-                        *out += covered * (seen - *out);
+                for (plane, colours) in light_buffer.planes(&run).into_iter().zip(&colours) {
+                    for ((out, colour), covered) in plane.iter_mut().zip(colours).zip(&covered) {
+                        *out += covered * (colour - *out);
                     }
                 }
             }
         }
         if let Some((half, mouth)) = self.field_walls {
-            draw_field_walls(pose, half, mouth, (rays, tile), plate);
+            draw_field_walls(pose, half, mouth, (rays, tile), light_buffer);
         }
     }
 }
 
-/// The field's own walls, white and open before the goals, over whatever is behind them.
+/// Draws the field's own walls, white and open at the goals' mouths.
 fn draw_field_walls(
     pose: Pose,
     [hx, hy]: [f32; 2],
     mouth: f32,
     (rays, tile): (&SortedRays, &Tile),
-    plate: &mut LightBuffer,
+    light_buffer: &mut LightBuffer,
 ) {
     let (sin, cos) = pose.theta.sin_cos();
     let white = FIELD_WALL_RGB.map(linear_from_srgb);
     for bin in rays.bins(tile) {
         let run = first_ray_above_floor(pose, rays, &bin, [hx, hy])..bin.end;
         let ray = rays.run(&run);
-        let [red, green, blue] = plate.planes(&run);
+        let [red, green, blue] = light_buffer.planes(&run);
         for i in 0..ray.slope.len() {
             let (ox, oy) = (ray.origin[0][i], ray.origin[1][i]);
             let (from_x, from_y) = (pose.x + cos * ox - sin * oy, pose.y + sin * ox + cos * oy);
             let (tx, ty) = (ray.direction[0][i], ray.direction[1][i]);
             let (to_x, to_y) = (cos * tx - sin * ty, sin * tx + cos * ty);
-            let (way_x, way_y) = (
+            let (distance_x, distance_y) = (
                 distance_to_wall(hx, from_x, to_x),
                 distance_to_wall(hy, from_y, to_y),
             );
-            let way = way_x.min(way_y).max(1e-3);
-            let closed = if way_x < way_y && (from_y + way * to_y).abs() < mouth {
+            let distance = distance_x.min(distance_y).max(1e-3);
+            let closed = if distance_x < distance_y && (from_y + distance * to_y).abs() < mouth {
                 0.0
             } else {
                 1.0
             };
-            let z = ray.origin[2][i] + ray.slope[i] * way;
-            let width = way * ray.slope_spacing[i] + 1e-3;
-            let covered = closed
-                * (z / width + 0.5).clamp(0.0, 1.0)
-                * ((FIELD_WALL - z) / width + 0.5).clamp(0.0, 1.0);
-            // Two sides of the hall get a little less light.
-            let facing = if way_x < way_y { 1.0 } else { 0.9 };
+            let z = ray.origin[2][i] + ray.slope[i] * distance;
+            let width = distance * ray.slope_spacing[i] + 1e-3;
+            let covered = closed * edge_coverage(z, width) * edge_coverage(FIELD_WALL - z, width);
+            // The walls along y get slightly less light.
+            let facing = if distance_x < distance_y { 1.0 } else { 0.9 };
             red[i] += covered * (white[0] * facing - red[i]);
             green[i] += covered * (white[1] * facing - green[i]);
             blue[i] += covered * (white[2] * facing - blue[i]);
@@ -206,20 +204,20 @@ fn draw_field_walls(
     }
 }
 
-/// A run cut into pieces that fit the buffers.
+/// Splits a run into pieces of at most `RUN_PIXELS`.
 fn runs(run: Range<usize>) -> impl Iterator<Item = Range<usize>> {
     let end = run.end;
     run.step_by(RUN_PIXELS)
         .map(move |start| start..(start + RUN_PIXELS).min(end))
 }
 
-/// The whole part of a number from 0 to 4 million, without the checks of a cast.
+/// The integer part of a number from 0 to 4 million, without the checks of a cast.
 #[inline(always)]
 fn floor_to_u32(number: f32) -> u32 {
     (number - 0.5 + 12_582_912.0).max(12_582_912.0).to_bits() & 0x3f_ffff
 }
 
-/// Way to the wall at ± half along one axis, from inside.
+/// Distance to the wall at ± half along one axis, from inside.
 #[inline(always)]
 fn distance_to_wall(half: f32, from: f32, rate: f32) -> f32 {
     (half.copysign(rate) - from)
@@ -230,7 +228,7 @@ fn distance_to_wall(half: f32, from: f32, rate: f32) -> f32 {
         }
 }
 
-/// The first ray of a bin that may meet a wall above the floor: those before it are too steep.
+/// The first ray of a bin that may meet a wall above the floor; those before it are too steep.
 fn first_ray_above_floor(
     pose: Pose,
     rays: &SortedRays,
@@ -244,20 +242,20 @@ fn first_ray_above_floor(
             else {
                 return f32::MAX;
             };
-            let way_x = distance_to_wall(half[0], pose.x, cos * tx - sin * ty);
-            way_x.min(distance_to_wall(half[1], pose.y, sin * tx + cos * ty))
+            let distance_x = distance_to_wall(half[0], pose.x, cos * tx - sin * ty);
+            distance_x.min(distance_to_wall(half[1], pose.y, sin * tx + cos * ty))
         })
         .into_iter()
         .fold(f32::MAX, f32::min);
-    // A bin's rays differ by half a degree and start beside the axis: some room for both.
+    // Margin for the width of a bin (0.5°) and origins off the axis.
     let near = nearest * 0.97 - 2.0 * rays.origin_radius_max;
     let steepest = -rays.origin_height_max / near.max(0.05);
     bin.start + rays.slope[bin.clone()].partition_point(|&slope| slope < steepest)
 }
 
-/// People, boxes and poles between carpet and walls.
+/// Random people, boxes and poles between carpet and walls.
 fn make_clutter(carpet: [f32; 2], rng: &mut ChaCha8Rng) -> Vec<Solid> {
-    let mut things = Vec::new();
+    let mut solids = Vec::new();
     for _ in 0..CLUTTER_COUNT {
         let out = 0.5 + (MARGIN - 1.0) * rng.random::<f32>();
         let part = 2.2 * rng.random::<f32>() - 1.1;
@@ -269,7 +267,7 @@ fn make_clutter(carpet: [f32; 2], rng: &mut ChaCha8Rng) -> Vec<Solid> {
         };
         let colour = clutter_colour(rng);
         let mut stack = |bottom: f32, top: f32, outline: Outline, colour: [f32; 3]| {
-            things.push(Solid {
+            solids.push(Solid {
                 x,
                 y,
                 bottom,
@@ -302,10 +300,10 @@ fn make_clutter(carpet: [f32; 2], rng: &mut ChaCha8Rng) -> Vec<Solid> {
             }
         }
     }
-    things
+    solids
 }
 
-/// Any colour: mostly greys, some as bright as a ball or a marker.
+/// A random colour: half of them greys, the others as bright as a ball or a marker.
 fn clutter_colour(rng: &mut ChaCha8Rng) -> [f32; 3] {
     const BRIGHT: [[u8; 3]; 7] = [
         [200, 50, 45],

@@ -1,4 +1,4 @@
-//! What colour is the floor? Each ray's ground point and footprint, looked up in the paint and the light.
+//! What colour is the floor? Looks up each ray's ground point and footprint in textures of paint and light.
 
 use std::ops::Range;
 
@@ -11,35 +11,35 @@ use super::rays::{SortedRays, Tile};
 use crate::image_sensor::{RUN_PIXELS, linear_from_srgb};
 use crate::light::LightConfig;
 
-/// Farthest ground point that is told apart, metres: beyond any hall.
+/// Largest distance of a ground point, metres: beyond any hall.
 const RANGE_MAX: f32 = 60.0;
 /// Most lookups along a stretched footprint.
 const TAPS_MAX: usize = 6;
-/// Most lookups of a run: few enough that many runs meet no paint.
+/// Most lookups of a run: small, so that many runs lie on bare carpet and are skipped.
 const TAPS_PER_RUN: usize = 128;
-/// How far beyond the carpet light is told apart, metres.
+/// Margin of the light texture around the carpet, metres.
 const LIGHT_MARGIN: f32 = 4.0;
-/// Cell of the light's texture, metres: light changes slowly.
+/// Cell of the light texture, metres: light changes slowly.
 const LIGHT_CELL: f32 = 0.2;
-/// Light is looked up for every so many rays and goes straight in between: neighbours in a bin lie a pixel apart.
+/// Light is looked up for every fourth ray and interpolated in between: neighbours in a bin are a pixel apart.
 const LIGHT_STRIDE: usize = 4;
-/// Light that the brightest byte stands for.
+/// Light of byte 255.
 const LIGHT_MAX: f32 = 2.5;
-/// Width of a strip of carpet, metres, and how much strips differ.
+/// Width of a strip of carpet, metres, and contrast between strips.
 const STRIP: f32 = 2.0;
 const STRIP_CONTRAST: f32 = 0.025;
 
-/// sRGB of carpet, paint and the hall's floor under white light.
+/// sRGB of carpet, paint and surrounding floor under white light.
 const CARPET: [u8; 3] = [72, 130, 88];
 const MARKING_RGB: [u8; 3] = [226, 230, 226];
 const FLOOR: [u8; 3] = [138, 130, 124];
 
 /// The floor under all rays of a table.
 pub(super) struct Ground {
-    /// Where each ray meets the ground, robot frame; `FARTHEST` away where it does not.
+    /// Ground point of each ray, robot frame; at `RANGE_MAX` if it does not meet the ground.
     pub(super) x: Vec<f32>,
     pub(super) y: Vec<f32>,
-    /// One over each footprint's side, 1/metres.
+    /// Inverse of each footprint's side, 1/m.
     sharpness: Vec<f32>,
     taps: Taps,
     markings: MarkingTextures,
@@ -48,30 +48,30 @@ pub(super) struct Ground {
     carpet_half: (f32, f32),
 }
 
-/// Lookups in the paint: one a ray, or several along a stretched footprint; in tiles of neighbouring rays, and within
-/// a tile by texture and distance, so that a run of lookups reads one small part of one texture.
+/// Lookups in the paint: one per ray, or several along an elongated footprint. They are grouped by tile, texture and
+/// distance, so that a run of lookups reads a small part of one texture.
 #[derive(Default)]
 struct Taps {
-    /// Where, robot frame.
+    /// Position, robot frame.
     x: Vec<f32>,
     y: Vec<f32>,
-    /// For which ray, counted from its tile's first.
+    /// Index of the ray in its tile.
     ray: Vec<u32>,
     /// The lookups of each tile.
     tiles: Vec<Vec<TapRun>>,
 }
 
-/// Lookups in one texture for rays of one tile.
+/// Consecutive lookups in one texture for rays of one tile.
 struct TapRun {
     start: usize,
     count: usize,
     level: usize,
-    /// What each of them counts for its ray, over the largest byte.
+    /// Weight of each lookup, over 255.
     weight: f32,
     bounds: OrientedBox,
 }
 
-/// A box around points of the robot frame: its middle, a unit vector along its first side, and half its sides.
+/// A box, robot frame: centre, unit vector along its first side, and half side lengths.
 #[derive(Default)]
 struct OrientedBox {
     centre: [f32; 2],
@@ -80,7 +80,7 @@ struct OrientedBox {
 }
 
 impl OrientedBox {
-    /// Around all of the points, its first side towards their mean.
+    /// The box around all points whose first side points to their mean.
     fn enclosing(x: &[f32], y: &[f32]) -> Self {
         let (sum_x, sum_y) = (x.iter().sum::<f32>(), y.iter().sum::<f32>());
         let length = sum_x.hypot(sum_y).max(1e-9);
@@ -104,7 +104,7 @@ impl OrientedBox {
         }
     }
 
-    /// Whether a texture may be other than nought somewhere inside, seen from a pose.
+    /// True if a texture may be nonzero somewhere in the box, for the robot at a pose.
     fn overlaps_markings(&self, texture: &Texture, pose: Pose, (sin, cos): (f32, f32)) -> bool {
         let [x, y] = self.centre;
         let centre = [pose.x + cos * x - sin * y, pose.y + sin * x + cos * y];
@@ -118,7 +118,7 @@ impl OrientedBox {
     }
 }
 
-/// The short and the long side of a footprint, and the direction of the long one.
+/// Short and long side of a footprint, metres, and the direction of the long one, robot frame.
 struct Footprint {
     short: f32,
     long: f32,
@@ -126,9 +126,9 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// How many lookups it takes, and the side of the square that each stands for.
+    /// Number of lookups, and the side of the square of each.
     fn tap_layout(&self) -> (usize, f32) {
-        // Half as long again as wide is still as good as square, and no texture is finer than FINEST.
+        // Up to 1.5 times as long as wide counts as square; no texture is finer than FOOTPRINT_MIN.
         let short = self.short.max(FOOTPRINT_MIN);
         let taps = ((self.long / short / 1.5).ceil() as usize).clamp(1, TAPS_MAX);
         (taps, short.max(self.long / taps as f32))
@@ -139,7 +139,7 @@ impl Ground {
     pub(super) fn new(rays: &SortedRays, field: &Field, light: &LightConfig) -> Self {
         let count = rays.count();
         let footprints: Vec<Footprint> = (0..count).map(|ray| footprint(rays, ray)).collect();
-        // The finest texture serves the bulk of the image, not a rim that shows the robot's feet.
+        // The finest texture suits most of the image, not the few rays next to the robot.
         let mut short: Vec<f32> = footprints.iter().map(|footprint| footprint.short).collect();
         let finest = match short.len() / 4 {
             0 => 1.0,
@@ -160,14 +160,17 @@ impl Ground {
         });
         let (x, y): (Vec<f32>, Vec<f32>) = (0..count)
             .map(|ray| {
-                let way = distance_to_ground(rays, ray).min(RANGE_MAX);
-                let (dx, dy) = (way * rays.direction_x[ray], way * rays.direction_y[ray]);
+                let distance = distance_to_ground(rays, ray).min(RANGE_MAX);
+                let (dx, dy) = (
+                    distance * rays.direction_x[ray],
+                    distance * rays.direction_y[ray],
+                );
                 (rays.origin_x[ray] + dx, rays.origin_y[ray] + dy)
             })
             .unzip();
-        // No paint is farther from the robot than from corner to corner.
-        let reach = 2.0 * half_x.hypot(half_y);
-        let taps = Taps::new(rays, &footprints, &paint, &x, &y, reach);
+        // No paint is farther from the robot than the carpet's diagonal.
+        let range_max = 2.0 * half_x.hypot(half_y);
+        let taps = Taps::new(rays, &footprints, &paint, &x, &y, range_max);
         Ground {
             taps,
             sharpness: footprints
@@ -183,29 +186,29 @@ impl Ground {
         }
     }
 
-    /// Writes the floor's light (linear, per colour) for the rays of a tile, `index` of the tiles.
+    /// Writes the floor's light (linear, per colour) for the rays of tile number `index`.
     pub(super) fn shade(
         &self,
         pose: Pose,
         index: usize,
         tile: &Tile,
         scratch: &mut Scratch,
-        plate: &mut LightBuffer,
+        light_buffer: &mut LightBuffer,
     ) {
-        let turn = pose.theta.sin_cos();
+        let sin_cos = pose.theta.sin_cos();
         let mut white = std::mem::take(&mut scratch.marking_coverage);
         white.clear();
         white.resize(tile.rays.len(), 0.0);
         for run in &self.taps.tiles[index] {
-            // Most of a field is bare.
+            // Skips bare carpet, which is most of a field.
             let texture = &self.markings.levels[run.level];
-            if !run.bounds.overlaps_markings(texture, pose, turn) {
+            if !run.bounds.overlaps_markings(texture, pose, sin_cos) {
                 continue;
             }
             let taps = run.start..run.start + run.count;
             scratch.transform_to_field(
                 pose,
-                turn,
+                sin_cos,
                 &self.taps.x[taps.clone()],
                 &self.taps.y[taps.clone()],
             );
@@ -222,30 +225,30 @@ impl Ground {
         {
             self.compose(
                 pose,
-                turn,
+                sin_cos,
                 start..start + white.len(),
                 white,
                 scratch,
-                plate,
+                light_buffer,
             );
         }
         scratch.marking_coverage = white;
     }
 
-    /// Mixes floor, carpet and paint under the light there is.
+    /// Composes floor, carpet and paint under the light.
     fn compose(
         &self,
         pose: Pose,
-        turn: (f32, f32),
+        sin_cos: (f32, f32),
         rays: Range<usize>,
         white: &[f32],
         scratch: &mut Scratch,
-        plate: &mut LightBuffer,
+        light_buffer: &mut LightBuffer,
     ) {
         let count = rays.len().min(RUN_PIXELS);
         let (mut lit, mut gloss, mut inside) =
             ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
-        scratch.transform_strided(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
+        scratch.transform_strided(pose, sin_cos, &self.x[rays.clone()], &self.y[rays.clone()]);
         scratch.sample_texture(&self.light);
         interpolate_strided(&scratch.values, &mut lit);
         if let Some(texture) = &self.gloss {
@@ -254,7 +257,7 @@ impl Ground {
         }
         let (half_x, half_y) = self.carpet_half;
         let Scratch { x, y, .. } =
-            scratch.transform_to_field(pose, turn, &self.x[rays.clone()], &self.y[rays.clone()]);
+            scratch.transform_to_field(pose, sin_cos, &self.x[rays.clone()], &self.y[rays.clone()]);
         let sharpness = &self.sharpness[rays.clone()][..count];
         for i in 0..count {
             let inside_x = ((half_x - x[i].abs()) * sharpness[i] + 0.5).clamp(0.0, 1.0);
@@ -262,7 +265,7 @@ impl Ground {
             inside[i] = inside_x * inside_y;
         }
         let white = &white[..count];
-        for (plane, ((carpet, paint), floor)) in plate
+        for (plane, ((carpet, paint), floor)) in light_buffer
             .planes(&rays)
             .into_iter()
             .zip(CARPET.into_iter().zip(MARKING_RGB).zip(FLOOR))
@@ -289,16 +292,16 @@ impl Taps {
         paint: &MarkingTextures,
         x: &[f32],
         y: &[f32],
-        reach: f32,
+        range_max: f32,
     ) -> Self {
         let mut taps = Taps::default();
         for tile in &rays.tiles {
-            // By distance (its bits rise with it), so that a run lies close together: bare carpet is passed over.
+            // Sorted by distance (the bits of a positive float have its order), so that runs are compact.
             let mut sorted: Vec<(usize, usize, u32, usize)> = tile
                 .rays
                 .clone()
                 .map(|ray| (x[ray].hypot(y[ray]), ray))
-                .filter(|&(distance, _)| distance < reach)
+                .filter(|&(distance, _)| distance < range_max)
                 .map(|(distance, ray)| {
                     let (count, side) = footprints[ray].tap_layout();
                     (paint.level(side), count, distance.to_bits(), ray)
@@ -330,38 +333,38 @@ impl Taps {
     }
 }
 
-/// Lengthens the last run by the lookup `next`, or starts another.
-fn append_tap(runs: &mut Vec<TapRun>, next: usize, level: usize, share: f32) {
+/// Extends the last run by the lookup `next`, or starts another.
+fn append_tap(runs: &mut Vec<TapRun>, next: usize, level: usize, weight: f32) {
     match runs.last_mut() {
-        Some(run) if (run.level, run.weight) == (level, share) && run.count < TAPS_PER_RUN => {
+        Some(run) if (run.level, run.weight) == (level, weight) && run.count < TAPS_PER_RUN => {
             run.count += 1
         }
         _ => runs.push(TapRun {
             start: next,
             count: 1,
             level,
-            weight: share,
+            weight,
             bounds: OrientedBox::default(),
         }),
     }
 }
 
-/// What a run of lookups needs between its loops.
+/// Buffers of a run of lookups.
 pub(super) struct Scratch {
     count: usize,
-    /// White paint of each ray of a tile.
+    /// Coverage by white paint of each ray of a tile.
     marking_coverage: Vec<f32>,
     /// Field coordinates, metres.
     x: [f32; RUN_PIXELS],
     y: [f32; RUN_PIXELS],
-    /// What was looked up there, 0 to 255.
+    /// Values there, 0 to 255.
     values: [f32; RUN_PIXELS],
     fraction_x: [f32; RUN_PIXELS],
     fraction_y: [f32; RUN_PIXELS],
     cell: [u32; RUN_PIXELS],
 }
 
-/// Values of every `LIGHT_STRIDE`th ray of a run, and what lies straight between them.
+/// Interpolates linearly between values of every `LIGHT_STRIDE`th ray of a run.
 fn interpolate_strided(few: &[f32; RUN_PIXELS], all: &mut [f32; RUN_PIXELS]) {
     for (group, pair) in all.chunks_exact_mut(LIGHT_STRIDE).zip(few.windows(2)) {
         for (step, value) in group.iter_mut().enumerate() {
@@ -386,7 +389,7 @@ impl Scratch {
         }
     }
 
-    /// Takes points of the robot frame to the field.
+    /// Transforms points of the robot frame to the field frame.
     fn transform_to_field(
         &mut self,
         pose: Pose,
@@ -405,8 +408,8 @@ impl Scratch {
         self
     }
 
-    /// As `place`, for every `LIGHT_STRIDE`th point and one beyond the last.
-    fn transform_strided(&mut self, pose: Pose, turn: (f32, f32), x: &[f32], y: &[f32]) {
+    /// As `transform_to_field`, for every `LIGHT_STRIDE`th point and one beyond the last.
+    fn transform_strided(&mut self, pose: Pose, sin_cos: (f32, f32), x: &[f32], y: &[f32]) {
         let last = x.len().min(y.len()).min(RUN_PIXELS) - 1;
         let count = last / LIGHT_STRIDE + 2;
         let (mut few_x, mut few_y) = ([0.0; RUN_PIXELS], [0.0; RUN_PIXELS]);
@@ -414,12 +417,12 @@ impl Scratch {
             let ray = (number * LIGHT_STRIDE).min(last);
             (few_x[number], few_y[number]) = (x[ray], y[ray]);
         }
-        self.transform_to_field(pose, turn, &few_x[..count], &few_y[..count]);
+        self.transform_to_field(pose, sin_cos, &few_x[..count], &few_y[..count]);
     }
 
-    /// Bilinear values at the points; beyond the texture its border goes on.
+    /// Bilinear values at the points; the texture's border extends outside.
     fn sample_texture(&mut self, texture: &Texture) {
-        // Adding 1.5·2²³ leaves the rounded number in the lowest bits: a floor that vectorises.
+        // Adding 1.5·2²³ leaves the rounded value in the lowest bits: a floor that vectorises.
         const ROUND: f32 = 12_582_912.0;
         const BITS: u32 = 0x3f_ffff;
         let count = self.count.min(RUN_PIXELS);
@@ -449,7 +452,7 @@ impl Scratch {
     }
 }
 
-/// Horizontal way of a ray to the ground, metres; endless where it never comes down.
+/// Horizontal distance of a ray's ground point, metres; infinite if it does not meet the ground.
 fn distance_to_ground(rays: &SortedRays, ray: usize) -> f32 {
     let slope = rays.slope[ray];
     if slope < 0.0 {
@@ -460,11 +463,11 @@ fn distance_to_ground(rays: &SortedRays, ray: usize) -> f32 {
 }
 
 fn footprint(rays: &SortedRays, ray: usize) -> Footprint {
-    let way = distance_to_ground(rays, ray).min(RANGE_MAX);
-    let steep = rays.origin_z[ray] / way;
-    let across = way * rays.azimuth_spacing[ray];
+    let distance = distance_to_ground(rays, ray).min(RANGE_MAX);
+    let steep = rays.origin_z[ray] / distance;
+    let across = distance * rays.azimuth_spacing[ray];
     let along = rays.origin_z[ray] / (steep * steep) * rays.slope_spacing[ray];
-    // The spacing's root of two squares counts a diagonal step: both ways are equally far off.
+    // Both spacings are root sum squares over rows and columns.
     let (towards_x, towards_y) = (rays.direction_x[ray], rays.direction_y[ray]);
     let along = along.min(RANGE_MAX);
     if along >= across {
@@ -482,7 +485,7 @@ fn footprint(rays: &SortedRays, ray: usize) -> Footprint {
     }
 }
 
-/// Light and dark of the carpet itself: strips, and slow stains.
+/// Relative brightness of the carpet: strips and slow variations.
 fn carpet_albedo(x: f32, y: f32) -> f32 {
     let strip = if (y / STRIP).floor() as i32 % 2 == 0 {
         1.0

@@ -1,23 +1,23 @@
-//! Where does light gather while an image is rendered? A tile's rays at a time, so that it stays in the near cache.
+//! Where is light accumulated during rendering? In a buffer for one tile of rays, which fits into the cache.
 
 use super::rays::Tile;
 
-/// Linear light of one tile's rays, one plane a colour.
+/// Linear light of one tile's rays, one plane per colour.
 pub(super) struct LightBuffer {
     first: usize,
     planes: [Vec<f32>; 3],
 }
 
 impl LightBuffer {
-    /// For tiles of at most so many rays.
-    pub(super) fn new(most_rays: usize) -> Self {
+    /// A buffer for tiles of at most `rays_max` rays.
+    pub(super) fn new(rays_max: usize) -> Self {
         LightBuffer {
             first: 0,
-            planes: [0; 3].map(|_| vec![0.0; most_rays]),
+            planes: [0; 3].map(|_| vec![0.0; rays_max]),
         }
     }
 
-    /// From now on it holds this tile.
+    /// Selects the tile.
     pub(super) fn set_tile(&mut self, tile: &Tile) {
         self.first = tile.rays.start;
     }
@@ -30,7 +30,7 @@ impl LightBuffer {
             .map(|plane| &mut plane[run.start - first..run.end - first])
     }
 
-    /// Mixes a colour into one ray's light.
+    /// Blends a colour into one ray's light with weight `part`.
     #[inline(always)]
     pub(super) fn blend(&mut self, ray: usize, part: f32, colour: [f32; 3]) {
         for (plane, colour) in self.planes.iter_mut().zip(colour) {

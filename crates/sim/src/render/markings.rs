@@ -1,25 +1,25 @@
-//! How white is the floor here? Markings as textures of exact coverage, one for each size of a pixel's footprint.
+//! How much of a footprint is white paint? Textures of exact coverage, one per size of a pixel's footprint.
 
 use localize::field::{Field, Marking};
 use localize::frames::At;
 
-/// From a level to the next footprints grow by this.
+/// Ratio of footprints between two levels.
 const LEVEL_STEP: f32 = std::f32::consts::SQRT_2;
-/// The narrowest footprint worth a texture of its own, metres: lines are five times as wide.
+/// Smallest footprint with a texture, metres: lines are five times as wide.
 pub(super) const FOOTPRINT_MIN: f32 = 0.02;
-/// Beyond this footprint a line is a faint veil, metres.
+/// Largest footprint with a texture, metres: beyond it a line is hardly visible.
 const FOOTPRINT_MAX: f32 = 1.0;
 
-/// A texture's cell over the footprint it serves: between cells bilinear values blur no more than the footprint does.
+/// Cell size over the texture's footprint: bilinear interpolation then blurs no more than the footprint.
 const CELL_PER_FOOTPRINT: f32 = 0.7;
 
-/// Coverage by white paint, averaged over square footprints.
+/// Coverage by white paint, averaged over square footprints of increasing size.
 pub(super) struct MarkingTextures {
     pub(super) levels: Vec<Texture>,
     footprint_min: f32,
 }
 
-/// A grid of bytes over the field; each entry holds the four bytes of its cell's corners, so that one load suffices.
+/// A grid of bytes over the field; each entry holds the bytes of its cell's four corners, so that one load suffices.
 pub(super) struct Texture {
     /// Field coordinates of the first grid point, metres.
     pub(super) left: f32,
@@ -28,9 +28,9 @@ pub(super) struct Texture {
     pub(super) per_metre: f32,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// Corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1); see `index` for their order.
+    /// Corner (0,0) in the lowest byte, then (1,0), (0,1), (1,1); `index_of` is the order of the cells.
     pub(super) cells: Vec<u32>,
-    /// How many blocks of cells left of and below each corner of blocks are not all nought.
+    /// Summed-area table of the 4 × 4 blocks that have a nonzero cell.
     nonzero_blocks: Vec<u32>,
 }
 
@@ -91,10 +91,10 @@ impl Texture {
         }
     }
 
-    /// Whether any lookup within ± half of a point of the field may be other than nought.
+    /// True if a lookup within ± half of a point of the field may be nonzero.
     pub(super) fn any_nonzero_within(&self, centre: [f32; 2], half: [f32; 2]) -> bool {
         let stride = self.blocks() as usize + 1;
-        // A cell to spare: lookups round.
+        // A cell of margin, since lookups round.
         let block = |metres: f32, spare: f32, most: usize| {
             ((metres * self.per_metre + spare).max(0.0) as usize).min(most - 1) / 4
         };
@@ -107,7 +107,7 @@ impl Texture {
         self.nonzero_blocks[top + right] - self.nonzero_blocks[top + left] > below
     }
 
-    /// Blocks of four columns in a row of blocks.
+    /// Number of blocks of four columns in a row.
     #[inline(always)]
     pub(super) fn blocks(&self) -> u32 {
         self.columns.div_ceil(4) as u32
@@ -122,14 +122,14 @@ impl Texture {
     }
 }
 
-/// Where a cell lies: blocks of four by four fill a cache line, whichever way the rays of an image cross them.
+/// Index of a cell: blocks of 4 × 4 fill a cache line, for any direction in which rays cross them.
 #[inline(always)]
 pub(super) fn index_of(column: u32, row: u32, blocks: u32) -> u32 {
     (((row >> 2) * blocks + (column >> 2)) << 4) + ((row & 3) << 2) + (column & 3)
 }
 
 impl MarkingTextures {
-    /// Lays the markings out for footprints from `finest` (metres) up.
+    /// Textures of the markings for footprints from `finest` (metres) upwards.
     pub(super) fn new(field: &Field, finest: f32) -> Self {
         let finest = finest.clamp(FOOTPRINT_MIN, FOOTPRINT_MAX / 2.0);
         let mut levels = Vec::new();
@@ -152,7 +152,7 @@ impl MarkingTextures {
 }
 
 fn level(field: &Field, width: f32) -> Texture {
-    // Markings end within the carpet; a frame of zeros around them is what lies beyond.
+    // Markings end within the carpet; the border of zeros extends to everything outside.
     let (half_x, half_y) = field.carpet_half_extent();
     let (half_x, half_y) = (half_x + 2.0 * width, half_y + 2.0 * width);
     let cell = width * CELL_PER_FOOTPRINT;
@@ -173,17 +173,17 @@ fn level(field: &Field, width: f32) -> Texture {
     texture
 }
 
-/// The markings that are paint: of a field with walls, the boundary is where these stand, and painted but in the goals' mouths.
+/// The painted markings: walls replace the boundary lines, except at the goals' mouths.
 fn painted_markings(field: &Field) -> Vec<Marking> {
     if !field.config.walls {
         return field.markings.clone();
     }
     let (half_x, half_y) = (field.length / 2.0, field.width / 2.0);
     let mouth = field.config.goal.width / 2.0;
-    let stands = |a: f32, b: f32, half: f32| a == b && a.abs() == half;
+    let is_wall = |a: f32, b: f32, half: f32| a == b && a.abs() == half;
     let paint = |marking: &Marking| match *marking {
-        Marking::Line { from, to } if stands(from.y, to.y, half_y) => None,
-        Marking::Line { from, to } if stands(from.x, to.x, half_x) => Some(Marking::Line {
+        Marking::Line { from, to } if is_wall(from.y, to.y, half_y) => None,
+        Marking::Line { from, to } if is_wall(from.x, to.x, half_x) => Some(Marking::Line {
             from: At::new(from.x, -mouth),
             to: At::new(to.x, mouth),
         }),
@@ -192,7 +192,7 @@ fn painted_markings(field: &Field) -> Vec<Marking> {
     field.markings.iter().filter_map(paint).collect()
 }
 
-/// Adds a marking to the grid; where markings meet, the whiter one counts.
+/// Adds a marking to the grid; where markings overlap, the larger coverage counts.
 fn rasterise(grid: &mut [u8], texture: &Texture, field: &Field, marking: &Marking, width: f32) {
     let half_line = field.config.line_width / 2.0;
     let (x0, y0, x1, y1) = bounds(marking);
@@ -231,7 +231,7 @@ fn bounds(marking: &Marking) -> (f32, f32, f32, f32) {
     }
 }
 
-/// The part of a footprint of `width` about (x, y) that a marking covers: exact for a straight line across it.
+/// Share of a footprint of `width` around (x, y) that a marking covers: exact for a straight line across it.
 pub(super) fn coverage(marking: &Marking, half_line: f32, x: f32, y: f32, width: f32) -> f32 {
     match *marking {
         Marking::Line { from, to } => {
@@ -241,7 +241,7 @@ pub(super) fn coverage(marking: &Marking, half_line: f32, x: f32, y: f32, width:
             let (dx, dy) = (x - from.x, y - from.y);
             let along = dx * ux + dy * uy - length / 2.0;
             let across = dy * ux - dx * uy;
-            // Lines meet in full corners: each end reaches half a line beyond its centre's end.
+            // Corners are full: each line extends by half a line width beyond its end point.
             interval_coverage(across, half_line, width)
                 * interval_coverage(along, length / 2.0 + half_line, width)
         }
@@ -268,7 +268,7 @@ pub(super) fn coverage(marking: &Marking, half_line: f32, x: f32, y: f32, width:
     }
 }
 
-/// The part of [offset − width/2, offset + width/2] that lies within ± half.
+/// Share of [offset − width/2, offset + width/2] within ± half.
 fn interval_coverage(offset: f32, half: f32, width: f32) -> f32 {
     let from = (offset - width / 2.0).max(-half);
     let to = (offset + width / 2.0).min(half);

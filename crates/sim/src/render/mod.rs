@@ -1,4 +1,4 @@
-//! What does the camera show? Every pixel's ray through the mirror as it is really mounted, into the scene.
+//! What does the camera see? Traces every pixel's ray through the mirror, as it is really mounted, into the scene.
 
 mod draw_list;
 mod environment;
@@ -6,10 +6,10 @@ mod ground;
 mod light_buffer;
 mod markings;
 mod rays;
+mod scene;
 mod solids;
 
 use localize::field::Field;
-use localize::frames::{At, FieldFrame, Pose};
 use localize::robot::BodyConfig;
 use localize::robot::CameraConfig;
 use rand::SeedableRng;
@@ -17,52 +17,38 @@ use rand_chacha::ChaCha8Rng;
 use vision::optics::ray_tracing::{OpticsError, trace_rays};
 use vision::{Mount, Profile};
 
-use crate::image_sensor::{FilmConfig, ImageSensor, Pcg, RUN_PIXELS, Rgbx, linear_from_srgb};
+pub use scene::Scene;
+
+use crate::image_sensor::{FilmConfig, ImageSensor, Pcg, RUN_PIXELS, Rgbx};
 use crate::light::LightConfig;
-use crate::world::RobotState;
 use draw_list::{DrawList, OwnBody};
 use environment::Environment;
 use ground::{Ground, Scratch};
 use light_buffer::LightBuffer;
 use rays::{SortedRays, Tile};
 
-/// What moves: where everything is at the time of an image.
-#[derive(Debug, Clone, Copy)]
-pub struct Scene<'a> {
-    /// Our robot.
-    pub pose: Pose,
-    /// The others.
-    pub robots: &'a [RobotState],
-    /// Where the ball touches the ground, its diameter (metres), and its colour (sRGB).
-    pub ball: Option<(At<FieldFrame>, f32, [u8; 3])>,
-    /// Light: red, green, blue, relative to white light of level 1.
-    pub light_colour: [f32; 3],
-    /// Black sectors: middle and whole width, radians, robot frame.
-    pub occlusions: &'a [(f32, f32)],
-}
-
-/// What never moves: optics, field, hall, and the light on the floor.
+/// Everything that is constant: optics, field, environment, and light on the floor.
 #[derive(Debug, Clone, Copy)]
 pub struct RendererConfig<'a> {
-    /// The camera as it really is (its focal length included).
+    /// The real camera, with its real focal length.
     pub camera: &'a CameraConfig,
     /// The mirror's profile.
     pub profile: &'a Profile,
-    /// How both are really mounted.
+    /// Real mounting of camera and mirror.
     pub mount: Mount,
-    /// What of the robot stands in the view.
+    /// Parts of the robot in the view.
     pub body: &'a BodyConfig,
     /// The field.
     pub field: &'a Field,
-    /// Where more light falls.
+    /// Light on the field.
     pub light: &'a LightConfig,
-    /// The optics' blur, pixels.
+    /// Blur of the optics, pixels.
     pub blur_px: f32,
-    /// Chance for hall, clutter and noise.
+    /// Seed of environment, clutter and noise.
     pub seed: u64,
 }
 
-/// Linear light outside the mirror: the camera's hood.
+/// Linear light outside the mirror, where the camera's hood is.
 const HOOD: [f32; 3] = [0.0005, 0.0010, 0.0035];
 
 /// Renders images of one camera on one field.
@@ -75,26 +61,26 @@ pub struct Renderer {
     own: OwnBody,
     floor_light: LightConfig,
     field: localize::field::FieldConfig,
-    /// Vignetting of each ray, and of the pixels without one: one at the image's centre, nought at its corners.
+    /// Vignetting of each ray: squared distance from the image's centre over that of its corners.
     falloff: Vec<f32>,
     image_sensor: ImageSensor,
     pcg: Pcg,
     light_buffer: LightBuffer,
-    /// One tile's pixels in the order of its rays.
+    /// Pixels of one tile in the order of its rays.
     tile_pixels: Vec<Rgbx>,
     scratch: Scratch,
 }
 
 impl Renderer {
-    /// Traces the mirror and lays out the scene.
-    pub fn new(setting: &RendererConfig) -> Result<Self, OpticsError> {
-        let camera = setting.camera;
-        let table = trace_rays(camera, setting.profile, &setting.mount)?;
-        let rays = SortedRays::new(&table, setting.blur_px);
-        let mut rng = ChaCha8Rng::seed_from_u64(setting.seed);
+    /// Traces the rays and prepares the static scene.
+    pub fn new(config: &RendererConfig) -> Result<Self, OpticsError> {
+        let camera = config.camera;
+        let table = trace_rays(camera, config.profile, &config.mount)?;
+        let rays = SortedRays::new(&table, config.blur_px);
+        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         rng.set_stream(1);
-        let hall = Environment::new(setting.field, &mut rng);
-        let ground = Ground::new(&rays, setting.field, setting.light);
+        let environment = Environment::new(config.field, &mut rng);
+        let ground = Ground::new(&rays, config.field, config.light);
         let corner2 =
             (camera.width_px as f32 / 2.0).powi(2) + (camera.height_px as f32 / 2.0).powi(2);
         let falloff = rays
@@ -110,24 +96,24 @@ impl Renderer {
                 (du * du + dv * dv) / corner2
             })
             .collect();
-        let film = ImageSensor::new(&mut rng);
-        let most_rays = rays.tiles.iter().map(|tile| tile.rays.len()).max();
-        let most_rays = most_rays.unwrap_or(0);
+        let image_sensor = ImageSensor::new(&mut rng);
+        let tile_sizes = rays.tiles.iter().map(|tile| tile.rays.len());
+        let rays_max = tile_sizes.max().unwrap_or(0);
         Ok(Renderer {
             width_px: camera.width_px,
             height_px: camera.height_px,
-            own: OwnBody::new(setting.body, camera.height.unwrap_or(0.0), &rays),
-            floor_light: setting.light.clone(),
-            field: setting.field.config.clone(),
-            light_buffer: LightBuffer::new(most_rays),
-            tile_pixels: vec![[0; 4]; most_rays],
+            own: OwnBody::new(config.body, camera.height.unwrap_or(0.0), &rays),
+            floor_light: config.light.clone(),
+            field: config.field.config.clone(),
+            light_buffer: LightBuffer::new(rays_max),
+            tile_pixels: vec![[0; 4]; rays_max],
             scratch: Scratch::new(),
             pcg: Pcg::new(&mut rng),
             rays,
             ground,
-            environment: hall,
+            environment,
             falloff,
-            image_sensor: film,
+            image_sensor,
         })
     }
 
@@ -136,11 +122,11 @@ impl Renderer {
         (self.width_px, self.height_px)
     }
 
-    /// Renders into `rgb`: three bytes a pixel, row by row.
+    /// Renders into `rgb`: three bytes per pixel, row by row.
     pub fn render(&mut self, scene: &Scene, film: &FilmConfig, rgb: &mut Vec<u8>) {
         rgb.resize(3 * self.width_px * self.height_px, 0);
         let (pixels, _) = rgb.as_chunks_mut::<3>();
-        let stage = DrawList::new(
+        let draw_list = DrawList::new(
             scene,
             &self.field,
             &self.environment,
@@ -149,18 +135,19 @@ impl Renderer {
         );
         let Renderer {
             rays,
-            light_buffer: plate,
+            light_buffer,
             scratch,
             ..
         } = self;
         for (index, tile) in rays.tiles.iter().enumerate() {
-            plate.set_tile(tile);
-            self.ground.shade(scene.pose, index, tile, scratch, plate);
-            self.environment.shade(scene.pose, rays, tile, plate);
-            stage.draw(rays, tile, &self.ground, plate);
-            self.own.draw(tile, plate);
+            light_buffer.set_tile(tile);
+            self.ground
+                .shade(scene.pose, index, tile, scratch, light_buffer);
+            self.environment.shade(scene.pose, rays, tile, light_buffer);
+            draw_list.draw(rays, tile, &self.ground, light_buffer);
+            self.own.draw(tile, light_buffer);
             for &(middle, width) in scene.occlusions {
-                draw_occlusion(middle, width, rays, tile, plate);
+                draw_occlusion(middle, width, rays, tile, light_buffer);
             }
             let mut tones = [[0; RUN_PIXELS]; 3];
             let mut scale = [0f32; RUN_PIXELS];
@@ -169,7 +156,7 @@ impl Renderer {
                 for (scale, falloff) in scale.iter_mut().zip(&self.falloff[run.clone()]) {
                     *scale = 1.0 - film.vignetting * falloff;
                 }
-                let light = plate.planes(&run).map(|plane| &*plane);
+                let light = light_buffer.planes(&run).map(|plane| &*plane);
                 self.image_sensor.expose(
                     film,
                     light,
@@ -182,42 +169,37 @@ impl Renderer {
                 self.image_sensor
                     .tone_map(&tones, &mut self.tile_pixels[first..first + run.len()]);
             }
-            // In the image's own order: what is written together lies together.
+            // In the order of the image, so that writes are sequential.
             for &(pixel, ray) in &tile.by_pixel {
                 let [red, green, blue, _] = self.tile_pixels[ray as usize];
                 pixels[pixel as usize] = [red, green, blue];
             }
         }
-        // The pixels around the mirror: dark, with the sensor's noise.
+        // The pixels outside the mirror are dark, with sensor noise.
         let dark = (HOOD, scene.light_colour, 1.0 - film.vignetting);
         self.image_sensor
             .fill_dark(film, dark, &mut self.pcg, &rays.blank, pixels);
     }
 }
 
-/// Blackens a sector: its middle and whole width, radians.
+/// Blackens a sector: centre and full width, radians, robot frame.
 fn draw_occlusion(
     middle: f32,
     width: f32,
     rays: &SortedRays,
     tile: &Tile,
-    plate: &mut LightBuffer,
+    light_buffer: &mut LightBuffer,
 ) {
     let inside = (width / 2.0).min(std::f32::consts::PI).cos();
     let (sin, cos) = middle.sin_cos();
-    let reach = rays.range_of_sector(middle - width / 2.0, middle + width / 2.0);
-    for run in rays.runs_in(&reach, tile) {
+    let range = rays.range_of_sector(middle - width / 2.0, middle + width / 2.0);
+    for run in rays.runs_in(&range, tile) {
         for ray in run {
             if cos * rays.direction_x[ray] + sin * rays.direction_y[ray] >= inside {
-                plate.blend(ray, 1.0, HOOD);
+                light_buffer.blend(ray, 1.0, HOOD);
             }
         }
     }
-}
-
-/// Linear colours of an sRGB triple.
-fn linear(colour: [u8; 3]) -> [f32; 3] {
-    colour.map(linear_from_srgb)
 }
 
 #[cfg(test)]

@@ -1,26 +1,27 @@
-//! Which rays can meet an object? All pixels' rays, sorted by azimuth and steepness, with their spacing.
+//! Which rays can meet an object? All pixels' rays, sorted by azimuth and slope, with their spacing.
 //!
-//! An object spans a few azimuth bins and, in each, one run of slopes: two binary searches find its pixels whatever
-//! the mirror's shape, and everything that rendering reads lies there one after the other.
+//! An object spans a few azimuth bins and in each bin one run of slopes. Two binary searches find its pixels for any
+//! shape of the mirror, and rendering reads memory sequentially.
 
 use std::f32::consts::{PI, TAU};
 use std::ops::Range;
 
 use vision::{Ray, RayTable};
 
-/// Azimuth bins in a turn: about as wide as a pixel at the rim of a 480 × 480 image is at half its radius.
+/// Azimuth bins in a full circle: 0.5° is about a pixel at half the radius of a 480 × 480 image.
 const BINS: usize = 720;
-/// A tile takes bins until it has so many rays: their light fills half a near cache of 512 KiB with all that it needs.
+/// Rays at which a tile is complete: their data fill half a cache of 512 KiB.
 const TILE_RAYS: usize = 4096;
-/// Rays steeper than this (height over way) go straight down for all that matters here.
+/// Largest slope (height over horizontal distance): steeper rays count as vertical.
 const SLOPE_MAX: f32 = 1e4;
 
-/// Rays in bin order, one array each, robot frame. A ray is at `origin + s·(towards, slope)` after s horizontal metres.
+/// Rays in bin order, one array per component, robot frame. Points on a ray are `origin + s·(direction, slope)` for a
+/// horizontal distance s, metres.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SortedRays {
     /// Where each bin starts; the last entry is the number of rays.
     starts: Vec<usize>,
-    /// Which pixel of the image (row by row).
+    /// Pixel of each ray (row by row).
     pub(crate) pixel: Vec<u32>,
     pub(crate) origin_x: Vec<f32>,
     pub(crate) origin_y: Vec<f32>,
@@ -28,19 +29,19 @@ pub(crate) struct SortedRays {
     /// Horizontal direction, unit length.
     pub(crate) direction_x: Vec<f32>,
     pub(crate) direction_y: Vec<f32>,
-    /// Height gained per horizontal metre; rises within a bin.
+    /// Height per horizontal metre; increases within a bin.
     pub(crate) slope: Vec<f32>,
-    /// Azimuth between this ray and the next pixel's, blurred, radians.
+    /// Azimuth between neighbouring pixels' rays times the blur, radians.
     pub(crate) azimuth_spacing: Vec<f32>,
-    /// Slope between this ray and the next pixel's, blurred.
+    /// Slope between neighbouring pixels' rays times the blur.
     pub(crate) slope_spacing: Vec<f32>,
-    /// Bins in groups, each of a few thousand rays.
+    /// Groups of bins with a few thousand rays each.
     pub(super) tiles: Vec<Tile>,
     /// Pixels without a ray.
     pub(crate) blank: Vec<u32>,
     /// Largest horizontal distance of an origin from the axis, metres.
     pub(super) origin_radius_max: f32,
-    /// Largest distance at which a ray's line passes the axis, metres: nought for an upright mirror.
+    /// Largest distance between a ray's line and the axis, metres: 0 for an upright mirror.
     axis_offset_max: f32,
     origin_height_min: f32,
     pub(super) origin_height_max: f32,
@@ -52,11 +53,11 @@ pub(super) struct Tile {
     bins: Range<usize>,
     /// The rays of those bins.
     pub(super) rays: Range<usize>,
-    /// Their pixels in the order of the image, and which ray each is, counted from the tile's first.
+    /// Pixels in the order of the image, each with its ray's index in the tile.
     pub(super) by_pixel: Vec<(u32, u32)>,
 }
 
-/// Which rays may meet an object: some bins, counter-clockwise from the first, and in each a run of slopes.
+/// Rays that may meet an object: bins, counter-clockwise from the first, and the range of slopes in each.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RayRange {
     first: usize,
@@ -65,7 +66,7 @@ pub(super) struct RayRange {
     slope_max: f32,
 }
 
-/// A run of `Rays`; every slice has the run's length.
+/// A run of `SortedRays`; every slice has the run's length.
 #[derive(Clone, Copy)]
 pub(super) struct RayRun<'a> {
     pub(super) origin: [&'a [f32]; 3],
@@ -76,7 +77,7 @@ pub(super) struct RayRun<'a> {
 }
 
 impl SortedRays {
-    /// Sorts a table of rays; the optics' blur widens every ray.
+    /// Sorts a table of rays; the blur of the optics widens every ray.
     pub(crate) fn new(table: &RayTable, blur_px: f32) -> Self {
         let mut keyed: Vec<(usize, f32, u32)> = Vec::new();
         let mut rays = SortedRays::default();
@@ -166,10 +167,10 @@ impl SortedRays {
             .map(|bin| self.starts[bin]..self.starts[bin + 1])
     }
 
-    /// The runs of a tile's rays that are within reach.
+    /// The runs of a tile's rays in a range.
     pub(super) fn runs_in(
         &self,
-        reach: &RayRange,
+        range: &RayRange,
         tile: &Tile,
     ) -> impl Iterator<Item = Range<usize>> + '_ {
         let RayRange {
@@ -177,9 +178,9 @@ impl SortedRays {
             count,
             slope_min: low,
             slope_max: high,
-        } = *reach;
+        } = *range;
         let bins = tile.bins.clone();
-        // The reach may run past the last bin and on from bin nought.
+        // The range may wrap around from the last bin to bin 0.
         [0, BINS]
             .into_iter()
             .flat_map(move |turn| {
@@ -196,7 +197,7 @@ impl SortedRays {
             })
     }
 
-    /// The rays that may meet what lies within `radius` of (x, y) and between two heights; some beside it too.
+    /// The rays that may meet an upright cylinder around (x, y) between two heights, and some neighbours.
     pub(super) fn range_of_cylinder(
         &self,
         x: f32,
@@ -206,7 +207,7 @@ impl SortedRays {
         top: f32,
     ) -> RayRange {
         let distance = x.hypot(y);
-        // A ray may pass up to `aside` beside what its azimuth says.
+        // Rays do not start exactly on the axis.
         let wide = radius + self.axis_offset_max;
         let half = if distance > wide * 1.01 {
             (wide / distance).asin()
@@ -216,7 +217,7 @@ impl SortedRays {
         let middle = y.atan2(x);
         let near = (distance - radius - self.origin_radius_max).max(1e-3);
         let far = distance + radius + self.origin_radius_max;
-        // From the highest origin to the bottom near us, from the lowest to the top; a pixel's width to spare.
+        // From the highest origin to the near bottom, from the lowest to the top; a pixel's width of margin.
         let down = bottom - self.origin_height_max;
         let up = top - self.origin_height_min;
         let low = if down < 0.0 { down / near } else { down / far };
@@ -255,7 +256,7 @@ fn bin_of(azimuth: f32) -> usize {
     ((azimuth.rem_euclid(TAU) / TAU * BINS as f32) as usize).min(BINS - 1)
 }
 
-/// By how much azimuth and slope change from a pixel to the next, whichever way they change most.
+/// Change of azimuth and slope from a pixel to the next, root sum square over rows and columns.
 fn pixel_spacing(table: &RayTable, pixel: usize, ray: &Ray) -> (f32, f32) {
     let (column, row) = (pixel % table.width_px, pixel / table.width_px);
     let (mut turn2, mut rise2) = (0.0, 0.0);

@@ -1,10 +1,10 @@
-//! What stands in the view? Cylinders, boxes, balls and nets, drawn over what lies behind them with soft edges.
+//! How are objects drawn? Cylinders, boxes, spheres and panels with antialiased edges, over what is behind them.
 
 use super::ground::Ground;
 use super::light_buffer::LightBuffer;
 use super::rays::{RayRange, RayRun, SortedRays, Tile};
 
-/// Something upright: the same outline from bottom to top; robot frame.
+/// An upright prism, robot frame.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Solid {
     pub(super) x: f32,
@@ -17,13 +17,13 @@ pub(super) struct Solid {
     pub(super) cap: [f32; 3],
 }
 
-/// A solid's outline seen from above.
+/// Outline of a solid in the ground plane.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Outline {
     Circle {
         radius: f32,
     },
-    /// Half sides, and the direction of the first.
+    /// Half side lengths, and the direction of the first side.
     Box {
         half: [f32; 2],
         cos: f32,
@@ -40,18 +40,18 @@ pub(super) struct Sphere {
     pub(super) colour: [f32; 3],
 }
 
-/// An upright screen between two points, robot frame: a net, or a wall.
+/// An upright rectangle between two points, robot frame: a net or a wall.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Panel {
     pub(super) from: [f32; 2],
     pub(super) to: [f32; 2],
     pub(super) top: f32,
     pub(super) colour: [f32; 3],
-    /// A net's mesh and cord, metres; a wall has none.
+    /// Mesh and cord of a net, metres; `None` for a wall.
     pub(super) mesh: Option<[f32; 2]>,
 }
 
-/// What has a place in the order from far to near.
+/// An object in the order from far to near.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Primitive {
     Solid(Solid),
@@ -59,10 +59,10 @@ pub(super) enum Primitive {
     Panel(Panel),
 }
 
-/// Where a lamp's light comes from, for the shading of sides: a unit vector in the robot frame.
+/// Direction towards the light for shading sides: a unit vector in the robot frame.
 pub(super) type LightDirection = [f32; 2];
 
-/// How a ray meets an outline: the covered part of the pixel, the ways in and out, and the face's brightness.
+/// Intersection of a ray with an outline: covered share of the pixel, distances of entry and exit, brightness.
 #[derive(Clone, Copy)]
 struct Chord {
     covered: f32,
@@ -71,7 +71,7 @@ struct Chord {
     shading: f32,
 }
 
-/// A ray beside a solid: the way to the centre and the distance to its left, and the ray's direction.
+/// A ray relative to a solid: vector to the centre, ray direction, centre along and across the ray, pixel width.
 #[derive(Clone, Copy)]
 struct RayOffset {
     dx: f32,
@@ -83,7 +83,7 @@ struct RayOffset {
     width: f32,
 }
 
-/// Where and through which rays a piece is drawn.
+/// The rays and the light for drawing.
 pub(super) struct DrawContext<'a> {
     pub(super) rays: &'a SortedRays,
     pub(super) tile: &'a Tile,
@@ -91,7 +91,7 @@ pub(super) struct DrawContext<'a> {
 }
 
 impl Primitive {
-    /// The rays that may meet it.
+    /// The rays that may meet this primitive.
     pub(super) fn ray_range(&self, rays: &SortedRays) -> RayRange {
         match self {
             Primitive::Solid(solid) => {
@@ -112,56 +112,69 @@ impl Primitive {
         }
     }
 
-    /// Draws it over what is behind it.
-    pub(super) fn draw(&self, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
+    /// Draws over what is behind.
+    pub(super) fn draw(
+        &self,
+        range: &RayRange,
+        context: &DrawContext,
+        light_buffer: &mut LightBuffer,
+    ) {
         match self {
-            Primitive::Solid(solid) => draw_solid(solid, reach, brush, plate),
-            Primitive::Sphere(sphere) => draw_sphere(sphere, reach, brush, plate),
-            Primitive::Panel(screen) => draw_panel(screen, reach, brush, plate),
+            Primitive::Solid(solid) => draw_solid(solid, range, context, light_buffer),
+            Primitive::Sphere(sphere) => draw_sphere(sphere, range, context, light_buffer),
+            Primitive::Panel(panel) => draw_panel(panel, range, context, light_buffer),
         }
     }
 }
 
-/// Part of a pixel of width `width` inside an edge that lies `inside` further out.
+/// Share of a pixel of width `width` on the inner side of an edge at distance `inside` from its centre.
 #[inline(always)]
-fn edge(inside: f32, width: f32) -> f32 {
+pub(super) fn edge_coverage(inside: f32, width: f32) -> f32 {
     (inside / width + 0.5).clamp(0.0, 1.0)
 }
 
-fn draw_solid(solid: &Solid, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
-    let lamp = brush.light_direction;
+fn draw_solid(
+    solid: &Solid,
+    range: &RayRange,
+    context: &DrawContext,
+    light_buffer: &mut LightBuffer,
+) {
+    let light_direction = context.light_direction;
     match solid.outline {
-        Outline::Circle { radius } => draw_solid_runs(solid, reach, brush, plate, |beside| {
-            chord_of_circle(radius, lamp, beside)
+        Outline::Circle { radius } => draw_solid_runs(solid, range, context, light_buffer, |ray| {
+            chord_of_circle(radius, light_direction, ray)
         }),
         Outline::Box { half, cos, sin } => {
-            // The lamp in the box's own axes.
-            let lamp = [cos * lamp[0] + sin * lamp[1], cos * lamp[1] - sin * lamp[0]];
-            draw_solid_runs(solid, reach, brush, plate, |beside| {
-                chord_of_box(half, (sin, cos), lamp, beside)
+            // The light direction in the box's axes.
+            let light_direction = [
+                cos * light_direction[0] + sin * light_direction[1],
+                cos * light_direction[1] - sin * light_direction[0],
+            ];
+            draw_solid_runs(solid, range, context, light_buffer, |ray| {
+                chord_of_box(half, (sin, cos), light_direction, ray)
             });
         }
     }
 }
 
-/// Draws a solid over every ray that may meet it; without branches, so that eight rays go at once.
+/// Draws a solid on every ray that may meet it; branch-free for vectorisation.
 #[inline(always)]
 fn draw_solid_runs(
     solid: &Solid,
-    reach: &RayRange,
-    brush: &DrawContext,
-    plate: &mut LightBuffer,
+    range: &RayRange,
+    context: &DrawContext,
+    light_buffer: &mut LightBuffer,
     chord: impl Fn(RayOffset) -> Chord,
 ) {
-    for run in brush.rays.runs_in(reach, brush.tile) {
-        let [red, green, blue] = plate.planes(&run);
+    for run in context.rays.runs_in(range, context.tile) {
+        let [red, green, blue] = light_buffer.planes(&run);
         let RayRun {
             origin: [ox, oy, oz],
             direction: [tx, ty],
             slope,
             azimuth_spacing: spacing,
             slope_spacing,
-        } = brush.rays.run(&run);
+        } = context.rays.run(&run);
         for i in 0..slope.len() {
             let (dx, dy) = (solid.x - ox[i], solid.y - oy[i]);
             let along = dx * tx[i] + dy * ty[i];
@@ -178,15 +191,18 @@ fn draw_solid_runs(
                 oz[i] + slope[i] * chord.entry,
                 oz[i] + slope[i] * chord.exit,
             );
-            // How far apart neighbouring rays are in height, where they go in and where they come out.
-            let per_way = slope_spacing[i];
-            let (w_in, w_out) = (chord.entry * per_way + 1e-4, chord.exit * per_way + 1e-4);
+            // Vertical distance between neighbouring rays at entry and exit.
+            let per_metre = slope_spacing[i];
+            let (w_in, w_out) = (
+                chord.entry * per_metre + 1e-4,
+                chord.exit * per_metre + 1e-4,
+            );
             let falls = slope[i] < 0.0;
             let (low, w_low) = if falls { (z_out, w_out) } else { (z_in, w_in) };
             let (high, w_high) = if falls { (z_in, w_in) } else { (z_out, w_out) };
-            let under_top = edge(solid.top - low, w_low);
-            let covered = chord.covered * under_top * edge(high - solid.bottom, w_high);
-            let cap = edge(z_in - solid.top, w_in);
+            let under_top = edge_coverage(solid.top - low, w_low);
+            let covered = chord.covered * under_top * edge_coverage(high - solid.bottom, w_high);
+            let cap = edge_coverage(z_in - solid.top, w_in);
             let side = chord.shading * (1.0 - cap);
             red[i] += covered * (side * solid.side[0] + cap * solid.cap[0] - red[i]);
             green[i] += covered * (side * solid.side[1] + cap * solid.cap[1] - green[i]);
@@ -196,7 +212,7 @@ fn draw_solid_runs(
 }
 
 #[inline(always)]
-fn chord_of_circle(radius: f32, lamp: LightDirection, beside: RayOffset) -> Chord {
+fn chord_of_circle(radius: f32, light_direction: LightDirection, ray: RayOffset) -> Chord {
     let RayOffset {
         tx,
         ty,
@@ -204,26 +220,27 @@ fn chord_of_circle(radius: f32, lamp: LightDirection, beside: RayOffset) -> Chor
         across,
         width,
         ..
-    } = beside;
+    } = ray;
     let half = (radius * radius - across * across).max(0.0).sqrt();
     let ahead = if along + half > 0.0 { 1.0 } else { 0.0 };
-    // The normal where the ray enters, against the lamp and against the ray.
+    // Scaled normal at the entry of the ray.
     let (nx, ny) = (-half * tx - across * ty, -half * ty + across * tx);
     Chord {
-        covered: edge(radius - across.abs(), width) * ahead,
+        covered: edge_coverage(radius - across.abs(), width) * ahead,
         entry: (along - half).max(0.0),
         exit: (along + half).max(0.0),
-        shading: 0.72 + (0.22 * (nx * lamp[0] + ny * lamp[1]) + 0.1 * half) / radius,
+        shading: 0.72
+            + (0.22 * (nx * light_direction[0] + ny * light_direction[1]) + 0.1 * half) / radius,
     }
 }
 
-/// `axes`: sine and cosine of the box's direction; `lamp`: in the box's own axes.
+/// `(sin, cos)`: of the box's direction; `light_direction`: in the box's axes.
 #[inline(always)]
 fn chord_of_box(
     half: [f32; 2],
     (sin, cos): (f32, f32),
-    lamp: LightDirection,
-    beside: RayOffset,
+    light_direction: LightDirection,
+    ray: RayOffset,
 ) -> Chord {
     let RayOffset {
         dx,
@@ -233,8 +250,8 @@ fn chord_of_box(
         across,
         width,
         ..
-    } = beside;
-    // Ray and centre in the box's own axes; a ray along a side still has some slant.
+    } = ray;
+    // Ray and centre in the box's axes; avoids division by zero for a ray parallel to a side.
     let (px, py) = (cos * dx + sin * dy, cos * dy - sin * dx);
     let slanted = |rate: f32| if rate.abs() < 1e-6 { 1e-6 } else { rate };
     let (rx, ry) = (slanted(cos * tx + sin * ty), slanted(cos * ty - sin * tx));
@@ -243,17 +260,17 @@ fn chord_of_box(
     let (half_x, half_y) = (half[0] * per_x.abs(), half[1] * per_y.abs());
     let (in_x, in_y) = (mid_x - half_x, mid_y - half_y);
     let (first, last) = (in_x.max(in_y), (mid_x + half_x).min(mid_y + half_y));
-    // A pixel that only touches an edge: both ways are the edge's.
+    // For a pixel that only touches an edge, entry and exit are the same.
     let middle = (first + last) / 2.0;
     let (enters, leaves) = (first.min(middle), last.max(middle));
     let ahead = if leaves > 0.0 { 1.0 } else { 0.0 };
     let facing = if in_x > in_y {
-        -lamp[0].copysign(lamp[0] * rx)
+        -light_direction[0].copysign(light_direction[0] * rx)
     } else {
-        -lamp[1].copysign(lamp[1] * ry)
+        -light_direction[1].copysign(light_direction[1] * ry)
     };
     Chord {
-        covered: edge(
+        covered: edge_coverage(
             half[0] * ry.abs() + half[1] * rx.abs() - across.abs(),
             width,
         ) * ahead,
@@ -263,9 +280,14 @@ fn chord_of_box(
     }
 }
 
-fn draw_sphere(ball: &Sphere, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
-    let rays = brush.rays;
-    for run in rays.runs_in(reach, brush.tile) {
+fn draw_sphere(
+    ball: &Sphere,
+    range: &RayRange,
+    context: &DrawContext,
+    light_buffer: &mut LightBuffer,
+) {
+    let rays = context.rays;
+    for run in rays.runs_in(range, context.tile) {
         for ray in run {
             let slope = rays.slope[ray];
             let scale = 1.0 / (1.0 + slope * slope).sqrt();
@@ -285,20 +307,20 @@ fn draw_sphere(ball: &Sphere, reach: &RayRange, brush: &DrawContext, plate: &mut
             }
             let square = (to[0] * to[0] + to[1] * to[1] + to[2] * to[2] - along * along).max(0.0);
             let miss = square.sqrt();
-            // The pixel's width across the ray: between its spacings in azimuth and in slope.
+            // Pixel width across the ray: geometric mean of the spacings in azimuth and slope.
             let turn = rays.azimuth_spacing[ray] * scale;
             let rise = rays.slope_spacing[ray] * scale * scale;
             let width = along * (turn * rise).sqrt().max(1e-4);
-            let covered = edge(ball.radius - miss, width);
+            let covered = edge_coverage(ball.radius - miss, width);
             if covered <= 0.0 {
                 continue;
             }
             let way = along - (ball.radius * ball.radius - square).max(0.0).sqrt();
             let up = (rays.origin_z[ray] + way * direction[2] - ball.radius) / ball.radius;
-            // Light from above, some back from the carpet, a highlight on top.
+            // Light from above, some reflected by the carpet, a highlight on top.
             let bright = 0.52 + 0.5 * up.clamp(-1.0, 1.0);
             let shine = 0.35 * (up - 0.82).max(0.0) / 0.18;
-            plate.blend(
+            light_buffer.blend(
                 ray,
                 covered,
                 ball.colour
@@ -308,53 +330,61 @@ fn draw_sphere(ball: &Sphere, reach: &RayRange, brush: &DrawContext, plate: &mut
     }
 }
 
-fn draw_panel(screen: &Panel, reach: &RayRange, brush: &DrawContext, plate: &mut LightBuffer) {
-    match screen.mesh {
-        Some([mesh, cord]) => draw_panel_runs(screen, reach, brush, plate, |at, width| {
+fn draw_panel(
+    panel: &Panel,
+    range: &RayRange,
+    context: &DrawContext,
+    light_buffer: &mut LightBuffer,
+) {
+    match panel.mesh {
+        Some([mesh, cord]) => draw_panel_runs(panel, range, context, light_buffer, |at, width| {
             1.0 - (1.0 - net_coverage(at[0], mesh, cord, width[0]))
                 * (1.0 - net_coverage(at[1], mesh, cord, width[1]))
         }),
-        None => draw_panel_runs(screen, reach, brush, plate, |_, _| 1.0),
+        None => draw_panel_runs(panel, range, context, light_buffer, |_, _| 1.0),
     }
 }
 
-/// Draws a screen over every ray that may meet it; without branches, so that eight rays go at once. `solid`: how much
-/// of a footprint the screen fills, by its place along and up the screen and by its sides.
+/// Draws a panel on every ray that may meet it; branch-free for vectorisation. `solid`: share of a footprint that the
+/// panel fills, by the footprint's position along and up the panel and by its sides.
 #[inline(always)]
 fn draw_panel_runs(
-    screen: &Panel,
-    reach: &RayRange,
-    brush: &DrawContext,
-    plate: &mut LightBuffer,
+    panel: &Panel,
+    range: &RayRange,
+    context: &DrawContext,
+    light_buffer: &mut LightBuffer,
     solid: impl Fn([f32; 2], [f32; 2]) -> f32,
 ) {
-    let (ex, ey) = (screen.to[0] - screen.from[0], screen.to[1] - screen.from[1]);
+    let (ex, ey) = (panel.to[0] - panel.from[0], panel.to[1] - panel.from[1]);
     let length = ex.hypot(ey).max(1e-6);
-    let colour = screen.colour;
-    for run in brush.rays.runs_in(reach, brush.tile) {
-        let [red, green, blue] = plate.planes(&run);
+    let colour = panel.colour;
+    for run in context.rays.runs_in(range, context.tile) {
+        let [red, green, blue] = light_buffer.planes(&run);
         let RayRun {
             origin: [ox, oy, oz],
             direction: [tx, ty],
             slope,
             azimuth_spacing: spacing,
             slope_spacing,
-        } = brush.rays.run(&run);
+        } = context.rays.run(&run);
         for i in 0..slope.len() {
-            let (dx, dy) = (screen.from[0] - ox[i], screen.from[1] - oy[i]);
+            let (dx, dy) = (panel.from[0] - ox[i], panel.from[1] - oy[i]);
             let cross = tx[i] * ey - ty[i] * ex;
-            // A ray along the screen misses it.
+            // Avoids division by zero for a ray parallel to the panel.
             let per_cross = 1.0 / cross.abs().max(1e-6).copysign(cross);
             let way = (dx * ey - dy * ex) * per_cross;
             let ahead = if way > 0.0 { 1.0 } else { 0.0 };
             let way = way.max(0.0);
             let along = (dx * ty[i] - dy * tx[i]) * per_cross * length;
             let height = oz[i] + slope[i] * way;
-            // Seen at a slant the screen's own metres are longer.
+            // The footprint grows with the angle of incidence.
             let across = way * spacing[i] * length * per_cross.abs() + 1e-4;
             let rise = way * slope_spacing[i] + 1e-4;
-            let inside = edge(along, across) * edge(length - along, across);
-            let covered = ahead * inside * edge(screen.top - height, rise) * edge(height, rise);
+            let inside = edge_coverage(along, across) * edge_coverage(length - along, across);
+            let covered = ahead
+                * inside
+                * edge_coverage(panel.top - height, rise)
+                * edge_coverage(height, rise);
             let part = covered * solid([along, height], [across, rise]);
             red[i] += part * (colour[0] - red[i]);
             green[i] += part * (colour[1] - green[i]);
@@ -363,7 +393,7 @@ fn draw_panel_runs(
     }
 }
 
-/// The part of a footprint that cords of a net cover.
+/// Share of a footprint that the cords of a net cover.
 #[inline(always)]
 fn net_coverage(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
     let meshes = at / mesh;
@@ -372,17 +402,17 @@ fn net_coverage(at: f32, mesh: f32, cord: f32, width: f32) -> f32 {
     if width >= mesh { cord / mesh } else { fine }
 }
 
-/// Something's shadow on the floor: half the light in its middle, none lost at twice its radius.
+/// A shadow on the floor: half the light at its centre, full light at twice its radius.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shadow {
     pub(super) x: f32,
     pub(super) y: f32,
     pub(super) radius: f32,
-    /// What stands this low above the floor takes the light from beneath itself too.
+    /// The object's underside, which shades the floor below it.
     pub(super) underbody: Underbody,
 }
 
-/// A square that hangs above the floor: half its side, its direction, and its height above the floor, metres.
+/// A square above the floor: half side, direction, and height, metres.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Underbody {
     pub(super) half: f32,
@@ -392,7 +422,7 @@ pub(super) struct Underbody {
 }
 
 impl Underbody {
-    /// A ball rolls on a point.
+    /// No underside, for a ball.
     pub(super) const NONE: Underbody = Underbody {
         half: 0.0,
         cos: 1.0,
@@ -410,22 +440,21 @@ impl Shadow {
     /// Darkens the floor.
     pub(super) fn draw(
         &self,
-        reach: &RayRange,
-        brush: &DrawContext,
+        range: &RayRange,
+        context: &DrawContext,
         ground: &Ground,
-        plate: &mut LightBuffer,
+        light_buffer: &mut LightBuffer,
     ) {
         let per_square = 0.25 / (self.radius * self.radius);
         let under = self.underbody;
         let height2 = under.height * under.height;
-        for run in brush.rays.runs_in(reach, brush.tile) {
-            let [red, green, blue] = plate.planes(&run);
+        for run in context.rays.runs_in(range, context.tile) {
+            let [red, green, blue] = light_buffer.planes(&run);
             let (at_x, at_y) = (&ground.x[run.clone()], &ground.y[run]);
             for i in 0..at_x.len() {
                 let (dx, dy) = (at_x[i] - self.x, at_y[i] - self.y);
                 let inside = (1.0 - (dx * dx + dy * dy) * per_square).max(0.0);
-                // Beneath, light comes in through the slit between the edge and the floor alone: a far wall's form
-                // factor seen from so deep inside.
+                // Below the body, light enters only through the gap at its edge: form factor at this depth.
                 let (across, along) = (
                     (under.cos * dx + under.sin * dy).abs(),
                     (under.cos * dy - under.sin * dx).abs(),

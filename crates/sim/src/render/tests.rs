@@ -2,6 +2,8 @@ use std::path::Path;
 
 use super::*;
 use crate::image_sensor::linear_from_srgb;
+use crate::world::RobotState;
+use localize::frames::{At, Pose};
 use localize::robot::RobotConfig;
 use localize::world::TeamColour;
 use vision::RayTable;
@@ -12,14 +14,14 @@ struct RenderFixture {
     sensor_config: FilmConfig,
 }
 
-/// A full-size camera on an 18 × 12 m field, nearly without noise and vignetting.
+/// A full-size camera on a field of 18 × 12 m, without vignetting and nearly without noise.
 fn render_fixture(mount: Mount) -> RenderFixture {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     let robot = RobotConfig::load(&folder.join("robots/default.toml")).expect("a robot");
     let field = Field::load(&folder.join("fields/msl_18x12.toml")).expect("a field");
     let camera = robot.camera.expect("a camera");
     let profile = Profile::load(&robot.mirror.expect("a mirror").profile).expect("a profile");
-    let film = FilmConfig {
+    let sensor_config = FilmConfig {
         full_well: 1e9,
         read_noise: 0.0,
         vignetting: 0.0,
@@ -34,14 +36,14 @@ fn render_fixture(mount: Mount) -> RenderFixture {
         body: &robot.body.unwrap_or_default(),
         field: &field,
         light: &LightConfig::default(),
-        blur_px: film.blur_px,
+        blur_px: sensor_config.blur_px,
         seed: 1,
     })
     .expect("a renderer");
     RenderFixture {
         renderer,
         table: trace_rays(&camera, &profile, &mount).expect("rays"),
-        sensor_config: film,
+        sensor_config,
     }
 }
 
@@ -59,20 +61,24 @@ impl RenderFixture {
         rgb
     }
 
-    /// Where a pixel's ray meets the ground.
+    /// Ground point of a pixel.
     fn ground_point(&self, column: usize, row: usize) -> Option<At<localize::RobotFrame>> {
         self.table.rays[row * self.table.width_px + column]?.at_height(0.0)
     }
 }
 
-/// Across a line, the middle of the white is where the traced rays put the line's centre.
-fn line_centre_error(studio: &mut RenderFixture, pose: Pose, row: usize, line_y: f32) -> Vec<f32> {
-    let rgb = studio.render(pose, &[], &[]);
-    let red = |column: usize| linear_from_srgb(rgb[3 * (row * studio.table.width_px + column)]);
+/// Error of the rendered centre of a line along x, by the traced rays, for each crossing of an image row.
+fn line_centre_error(fixture: &mut RenderFixture, pose: Pose, row: usize, line_y: f32) -> Vec<f32> {
+    let rgb = fixture.render(pose, &[], &[]);
+    let red = |column: usize| linear_from_srgb(rgb[3 * (row * fixture.table.width_px + column)]);
     let mut errors = Vec::new();
-    // The row crosses the line once on either side of the image; look where it is near.
-    let field_point = |column: usize| studio.ground_point(column, row).map(|ground| pose * ground);
-    let near: Vec<usize> = (0..studio.table.width_px)
+    // The row crosses the line once on each side of the image; only near pixels are used.
+    let field_point = |column: usize| {
+        fixture
+            .ground_point(column, row)
+            .map(|ground| pose * ground)
+    };
+    let near: Vec<usize> = (0..fixture.table.width_px)
         .filter(|&column| {
             field_point(column).is_some_and(|at| (at.y - line_y).abs() < 0.3 && at.x.abs() < 6.0)
         })
@@ -106,9 +112,9 @@ fn touch_line_is_rendered_where_rays_meet_it_also_with_tilted_mirror() {
         },
     ];
     for mount in mounts {
-        let mut studio = render_fixture(mount);
-        // The line's centre lies half a line inside 12 m. Heading along y: the touch line crosses the image upright.
-        let errors = line_centre_error(&mut studio, Pose::new(3.0, 4.0, 0.0), 180, 6.0 - 0.0625);
+        let mut fixture = render_fixture(mount);
+        // The line's centre is half a line width inside the field's 12 m.
+        let errors = line_centre_error(&mut fixture, Pose::new(3.0, 4.0, 0.0), 180, 6.0 - 0.0625);
         assert!(!errors.is_empty());
         for error in errors {
             assert!(error.abs() < 0.01, "{error} m");
@@ -118,13 +124,13 @@ fn touch_line_is_rendered_where_rays_meet_it_also_with_tilted_mirror() {
 
 #[test]
 fn markings_are_white_and_carpet_is_green() {
-    let mut studio = render_fixture(Mount::default());
+    let mut fixture = render_fixture(Mount::default());
     let pose = Pose::new(-2.0, 1.0, 0.7);
-    let rgb = studio.render(pose, &[], &[]);
+    let rgb = fixture.render(pose, &[], &[]);
     let (mut painted, mut bare) = (0, 0);
     for row in 0..480 {
         for column in 0..480 {
-            let Some(ground) = studio.ground_point(column, row) else {
+            let Some(ground) = fixture.ground_point(column, row) else {
                 continue;
             };
             let at = pose * ground;
@@ -132,7 +138,7 @@ fn markings_are_white_and_carpet_is_green() {
                 continue;
             }
             let pixel = &rgb[3 * (row * 480 + column)..][..3];
-            // The halfway line by hand: 0.125 m wide along y.
+            // The halfway line: 0.125 m wide, along y.
             let from_halfway = at.x.abs();
             if from_halfway < 0.02 && at.y.abs() > 2.3 && at.y.abs() < 5.5 && pixel[0] > 60 {
                 painted += 1;
@@ -156,7 +162,7 @@ fn markings_are_white_and_carpet_is_green() {
 
 #[test]
 fn robot_changes_only_pixels_in_its_direction() {
-    let mut studio = render_fixture(Mount::default());
+    let mut fixture = render_fixture(Mount::default());
     let pose = Pose::new(0.0, 0.0, 0.4);
     let other = RobotState {
         pose: Pose::new(2.0, 2.0, 0.0),
@@ -164,21 +170,21 @@ fn robot_changes_only_pixels_in_its_direction() {
         omega: 0.0,
         team: TeamColour::Magenta,
     };
-    // Both images draw the same noise, which is next to none.
-    let without = studio.render(pose, &[], &[]);
-    let with = studio.render(pose, &[other], &[]);
-    let seen = pose.inverse() * other.pose.origin();
-    let half = (0.36f32 / seen.distance()).asin();
+    // Both images have the same, very small noise.
+    let without = fixture.render(pose, &[], &[]);
+    let with = fixture.render(pose, &[other], &[]);
+    let direction = pose.inverse() * other.pose.origin();
+    let half = (0.36f32 / direction.distance()).asin();
     let (mut inside, mut magenta) = (0, 0);
-    for (pixel, ray) in studio.table.rays.iter().enumerate() {
+    for (pixel, ray) in fixture.table.rays.iter().enumerate() {
         let (a, b) = (&without[3 * pixel..][..3], &with[3 * pixel..][..3]);
         if a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) < 12) {
             continue;
         }
         let ray = ray.expect("a ray where something changed");
         let azimuth = ray.direction[1].atan2(ray.direction[0]);
-        let off = localize::frames::wrap_angle(azimuth - seen.bearing()).abs();
-        // The shadow on the floor reaches about twice as far to either side.
+        let off = localize::frames::wrap_angle(azimuth - direction.bearing()).abs();
+        // The shadow on the floor is about twice as wide.
         assert!(off < 2.2 * half, "azimuth off by {off}");
         inside += usize::from(off < half);
         magenta += usize::from(b[0] > 90 && b[1] < 60 && b[2] > 60);
@@ -188,11 +194,11 @@ fn robot_changes_only_pixels_in_its_direction() {
 
 #[test]
 fn occlusion_blackens_only_its_sector() {
-    let mut studio = render_fixture(Mount::default());
+    let mut fixture = render_fixture(Mount::default());
     let pose = Pose::new(0.0, 0.0, 0.0);
-    let clear = studio.render(pose, &[], &[]);
-    let covered = studio.render(pose, &[], &[(1.0, 0.8)]);
-    for (pixel, ray) in studio.table.rays.iter().enumerate() {
+    let clear = fixture.render(pose, &[], &[]);
+    let covered = fixture.render(pose, &[], &[(1.0, 0.8)]);
+    for (pixel, ray) in fixture.table.rays.iter().enumerate() {
         let Some(ray) = ray else { continue };
         let off =
             localize::frames::wrap_angle(ray.direction[1].atan2(ray.direction[0]) - 1.0).abs();
@@ -211,10 +217,10 @@ fn occlusion_blackens_only_its_sector() {
 
 #[test]
 fn doubled_light_at_half_exposure_gives_the_same_image() {
-    let mut studio = render_fixture(Mount::default());
+    let mut fixture = render_fixture(Mount::default());
     let pose = Pose::new(1.0, 1.0, 0.0);
-    let usual = studio.render(pose, &[], &[]);
-    studio.sensor_config.exposure = 0.5;
+    let usual = fixture.render(pose, &[], &[]);
+    fixture.sensor_config.exposure = 0.5;
     let scene = Scene {
         pose,
         robots: &[],
@@ -223,8 +229,8 @@ fn doubled_light_at_half_exposure_gives_the_same_image() {
         occlusions: &[],
     };
     let mut bright = Vec::new();
-    studio
+    fixture
         .renderer
-        .render(&scene, &studio.sensor_config, &mut bright);
+        .render(&scene, &fixture.sensor_config, &mut bright);
     assert!(usual.iter().zip(&bright).all(|(a, b)| a.abs_diff(*b) <= 1));
 }

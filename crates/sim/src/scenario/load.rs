@@ -1,4 +1,4 @@
-//! Is this file a scenario? Read, checked key by key, its paths resolved.
+//! How is a scenario loaded? Parsed, checked key by key, its paths resolved.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use localize::toml_location::key_location;
 use super::{RadioConfig, Scenario};
 use crate::world::STEP;
 
-/// Why there is no scenario.
+/// Why a scenario cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
     /// The file cannot be read.
@@ -16,7 +16,7 @@ pub enum ScenarioError {
     Read {
         /// The file.
         path: PathBuf,
-        /// The system's word.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file is not a scenario.
@@ -27,17 +27,17 @@ pub enum ScenarioError {
         /// Line and reason.
         source: Box<toml::de::Error>,
     },
-    /// A value that no scenario can have.
+    /// An invalid value.
     #[error("{place}: {key}: {reason}")]
     Value {
-        /// The file, and the line where there is one.
+        /// The file, and the line if known.
         place: String,
         /// The key in the file.
         key: String,
         /// What is wrong with it.
         reason: String,
     },
-    /// The robot file it names.
+    /// An error in its robot file.
     #[error(transparent)]
     Robot(#[from] localize::robot::RobotConfigError),
 }
@@ -51,14 +51,14 @@ impl ScenarioError {
     }
 }
 
-/// Places and headings beyond this (metres, degrees) are slips of the pen.
+/// Largest accepted coordinate (metres) and heading (degrees).
 const COORDINATE_MAX: f32 = 1000.0;
 
-/// More than five against five and a referee is no game.
+/// Most other robots: five against five and a referee.
 const OTHERS_MAX: usize = 10;
 
 impl Scenario {
-    /// Reads and checks a scenario file and its robot file; paths come back relative to the working folder.
+    /// Reads and checks a scenario file and its robot file; resolves paths relative to the scenario's folder.
     pub fn load(path: &Path) -> Result<(Self, RobotConfig), ScenarioError> {
         let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read {
             path: path.to_owned(),
@@ -69,7 +69,7 @@ impl Scenario {
             .check_and_resolve(path, &text)
     }
 
-    /// From a scenario file's table, single values of which may have been changed; `path` is that file.
+    /// From the table of the scenario file `path`, in which values may have been changed.
     pub fn from_table(
         table: toml::Table,
         path: &Path,
@@ -80,7 +80,7 @@ impl Scenario {
         scenario.check_and_resolve(path, "")
     }
 
-    /// Checks it and reads its robot; `text`: what the file says, for the line of what is refused.
+    /// Checks the scenario and reads its robot file; `text` is the file's content, for line numbers in errors.
     fn check_and_resolve(
         self,
         path: &Path,
@@ -104,13 +104,16 @@ impl Scenario {
         Ok((scenario, robot))
     }
 
-    /// The first key whose value makes no scenario, and why.
+    /// The first key with an invalid value, and the reason.
     fn check(&self) -> Result<(), (String, String)> {
         let refuse = |key: &str, reason: String| Err((key.to_owned(), reason));
         if !(self.duration.is_finite() && self.duration > 0.0) {
             return refuse(
                 "duration",
-                format!("{} must be a positive number of seconds", self.duration),
+                format!(
+                    "invalid duration: {} (expected seconds above 0)",
+                    self.duration
+                ),
             );
         }
         for (key, value) in [
@@ -125,13 +128,19 @@ impl Scenario {
             ("wheels.grip", self.wheels.grip.into()),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return refuse(key, format!("{value} must be a positive number"));
+                return refuse(
+                    key,
+                    format!("invalid value: {value} (expected a number above 0)"),
+                );
             }
         }
-        // The world goes on in steps, and no two images are of the same one.
-        let most = (1.0 / f64::from(STEP)).round();
-        if self.frame_rate_hz > most {
-            let reason = format!("{} must be at most {most}", self.frame_rate_hz);
+        // At most one image per time step.
+        let rate_max = (1.0 / f64::from(STEP)).round();
+        if self.frame_rate_hz > rate_max {
+            let reason = format!(
+                "invalid rate: {} (expected at most {rate_max})",
+                self.frame_rate_hz
+            );
             return refuse("frame_rate_hz", reason);
         }
         let [ball_x, ball_y] = self.ball.position;
@@ -145,14 +154,19 @@ impl Scenario {
             if !(value.abs() <= COORDINATE_MAX) {
                 return refuse(
                     key,
-                    format!("{value} must be a number up to ±{COORDINATE_MAX}"),
+                    format!(
+                        "invalid value: {value} (expected -{COORDINATE_MAX} to {COORDINATE_MAX})"
+                    ),
                 );
             }
         }
         if !(0.0..=1.0).contains(&self.ball.restitution) {
             return refuse(
                 "ball.restitution",
-                format!("{} must lie between 0 and 1", self.ball.restitution),
+                format!(
+                    "invalid restitution: {} (expected 0 to 1)",
+                    self.ball.restitution
+                ),
             );
         }
         let others =
@@ -160,28 +174,28 @@ impl Scenario {
         let RadioConfig {
             rate_hz,
             loss,
-            delay: [soonest, latest],
+            delay: [delay_min, delay_max],
         } = self.radio;
-        let delayed = 0.0 <= soonest && soonest <= latest && latest <= 10.0;
-        let spoken = rate_hz > 0.0 && rate_hz <= 1000.0;
-        if !(spoken && delayed && (0.0..=1.0).contains(&loss)) {
+        let delay_ok = 0.0 <= delay_min && delay_min <= delay_max && delay_max <= 10.0;
+        let rate_ok = rate_hz > 0.0 && rate_hz <= 1000.0;
+        if !(rate_ok && delay_ok && (0.0..=1.0).contains(&loss)) {
             return refuse(
                 "radio",
-                "wants rate_hz above 0, to 1000, loss from 0 to 1, delay from 0 to 10 in order"
+                "invalid value (expected rate_hz above 0 to 1000, loss 0 to 1, delay 0 to 10 in increasing order)"
                     .to_owned(),
             );
         }
         if others > OTHERS_MAX {
             return refuse(
                 "others",
-                format!("{others} robots: at most {OTHERS_MAX} are simulated"),
+                format!("too many robots: {others} (expected at most {OTHERS_MAX})"),
             );
         }
         let radius_ok = |scale: &f32| scale.is_finite() && *scale > 0.0;
         if self.wheels.radius_scale.is_empty() || !self.wheels.radius_scale.iter().all(radius_ok) {
             return refuse(
                 "wheels.radius_scale",
-                "wants one positive number a wheel".to_owned(),
+                "invalid scales (expected one number above 0 per wheel)".to_owned(),
             );
         }
         for (index, occlusion) in self.occlusions.iter().enumerate() {
@@ -189,7 +203,8 @@ impl Scenario {
                 let key = format!("occlusions[{index}]");
                 return Err((
                     key,
-                    "must stop after its start and have a width of at least 0".to_owned(),
+                    "invalid occlusion (expected stop after start, width_deg of at least 0)"
+                        .to_owned(),
                 ));
             }
         }
@@ -197,7 +212,7 @@ impl Scenario {
             if !(fault.start <= fault.stop) {
                 return Err((
                     format!("faults[{index}]"),
-                    "must stop after its start".to_owned(),
+                    "invalid fault (expected stop after start)".to_owned(),
                 ));
             }
         }

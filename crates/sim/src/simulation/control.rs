@@ -1,4 +1,4 @@
-//! What may whoever watches change while it runs? Robots and ball, light and view, faults and the camera's settings.
+//! What can be changed during a simulation? Robots and ball, light and view, faults and the camera's settings.
 
 use localize::frames::{At, FieldFrame, Pose};
 use localize::omni::Twist;
@@ -9,33 +9,33 @@ use crate::scenario::FaultKind;
 use crate::world::{BallState, RobotState};
 
 impl Sim {
-    /// Takes over from the scenario's path; `None` gives it back.
+    /// Overrides the scenario's path; `None` ends the override.
     pub fn set_command(&mut self, twist: Option<Twist>) {
         self.command_override = twist;
     }
 
-    /// How far each wheel has turned since the start, radians: what encoders count.
+    /// Angle of each wheel since the start, radians.
     pub fn wheel_angles(&self) -> impl Iterator<Item = f64> + '_ {
         self.world.wheel_angles()
     }
 
-    /// Puts our robot elsewhere, standing.
+    /// Moves our robot to a pose, at rest.
     pub fn kidnap(&mut self, pose: Pose) {
         self.world.kidnap(pose);
     }
 
-    /// Puts another robot elsewhere, standing; they are numbered as in [`Truth::others`].
+    /// Moves another robot to a pose, at rest; `index` as in `SimTruth::others`.
     pub fn place_other(&mut self, index: usize, pose: Pose) {
         self.world.place_other(index, pose);
     }
 
-    /// Makes a sensor fail from now on, or work again; `wheel` matters to a stuck wheel alone.
+    /// Starts or ends a sensor fault; `wheel` is used only by a stuck wheel.
     pub fn set_fault(&mut self, kind: FaultKind, wheel: usize, fails: bool) {
         let time = self.time();
-        let over = |fault: &crate::scenario::Fault| fault.stop <= time || time < fault.start;
+        let inactive = |fault: &crate::scenario::Fault| fault.stop <= time || time < fault.start;
         self.scenario
             .faults
-            .retain(|fault| fault.kind != kind || over(fault));
+            .retain(|fault| fault.kind != kind || inactive(fault));
         if fails {
             self.scenario.faults.push(crate::scenario::Fault {
                 kind,
@@ -46,18 +46,18 @@ impl Sim {
         }
     }
 
-    /// Hits our robot with an impulse (N s, field frame).
+    /// Applies an impulse to our robot (N s, field frame).
     pub fn apply_impulse(&mut self, impulse: [f32; 2]) {
         self.world.apply_impulse(impulse);
     }
 
-    /// Puts the ball somewhere with a velocity (m/s, field frame).
+    /// Places the ball with a velocity (m/s, field frame).
     pub fn place_ball(&mut self, at: At<FieldFrame>, velocity: [f32; 2]) {
         self.world.place_ball(at, velocity);
     }
 
-    /// Moves the other robots, and the ball where there is one, to where they are in another world that is run beside
-    /// this one: several of our robots share a field. `others`: in the order of [`Truth::others`].
+    /// Copies the states of the other robots and of the ball from another simulation of the same game, in which another
+    /// of our robots is simulated. `others`: in the order of `SimTruth::others`.
     pub fn synchronise_others(&mut self, others: &[RobotState], ball: Option<BallState>) {
         for (index, state) in others.iter().enumerate() {
             self.world.set_other_state(index, state);
@@ -67,12 +67,12 @@ impl Sim {
         }
     }
 
-    /// Sets the light's level by hand; `None` gives it back to the scenario.
+    /// Overrides the scenario's light level; `None` ends the override.
     pub fn set_light_level(&mut self, level: Option<f32>) {
         self.light_override = level;
     }
 
-    /// Hangs something black in the view until further notice: middle and whole width, degrees; `None` takes it away.
+    /// Blackens a sector of the view (centre and full width, degrees); `None` ends it.
     pub fn set_occlusion(&mut self, sector_deg: Option<(f32, f32)>) {
         self.occlusion_override = sector_deg;
     }
@@ -83,19 +83,19 @@ impl Sim {
     }
 
     /// Changes the camera's settings from the next image on.
-    pub fn set_image_sensor(&mut self, film: FilmConfig) {
-        self.image_sensor = film;
+    pub fn set_image_sensor(&mut self, config: FilmConfig) {
+        self.image_sensor = config;
     }
 
-    /// Changes the camera's exposure and gain from an image on, counted from 0 (those that were dropped not).
+    /// Changes the camera's exposure and gain from an image on; images are counted from 0, without dropped ones.
     ///
-    /// Must be called before that image is taken, in the order of the images; one that is past means the next.
+    /// Calls must be in the order of the images. An image in the past stands for the next one.
     pub fn schedule_exposure(&mut self, image: u64, exposure: f32, gain: f32) {
-        let film = FilmConfig {
+        let config = FilmConfig {
             exposure,
             gain,
             ..self.image_sensor
         };
-        self.pending_sensor_configs.push_back((image, film));
+        self.pending_sensor_configs.push_back((image, config));
     }
 }

@@ -1,4 +1,4 @@
-//! What does the robot sense, and when? The world and all sensors on one clock, as stamped samples in time order.
+//! What does the robot measure, and when? World and sensors on one clock, as stamped samples in order of time.
 
 mod control;
 mod sense;
@@ -26,25 +26,25 @@ use crate::scenario::{FaultKind, Scenario, ScenarioError};
 use crate::sensors::{CompassModel, ImuModel};
 use crate::world::{BallState, RobotState, STEP, STEP_NANOSECONDS, SimWorld};
 
-/// What a sensor says, or what is true.
+/// A sensor sample, or the true state.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SimSample {
-    /// Wheel encoders.
+    /// Motion measured by the wheel encoders.
     Odometry(Odometry),
-    /// Inertial unit.
+    /// Reading of the inertial unit.
     Imu(Imu),
-    /// Compass.
+    /// Reading of the compass.
     Compass(Compass),
-    /// What the motors are told, whenever odometry is due.
+    /// Velocity commanded to the motors, at the rate of odometry.
     Command(VelocityCommand),
-    /// What is true at the time of an image; it comes just before the image.
+    /// True state at the time of an image, directly before the image.
     Truth(SimTruth),
-    /// The camera.
+    /// Camera image.
     Image(SimImage),
 }
 
 impl SimSample {
-    /// When it was taken.
+    /// Time of the measurement.
     pub fn stamp(&self) -> Stamp {
         match self {
             SimSample::Odometry(odometry) => odometry.stamp,
@@ -70,20 +70,20 @@ pub struct SimImage {
     pub rgb: Vec<u8>,
 }
 
-/// Where everything really is.
+/// The true state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimTruth {
-    /// When.
+    /// Time of the state.
     pub stamp: Stamp,
     /// Our robot.
     pub robot: RobotState,
-    /// The ball, where there is one.
+    /// The ball, if there is one.
     pub ball: Option<BallState>,
     /// The other robots.
     pub others: Vec<RobotState>,
 }
 
-/// Why there is no simulation.
+/// Why a simulation cannot be set up.
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
     /// The scenario or robot file.
@@ -95,7 +95,7 @@ pub enum SimError {
     /// The mirror's profile.
     #[error(transparent)]
     Profile(#[from] ProfileError),
-    /// Camera and mirror do not go together.
+    /// Camera and mirror do not match.
     #[error("{}: {source}", path.display())]
     Optics {
         /// The robot file.
@@ -103,7 +103,7 @@ pub enum SimError {
         /// What is wrong.
         source: OpticsError,
     },
-    /// The wheels are no base.
+    /// Wheels that cannot drive in every direction.
     #[error("{}: base.wheel_angles_deg: {source}", path.display())]
     Base {
         /// The robot file.
@@ -111,8 +111,8 @@ pub enum SimError {
         /// What is wrong.
         source: OmniError,
     },
-    /// Something that a simulation needs is not in the robot file.
-    #[error("{}: a simulated robot needs {what}", path.display())]
+    /// The robot file lacks a table that a simulation needs.
+    #[error("{}: missing {what} (required for simulation)", path.display())]
     Missing {
         /// The robot file.
         path: PathBuf,
@@ -130,18 +130,18 @@ pub struct Sim {
     behaviour: TeamBehaviour,
     follower: PathFollower,
     command_override: Option<Twist>,
-    /// What the motors were told last.
+    /// Last command to the motors.
     command: Twist,
     renderer: Renderer,
     image_sensor: FilmConfig,
-    /// Settings to come: from which image on, counted from 0, those that were dropped not.
+    /// Scheduled settings and their first image, counted from 0 without dropped ones.
     pending_sensor_configs: VecDeque<(u64, FilmConfig)>,
     images: u64,
-    /// Are images rendered?
+    /// True if images are rendered.
     renders_images: bool,
-    /// Light set by hand, in place of the scenario's.
+    /// Overrides the scenario's light level.
     light_override: Option<f32>,
-    /// A sector occluded by hand, degrees.
+    /// Additional black sector: centre and full width, degrees.
     occlusion_override: Option<(f32, f32)>,
     imu: Option<(ImuModel, SampleTimer)>,
     compass: Option<(CompassModel, SampleTimer)>,
@@ -151,7 +151,7 @@ pub struct Sim {
     steps: i64,
     next_kidnap: usize,
     next_push: usize,
-    /// Sum of accelerations since the last IMU sample, and of how many steps.
+    /// Sum of accelerations since the last IMU sample, and the number of steps.
     acceleration_sum: ([f64; 2], u32),
     frozen_heading: Option<f32>,
     frozen_image: Option<Vec<u8>>,
@@ -160,7 +160,7 @@ pub struct Sim {
     pending_samples: VecDeque<SimSample>,
 }
 
-/// Ticks at a fixed rate, counted so that rounding never adds up.
+/// Ticks at a fixed rate; counting them avoids accumulated rounding.
 #[derive(Debug, Clone, Copy)]
 struct SampleTimer {
     rate_hz: f64,
@@ -172,9 +172,9 @@ impl SampleTimer {
         SampleTimer { rate_hz, ticks: 0 }
     }
 
-    /// True once a tick: when the time for it has come.
+    /// True if the next tick is due; then counts it.
     fn take_due(&mut self, time: f64) -> bool {
-        // Half a step early or late is as near as steps allow.
+        // Half a time step early or late is the best possible.
         let due = time + f64::from(STEP) / 2.0 >= self.ticks as f64 / self.rate_hz;
         self.ticks += u64::from(due);
         due
@@ -182,7 +182,7 @@ impl SampleTimer {
 }
 
 impl Sim {
-    /// Reads a scenario and all that it names; `seed` overrides the scenario's.
+    /// Reads a scenario and the files that it names; `seed` overrides the scenario's.
     pub fn load(path: &std::path::Path, seed: Option<u64>) -> Result<Self, SimError> {
         let (mut scenario, robot) = Scenario::load(path)?;
         scenario.seed = seed.unwrap_or(scenario.seed);
@@ -190,7 +190,7 @@ impl Sim {
         Sim::new(scenario, robot, field)
     }
 
-    /// Sets everything up. The robot needs a camera and a mirror profile; its file is named in errors.
+    /// Sets up a simulation. The robot needs a camera and a mirror profile.
     pub fn new(scenario: Scenario, robot: RobotConfig, field: Field) -> Result<Self, SimError> {
         let missing = |what| SimError::Missing {
             path: scenario.robot.clone(),
@@ -207,7 +207,7 @@ impl Sim {
             focal_px: camera
                 .focal_px
                 .map(|focal| focal * scenario.focal_scale as f32),
-            // What a longer focal length enlarges, the rim's image included.
+            // A longer focal length also enlarges the image of the mirror's rim.
             outer_radius_px: camera
                 .outer_radius_px
                 .map(|rim| rim * scenario.focal_scale as f32),
@@ -227,15 +227,16 @@ impl Sim {
             path: scenario.robot.clone(),
             source,
         })?;
-        let stream = |number| {
+        let rng_stream = |number| {
             let mut rng = ChaCha8Rng::seed_from_u64(scenario.seed);
             rng.set_stream(number);
             rng
         };
-        let (mut chance_play, mut chance_sensors) = (stream(2), stream(3));
+        let (mut behaviour_rng, mut sensor_rng) = (rng_stream(2), rng_stream(3));
         let start = scenario.start.pose();
-        let (play, places) = TeamBehaviour::new(&field, &scenario.others, start, &mut chance_play);
-        let world = SimWorld::new(&field, &base, &body, &scenario, &places).map_err(|source| {
+        let (behaviour, others) =
+            TeamBehaviour::new(&field, &scenario.others, start, &mut behaviour_rng);
+        let world = SimWorld::new(&field, &base, &body, &scenario, &others).map_err(|source| {
             SimError::Base {
                 path: scenario.robot.clone(),
                 source,
@@ -243,19 +244,19 @@ impl Sim {
         })?;
         let imu = robot.imu.as_ref().map(|config| {
             (
-                ImuModel::new(config, &mut chance_sensors),
+                ImuModel::new(config, &mut sensor_rng),
                 SampleTimer::new(config.rate_hz.into()),
             )
         });
         let compass = robot.compass.as_ref().map(|config| {
             (
-                CompassModel::new(config, &mut chance_sensors),
+                CompassModel::new(config, &mut sensor_rng),
                 SampleTimer::new(config.rate_hz.into()),
             )
         });
         Ok(Sim {
             world,
-            behaviour: play,
+            behaviour,
             follower: PathFollower::new(scenario.path.clone()),
             command_override: None,
             command: Twist::default(),
@@ -277,8 +278,8 @@ impl Sim {
             acceleration_sum: ([0.0; 2], 0),
             frozen_heading: None,
             frozen_image: None,
-            behaviour_rng: chance_play,
-            sensor_rng: chance_sensors,
+            behaviour_rng,
+            sensor_rng,
             pending_samples: VecDeque::new(),
             scenario: sorted(scenario),
             robot,
@@ -286,7 +287,7 @@ impl Sim {
         })
     }
 
-    /// The same without images: truth still comes when one would.
+    /// Disables images; true states are still sampled at the rate of the camera.
     pub fn without_images(mut self) -> Self {
         self.renders_images = false;
         self
@@ -297,7 +298,7 @@ impl Sim {
         &self.scenario
     }
 
-    /// The robot's file: what vision believes.
+    /// The robot file, which vision uses.
     pub fn robot(&self) -> &RobotConfig {
         &self.robot
     }
@@ -312,12 +313,12 @@ impl Sim {
         self.stamp().seconds()
     }
 
-    /// Time since the start: a whole number of steps.
+    /// Time since the start, a multiple of the time step.
     fn stamp(&self) -> Stamp {
         Stamp(self.steps * STEP_NANOSECONDS)
     }
 
-    /// What is true now.
+    /// The true state now.
     pub fn truth(&self) -> SimTruth {
         SimTruth {
             stamp: self.stamp(),
@@ -327,7 +328,7 @@ impl Sim {
         }
     }
 
-    /// The next sample, whatever the time; the world stands still in between.
+    /// The next sample, also beyond the scenario's duration.
     pub fn next_sample(&mut self) -> SimSample {
         loop {
             if let Some(sample) = self.pending_samples.pop_front() {
@@ -369,7 +370,7 @@ impl Sim {
             self.behaviour
                 .update(&mut self.world, &mut self.behaviour_rng);
         }
-        let wanted = match self.command_override {
+        let command = match self.command_override {
             Some(twist) => twist,
             None => {
                 let pose = self.world.robot().pose;
@@ -377,8 +378,8 @@ impl Sim {
                 self.follower.command(time, STEP, pose, others)
             }
         };
-        self.command = wanted;
-        self.world.step(wanted);
+        self.command = command;
+        self.world.step(command);
         let [ax, ay] = self.world.acceleration();
         self.acceleration_sum.0[0] += f64::from(ax);
         self.acceleration_sum.0[1] += f64::from(ay);
@@ -387,7 +388,7 @@ impl Sim {
     }
 }
 
-/// Kidnaps and pushes in the order in which they happen.
+/// The scenario with its kidnaps and pushes in order of time.
 fn sorted(mut scenario: Scenario) -> Scenario {
     scenario.kidnaps.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario.pushes.sort_by(|a, b| a.time.total_cmp(&b.time));
@@ -397,7 +398,7 @@ fn sorted(mut scenario: Scenario) -> Scenario {
 impl Iterator for Sim {
     type Item = SimSample;
 
-    /// The next sample; none once the scenario's duration is over.
+    /// The next sample; `None` at the end of the scenario.
     fn next(&mut self) -> Option<SimSample> {
         let end = Stamp::from_seconds(self.scenario.duration);
         if self.pending_samples.is_empty() && self.stamp() > end {

@@ -1,4 +1,4 @@
-//! What do the sensors say at this step? Each on its own clock, as its faults let it.
+//! Which samples are due at this step? Each sensor has its own rate and faults.
 
 use localize::sample::VelocityCommand;
 use localize::stamp::Stamp;
@@ -8,7 +8,7 @@ use crate::render::Scene;
 use crate::scenario::FaultKind;
 
 impl Sim {
-    /// Reads every sensor whose time has come: motion first, then truth and image.
+    /// Samples every sensor that is due: motion first, then true state and image.
     pub(super) fn sample_sensors(&mut self) {
         let time = self.time();
         let stamp = self.stamp();
@@ -57,12 +57,12 @@ impl Sim {
         let ([x, y], count) = std::mem::take(&mut self.acceleration_sum);
         let robot = self.world.robot();
         let (sin, cos) = robot.pose.theta.sin_cos();
-        let per = 1.0 / f64::from(count.max(1));
-        let (x, y) = ((x * per) as f32, (y * per) as f32);
-        let felt = [cos * x + sin * y, -sin * x + cos * y];
+        let per_step = 1.0 / f64::from(count.max(1));
+        let (x, y) = ((x * per_step) as f32, (y * per_step) as f32);
+        let acceleration = [cos * x + sin * y, -sin * x + cos * y];
         let silent = self.active_fault(FaultKind::ImuSilent).is_some();
         if let Some((imu, _)) = &self.imu {
-            let reading = imu.read(stamp, felt, robot.omega, &mut self.sensor_rng);
+            let reading = imu.read(stamp, acceleration, robot.omega, &mut self.sensor_rng);
             if !silent {
                 self.pending_samples.push_back(SimSample::Imu(reading));
             }
@@ -90,12 +90,12 @@ impl Sim {
         if !self.renders_images || self.active_fault(FaultKind::FramesDropped).is_some() {
             return None;
         }
-        while let Some(&(_, film)) = self
+        while let Some(&(_, config)) = self
             .pending_sensor_configs
             .front()
             .filter(|(from, _)| *from <= self.images)
         {
-            self.image_sensor = film;
+            self.image_sensor = config;
             self.pending_sensor_configs.pop_front();
         }
         self.images += 1;
@@ -123,11 +123,13 @@ impl Sim {
             .chain(self.occlusion_override)
             .map(|(direction_deg, width_deg)| (direction_deg.to_radians(), width_deg.to_radians()))
             .collect();
-        let look = &self.scenario.ball;
+        let ball = &self.scenario.ball;
         let scene = Scene {
             pose: truth.robot.pose,
             robots: &truth.others,
-            ball: truth.ball.map(|ball| (ball.at, look.diameter, look.colour)),
+            ball: truth
+                .ball
+                .map(|state| (state.at, ball.diameter, ball.colour)),
             light_colour: self.scenario.light.colour.map(|part| part * level),
             occlusions: &occlusions,
         };

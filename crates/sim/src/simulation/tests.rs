@@ -5,7 +5,7 @@ use localize::frames::At;
 use super::*;
 use crate::scenario::Kidnap;
 
-/// The demo, shortened, under a small camera: what is true of 120 × 120 pixels is true of more.
+/// The demo scenario, shortened to a second, with a camera of 120 × 120 pixels.
 fn small_simulation(change: impl FnOnce(&mut Scenario)) -> Sim {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/scenarios/demo.toml");
     let (mut scenario, mut robot) = Scenario::load(&path).expect("a scenario");
@@ -91,7 +91,7 @@ fn kidnap_moves_only_our_robot() {
     assert!(taken.robot.pose.origin().distance_to(At::new(3.0, 2.0)) < 0.05);
     assert_eq!(stayed.ball, taken.ball);
     for (a, b) in stayed.others.iter().zip(&taken.others) {
-        // They turn aside for us a little earlier or later, no more.
+        // They evade our robot slightly earlier or later.
         assert!(a.pose.origin().distance_to(b.pose.origin()) < 0.02);
     }
 }

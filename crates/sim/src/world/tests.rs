@@ -36,7 +36,7 @@ fn fast_ball_never_tunnels_through_walls_nets_or_posts() {
                 at.x.abs() < half_x + 0.6 && at.y.abs() < half_y + 0.6,
                 "{direction_deg}: {at:?}"
             );
-            // Once behind the goal line between the posts, it only comes out the way it went in.
+            // A ball inside the goal can leave it only through the mouth.
             let (line, goal) = (field.config.length / 2.0, &field.config.goal);
             let in_goal =
                 at.x > line + 0.15 && at.x < line + goal.depth && at.y.abs() < goal.width / 2.0;
@@ -99,9 +99,9 @@ fn robot_reaches_commanded_twist_and_odometry_is_within_3_percent() {
     assert!((cos * vx + sin * vy - 1.5).abs() < 0.05 && (cos * vy - sin * vx - 0.5).abs() < 0.05);
     assert!((robot.omega - 0.4).abs() < 0.02, "{}", robot.omega);
     let error = counted.origin().distance_to(robot.pose.origin());
-    let way = 1.5f32.hypot(0.5) * 3.0;
+    let distance = 1.5f32.hypot(0.5) * 3.0;
     assert!(robot.pose.origin().distance_to(start.origin()) > 3.0);
-    assert!(error < 0.03 * way, "{error} m of {way} m");
+    assert!(error < 0.03 * distance, "{error} m of {distance} m");
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn push_gives_an_acceleration_peak() {
     world.step(Twist::default());
     world.apply_impulse([30.0, 0.0]);
     world.step(Twist::default());
-    // 30 N s on 30 kg: 1 m/s within a step of 2 ms, less what the wheels hold.
+    // 30 N s on 30 kg: 1 m/s within a step of 2 ms, less the friction of the wheels.
     let [ax, _] = world.acceleration();
     assert!((450.0..=500.0).contains(&ax), "{ax}");
 }
