@@ -46,7 +46,7 @@ def write_dxf(mirror: Mirror, path: str | Path, *, deviation_m: float = 1e-7) ->
     from ezdxf import units
 
     path = Path(path)
-    drawing = ezdxf.new("R2010", units=units.MM_PER_M)
+    drawing = ezdxf.new("R2010", units=units.MM)
     space = drawing.modelspace()
     worst = 0.0
     for index, segment in enumerate(mirror.segments, start=1):
