@@ -117,7 +117,7 @@ class ConstantCurvature:
     """Tangent where it begins; None: that of the part before it."""
 
     def build(self, start: Start) -> list[Segment]:
-        """Solves Y_A + (s_A + s_B)/2·(X_B − X_A) = Y_B = X_B/t_B for X_B (MATH.md 1)."""
+        """Solves Y_A + (s_A + s_B)/2·(X_B − X_A) = Y_B = X_B/t_B for X_B (docs/methods.md 2)."""
         name = "constant curvature"
         if not start.t < self.until_t:
             raise start.refuse(name, f"ends at t = {self.until_t:.4f}, where it should begin or earlier", start.t)

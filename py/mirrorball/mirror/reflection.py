@@ -45,7 +45,7 @@ class Rays:
 
 
 def reflect(*, t: Array, y_m: Array, slope: Array, pinhole_height_m: float) -> Rays:
-    """Law of reflection at profile points (t·Y, Y) with tangent slope Y′: γ = β + 2α (MATH.md 1, law)."""
+    """Law of reflection at profile points (t·Y, Y) with tangent slope Y′: γ = β + 2α (docs/methods.md 2)."""
     gamma = np.arctan(t) + 2.0 * np.arctan(slope)
     return Rays(t=t, x_m=t * y_m, y_m=y_m, slope=slope, gamma_rad=gamma, pinhole_height_m=pinhole_height_m)
 

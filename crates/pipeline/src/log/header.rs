@@ -100,13 +100,25 @@ impl Header {
         Ok(header.with_file("robot.toml", toml::to_string(&stored)?))
     }
 
+    /// Whether recomputed world and team must equal the recorded ones.
+    ///
+    /// Version 0.1.0 corrected observations by a linearised tilt, 6 cm off at 8 m. The correction is exact now.
+    pub fn has_comparable_world(&self) -> bool {
+        self.version != "0.1.0"
+    }
+
     /// A warning if another version wrote the log, so that recomputed bits may differ.
     pub fn version_mismatch(&self) -> Option<String> {
         let version = env!("CARGO_PKG_VERSION");
         (self.version != version).then(|| {
             format!(
-                "written by mirrorball {}, this is {version}: recomputed values may differ",
-                self.version
+                "written by mirrorball {}, this is {version}: recomputed values may differ{}",
+                self.version,
+                if self.has_comparable_world() {
+                    ""
+                } else {
+                    " (world and team are not compared: their tilt correction has changed)"
+                }
             )
         })
     }

@@ -53,6 +53,7 @@ pub fn verify(
 ) -> Result<VerificationReport> {
     let (mut cycles, mut vision_cycles, mut different, mut unverified) = (0, 0, 0, 0);
     let (mut first, mut gap) = (None, None);
+    let compare_world = log.header().has_comparable_world();
     let mut pixels = log.header().images == ImageCompression::Png;
     for logged in log.by_ref() {
         let logged = logged?;
@@ -71,7 +72,7 @@ pub fn verify(
         };
         cycles += 1;
         vision_cycles += u64::from(pixels && computed.detections.is_some());
-        if let Some(difference) = first_difference(&logged.cycle, &computed) {
+        if let Some(difference) = first_difference(&logged.cycle, &computed, compare_world) {
             different += 1;
             first.get_or_insert(difference);
         }
@@ -90,8 +91,12 @@ pub fn verify(
 
 /// The first difference between two cycles, in the order of the stages. Timings are not compared.
 ///
-/// Detections are compared if both cycles hold them.
-pub(super) fn first_difference(recorded: &Cycle, computed: &Cycle) -> Option<Difference> {
+/// Detections are compared if both cycles hold them, world and team if `compare_world`.
+pub(super) fn first_difference(
+    recorded: &Cycle,
+    computed: &Cycle,
+    compare_world: bool,
+) -> Option<Difference> {
     let difference = |quantity: &str, recorded: String, computed: String, stamp: Stamp| {
         Some(Difference {
             stamp,
@@ -103,7 +108,7 @@ pub(super) fn first_difference(recorded: &Cycle, computed: &Cycle) -> Option<Dif
     let stamp = recorded.stamp;
     // The message of a cycle holds every value with every bit.
     let [ours, theirs] = [recorded, computed].map(|cycle| convert::cycle_to_wire(0, cycle, ""));
-    for (quantity, a, b) in comparable_values(&ours, &theirs) {
+    for (quantity, a, b) in comparable_values(&ours, &theirs, compare_world) {
         if a.0 != b.0 {
             return difference(quantity, a.1, b.1, stamp);
         }
@@ -116,6 +121,7 @@ type ComparableValue = (Vec<u8>, String);
 fn comparable_values(
     ours: &wire::Cycle,
     theirs: &wire::Cycle,
+    compare_world: bool,
 ) -> Vec<(&'static str, ComparableValue, ComparableValue)> {
     let (a, b) = (ours, theirs);
     let text = |value: &dyn std::fmt::Debug| {
@@ -156,7 +162,9 @@ fn comparable_values(
     ]);
     let whole = |estimate: &wire::Estimate| (estimate.encode_to_vec(), format!("{estimate:?}"));
     parts.push(("estimate", whole(a), whole(b)));
-    parts.push(("world", text(&ours.world), text(&theirs.world)));
-    parts.push(("team", text(&ours.team), text(&theirs.team)));
+    if compare_world {
+        parts.push(("world", text(&ours.world), text(&theirs.world)));
+        parts.push(("team", text(&ours.team), text(&theirs.team)));
+    }
     parts
 }

@@ -37,7 +37,7 @@ fn recorded_cycles_read_back_bit_for_bit() {
     for (number, logged) in logged.iter().enumerate() {
         let wanted = random_cycle(number as u64);
         assert_eq!(logged.index, number as u64);
-        assert_eq!(first_difference(&wanted, &logged.cycle), None);
+        assert_eq!(first_difference(&wanted, &logged.cycle, true), None);
         assert_eq!(
             format!(
                 "{:?}",
@@ -66,13 +66,13 @@ fn single_bit_flip_is_detected() {
     let mut other = random_cycle(5);
     other.estimate.covariance[(2, 1)] =
         f32::from_bits(other.estimate.covariance[(2, 1)].to_bits() ^ 1);
-    let difference = first_difference(&random_cycle(5), &other).expect("a difference");
+    let difference = first_difference(&random_cycle(5), &other, true).expect("a difference");
     assert_eq!(difference.quantity, "covariance");
     let mut negated = random_cycle(5);
     negated.estimate.tilt[0] = 0.0;
     let mut zero = random_cycle(5);
     zero.estimate.tilt[0] = -0.0;
-    assert!(first_difference(&negated, &zero).is_some());
+    assert!(first_difference(&negated, &zero, true).is_some());
 }
 
 #[test]
