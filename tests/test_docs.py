@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    *(ROOT / name for name in ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
 
 
 def test_configuration_reference_is_up_to_date() -> None:
@@ -29,3 +32,16 @@ def test_configuration_reference_covers_shipped_files() -> None:
 def test_document_links_resolve(document: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)", document.read_text()):
         assert target.startswith("http") or (document.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.name))
+def test_paths_in_documents_exist(document: Path) -> None:
+    for path in re.findall(r"`((?:crates|py|tools|config|tests|docs)/[\w/.-]+)`", document.read_text()):
+        assert "NAME" in path or (ROOT / path).exists(), path
+
+
+def test_citations_of_methods_in_the_code_lead_to_sections() -> None:
+    sections = set(re.findall(r"^#+ (\d+(?:\.\d+)?)[. ]", (ROOT / "docs/methods.md").read_text(), re.M))
+    for path in [*(ROOT / "crates").rglob("*.rs"), *(ROOT / "py").rglob("*.py")]:
+        for number in re.findall(r"methods\.md,? (\d+(?:\.\d+)?)", path.read_text()):
+            assert number in sections, (path, number)
