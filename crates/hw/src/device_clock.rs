@@ -48,7 +48,7 @@ impl ClockOffset {
 
 impl DeviceClock {
     /// Host time at the device's `time_us` (wrapping); never later than the arrival.
-    pub(crate) fn to_host_stamp(&mut self, time_us: u32, arrival: Stamp) -> Stamp {
+    pub(crate) fn update_host_stamp(&mut self, time_us: u32, arrival: Stamp) -> Stamp {
         let Some(last) = self.offset else {
             self.offset = Some(ClockOffset::new(time_us, arrival));
             return arrival;
@@ -98,13 +98,13 @@ mod tests {
             let sent = i64::from(index) * 10_000_000;
             let delay = if index % 3 == 2 { 6_000_000 } else { 1_000_000 };
             let time_us = (u32::MAX - 1_000_000).wrapping_add(index * 10_000);
-            let stamp = clock.to_host_stamp(time_us, Stamp(sent + delay));
+            let stamp = clock.update_host_stamp(time_us, Stamp(sent + delay));
             assert!((stamp.0 - sent - 1_000_000).abs() < 20_000, "{index}");
         }
         assert_eq!(clock.take_step(), None);
         let later = Stamp(4_000_000_000);
         assert_eq!(
-            clock.to_host_stamp(12, later),
+            clock.update_host_stamp(12, later),
             later,
             "a restarted board has a new offset"
         );
@@ -120,7 +120,8 @@ mod tests {
             for index in 0..400i64 {
                 let sent = Stamp(index * 10_000_000);
                 let shift = if index < 100 { 0 } else { step_us };
-                let stamp = clock.to_host_stamp((2_000_000 + index * 10_000 + shift) as u32, sent);
+                let stamp =
+                    clock.update_host_stamp((2_000_000 + index * 10_000 + shift) as u32, sent);
                 if (stamp - sent).abs() > 1e-3 {
                     wrong_until = index;
                 }

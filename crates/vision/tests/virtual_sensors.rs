@@ -128,5 +128,5 @@ fn region_outside_the_image_is_rejected() {
         ..VirtualSensorConfig::default()
     };
     let message = detect(config, None).expect_err("refused").to_string();
-    assert!(message.contains("windows"), "{message}");
+    assert!(message.contains("virtual_sensors"), "{message}");
 }

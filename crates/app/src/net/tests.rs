@@ -313,12 +313,12 @@ fn teammates_exchange_reports_over_udp_multicast() {
     let links = [join(0), join(1)];
     let mut received = [false; 2];
     while received != [true; 2] && started.elapsed() < TIMEOUT {
-        for i in 0..2 {
-            feeds[i].publish(&Arc::new(localized_cycle(clock(), i as f32, 0.0)));
+        for (feed, x) in feeds.iter().zip([0.0, 1.0]) {
+            feed.publish(&Arc::new(localized_cycle(clock(), x, 0.0)));
         }
-        for i in 0..2 {
-            let report = links[i].wait_for_report(Duration::from_millis(5));
-            received[i] |= report.is_some_and(|report| report.robot == 2 - i as u32);
+        for ((link, received), peer) in links.iter().zip(&mut received).zip([2, 1]) {
+            let report = link.wait_for_report(Duration::from_millis(5));
+            *received |= report.is_some_and(|report| report.robot == peer);
         }
     }
     assert_eq!(received, [true; 2]);

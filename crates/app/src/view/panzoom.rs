@@ -53,9 +53,9 @@ impl PanZoom {
             let pinched = ui.input(|input| input.zoom_delta());
             let factor = (scrolled / SCROLL_POINTS_PER_E_FOLD).exp() * pinched;
             if factor != 1.0 {
-                let before = self.transform(area, size).from_screen(pointer);
+                let before = self.transform(area, size).to_picture(pointer);
                 self.zoom = (self.zoom * factor).clamp(ZOOM_RANGE[0], ZOOM_RANGE[1]);
-                let after = self.transform(area, size).from_screen(pointer);
+                let after = self.transform(area, size).to_picture(pointer);
                 self.centre += (before - after) / size;
             }
         }
@@ -109,7 +109,7 @@ impl ScreenTransform {
     }
 
     /// Picture point at a screen position.
-    pub(crate) fn from_screen(self, at: Pos2) -> Vec2 {
+    pub(crate) fn to_picture(self, at: Pos2) -> Vec2 {
         (at - self.origin) / self.scale
     }
 

@@ -393,18 +393,19 @@ fn decode_board_message(
     now: Stamp,
 ) -> Option<BaseReport> {
     Some(match message {
-        Message::Encoders(encoders) => {
-            BaseReport::WheelCounts(encoders.count, clock.to_host_stamp(encoders.time_us, now))
-        }
+        Message::Encoders(encoders) => BaseReport::WheelCounts(
+            encoders.count,
+            clock.update_host_stamp(encoders.time_us, now),
+        ),
         Message::Power(power) => BaseReport::Power(PowerReport {
-            stamp: clock.to_host_stamp(power.time_us, now),
+            stamp: clock.update_host_stamp(power.time_us, now),
             battery_voltage: f32::from(power.battery_mv) * 1e-3,
             temperature_c: f32::from(power.temperature_ddeg) * 0.1,
             motor_current: power.current_ca.map(|current| f32::from(current) * 0.01),
             motor_fault: [0; 4],
         }),
         Message::Kicker(kicker) => BaseReport::Kicker(KickerReport {
-            stamp: clock.to_host_stamp(kicker.time_us, now),
+            stamp: clock.update_host_stamp(kicker.time_us, now),
             capacitor_voltage: f32::from(kicker.charge_dv) * 0.1,
             ready: kicker.flags & 1 != 0,
             charging: kicker.flags & 2 != 0,
@@ -413,14 +414,14 @@ fn decode_board_message(
             last_kick: kicker.last_kick,
         }),
         Message::Switches(switches) => BaseReport::Switches(SwitchReport {
-            stamp: clock.to_host_stamp(switches.time_us, now),
+            stamp: clock.update_host_stamp(switches.time_us, now),
             bumpers: switches.bumpers,
             emergency_stop: switches.flags & 1 != 0,
             command_stale: switches.flags & 2 != 0,
         }),
         Message::Inertia(inertia) if device.imu && is_unsaturated(&inertia) => {
             BaseReport::Imu(Imu {
-                stamp: clock.to_host_stamp(inertia.time_us, now),
+                stamp: clock.update_host_stamp(inertia.time_us, now),
                 acceleration: inertia
                     .acceleration_2mm
                     .map(|value| f32::from(value) * 2e-3),
@@ -428,7 +429,7 @@ fn decode_board_message(
             })
         }
         Message::Heading(heading) if device.compass => BaseReport::Compass(Compass {
-            stamp: clock.to_host_stamp(heading.time_us, now),
+            stamp: clock.update_host_stamp(heading.time_us, now),
             heading: localize::frames::wrap_angle(
                 f32::from(heading.heading_dmrad) * 1e-4 + device.north_deg.to_radians(),
             ),

@@ -193,7 +193,8 @@ impl GenICam {
         if camera_ns == 0 {
             return arrival;
         }
-        self.clock.to_host_stamp((camera_ns / 1000) as u32, arrival)
+        self.clock
+            .update_host_stamp((camera_ns / 1000) as u32, arrival)
     }
 }
 

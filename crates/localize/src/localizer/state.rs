@@ -17,6 +17,10 @@ use crate::stamp::Stamp;
 
 /// What is known about the pose.
 #[derive(Debug, Clone, Default)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a localizer holds one state, and boxing would allocate in every image"
+)]
 pub(super) enum State {
     /// No pose. A global search may have gathered images already.
     #[default]
@@ -41,6 +45,10 @@ pub(super) struct Track {
 
 /// What contradicts a tracked pose.
 #[derive(Debug, Clone)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "part of the one state of a localizer"
+)]
 pub(super) enum Suspicion {
     /// Rule `evidence`: another pose explains more points.
     BetterAlternative(Alternative),

@@ -198,6 +198,17 @@ impl Scenario {
                 "invalid scales (expected one number above 0 per wheel)".to_owned(),
             );
         }
+        self.check_timed_events()?;
+        self.film
+            .check()
+            .map_err(|(key, reason)| (format!("film.{key}"), reason))?;
+        self.light
+            .check()
+            .map_err(|(key, reason)| (format!("light.{key}"), reason))
+    }
+
+    /// The first occlusion or fault with invalid times, and the reason.
+    fn check_timed_events(&self) -> Result<(), (String, String)> {
         for (index, occlusion) in self.occlusions.iter().enumerate() {
             if !(occlusion.start <= occlusion.stop && occlusion.width_deg >= 0.0) {
                 let key = format!("occlusions[{index}]");
@@ -216,11 +227,6 @@ impl Scenario {
                 ));
             }
         }
-        self.film
-            .check()
-            .map_err(|(key, reason)| (format!("film.{key}"), reason))?;
-        self.light
-            .check()
-            .map_err(|(key, reason)| (format!("light.{key}"), reason))
+        Ok(())
     }
 }

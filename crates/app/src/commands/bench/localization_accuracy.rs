@@ -116,11 +116,24 @@ pub(super) fn measure_tracking(figures: &mut Vec<BenchFigure>) -> Result<()> {
             "<= 1.2",
         ),
     ]);
+    measure_occlusion(&field, &config, &usual, figures);
+    measure_global_search(&field, &config, usual, figures);
+    Ok(())
+}
+
+/// Tracking accuracy with an eighth, a quarter and half of the directions covered.
+fn measure_occlusion(
+    field: &Field,
+    config: &LocalizeConfig,
+    usual: &SyntheticDriveConfig,
+    figures: &mut Vec<BenchFigure>,
+) {
     let occluded = |occluded_share: f32| -> TrackingScore {
-        evaluate(SyntheticDriveConfig {
+        let drive = SyntheticDriveConfig {
             occluded_share,
             ..usual.clone()
-        })
+        };
+        evaluate_tracking(field, config, &drive, 0..5, 900)
     };
     let [eighth, quarter, half] = [0.125, 0.25, 0.5].map(occluded);
     figures.extend([
@@ -167,8 +180,6 @@ pub(super) fn measure_tracking(figures: &mut Vec<BenchFigure>) -> Result<()> {
             "<= 10",
         ),
     ]);
-    measure_global_search(&field, &config, usual, figures);
-    Ok(())
 }
 
 /// Success rates of the global search from one set of line points, and of the recovery from kidnaps.

@@ -152,19 +152,14 @@ impl CameraPanel {
             && (response.dragged() || response.clicked())
             && let (Some(pointer), Some(image)) = (response.interact_pointer_pos(), &image)
         {
-            brush.paint(cycle.stamp, image, transform.from_screen(pointer));
+            brush.paint(cycle.stamp, image, transform.to_picture(pointer));
         }
         if let Some(pointer) = response.hover_pos() {
             if painting {
                 let radius = (f32::from(brush.radius_px) + 0.5) * transform.scale;
                 painter.circle_stroke(pointer, radius, (1.0, Color32::WHITE));
             }
-            self.show_pixel_info(
-                ui,
-                session,
-                image.as_deref(),
-                transform.from_screen(pointer),
-            );
+            self.show_pixel_info(ui, session, image.as_deref(), transform.to_picture(pointer));
         } else {
             ui.weak(
                 "Point at a pixel to inspect it. Scroll zooms, drag pans, double-click resets.",

@@ -47,14 +47,14 @@ impl FieldTransform {
     }
 
     /// Screen position of a field point.
-    pub(crate) fn to_screen(&self, at: At<FieldFrame>) -> Pos2 {
+    pub(crate) fn to_screen(self, at: At<FieldFrame>) -> Pos2 {
         self.transform
             .to_screen(at.x + self.half_extent.x, self.half_extent.y - at.y)
     }
 
     /// Field point at a screen position.
-    pub(crate) fn to_field(&self, at: Pos2) -> At<FieldFrame> {
-        let place = self.transform.from_screen(at);
+    pub(crate) fn to_field(self, at: Pos2) -> At<FieldFrame> {
+        let place = self.transform.to_picture(at);
         At::new(place.x - self.half_extent.x, self.half_extent.y - place.y)
     }
 

@@ -99,7 +99,8 @@ impl TopicReader {
 
     fn use_summary(&mut self, summary: &mcap::Summary) {
         let counts = summary.stats.as_ref();
-        for (id, channel) in &summary.channels {
+        let channels: BTreeMap<_, _> = summary.channels.iter().collect();
+        for (id, channel) in channels {
             let count = counts.and_then(|stats| stats.channel_message_counts.get(id));
             let schema = channel.schema.as_ref();
             let schema = schema.map_or(("", &[][..]), |schema| (&schema.name, &schema.data[..]));
