@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::HwError;
 
-/// Longest validity of a motion command, seconds: without a new one the wheels stop.
+/// Longest validity of a motion command, seconds. Without a new command the wheels stop.
 pub const COMMAND_VALIDITY_MAX: f64 = 0.1;
 
-/// A hardware file; every table is optional.
+/// A hardware file. Every table is optional.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HardwareConfig {
@@ -26,14 +26,15 @@ pub struct HardwareConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraDeviceConfig {
-    /// `/dev/video0`, better `/dev/v4l/by-id/...`; `unix:PATH` receives images from another program (docs/wire.md);
-    /// `genicam:NAME` is the GigE or USB3 Vision camera that Aravis calls NAME (`genicam:` alone: the first found).
+    /// V4L2 device (`/dev/video0`, preferably `/dev/v4l/by-id/...`). `unix:PATH` receives images from another program
+    /// (docs/wire.md). `genicam:NAME` is a GigE or USB3 Vision camera by its Aravis name; `genicam:` alone selects the
+    /// first.
     pub device: String,
     /// Images per second.
     #[serde(default = "default_camera_rate_hz")]
     pub rate_hz: f32,
-    /// Pixel format by its V4L2 name (RGB3, BGR3, YUYV, UYVY, RGGB, GRBG, GBRG, BA81, NV12, MJPG, GREY); empty: the first
-    /// of these that the camera has.
+    /// V4L2 pixel format: RGB3, BGR3, YUYV, UYVY, RGGB, GRBG, GBRG, BA81, NV12, MJPG or GREY. If empty: the first of
+    /// these that the camera supports.
     #[serde(default)]
     pub format: String,
     /// Exposure, seconds; automatic if absent.
@@ -42,7 +43,7 @@ pub struct CameraDeviceConfig {
     pub gain: Option<i32>,
     /// White balance, kelvin; automatic if absent.
     pub white_balance_k: Option<i32>,
-    /// Time without a message that counts as a stall, seconds.
+    /// Time without an image after which the camera counts as stalled, seconds.
     #[serde(default = "default_timeout")]
     pub stall: f32,
 }
@@ -81,7 +82,7 @@ pub struct BaseDeviceConfig {
     /// VESC over UART: node number of the controller on the serial port.
     #[serde(default)]
     pub uart_node: u8,
-    /// True for each wheel whose motor is reversed; none if absent.
+    /// True for each wheel whose motor is reversed. If absent, no motor is reversed.
     #[serde(default)]
     pub reversed: Vec<bool>,
     /// Board: send the robot's velocity instead of the wheels' speeds.
@@ -96,7 +97,7 @@ pub struct BaseDeviceConfig {
     /// VESC: time for which stopped wheels are braked before the motors are released, seconds.
     #[serde(default = "default_timeout")]
     pub brake_time: f32,
-    /// Time without a message that counts as a stall, seconds.
+    /// Time without a message after which the base counts as stalled, seconds.
     #[serde(default = "default_timeout")]
     pub stall: f32,
     /// Board: use its inertial unit.
@@ -149,10 +150,10 @@ pub struct InertialDeviceConfig {
     /// Heading of the robot on the field when the sensor's yaw is 0, degrees.
     #[serde(default)]
     pub north_deg: f32,
-    /// Time without a message that counts as a stall, seconds.
+    /// Time without a message after which the sensor counts as stalled, seconds.
     #[serde(default = "default_timeout")]
     pub stall: f32,
-    /// Time of bitwise equal readings after which the sensor counts as stuck, seconds.
+    /// Duration of bitwise equal readings after which the sensor counts as stuck, seconds.
     #[serde(default = "default_timeout")]
     pub stuck: f32,
 }

@@ -1,4 +1,4 @@
-//! What may be set about finding a place? One section per stage, each with its defaults and reasons.
+//! Which settings does localization have? One section per stage, each with defaults and reasons.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -18,96 +18,100 @@ mod tables;
 pub use bounds::{Bound, SettingError, bound, check_bounds, unbounded_settings};
 pub use tables::{LOCALIZE_BOUNDS, TEAM_BOUNDS, WORLD_BOUNDS};
 
-/// Everything about localisation.
+/// Settings of localization.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LocalizeConfig {
-    /// The look-up of distances to markings.
+    /// Distance field: look-up of distances to markings.
     pub distance_field: DistanceFieldConfig,
-    /// Tracking: line points onto markings near an expected pose.
+    /// Matching of line points to markings near the predicted pose.
     pub matching: MatchConfig,
-    /// What follows the pose from frame to frame.
+    /// Method of pose tracking from image to image.
     pub tracker: Tracker,
-    /// Who looks for the pose on the whole field.
+    /// Search for the pose on the whole field.
     pub global_search: GlobalSearchConfig,
-    /// The exact search: relocalisation by default, and in any case the check on what is tracked.
+    /// Exact global search: default for relocalization, and always the check of the tracked pose.
     pub branch_and_bound: BranchAndBoundConfig,
-    /// Odometry and fusion.
+    /// Pose filter: odometry and sensor fusion.
     pub filter: FilterConfig,
-    /// The inertial unit: lean, gyro bias, rest.
+    /// Inertial unit: tilt, gyro bias, standstill.
     pub attitude: AttitudeConfig,
-    /// When a pose is trusted, suspected, given up.
+    /// Conditions for a pose to be trusted, suspect or lost.
     pub mode: ModeConfig,
-    /// The compass.
+    /// Compass.
     pub compass: CompassConfig,
 }
 
-/// What follows the pose from frame to frame?
+/// Method of pose tracking from image to image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Tracker {
-    /// Line points matched to the markings near the expected pose (`matching.minimiser` says how).
+    /// Line points are matched to the markings near the predicted pose; `matching.minimiser` selects the method.
     #[default]
     Matching,
-    /// The best cell of the scan map in 4 m² about the expected pose, heading from histograms (minho2016 IV, V.B).
+    /// Best cell of the scan map within 4 m² around the predicted pose, with the heading from histograms (minho2016 IV,
+    /// V.B).
     ScanMap,
-    /// Nothing: every frame is relocated by itself (lima2001).
+    /// No tracking: each image is localized independently (lima2001).
     None,
 }
 
-/// What makes a tracked pose suspect?
+/// Condition for a tracked pose to become suspect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SuspectRule {
-    /// Another pose of the whole field explains clearly more points.
+    /// Another pose on the field explains clearly more points.
     #[default]
     Evidence,
-    /// Mean deviation of the points and deviation from the compass both above thresholds (nubot2013 4).
+    /// Mean deviation of the points and deviation from the compass both exceed their thresholds (nubot2013 4).
     Thresholds,
 }
 
-/// When is a pose trusted, suspected, given up?
+/// Conditions for a pose to be trusted, suspect or lost.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModeConfig {
-    /// What makes a tracked pose suspect.
+    /// Condition for a tracked pose to become suspect.
     pub suspect_rule: SuspectRule,
-    /// Rule `thresholds`: mean deviation of the points, metres.
+    /// Rule `thresholds`: largest mean distance of the points from the markings, metres.
     pub mean_distance_max: f32,
-    /// Rule `thresholds`: deviation of the heading from the compass, degrees.
+    /// Rule `thresholds`: largest deviation of the heading from the compass, degrees.
     pub compass_deviation_max_deg: f32,
-    /// Longest time without odometry that leads from one frame to the next, seconds (the recording's contract).
+    /// Longest gap in odometry that still connects one image to the next, seconds (specified for recordings).
     pub odometry_gap_max: f64,
-    /// Fewer line points than this say nothing about a pose.
+    /// Smallest number of line points for a pose measurement. With fewer, the pose is predicted from odometry.
     pub points_min: usize,
-    /// Fewer inliers than this found no pose on the whole field: six line segments of two points fit by chance.
+    /// Smallest number of inliers of a global pose. Six line segments of two points fit by chance.
     pub inliers_min: f32,
-    /// Share of inliers below which a tracked pose is suspected at once.
+    /// Share of inliers below which a match is poor and the pose is checked by the global search at once. A larger
+    /// value checks more often.
     pub inlier_share_min: f32,
-    /// Suspected too when the share falls below this part of the usual one.
+    /// A match is also poor below this fraction of the mean share of inliers.
     pub inlier_share_drop_max: f32,
-    /// Share of inliers below which a pose of the global search is no find.
+    /// Smallest share of inliers of a global pose. A larger value rejects more correct poses, a smaller one accepts
+    /// more false poses.
     pub global_inlier_share_min: f32,
-    /// Squared deviation of the match from the prediction, in standard deviations, beyond which something unreported moved the
-    /// robot: 99.9 % of 3 degrees of freedom.
+    /// Largest squared Mahalanobis distance of a match from the prediction: 99.9 % of 3 degrees of freedom. Beyond it,
+    /// an unmeasured motion is assumed.
     pub normalized_innovation_max: f32,
-    /// How far a push that odometry missed carries the robot within a frame and is still followed, metres.
+    /// Largest displacement within one image interval that odometry missed and matching recovers, metres.
     pub unreported_motion_max: f32,
-    /// Suspect frames in a row after which the pose is given up (nubot2013 4: five).
+    /// Number of consecutive suspect images after which the pose is lost (nubot2013 4: five).
     pub suspect_frames_max: u32,
-    /// A rival of the global search must explain this share of the points more than the tracked pose.
+    /// Smallest additional share of points that an alternative global pose must explain to make the tracked pose
+    /// suspect.
     pub alternative_margin_share: f32,
-    /// It must also explain this many points more: a few points lie on some lines by chance.
+    /// Smallest additional number of points that an alternative must explain. A few points fit lines by chance.
     pub alternative_margin_points: f32,
-    /// Seconds between checks of an unsuspected pose against the global search; 0 never checks.
+    /// Time between checks of a trusted pose by the global search, seconds. 0 disables the checks.
     pub global_check_period: f64,
-    /// Probability among the hypotheses from which on one is taken.
+    /// Smallest probability of a hypothesis that is accepted. A larger value waits longer in ambiguous places.
     pub decision_probability: f32,
-    /// Position uncertainty at which a pose that nothing was seen of is given up, metres.
+    /// Standard deviation of the position beyond which a pose without line points is lost, metres.
     pub lost_position_std: f32,
-    /// The same for the heading, degrees.
+    /// Standard deviation of the heading beyond which a pose without line points is lost, degrees.
     pub lost_heading_std_deg: f32,
-    /// Samples in a row from the past after which the source's clock is taken to have been set back.
+    /// Number of consecutive out-of-order samples after which the source's clock is assumed to have been set back.
     pub out_of_order_max: u32,
 }
 
@@ -137,34 +141,36 @@ impl Default for ModeConfig {
     }
 }
 
-/// What is a compass good for among motors and steel? For deciding the half turn, not for a heading.
+/// Compass. Motors and steel disturb it, so it decides the field half and not the heading.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CompassConfig {
-    /// Noise and slow bias together, degrees.
+    /// Standard deviation of noise and slow bias together, degrees. A larger value reduces the evidence of a reading.
     pub std_deg: f32,
-    /// A reading older than this says nothing about a frame, seconds.
+    /// Largest age of a reading that is used for an image, seconds.
     pub age_max: f64,
-    /// Evidence (log odds) from which on the half is known.
+    /// Log odds from which the field half is known.
     pub half_known_log_odds: f32,
-    /// Most evidence one reading gives: a magnet beside the robot lies for a while.
+    /// Largest change of the log odds by one reading. It limits a temporary disturbance by a nearby magnet.
     pub reading_log_odds_max: f32,
-    /// Most evidence kept, so that a lasting contradiction is heard; from there on the half is well established.
+    /// Largest log odds. At this value the field half is established; the limit allows a lasting contradiction to
+    /// change it.
     pub log_odds_max: f32,
-    /// A compass lives that kept its deviation while the robot turned this far, degrees; only such a one may overturn a
-    /// half that is well established. More than three deviations to each side, which a stuck one may seem to keep.
+    /// Rotation over which the compass must follow the robot before it may change an established half, degrees. It
+    /// exceeds the six `std_deg` that a stuck compass may appear to follow.
     pub verified_turn_deg: f32,
-    /// A reading's noise averages out in this time, seconds.
+    /// Time constant that averages the noise of readings, seconds.
     pub smoothing_time: f32,
-    /// A magnetic field that is stronger or weaker than the usual by this share is that of something nearby.
+    /// Largest relative deviation of the magnetic field strength from the calibrated one. Beyond it, a nearby object
+    /// disturbs the reading.
     pub strength_tolerance: f32,
-    /// What makes a heading of the magnetic field where the sensor gives one (`calibrate compass`); robot.toml's
-    /// `compass.calibration` stands before it. Without any the sensor's own heading is taken.
+    /// Conversion of the magnetic field to a heading (`calibrate compass`). `compass.calibration` of robot.toml has
+    /// precedence. Without a calibration, the sensor's own heading is used.
     pub calibration: Option<CompassCalibration>,
 }
 
 impl CompassConfig {
-    /// The heading that a reading means, radians; none if something nearby disturbs it.
+    /// Heading of a reading, radians. None if the magnetic field is disturbed.
     pub fn heading(&self, sample: &Compass) -> Option<f32> {
         let Some((calibration, field)) = self.calibration.as_ref().zip(sample.magnetic_field)
         else {
@@ -193,7 +199,7 @@ impl Default for CompassConfig {
 }
 
 impl LocalizeConfig {
-    /// Refuses values that cannot work, and names the first. To be called on what a user wrote.
+    /// Returns an error for the first invalid value.
     pub fn check(&self) -> Result<(), SettingError> {
         check_bounds("localize", self, LOCALIZE_BOUNDS)
     }

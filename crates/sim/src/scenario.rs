@@ -18,11 +18,11 @@ use crate::light::LightConfig;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
-    /// The robot file.
+    /// Path of the robot file.
     pub robot: PathBuf,
-    /// The field file; the robot's own if absent.
+    /// Path of the field file. If absent: that of the robot file.
     pub field: Option<PathBuf>,
-    /// Seed of all random numbers.
+    /// Seed of all random numbers. Equal seeds give equal simulations.
     #[serde(default)]
     pub seed: u64,
     /// Duration, seconds.
@@ -32,7 +32,7 @@ pub struct Scenario {
     pub frame_rate_hz: f64,
     /// Initial pose of our robot.
     pub start: Placement,
-    /// How our robot drives.
+    /// Path of our robot.
     #[serde(default)]
     pub path: PathConfig,
     /// The ball.
@@ -41,7 +41,7 @@ pub struct Scenario {
     /// The other robots.
     #[serde(default)]
     pub others: OthersConfig,
-    /// Our other robots, each with its own vision and localization; they use the same robot file.
+    /// Our other robots, each with its own vision and localization. They use the same robot file.
     #[serde(default)]
     pub squad: Vec<TeammateConfig>,
     /// Radio link between our robots.
@@ -50,10 +50,10 @@ pub struct Scenario {
     /// Deviations of the wheels from the robot file.
     #[serde(default)]
     pub wheels: WheelConfig,
-    /// Real mounting of camera and mirror, which vision does not know.
+    /// True mounting of camera and mirror, unknown to vision.
     #[serde(default)]
     pub mount: Mount,
-    /// Real focal length over that of the robot file.
+    /// True focal length divided by that of the robot file.
     #[serde(default = "default_focal_scale")]
     pub focal_scale: f64,
     /// Exposure, gain, white balance, vignetting and noise.
@@ -62,13 +62,13 @@ pub struct Scenario {
     /// Light on the field.
     #[serde(default)]
     pub light: LightConfig,
-    /// Moves our robot to other poses.
+    /// Instant displacements of our robot.
     #[serde(default)]
     pub kidnaps: Vec<Kidnap>,
     /// Impulses on our robot.
     #[serde(default)]
     pub pushes: Vec<Push>,
-    /// Black sectors of the view.
+    /// Black sectors of the image.
     #[serde(default)]
     pub occlusions: Vec<Occlusion>,
     /// Sensor faults.
@@ -88,11 +88,11 @@ fn default_focal_scale() -> f64 {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Placement {
-    /// Metres.
+    /// Position along the field's x axis, metres.
     pub x: f32,
-    /// Metres.
+    /// Position along the field's y axis, metres.
     pub y: f32,
-    /// Degrees counter-clockwise from the field's x axis.
+    /// Heading, degrees counter-clockwise from the field's x axis.
     #[serde(default)]
     pub theta_deg: f32,
 }
@@ -110,11 +110,11 @@ impl Placement {
 pub struct PathConfig {
     /// Poses to pass in this order; the robot rotates to the heading while it drives.
     pub waypoints: Vec<Placement>,
-    /// Restart after the last waypoint.
+    /// True restarts after the last waypoint.
     pub repeat: bool,
     /// Top speed on the path, m/s.
     pub speed: f32,
-    /// Maximum yaw rate on the path, degrees/s.
+    /// Largest yaw rate on the path, degrees/s.
     pub turn_rate_deg: f32,
     /// Velocities in the robot frame, each valid until the next; used without waypoints.
     pub commands: Vec<TimedTwist>,
@@ -136,20 +136,20 @@ impl Default for PathConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TimedTwist {
-    /// Start, seconds.
+    /// Start time, seconds.
     pub time: f64,
-    /// Forward, m/s.
+    /// Forward velocity, m/s.
     #[serde(default)]
     pub vx: f32,
-    /// To the left, m/s.
+    /// Velocity to the left, m/s.
     #[serde(default)]
     pub vy: f32,
-    /// Counter-clockwise, degrees/s.
+    /// Yaw rate, degrees/s counter-clockwise.
     #[serde(default)]
     pub turn_deg: f32,
 }
 
-/// One of our robots besides the first.
+/// One of our robots in addition to the first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TeammateConfig {
@@ -158,7 +158,7 @@ pub struct TeammateConfig {
     /// Its path.
     #[serde(default)]
     pub path: PathConfig,
-    /// Real mounting of its camera and mirror.
+    /// True mounting of its camera and mirror.
     #[serde(default)]
     pub mount: Mount,
 }
@@ -171,7 +171,7 @@ pub struct RadioConfig {
     pub rate_hz: f64,
     /// Share of messages that are lost, for each receiver.
     pub loss: f32,
-    /// Shortest and longest delay, seconds; messages may overtake one another.
+    /// Shortest and longest delay, seconds. Messages may arrive out of order.
     pub delay: [f64; 2],
 }
 
@@ -189,7 +189,7 @@ impl Default for RadioConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BallConfig {
-    /// False for a field without a ball.
+    /// False removes the ball.
     pub present: bool,
     /// Initial position, metres.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
@@ -197,11 +197,11 @@ pub struct BallConfig {
     /// Initial velocity (sliding), m/s.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub velocity: [f32; 2],
-    /// Metres.
+    /// Diameter, metres.
     pub diameter: f32,
-    /// Kilograms.
+    /// Mass, kilograms.
     pub mass: f32,
-    /// Its colour, sRGB 0 to 255.
+    /// Colour, sRGB 0 to 255.
     pub colour: [u8; 3],
     /// Coefficient of restitution at walls and posts.
     pub restitution: f32,
@@ -237,7 +237,7 @@ pub struct OthersConfig {
     pub mates: usize,
     /// Robots at given poses.
     pub placed: Vec<PlacedRobot>,
-    /// Their top speed, m/s.
+    /// Top speed of the other robots, m/s.
     pub speed: f32,
     /// Speed of a kicked ball, m/s.
     pub kick_speed: f32,
@@ -259,16 +259,16 @@ impl Default for OthersConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedRobot {
-    /// Metres.
+    /// Position along the field's x axis, metres.
     pub x: f32,
-    /// Metres.
+    /// Position along the field's y axis, metres.
     pub y: f32,
-    /// Degrees counter-clockwise from the field's x axis.
+    /// Heading, degrees counter-clockwise from the field's x axis.
     #[serde(default)]
     pub theta_deg: f32,
-    /// Its team.
+    /// Team colour.
     pub team: TeamColour,
-    /// True if it does not move.
+    /// True keeps the robot stationary.
     #[serde(default)]
     pub stands: bool,
 }
@@ -277,11 +277,11 @@ pub struct PlacedRobot {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WheelConfig {
-    /// Friction coefficient of the wheels on the carpet.
+    /// Friction coefficient of the wheels on the carpet. A smaller value causes more slip.
     pub traction: f32,
     /// Slip stiffness: force of a wheel per slip speed below the friction limit, N per m/s.
     pub grip: f32,
-    /// Real radius of each wheel over that of the robot file; the last value repeats.
+    /// True radius of each wheel divided by that of the robot file. The last value applies to all further wheels.
     pub radius_scale: Vec<f32>,
 }
 
@@ -295,17 +295,17 @@ impl Default for WheelConfig {
     }
 }
 
-/// Our robot is moved to another pose instantly.
+/// Instant displacement of our robot to another pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kidnap {
     /// Time, seconds.
     pub time: f64,
-    /// Metres.
+    /// New position along the field's x axis, metres.
     pub x: f32,
-    /// Metres.
+    /// New position along the field's y axis, metres.
     pub y: f32,
-    /// Degrees counter-clockwise from the field's x axis.
+    /// New heading, degrees counter-clockwise from the field's x axis.
     #[serde(default)]
     pub theta_deg: f32,
 }
@@ -316,20 +316,20 @@ pub struct Kidnap {
 pub struct Push {
     /// Time, seconds.
     pub time: f64,
-    /// Impulse, field frame, N s along x and y.
+    /// Impulse along the field's x and y axes, N s.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub impulse: [f32; 2],
 }
 
-/// A black sector of the view.
+/// A black sector of the image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Occlusion {
-    /// Start, seconds.
+    /// Start time, seconds.
     pub start: f64,
-    /// End, seconds.
+    /// End time, seconds.
     pub stop: f64,
-    /// Centre, degrees counter-clockwise from the robot's x axis.
+    /// Direction of the centre, degrees counter-clockwise from the robot's x axis.
     pub direction_deg: f32,
     /// Full width, degrees.
     pub width_deg: f32,
@@ -341,16 +341,16 @@ pub struct Occlusion {
 pub struct Fault {
     /// Kind of fault.
     pub kind: FaultKind,
-    /// Start, seconds.
+    /// Start time, seconds.
     pub start: f64,
-    /// End, seconds.
+    /// End time, seconds.
     pub stop: f64,
-    /// Wheel, counted from 0 (only for wheel_stuck).
+    /// Index of the wheel, from 0 (only for wheel_stuck).
     #[serde(default)]
     pub wheel: usize,
 }
 
-/// How a sensor fails.
+/// Kind of sensor fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FaultKind {

@@ -1,4 +1,4 @@
-//! What may a user change about the eyes? Every value with its unit and its reason.
+//! Which settings does vision have? Each with its unit and reason.
 
 use localize::config::{SettingError, bound, check_bounds};
 use schemars::JsonSchema;
@@ -12,17 +12,17 @@ pub use bounds::VISION_BOUNDS;
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VisionConfig {
-    /// Where the image is read.
+    /// Scan pattern: the pixels that are read.
     pub scan: ScanConfig,
-    /// What colours mean.
+    /// Colour classification.
     pub colours: ColourConfig,
-    /// Which white runs are lines.
+    /// Line detection.
     pub lines: LineConfig,
-    /// Ball, robots and goals.
+    /// Detection of ball, robots and goals.
     pub objects: ObjectConfig,
-    /// When and how far exposure and gain follow the light.
+    /// Automatic exposure and gain.
     pub exposure: AutoExposureConfig,
-    /// The virtual sensors' windows.
+    /// Windows and thresholds of the virtual sensors.
     pub virtual_sensors: VirtualSensorConfig,
 }
 
@@ -30,20 +30,23 @@ pub struct VisionConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScanConfig {
-    /// Straight lines outward from the mirror's axis, evenly around it.
+    /// Number of radial scan lines, evenly spaced around the mirror's axis. More lines give more line points and cost
+    /// more time.
     pub radial_lines: usize,
-    /// Spirals each way, evenly around the axis; they cross markings that point at the robot.
+    /// Number of spirals in each direction of rotation, evenly spaced around the axis. They cross markings that point
+    /// at the robot.
     pub spirals_each_way: usize,
-    /// How far a spiral winds from the axis to the rim, turns; more turns cross radial markings more squarely.
+    /// Rotation of a spiral from the axis to the rim, turns. More turns cross radial markings closer to a right angle.
     pub spiral_turns: f32,
-    /// Circles about the mirror's axis (lima2001 4.4), evenly spaced in the part of the image that shows ground within
-    /// range; the spirals do their work.
+    /// Number of circles about the mirror's axis (lima2001 4.4), evenly spaced over the ground within range. 0 if
+    /// spirals replace them.
     pub circles: usize,
-    /// Nearer ground is the robot's own body, metres.
+    /// Smallest ground distance scanned, metres. Nearer ground is hidden by the robot's own body.
     pub range_min: f32,
-    /// Farther ground is not scanned, metres.
+    /// Largest ground distance scanned, metres.
     pub range_max: f32,
-    /// Ground that a pixel covers along the viewing direction may be this many line widths and still tell a line.
+    /// Largest ground extent of a scanned pixel along the viewing direction, in line widths. A larger value adds far
+    /// points of lower quality.
     pub pixel_footprint_max: f32,
 }
 
@@ -61,42 +64,50 @@ impl Default for ScanConfig {
     }
 }
 
-/// What colours mean when no labelled table is given: the carpet is found in the image, all else is relative to it.
+/// Colour classes without a labelled table. The carpet is found in the image and all other colours are classified
+/// relative to it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ColourConfig {
-    /// The carpet is sought among ground pixels nearer than this, metres: beyond lies more of the surroundings.
+    /// Largest ground distance of pixels used to learn the carpet, metres. Farther pixels include more of the
+    /// surroundings.
     pub learning_range_max: f32,
-    /// A pixel keeps this share of the carpet's chroma, at least, to be carpet; glare and lines bleach it.
+    /// Smallest chroma of a carpet pixel, as a share of the carpet's chroma. Glare and lines reduce it.
     pub carpet_chroma_min: f32,
-    /// A pixel's chroma may leave the carpet's hue by this share of the carpet's chroma, at most.
+    /// Largest deviation of a carpet pixel's chroma from the carpet's hue, as a share of the carpet's chroma.
     pub carpet_hue_tolerance: f32,
-    /// A pixel is at least this bright, as a share of the carpet's median, to be carpet; shadows are darker.
+    /// Smallest brightness of a carpet pixel, as a share of the carpet's median. A smaller value includes darker
+    /// shadows.
     pub carpet_brightness_min: f32,
-    /// The carpet is learned anew when fewer of the carpet pixels than this share of when it was learned are carpet.
+    /// The carpet is relearned if the share of carpet pixels falls below this share of its value at learning. 0 never
+    /// relearns for this reason.
     pub relearn_carpet_share: f32,
-    /// A frame is black if 95 % of its scanned pixels stay below this level, of 255.
+    /// Brightness threshold of a black image, level of 255. An image is black if 95 % of its scanned pixels stay below
+    /// it.
     pub dark_image_level: u8,
-    /// How colours are followed while playing.
+    /// Adaptation of the colours during play.
     pub adaptation: ColourAdaptationConfig,
 }
 
-/// How carpet and white are followed from frame to frame, between what was learned and what is quite another light.
+/// Tracking of carpet and white from image to image. Changes of light beyond its limits cause relearning.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ColourAdaptationConfig {
-    /// False: colours stay as they were learned.
+    /// False keeps the colours as learned.
     pub enabled: bool,
-    /// Every so many frames are looked at: light that changes faster is learned anew.
+    /// Images between updates. Light that changes faster is relearned.
     pub interval_images: u32,
-    /// Share of the way that the tracked colours go towards each such frame's: 0.03 of every tenth takes some ten seconds
-    /// at 30 frames a second.
+    /// Share of the difference by which an update moves the colours. 0.03 on every tenth image takes about ten seconds
+    /// at 30 images per second.
     pub smoothing_factor: f32,
-    /// Brightness follows by this factor up or down, at most; another light is learned anew.
+    /// Largest factor by which the tracked brightness may rise or fall from the learned one. Larger changes are
+    /// relearned.
     pub brightness_factor_max: f32,
-    /// A channel's share of the brightness follows by this share of the carpet's chroma, at most: still the same carpet.
+    /// Largest relative deviation of a channel's share of the brightness from the learned one, as a share of the
+    /// carpet's chroma. The limit keeps the colours on the same carpet.
     pub chroma_deviation_max: f32,
-    /// Tables are rebuilt when a channel is off by this share: half of what a classification would notice.
+    /// Relative deviation of a channel at which tables are rebuilt. The default is half of what changes a
+    /// classification.
     pub rebuild_threshold: f32,
 }
 
@@ -127,27 +138,31 @@ impl Default for ColourConfig {
     }
 }
 
-/// Which white runs are lines.
+/// Acceptance of white runs as lines.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LineConfig {
-    /// Narrowest run, in line widths; blur widens a run and never narrows it, a third of a pixel is allowed for noise.
+    /// Smallest width of a run, in line widths. Blur only widens runs; a third of a pixel is allowed for noise.
     pub width_ratio_min: f32,
-    /// Widest run, in line widths: a scan line that crosses a line at 20° sees three; pixel size on top.
+    /// Largest width of a run, in line widths. A scan line at 20° to a line measures three; pixel size is added.
     pub width_ratio_max: f32,
-    /// A run stands out from the carpet beside it by this many standard deviations of the image's noise, at least.
+    /// Smallest contrast of a run with the adjacent carpet, in standard deviations of the image noise. A smaller value
+    /// accepts fainter lines and more noise.
     pub contrast_sigma_min: f32,
-    /// A run stands out by this many levels, of 255, at least: coarser than the camera's own steps and JPEG's ripple.
+    /// Smallest contrast of a run, levels of 255. It exceeds the camera's quantisation and JPEG ripple.
     pub contrast_levels_min: f32,
-    /// A line wider in the image than the blur has at least this share of the white–carpet contrast; glare takes the rest.
+    /// Smallest contrast of a run wider than the blur, as a share of the white–carpet contrast. Glare reduces the
+    /// contrast.
     pub white_share_min: f32,
-    /// Width of the image's blur, pixels: thinner lines lose contrast in proportion.
+    /// Width of the image blur, pixels. The contrast of thinner lines is reduced in proportion.
     pub blur_px: f32,
-    /// How far a run's added light may leave white's direction, as a share of the added brightness.
+    /// Largest deviation of a run's added light from the hue of white, as a share of the added brightness.
     pub hue_tolerance: f32,
-    /// How well an edge is placed in the image, standard deviation, pixels.
+    /// Standard deviation of an edge position in the image, pixels. A larger value reduces the weight of all line
+    /// points.
     pub position_std_px: f32,
-    /// Are the feet of white walls points too (lima2001 4)? For fields whose boundary lines are walls.
+    /// True also detects the bases of white walls as line points (lima2001 4). For fields whose boundary lines are
+    /// walls.
     pub detect_wall_bases: bool,
 }
 
@@ -167,44 +182,46 @@ impl Default for LineConfig {
     }
 }
 
-/// Ball, robots and goals, and where the carpet ends.
+/// Detection of ball, robots, goals and the end of the carpet.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
-    /// Directions in which the first obstacle is sought, evenly around the mirror's axis; 2° is 14 cm at 4 m.
+    /// Number of rays that are searched for the nearest obstacle, evenly spaced around the mirror's axis. A spacing of
+    /// 2° is 14 cm at 4 m.
     pub ray_count: usize,
-    /// Pixels from one sample of a ray to the next; an obstacle's edge is then sought pixel by pixel.
+    /// Distance between samples of a ray, pixels. The edge of an obstacle is refined to one pixel.
     pub ray_step_px: usize,
-    /// Something that is neither carpet nor line ends the carpet when it covers more of the ground than this
-    /// along the viewing direction, metres.
+    /// Ground extent along the ray, metres, beyond which pixels that are neither carpet nor line end the carpet.
     pub carpet_gap_max: f32,
-    /// As much on top of `gap_max`, as a share of the distance: a ball's height hides 0.4 of it.
+    /// Added to `carpet_gap_max` per metre of distance. The height of a ball occludes 0.4 of the distance.
     pub carpet_gap_per_range: f32,
-    /// Height of the point that the mirror sees from, metres; robots of the league are at most 0.8 m high.
+    /// Height of the viewpoint in the mirror, metres. Robots of the league are at most 0.8 m high.
     pub viewpoint_height: f32,
-    /// The ball's radius, metres (size 5).
+    /// Radius of the ball, metres (size 5).
     pub ball_radius: f32,
-    /// The ball's hue from..to, degrees (red 0, yellow 60, green 120, blue 240); from > to passes over red.
-    /// The league's balls are orange to yellow; beside a yellow goal take 8 to 45.
+    /// Range of the ball's hue, degrees (red 0, yellow 60, green 120, blue 240). A range with from > to includes red.
+    /// Balls of the league are orange to yellow. Near a yellow goal, use 8 to 45.
     #[serde(deserialize_with = "localize::fixed_array::deserialize")]
     pub ball_hue_deg: [f32; 2],
-    /// A ball covers at least this share of the pixels that a whole one would cover at its place.
+    /// Smallest visible share of a ball's expected pixels. A smaller value accepts balls that are more occluded.
     pub ball_visible_share_min: f32,
-    /// Fewer pixels are no ball.
+    /// Smallest number of pixels of a ball. A larger value rejects small or distant ones.
     pub ball_pixels_min: usize,
-    /// Balls are sought up to this distance, metres.
+    /// Largest distance of a detected ball, metres.
     pub ball_range_max: f32,
-    /// A robot's radius, metres: its middle lies that far behind its nearest edge.
+    /// Radius of a robot, metres: distance of its centre behind its nearest edge.
     pub robot_radius: f32,
-    /// Narrower obstacles are rods and cables, metres.
+    /// Smallest width of a robot, metres. Narrower obstacles are rods and cables.
     pub robot_width_min: f32,
-    /// Wider obstacles are the carpet's edge or a wall, metres.
+    /// Largest width of a robot, metres. Wider obstacles are walls or the carpet's edge.
     pub robot_width_max: f32,
-    /// What has a marker but no dark foot is a robot if it stands this much before what ends the carpet beside it, metres.
+    /// Smallest depth step from a robot to the end of the carpet on both sides, metres. A robot needs two of three
+    /// cues: depth step, team marker, dark base.
     pub robot_depth_step_min: f32,
-    /// A post stands this much before what ends the carpet on both its sides, metres: half a goal's depth is carpet too.
+    /// Smallest depth step from a goal post to the end of the carpet on both sides, metres. The carpet continues for
+    /// half a goal's depth.
     pub post_depth_step_min: f32,
-    /// Robots are sought up to this distance, metres.
+    /// Largest distance of a detected robot, metres.
     pub robot_range_max: f32,
 }
 
@@ -231,23 +248,24 @@ impl Default for ObjectConfig {
     }
 }
 
-/// When and how far exposure and gain follow the light; what the camera can do is `[exposure]` of robot.toml.
+/// Automatic control of exposure and gain. The camera's limits are in `[exposure]` of robot.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AutoExposureConfig {
-    /// False: exposure is neither watched nor changed.
+    /// False disables monitoring and control of the exposure.
     pub enabled: bool,
-    /// The centre's brightness is looked at in every so many frames: light does not change faster than a tenth of a second.
+    /// Images between checks of the centre's brightness. The light is assumed constant for a tenth of a second.
     pub check_every: u64,
-    /// Carpet nearer than this belongs to the centre, metres: it is in view wherever the robot is.
+    /// Largest distance of carpet in the measured centre, metres. Near carpet is visible at every position of the
+    /// robot.
     pub centre_range_max: f32,
-    /// The best setting is sought when the centre's brightness changed by this share; a line or ball nearby changes less.
+    /// Relative change of the centre's brightness that starts a search. A nearby line or ball changes it less.
     pub brightness_change_min: f32,
-    /// Another setting must promise so many bits of entropy more: below lies what the scene changes by itself.
+    /// Smallest predicted gain of entropy for a new setting, bits. Smaller gains are within the variation of the scene.
     pub entropy_gain_min: f32,
-    /// One command changes the light by this factor, at most: predictions from a clipped picture go wrong beyond.
+    /// Largest factor of light per command. Predictions from a clipped image are unreliable beyond it.
     pub step_factor_max: f32,
-    /// The search ends when a step would change the light by less than this share.
+    /// Relative change of light below which the search ends.
     pub convergence_tolerance: f32,
 }
 
@@ -269,43 +287,44 @@ impl Default for AutoExposureConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImageRect {
-    /// Its left edge.
+    /// Left edge.
     pub left_px: f32,
-    /// Its upper edge.
+    /// Upper edge.
     pub top_px: f32,
-    /// From left to right.
+    /// Width.
     pub width_px: f32,
-    /// From top to bottom.
+    /// Height.
     pub height_px: f32,
 }
 
-/// The virtual sensors of lima2001 section 3.3. Windows that are not given are laid out by the ground map.
+/// The virtual sensors of lima2001 section 3.3. Windows that are absent are placed by the ground map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VirtualSensorConfig {
-    /// The bumpers, from the left over the front to the right; none given: nine squares evenly around the robot.
+    /// Bumper windows, from left through front to right. If empty: nine squares evenly spaced around the robot.
     pub bumpers: Vec<ImageRect>,
-    /// Goals are sought in these; none given: three in front, from half way out to the rim.
+    /// Goal windows. If empty: three in front of the robot, from half the radius to the rim.
     pub goals: Vec<ImageRect>,
-    /// The ball counts inside this one; left out: everywhere.
+    /// Window in which a ball is reported. If absent: the whole image.
     pub ball: Option<ImageRect>,
-    /// The ball inside this one touches the kicker; left out: just before the robot.
+    /// Window in which a ball touches the kicker. If absent: directly in front of the robot.
     pub kick: Option<ImageRect>,
-    /// The camera's lens must be seen inside this one; left out: around where the mirror's axis should be.
+    /// Window in which the camera lens must appear. If absent: around the configured mirror axis.
     pub lens: Option<ImageRect>,
-    /// Middle of the bumpers that are laid out, metres from the robot's centre.
+    /// Distance of the centres of default bumper windows from the robot's centre, metres.
     pub bumper_range: f32,
-    /// Ground that such a bumper covers along the ray, metres.
+    /// Ground extent of a default bumper window along the ray, metres.
     pub bumper_size: f32,
-    /// A bumper is hit when this share of it is not floor: a line that passes covers less than half.
+    /// Smallest share of pixels that are not floor for a bumper hit. A crossing line covers less than half.
     pub bumper_occupied_share_min: f32,
-    /// A goal is seen when this share of one of its windows has its colour.
+    /// Smallest share of a window with the goal's colour for a goal detection.
     pub goal_colour_share_min: f32,
-    /// Middle of the kick window that is laid out, metres before the robot's centre: half a robot and a ball's radius.
+    /// Distance of the centre of the default kick window from the robot's centre, metres: half a robot plus a ball's
+    /// radius.
     pub kick_range: f32,
-    /// Ground that it covers along the ray, metres: a ball's diameter.
+    /// Ground extent of the default kick window along the ray, metres: a ball's diameter.
     pub kick_size: f32,
-    /// The ball touches the kicker when this share of the kick window has its colour.
+    /// Smallest share of the kick window with the ball's colour for a ball contact.
     pub kick_colour_share_min: f32,
 }
 
@@ -329,7 +348,7 @@ impl Default for VirtualSensorConfig {
 }
 
 impl VisionConfig {
-    /// Refuses values that cannot work, and names the first. To be called on what a user wrote.
+    /// Returns an error for the first invalid value.
     pub fn check(&self) -> Result<(), SettingError> {
         check_bounds("vision", self, VISION_BOUNDS)?;
         let scan = &self.scan;
@@ -341,7 +360,7 @@ impl VisionConfig {
             "radial lines, spirals and circles together",
         )
         .check("vision.scan.radial_lines", lines as f64)?;
-        // Twice the radius: the mirror must see the ball from above.
+        // At least the ball's diameter: the viewpoint must be above the ball.
         let lowest = 2.0 * f64::from(self.objects.ball_radius) + 0.01;
         bound("", lowest, 5.0, "the mirror must look down on the ball").check(
             "vision.objects.viewpoint_height",

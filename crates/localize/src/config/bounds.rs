@@ -1,4 +1,4 @@
-//! Does every number of the settings lie where it can work? One walker over the settings as TOML, one error type.
+//! Is every numeric setting in its valid range? One traversal of the settings as TOML, one error type.
 
 use serde::Serialize;
 use toml::Value;
@@ -8,15 +8,15 @@ use toml::Value;
 pub struct Bound {
     /// Dotted path below the section. `*` stands for any one name; elements of an array share the array's path.
     pub key: &'static str,
-    /// Smallest value that works.
+    /// Smallest valid value.
     pub min: f64,
-    /// Largest value that works.
+    /// Largest valid value.
     pub max: f64,
-    /// Why values outside do not work.
+    /// Reason for the range.
     pub why: &'static str,
 }
 
-/// A setting whose value cannot work.
+/// A setting with an invalid value.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{key} = {}: must be between {min} and {max} ({why})", shortest(*value))]
 pub struct SettingError {
@@ -24,23 +24,23 @@ pub struct SettingError {
     pub key: String,
     /// The value.
     pub value: f64,
-    /// Smallest value that works.
+    /// Smallest valid value.
     pub min: f64,
-    /// Largest value that works.
+    /// Largest valid value.
     pub max: f64,
-    /// Why values outside do not work.
+    /// Reason for the range.
     pub why: &'static str,
 }
 
-/// Shorthand for tables of bounds.
+/// Constructs a bound in a table.
 pub const fn bound(key: &'static str, min: f64, max: f64, why: &'static str) -> Bound {
     Bound { key, min, max, why }
 }
 
 impl Bound {
-    /// Refuses a value outside the bound, NaN included. `key`: full path, for the error.
+    /// Returns an error for a value outside the bound, including NaN. `key`: full path, for the error.
     pub fn check(&self, key: &str, value: f64) -> Result<(), SettingError> {
-        // Settings are f32: compared as such, the bound 0.1 admits the setting 0.1.
+        // Settings are f32. Comparison in f32 makes the bound 0.1 include the setting 0.1.
         let [single, min, max] = [value, self.min, self.max].map(|number| number as f32);
         if single >= min && single <= max {
             return Ok(());
@@ -54,7 +54,7 @@ impl Bound {
         })
     }
 
-    /// Does the bound hold for the setting at `path` below the section?
+    /// True if the bound applies to the setting at `path` below the section.
     fn covers(&self, path: &[&str]) -> bool {
         let mut names = self.key.split('.');
         path.iter().all(|step| {
@@ -132,7 +132,7 @@ fn visit_value<'a>(
     }
 }
 
-/// A setting as its user wrote it: an f32 that became f64 shows digits that nobody wrote.
+/// Formats an f32 setting without the additional digits of its conversion to f64.
 fn shortest(value: f64) -> String {
     let single = value as f32;
     if f64::from(single) == value {

@@ -1,4 +1,4 @@
-//! In which ranges do the numbers of localization, world model and team work, and why?
+//! In which ranges are the settings of localization, world model and team valid, and why?
 
 use super::bounds::{Bound, bound};
 

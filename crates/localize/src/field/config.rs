@@ -8,16 +8,16 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FieldConfig {
-    /// Along x, between the goal lines.
+    /// Length along x, between the goal lines.
     pub length: f32,
-    /// Along y, between the touch lines.
+    /// Width along y, between the touch lines.
     pub width: f32,
-    /// Reference of all sizes.
+    /// Reference of all sizes: line centres or outer edges.
     #[serde(default)]
     pub measured_to: MeasuredTo,
     /// Width of the painted lines.
     pub line_width: f32,
-    /// Carpet beyond the boundary line.
+    /// Width of the carpet beyond the boundary lines.
     pub border: f32,
     /// Radius of the centre circle.
     #[serde(default)]
@@ -39,13 +39,13 @@ pub struct FieldConfig {
     pub penalty_area: Area,
     /// The goals, one at each end.
     pub goal: GoalConfig,
-    /// Walls around the carpet (league fields until 2001).
+    /// True for walls around the carpet (league fields until 2001).
     #[serde(default)]
     pub walls: bool,
-    /// Line through the centre, across the field.
+    /// True for a line through the centre, across the field.
     #[serde(default = "default_true")]
     pub halfway_line: bool,
-    /// Further lines: [x0, y0, x1, y1] of their centre lines.
+    /// Additional lines: end points [x0, y0, x1, y1] of their centre lines.
     #[serde(default)]
     pub extra_lines: Vec<[f32; 4]>,
 }
@@ -69,23 +69,23 @@ pub enum MeasuredTo {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Area {
-    /// From the goal line into the field.
+    /// Extent from the goal line into the field.
     pub depth: f32,
-    /// Along the goal line.
+    /// Extent along the goal line.
     pub width: f32,
 }
 
-/// Both goals.
+/// Size and colours of both goals.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GoalConfig {
-    /// Between the posts.
+    /// Distance between the posts.
     pub width: f32,
-    /// Under the crossbar.
+    /// Height below the crossbar.
     pub height: f32,
-    /// Behind the goal line.
+    /// Depth behind the goal line.
     pub depth: f32,
-    /// Side of the square posts.
+    /// Side length of the square posts.
     pub post: f32,
     /// Colours of the goals at +x and at −x: white, blue or yellow.
     pub colours: [GoalColour; 2],
@@ -143,7 +143,7 @@ pub enum FieldError {
 }
 
 impl FieldConfig {
-    /// Refuses sizes that are out of range or contradict each other.
+    /// Returns an error for sizes that are out of range or contradict each other.
     pub(super) fn check(&self) -> Result<(), FieldError> {
         check(self)
     }

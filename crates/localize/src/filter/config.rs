@@ -22,9 +22,10 @@ pub enum FilterKind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FilterConfig {
-    /// Kind of filter.
+    /// Kind of pose filter.
     pub kind: FilterKind,
-    /// Random walk of the position per distance driven, metres per square root of a metre (slip on carpet).
+    /// Random walk of the position per distance driven, metres per square root of a metre (slip on carpet). A larger
+    /// value trusts vision more.
     pub odometry_noise_per_metre: f32,
     /// Random walk of the heading per distance driven, degrees per square root of a metre.
     pub heading_noise_per_metre_deg: f32,
@@ -34,47 +35,49 @@ pub struct FilterConfig {
     pub odometry_drift: f32,
     /// Random walk of the heading that the wheels do not measure, degrees per square root of a second.
     pub odometry_drift_deg: f32,
-    /// Acceleration at which the wheels slide freely, m/s². At half of it they slide by a quarter. Needs an inertial unit.
+    /// Acceleration at which the wheels slide freely, m/s². At half of it they slide by a quarter. Requires an inertial
+    /// unit.
     pub slip_acceleration: f32,
     /// Initial standard deviation of the odometry scales. 0 fixes the scales at 1.
     pub odometry_scale_std: f32,
     /// Random walk of the scales, per square root of a second (carpet direction, wear, load).
     pub odometry_scale_drift: f32,
-    /// Learning rate per image of the wheel noise factor (docs/methods.md 8.8). 0 keeps the noise as configured; 0.02
+    /// Learning rate per image of the wheel noise factor (docs/methods.md 8.8). 0 keeps the configured noise; 0.02
     /// learns within some seconds.
     pub noise_adaptation_rate: f32,
-    /// Part of a match's position error that successive images repeat (map, field, uneven light), metres. It is added to
-    /// each update and bounds the accuracy of many images.
+    /// Position error of a match that successive images repeat (map, field, uneven light), metres. It is added to each
+    /// update and limits the accuracy of many images.
     pub systematic_position_std: f32,
-    /// The same for the heading, degrees.
+    /// Heading error of a match that successive images repeat, degrees.
     pub systematic_heading_std_deg: f32,
     /// Random walk of the velocity without an inertial unit, m/s per square root of a second. Large, so that the wheels
     /// determine the velocity.
     pub velocity_process_noise: f32,
-    /// The same for the yaw rate, rad/s per square root of a second.
+    /// Random walk of the yaw rate without an inertial unit, rad/s per square root of a second.
     pub yaw_rate_process_noise: f32,
-    /// Gyro noise, degrees per square root of a second: twice that of a cheap unit, for vibration.
+    /// Gyro noise, degrees per square root of a second. Twice that of a low-cost unit, for vibration.
     pub gyro_noise_deg: f32,
     /// Initial standard deviation of the gyro bias, degrees/s.
     pub gyro_bias_std_deg: f32,
     /// Random walk of the gyro bias (temperature), degrees/s per square root of a second.
     pub gyro_bias_drift_deg: f32,
-    /// Standard deviation of the gyro scale about z before the first update.
+    /// Initial standard deviation of the gyro scale about z.
     pub gyro_scale_std: f32,
-    /// Accelerometer noise, m/s per square root of a second: three times the 0.015 of a cheap unit. The measured vibration
-    /// is added.
+    /// Accelerometer noise, m/s per square root of a second. Three times the 0.015 of a low-cost unit; the measured
+    /// vibration is added.
     pub accelerometer_noise: f32,
     /// Initial standard deviation of the accelerometer bias, m/s².
     pub accelerometer_bias_std: f32,
     /// Random walk of the accelerometer bias (temperature), m/s² per square root of a second.
     pub accelerometer_bias_drift: f32,
-    /// Standard deviation of the tilt of a standing robot, per axis, degrees.
+    /// Standard deviation of the tilt of a stationary robot, per axis, degrees.
     pub tilt_std_deg: f32,
-    /// Standard deviation of the tilt of the inertial unit against the camera, degrees. Constant, estimated while driving.
+    /// Standard deviation of the constant tilt of the inertial unit relative to the camera, degrees. It is estimated
+    /// while driving.
     pub imu_mount_std_deg: f32,
-    /// Time from an image's exposure to its stamp, seconds. 0 if stamps are those of the exposure.
+    /// Time from the exposure of an image to its stamp, seconds. 0 if the stamp is the time of exposure.
     pub camera_latency: f32,
-    /// Standard deviation of `camera_latency`, seconds. Above 0 the latency is estimated while driving; 0 fixes it.
+    /// Standard deviation of `camera_latency`, seconds. 0 fixes the latency; above 0 it is estimated while driving.
     pub camera_latency_std: f32,
     /// Limits of the collision detector.
     pub collision: CollisionConfig,

@@ -32,19 +32,20 @@ pub enum Minimiser {
 pub struct MatchConfig {
     /// Method of minimisation.
     pub minimiser: Minimiser,
-    /// c of e(t) in standard deviations of a point: points beyond about c are outliers.
+    /// Kernel scale c of e(t), in standard deviations of a point. Points beyond about c are outliers; a smaller value
+    /// rejects more points.
     pub kernel_scale_sigmas: f32,
-    /// Standard deviation added to that of each point, metres: errors of the painted markings and of the map.
+    /// Standard deviation added to that of each point, metres (errors of the painted markings and of the map).
     pub map_std: f32,
     /// Largest number of steps per image; RPROP needs about three times as many as Gauss-Newton.
     pub steps_max: usize,
-    /// A step smaller than this ends the minimisation, metres (and radians).
+    /// Step size below which the minimisation ends, metres and radians.
     pub convergence_step: f32,
-    /// Standard deviation of the robot's tilt in each direction, degrees; 0 assumes an upright robot. Images of real
-    /// robots have 0.45 from image to image.
+    /// Standard deviation of the robot's tilt per axis, degrees. 0 assumes an upright robot; real robots show 0.45 from
+    /// image to image.
     pub tilt_std_deg: f32,
-    /// Height of the viewpoint (the mirror) above the ground, metres: a tilt moves far points by their squared distance
-    /// over it.
+    /// Height of the viewpoint (the mirror) above the ground, metres. A tilt displaces points by their squared distance
+    /// over this height.
     pub viewpoint_height: f32,
 }
 
@@ -65,7 +66,7 @@ impl Default for MatchConfig {
 /// Predicted pose before the line points are used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosePrior {
-    /// The expected pose.
+    /// Predicted pose.
     pub pose: Pose,
     /// Inverse covariance of (x, y, θ, a, b): m⁻², rad⁻². The tilt is that beyond the compensation of the points.
     pub information: Matrix5,

@@ -10,18 +10,18 @@ pub struct CameraConfig {
     pub width_px: usize,
     /// Image height, pixels.
     pub height_px: usize,
-    /// Focal length, pixels; needed to trace a mirror profile, unused with a map.
+    /// Focal length, pixels. Required to trace a mirror profile, unused with a map.
     pub focal_px: Option<f32>,
     /// The mirror axis in the image (u right, v down), pixels; integers are pixel centres.
     #[serde(deserialize_with = "crate::fixed_array::deserialize")]
     pub centre_px: [f32; 2],
-    /// Height of the pinhole above the ground, metres; needed to trace a mirror profile.
+    /// Height of the pinhole above the ground, metres. Required to trace a mirror profile.
     pub height: Option<f32>,
     /// Direction of the robot's x axis in the image: degrees from image right towards image up.
     pub forward_deg: f32,
-    /// True if, with forward up, the robot's left is on the image's right (a camera below one mirror).
+    /// True if the robot's left appears on the right of an image with forward up (a camera below one mirror).
     pub flipped: bool,
-    /// Radius of the mirror's rim in the image, pixels; pixels beyond it are unused.
+    /// Radius of the mirror's rim in the image, pixels. Pixels beyond it are unused.
     pub outer_radius_px: Option<f32>,
 }
 

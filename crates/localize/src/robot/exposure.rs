@@ -11,9 +11,10 @@ pub struct CameraSetting {
     pub gain: f32,
 }
 
-/// `[exposure]` of robot.toml: the camera's settings; without it exposure is monitored but not controlled.
+/// `[exposure]` of robot.toml: the camera's settings. Without it, exposure is monitored but not controlled.
 ///
-/// Exposure is in the camera's unit (seconds for the drivers, multiples of the usual one for the simulator), gain too.
+/// Exposure and gain are in the camera's units: for exposure, seconds with the drivers and multiples of the default
+/// with the simulator.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraControl {
@@ -23,22 +24,23 @@ pub struct CameraControl {
     pub gain: f32,
     /// Shortest exposure.
     pub exposure_min: f32,
-    /// Longest exposure: a robot rotating at 360°/s blurs the image by 3.6° in 10 ms.
+    /// Longest exposure. A longer one blurs more: at 360°/s, 10 ms blur the image by 3.6°.
     pub exposure_max: f32,
     /// Smallest gain.
     pub gain_min: f32,
-    /// Largest gain: more only adds noise.
+    /// Largest gain. More gain only adds noise.
     pub gain_max: f32,
-    /// a of exposure = a·gain + b, the path of settings: a larger a gives less noise and more motion blur. Beyond the
-    /// limits of one setting only the other changes.
+    /// a of exposure = a·gain + b, the path of settings. A larger a gives less noise and more motion blur. Beyond the
+    /// limits of one setting, only the other changes.
     pub path_slope: f32,
     /// b of exposure = a·gain + b.
     #[serde(default)]
     pub path_offset: f32,
-    /// Decibels per unit of gain; 0: gain is a factor.
+    /// Decibels per unit of gain. 0 means that gain is a factor.
     #[serde(default)]
     pub gain_db_per_unit: f32,
-    /// Images from a command to the first image exposed with it: a command after image k applies to image k + 2.
+    /// Number of images from a command to the first image exposed with it. With 2, a command after image k applies to
+    /// image k + 2.
     #[serde(default = "usual_delay")]
     pub delay_frames: u64,
 }

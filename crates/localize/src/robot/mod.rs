@@ -13,15 +13,15 @@ mod exposure;
 pub use camera::CameraConfig;
 pub use exposure::{CameraControl, CameraSetting};
 
-/// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface half way out to its rim.
+/// Height of the viewpoint if no mirror profile is known, metres: the mirror's surface at half its radius.
 ///
-/// A tilt moves a ground point by its distance squared over this height, so it belongs to the mean pixel.
+/// A tilt displaces a ground point by its squared distance over this height, so the height is that of the mean pixel.
 pub const DEFAULT_VIEWPOINT_HEIGHT: f32 = 0.75;
 
-/// Height of the mirror's rim if no mirror profile is known, metres: the league allows robots of 0.8.
+/// Height of the mirror's rim if no mirror profile is known, metres. The league allows robots of 0.8.
 ///
-/// Not [`DEFAULT_VIEWPOINT_HEIGHT`]: object detection and the view see far objects near the mirror's rim, which is
-/// higher than its middle. With a profile both use the profile's own height.
+/// Not [`DEFAULT_VIEWPOINT_HEIGHT`]: object detection and the viewer use far objects near the mirror's rim, which is
+/// higher than its middle. With a profile, both use the profile's own height.
 pub const DEFAULT_MIRROR_RIM_HEIGHT: f32 = 0.78;
 
 /// A robot file. Paths are relative to the file; `load` has already resolved them.
@@ -30,7 +30,7 @@ pub const DEFAULT_MIRROR_RIM_HEIGHT: f32 = 0.78;
 pub struct RobotConfig {
     /// The field file.
     pub field: PathBuf,
-    /// Camera and its mount; a recording of line points needs none.
+    /// Camera and its mount. Not required for a recording of line points.
     pub camera: Option<CameraConfig>,
     /// Range of the camera's exposure and gain.
     pub exposure: Option<CameraControl>,
@@ -40,7 +40,7 @@ pub struct RobotConfig {
     pub map: Option<MapConfig>,
     /// Mask of the robot's own body: a grey PNG of the image's size, black on the body.
     pub mask: Option<PathBuf>,
-    /// Labelled pixels for learning the colours: a CSV of file,u,v,class.
+    /// Labelled pixels to learn the colours: a CSV of file,u,v,class.
     pub labels: Option<PathBuf>,
     /// A saved colour table, instead of labels.
     pub colours: Option<PathBuf>,
@@ -62,7 +62,7 @@ pub struct MirrorConfig {
     pub profile: PathBuf,
 }
 
-/// `[map]`: pixel to ground, calibrated.
+/// `[map]`: calibrated map from pixels to ground.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MapConfig {
@@ -74,7 +74,8 @@ pub struct MapConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BaseConfig {
-    /// Position of each wheel, degrees counter-clockwise from the robot's x axis; it rolls across that direction.
+    /// Position of each wheel, degrees counter-clockwise from the robot's x axis. A wheel rolls perpendicular to that
+    /// direction.
     pub wheel_angles_deg: Vec<f32>,
     /// Radius of a wheel, metres.
     pub wheel_radius: f32,

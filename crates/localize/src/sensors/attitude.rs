@@ -17,19 +17,21 @@ pub const GRAVITY: f32 = 9.806_65;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct AttitudeConfig {
-    /// Time constant of the correction by gravity, seconds: longer than accelerations last.
+    /// Time constant of the correction by gravity, seconds. It must exceed the duration of accelerations.
     pub gravity_time_constant: f32,
     /// Time constant of the correction by the compass, seconds.
     pub compass_time_constant: f32,
-    /// Deviation of the measured force (without the wheels' acceleration) from gravity beyond which it is not used, m/s².
+    /// Deviation of the measured force from gravity beyond which it is not used, m/s². The acceleration of the wheels
+    /// is subtracted first.
     pub gravity_deviation_max: f32,
-    /// Duration of such a deviation after which the attitude is set from gravity, seconds (the robot was laid down).
+    /// Duration of such a deviation after which the attitude is reset from gravity, seconds (the robot was laid down).
     pub gravity_reset_time: f32,
-    /// Are line points compensated for the measured tilt? Else each image's tilt is found from its points alone.
+    /// True compensates line points for the measured tilt. False estimates the tilt of each image from its points
+    /// alone.
     pub tilt_compensation: bool,
     /// Time without wheel motion after which the robot counts as stationary, seconds.
     pub stationary_after: f32,
-    /// Rate above which the robot is not stationary, degrees/s: more than a gyro's bias and noise.
+    /// Largest angular rate of a stationary robot, degrees/s. It must exceed the bias and noise of the gyro.
     pub stationary_rate_max_deg: f32,
     /// Time constant of the gyro bias estimate at rest, seconds.
     pub bias_time_constant: f32,
@@ -41,7 +43,7 @@ pub struct AttitudeConfig {
     pub compass_disturbance_timeout: f32,
     /// Smallest standard deviation of the measured tilt from image to image, degrees.
     pub tilt_std_deg: f32,
-    /// Initial standard deviation of its constant error, degrees (0.1 m/s² of the accelerometer).
+    /// Initial standard deviation of the tilt's constant error, degrees (0.1 m/s² of the accelerometer).
     pub tilt_bias_std_deg: f32,
 }
 

@@ -10,20 +10,21 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CollisionConfig {
-    /// Deviation of the measured from the commanded acceleration that starts a collision, m/s². Half of gravity, since
-    /// rubber on carpet hardly transmits more.
+    /// Deviation of the measured from the commanded acceleration that starts a collision, m/s². Half of gravity: rubber
+    /// on carpet hardly transmits more.
     pub shock_acceleration: f32,
     /// Acceleration limit of the motors, m/s²: the ramp of a commanded twist.
     pub motor_acceleration_max: f32,
     /// Deviation of the wheels' speed from the predicted one that starts a collision, m/s.
     pub slip_speed_max: f32,
-    /// The same for the yaw rate, rad/s.
+    /// Deviation of the wheels' yaw rate from the predicted one that starts a collision, rad/s.
     pub slip_yaw_rate_max: f32,
-    /// Smallest deviation that counts, in standard deviations of the predicted motion.
+    /// Smallest deviation for a collision, in standard deviations of the predicted motion. A smaller value detects more
+    /// collisions and more false ones.
     pub significance_sigmas: f32,
     /// Time from the last sign of a collision to its end, seconds.
     pub hold_time: f32,
-    /// Longest collision, seconds. The wheels are used again afterwards, since the inertial unit may be at fault.
+    /// Longest collision, seconds. Afterwards the wheels are used again, since the inertial unit may be faulty.
     pub timeout: f32,
 }
 

@@ -5,27 +5,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::{SettingError, TEAM_BOUNDS, check_bounds};
 
-/// Sharing among team-mates.
+/// Fusion of shared observations among team-mates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TeamConfig {
-    /// Our own number in the team.
+    /// This robot's number in the team.
     pub number: u32,
     /// Largest number of team-mates; reports of further numbers are ignored.
     pub teammates_max: usize,
-    /// A ball last detected longer ago than this is ignored, seconds.
+    /// Largest age of a reported ball's last detection, seconds. Older balls are ignored.
     pub ball_age_max: f32,
-    /// A team-mate without a report for this time is removed, seconds.
+    /// Time without a report after which a team-mate is removed, seconds.
     pub report_timeout: f32,
     /// Process noise of the ball's velocity, m/s per square root of a second.
     pub ball_acceleration_noise: f32,
     /// Standard deviation of a reported velocity, m/s.
     pub velocity_std: f32,
-    /// Added in quadrature to each reported standard deviation, metres: the calibration error that remains.
+    /// Added in quadrature to each reported standard deviation, metres: the remaining calibration error.
     pub position_std_min: f32,
-    /// Largest squared Mahalanobis distance of two balls that agree: 99 % of 2 degrees of freedom.
+    /// Largest squared Mahalanobis distance of two balls that agree. The default is 99 % of 2 degrees of freedom.
     pub gate: f32,
-    /// Largest change of the field half's log odds by one image.
+    /// Largest change of the field half's log odds by one image. A smaller value decides later and more reliably.
     pub half_log_odds_max: f32,
 }
 
@@ -47,7 +47,7 @@ impl Default for TeamConfig {
 }
 
 impl TeamConfig {
-    /// Refuses values that cannot work, and names the first.
+    /// Returns an error for the first invalid value.
     pub fn check(&self) -> Result<(), SettingError> {
         check_bounds("team", self, TEAM_BOUNDS)
     }

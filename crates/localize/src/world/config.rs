@@ -11,20 +11,21 @@ use crate::config::{SettingError, WORLD_BOUNDS, check_bounds};
 pub struct WorldConfig {
     /// The ball.
     pub ball: ObjectConfig,
-    /// Robots of both teams, and the legs of people. Unless set, acceleration_noise is 1.5, deceleration 0,
+    /// Robots of both teams and legs of people. Defaults differ: acceleration_noise 1.5, deceleration 0,
     /// initial_speed_std 1.5 and separation_min 0.35.
     pub robots: ObjectConfig,
     /// Gap between images after which all tracks are deleted, seconds.
     pub gap_max: f32,
-    /// Largest own speed, m/s: bounds the motion if there is neither odometry nor a pose.
+    /// Largest speed of the robot itself, m/s. It bounds the motion without odometry and pose.
     pub own_speed_max: f32,
-    /// Standard deviation of the wheel odometry, share of the motion.
+    /// Standard deviation of the wheel odometry, as a share of the motion.
     pub odometry_std: f32,
-    /// Standard deviation of the robot's tilt after the image's estimate, degrees.
+    /// Standard deviation of the remaining tilt after the image's tilt estimate, degrees.
     pub tilt_std_deg: f32,
-    /// Standard deviation added to that of each detection (calibration, shading of the ball), metres.
+    /// Standard deviation added to that of each detection, metres (calibration, shading of the ball).
     pub position_std: f32,
-    /// How much nearer an object above the ground may be than its ground point, share of its distance.
+    /// Range uncertainty of an airborne object, as a share of its ground point's distance. The object is nearer than
+    /// its ground point.
     pub airborne_range_share: f32,
     /// Radius of a robot, metres: it occludes objects behind it.
     pub robot_radius: f32,
@@ -34,17 +35,19 @@ pub struct WorldConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ObjectConfig {
-    /// Process noise of the velocity, m/s per square root of a second.
+    /// Process noise of the velocity, m/s per square root of a second. A larger value follows changes of direction
+    /// faster and smooths less.
     pub acceleration_noise: f32,
-    /// Deceleration, m/s²: a ball rolls out, a robot drives on.
+    /// Deceleration, m/s²: of a rolling ball; 0 for robots.
     pub deceleration: f32,
     /// Standard deviation of a new track's velocity, m/s.
     pub initial_speed_std: f32,
-    /// Largest squared Mahalanobis distance of a detection from its track: 99.9 % of 2 degrees of freedom.
+    /// Largest squared Mahalanobis distance of a detection from its track. The default is 99.9 % of 2 degrees of
+    /// freedom.
     pub gate: f32,
     /// Probability that a visible object is detected in an image.
     pub detection_probability: f32,
-    /// Probability of a false detection at the position of a track.
+    /// Probability of a false detection at the position of a track. A larger value confirms tracks later.
     pub false_alarm_probability: f32,
     /// Distance up to which a missing detection counts against existence, metres.
     pub range_max: f32,
@@ -54,11 +57,11 @@ pub struct ObjectConfig {
     pub confirm_probability: f32,
     /// Probability of existence below which a track is deleted.
     pub delete_probability: f32,
-    /// A track without a detection for this time is deleted, seconds.
+    /// Longest time without a detection before a track is deleted, seconds.
     pub unseen_max: f32,
-    /// A track with a larger standard deviation of its position is deleted, metres.
+    /// Largest standard deviation of a track's position before it is deleted, metres.
     pub position_std_max: f32,
-    /// Two tracks closer than this are one object, metres.
+    /// Distance below which two tracks are one object, metres.
     pub separation_min: f32,
 }
 
@@ -118,7 +121,7 @@ impl Default for ObjectConfig {
 }
 
 impl WorldConfig {
-    /// Refuses values that cannot work, and names the first.
+    /// Returns an error for the first invalid value.
     pub fn check(&self) -> Result<(), SettingError> {
         check_bounds("world", self, WORLD_BOUNDS)
     }

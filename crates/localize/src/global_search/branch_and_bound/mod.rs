@@ -22,33 +22,33 @@ use crate::sample::LinePoint;
 
 use tables::ScoreTables;
 
-/// Settings of the search.
+/// Settings of the exact search.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BranchAndBoundConfig {
-    /// Side of a position cell, metres.
+    /// Side of a position cell, metres. A smaller cell costs more time and memory.
     pub cell: f32,
-    /// Step of headings, degrees: half of it moves a point at 5 m by about a cell.
+    /// Step of headings, degrees. Half a step displaces a point at 5 m by about a cell.
     pub heading_step_deg: f32,
-    /// Distance outside the boundary lines that is searched, metres.
+    /// Extent of the search beyond the boundary lines, metres.
     pub margin: f32,
-    /// Line points beyond this range are not used, metres: one heading step moves them too far.
+    /// Largest distance of line points used, metres. Beyond it, a heading step displaces points too far.
     pub range_max: f32,
-    /// c of the score c²/(c² + d²), metres: the error of a true pose's points by the discretisation.
+    /// Kernel scale c of the score c²/(c² + d²), metres: the discretisation error at a true pose.
     pub kernel_scale: f32,
-    /// Largest number of points used; more are thinned out evenly.
+    /// Largest number of points used. Additional points are removed evenly.
     pub points_max: usize,
-    /// Largest number of distinct hypotheses (each with its half turn on a symmetric field).
+    /// Largest number of distinct hypotheses. Each includes its half turn on a symmetric field.
     pub hypotheses_max: usize,
-    /// Cells with less than this share of the best score are no hypotheses.
+    /// Smallest score of a hypothesis, as a share of the best score.
     pub runner_up_share: f32,
     /// Largest number of blocks searched for runners-up after the best cell is found.
     pub runner_up_blocks: usize,
-    /// Hypotheses closer than this are duplicates, metres.
+    /// Distance below which two hypotheses of similar heading are duplicates, metres.
     pub separation_min: f32,
-    /// Hypotheses closer than this are duplicates, degrees.
+    /// Difference in heading below which two close hypotheses are duplicates, degrees.
     pub separation_min_deg: f32,
-    /// Exponent of the points' joint likelihood, below 1 since neighbouring points are not independent.
+    /// Exponent of the joint likelihood of the points. Below 1, since neighbouring points are not independent.
     pub likelihood_exponent: f32,
 }
 

@@ -18,38 +18,38 @@ use crate::sample::LinePoint;
 
 pub use position::confirm_by_goal_colours;
 
-/// The Hough transform and its correlation.
+/// Settings of the Hough transform and its correlation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HoughConfig {
     /// Metres per pixel of the isometric plane (lima2001 4.4: 6.95 mm).
     pub pixel_size: f32,
-    /// Points beyond this range are not used, metres: the edge of the plane.
+    /// Largest distance of points used, metres: the edge of the plane.
     pub range_max: f32,
     /// Step of φ, degrees (lima2001 4.4: 0.5).
     pub angle_step_deg: f32,
-    /// A point votes for this many ρ cells on either side, because points scatter. The paper uses 0, since its points
-    /// were exact to a pixel; 4 is 3 cm.
+    /// Number of ρ cells on either side that a point votes for, because points scatter. 4 is 3 cm; the paper uses 0,
+    /// since its points were exact to a pixel.
     pub vote_half_width_px: usize,
-    /// Lines taken from the accumulator (lima2001 4.4: q = 6).
+    /// Number of lines taken from the accumulator (lima2001 4.4: q = 6).
     pub lines_max: usize,
     /// Largest number of lines per array (lima2001 4.5: n = 6).
     pub lines_per_direction_max: usize,
-    /// Columns taken on either side of φ for the arrays (lima2001 4.1 step 7).
+    /// Number of columns on either side of φ for the arrays (lima2001 4.1 step 7).
     pub angle_half_window_steps: usize,
-    /// Peaks closer than this in φ belong to one line, degrees.
+    /// Difference in φ below which peaks belong to one line, degrees.
     pub suppression_angle_deg: f32,
-    /// Peaks closer than this in ρ belong to one line, metres.
+    /// Difference in ρ below which peaks belong to one line, metres.
     pub suppression_distance: f32,
-    /// A detected line and a model line match within this distance, metres.
+    /// Largest distance of a detected line from its model line, metres.
     pub tolerance: f32,
-    /// Relevance is zero this far from parallel or perpendicular, degrees (lima2001 fig. 9b).
+    /// Deviation from parallel or perpendicular at which relevance is zero, degrees (lima2001 fig. 9b).
     pub relevance_width_deg: f32,
-    /// Relevance is zero this far from every spacing of field lines, metres (lima2001 fig. 9c).
+    /// Deviation from every spacing of field lines at which relevance is zero, metres (lima2001 fig. 9c).
     pub relevance_width: f32,
-    /// Orientations tried, in the order of relevance; 1 as in the paper.
+    /// Number of orientations tried, in order of relevance; 1 in the paper. A larger value costs more time.
     pub orientations_max: usize,
-    /// Maxima of the correlation kept per array: a single detected line fits each of the field's seven equally well.
+    /// Number of correlation maxima kept per array. A single detected line fits each of the field's seven equally well.
     pub correlation_peaks_max: usize,
 }
 

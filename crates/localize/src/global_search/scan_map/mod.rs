@@ -28,13 +28,13 @@ use errors::ErrorModel;
 use grid::{CellWindow, Grid};
 use pattern::{LAYERS, scan_field, scan_points};
 
-/// Pattern and error of the scan map.
+/// Settings of the scan map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScanMapConfig {
-    /// Side of a cell, metres (minho2016 IV: 0.1).
+    /// Side of a cell, metres (minho2016 IV: 0.1). A smaller cell is more accurate and costs more memory.
     pub cell: f32,
-    /// Cells beyond the boundary lines, metres (minho2016 IV: 1).
+    /// Extent of the cells beyond the boundary lines, metres (minho2016 IV: 1).
     pub margin: f32,
     /// Largest distance used, metres ("the maximum robot visualization distance").
     pub range_max: f32,
@@ -42,11 +42,11 @@ pub struct ScanMapConfig {
     pub range_min: f32,
     /// Rotation of a spiral from the smallest to the largest distance, degrees.
     pub spiral_turn_deg: f32,
-    /// c of eq. 5, metres.
+    /// Kernel scale c of eq. 5, metres.
     pub kernel_scale: f32,
-    /// Distance at which a point's weight is one half, metres.
+    /// Distance at which the weight of a point is one half, metres.
     pub half_weight_range: f32,
-    /// Half the side of the local search's square, metres (minho2016 VI: 4 m²).
+    /// Half the side of the square of the local search, metres (minho2016 VI: 4 m²).
     pub local_half: f32,
 }
 
