@@ -39,9 +39,9 @@ use crate::feed::Pace;
 pub(crate) const FORMAT_VERSION: u32 = 2;
 /// Name of the metadata record that marks an MCAP file as a log of Mirrorball.
 pub const PROJECT_NAME: &str = "mirrorball";
-/// Topic of [`wire::Cycle`], all that replay needs.
+/// Topic of `wire::Cycle`, all that replay needs.
 pub const CYCLE_TOPIC: &str = "/cycle";
-/// Topic of [`wire::About`], the first message of a live stream.
+/// Topic of `wire::About`, the first message of a live stream.
 pub const ABOUT_TOPIC: &str = "/about";
 /// Topic of the images.
 pub const IMAGE_TOPIC: &str = "/camera/image";

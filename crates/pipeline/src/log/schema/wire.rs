@@ -2,7 +2,7 @@
 //!
 //! Each message derives its bytes (prost) and its schema (foxglove) from one struct: both number the fields in order
 //! of declaration. Single floats are marked `required`, since proto3 would drop −0.0 as a default, and replay compares
-//! bits. A change of a message raises [`super::FORMAT_VERSION`].
+//! bits. A change of a message raises `FORMAT_VERSION`.
 
 use foxglove::Encode;
 use prost::bytes::Bytes;
