@@ -28,7 +28,7 @@ impl Default for LogConfig {
             // One second at 30 Hz: 20 MB at 480 × 480 pixels.
             queue_images: 30,
             queue_cycles: 300,
-            // A kill may lose at most one second, writing time included. Shorter periods cost memory: each flush ends a chunk.
+            // A kill loses at most one second, writing included. Shorter periods cost memory: a flush ends a chunk.
             flush_period: 0.75,
         }
     }

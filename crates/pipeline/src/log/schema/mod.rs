@@ -46,7 +46,7 @@ pub const ABOUT_TOPIC: &str = "/about";
 /// Topic of the images.
 pub const IMAGE_TOPIC: &str = "/camera/image";
 
-/// Size at which a chunk is closed, bytes. Including the image that exceeds it, a chunk of a usual camera is below 1 MiB.
+/// Size at which a chunk is closed, bytes. With the last image, chunks of usual cameras stay below 1 MiB.
 const CHUNK_BYTES: u64 = 384 * 1024;
 /// Size at which a chunk is closed on a robot, bytes. Usually a flush ends the chunk earlier.
 ///
