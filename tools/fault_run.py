@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Does the robot play on whatever breaks? Virtual hardware that fails by plan, and a verdict on each fault.
+"""Does the robot keep running after faults? Runs virtual hardware that fails by plan, and judges each fault.
 
     tools/fault_run.py --minutes 10 --out out/faults
 
-Starts `mirrorball sim --hardware --faults` and `mirrorball run --patrol --record`, adds what only the system can break
-(full disk, frozen process, vanished reader of the status line), and asks of every fault: was it named, was it recovered
-from in time, did the wheels ever turn without a fresh command, does the log read? Exits 1 if one answer is wrong.
+Starts `mirrorball sim --hardware --faults` and `mirrorball run --patrol --record`, adds faults of the operating
+system (full disk, frozen process, closed reader of the status line), and checks: is each fault reported, does the robot
+recover in time, do the wheels stop without a valid command, is the log readable? Exits with 1 if a check fails.
 """
 
 import argparse
@@ -30,7 +30,7 @@ PROGRAM = ROOT / "target" / "release" / "mirrorball"
 SCENARIO = ROOT / "config" / "scenarios" / "demo.toml"
 PATROL = "speed = 0.8\nwaypoints = [{ x = -3.0, y = -2.0, theta_deg = 40.0 }, { x = 0.0, y = 2.0 }, { x = -5.0, y = 1.0 }]\n"
 
-# Kind, seconds it lasts, device, and the state or a word of the reason by which it must be named.
+# Kind, duration in seconds, device, and the state or a word of the reason that must be reported.
 KINDS = [
     ("camera-freezes", 3.0, "camera", "stuck"),
     ("camera-silent", 3.0, "camera", "stalled"),
@@ -48,28 +48,28 @@ KINDS = [
     ("imu-nan", 3.0, "imu", "range"),
     ("imu-garbage", 2.0, "imu", "garbage"),
 ]
-# Quiet time before the first fault, and after each.
+# Time without faults before the first fault, and after each.
 START_S, PAUSE_S = 6.0, 6.0
-# Truth is written at every sensor's sample: a longer gap is a world that stood still.
+# Truth is written at every sensor sample. A longer gap means that the simulation paused.
 PAUSED_S = 0.5
-# A pose this near to the truth is a right one.
+# Largest position error of a correct pose.
 NEAR_M = 0.3
 
 
 @dataclass
 class Verdict:
-    """One fault and what became of it."""
+    """Result of one fault."""
 
     kind: str
     named: bool
     recovered_s: float | None
-    # False if the machine stopped the world itself meanwhile: that says nothing about the robot.
+    # False if the simulation paused meanwhile, so that the fault says nothing about the robot.
     judged: bool = True
     problems: list[str] = field(default_factory=list)
 
 
 def plan(seconds: float, kinds: list[tuple[str, float, str, str]], pause_s: float) -> list[dict[str, Any]]:
-    """Faults one after the other, round after round, until the time is over."""
+    """Plans consecutive faults, in rounds over all kinds, until the time is over."""
     faults, at, turn = [], START_S, 0
     while True:
         kind, lasts, _, _ = kinds[turn % len(kinds)]
@@ -82,7 +82,7 @@ def plan(seconds: float, kinds: list[tuple[str, float, str, str]], pause_s: floa
 
 
 def write_plan(path: Path, faults: list[dict[str, Any]]) -> None:
-    """The plan as `sim --faults` reads it."""
+    """Writes the plan in the format of `sim --faults`."""
     lines = []
     for fault in faults:
         lines += ["[[fault]]", *(f"{key} = {json.dumps(value)}" for key, value in fault.items()), ""]
@@ -93,7 +93,7 @@ class Processes:
     """The virtual hardware and the robot's process."""
 
     def __init__(self, program: Path, out: Path, seconds: float, faults: list[dict[str, Any]], rate: int) -> None:
-        """Starts both, the robot first: any order must do."""
+        """Starts the hardware, then the robot."""
         self.out = out
         (out / "patrol.toml").write_text(PATROL)
         write_plan(out / "faults.toml", faults)
@@ -112,14 +112,14 @@ class Processes:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         play += ["--out", out / "poses.csv", "--live", f"127.0.0.1:{self.port}", "--json"]
-        # Python ignores SIGXFSZ, and a child that is not restored does too: a full disk is then an error, not a signal.
+        # Python ignores SIGXFSZ, and the child inherits this. A full disk is then an error, not a signal.
         self.robot = subprocess.Popen(
             [*map(str, play)], stdout=(out / "run.json").open("w"), stderr=subprocess.PIPE, restore_signals=False
         )
         self.began = time.monotonic()
 
     def fill_disk(self, seconds: float) -> None:
-        """No file may grow for a while."""
+        """Prevents files from growing for the given time."""
         size = max(file.stat().st_size for file in self.out.glob("log*.mcap"))
         _, hard = resource.prlimit(self.robot.pid, resource.RLIMIT_FSIZE)
         resource.prlimit(self.robot.pid, resource.RLIMIT_FSIZE, (min(size, 1 << 20), hard))
@@ -127,13 +127,13 @@ class Processes:
         resource.prlimit(self.robot.pid, resource.RLIMIT_FSIZE, (hard, hard))
 
     def freeze(self, seconds: float) -> None:
-        """The robot's process gets no time at all."""
+        """Stops the robot's process for the given time."""
         self.robot.send_signal(signal.SIGSTOP)
         time.sleep(seconds)
         self.robot.send_signal(signal.SIGCONT)
 
     def watch(self) -> socket.socket:
-        """A viewer of the live stream that never reads what it gets."""
+        """Connects a viewer of the live stream that never reads its data."""
         viewer = None
         while viewer is None:
             try:
@@ -151,14 +151,14 @@ class Processes:
         return viewer
 
     def vanish(self, viewer: socket.socket) -> None:
-        """Whoever watched the stream or read the status line is gone, in the middle of a message."""
+        """Closes the viewer and the reader of the status line in the middle of a message."""
         viewer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
         viewer.close()
         if self.robot.stderr is not None:
             self.robot.stderr.close()
 
     def stop(self) -> float:
-        """Ends the robot's process as systemd would, then the hardware; when the robot was told, CLOCK_MONOTONIC."""
+        """Terminates the robot's process as systemd does, then the hardware. Returns the time of the first, CLOCK_MONOTONIC."""
         told = time.monotonic()
         self.robot.terminate()
         self.robot.wait(20)
@@ -169,13 +169,13 @@ class Processes:
 
 
 def state_at(changes: list[dict[str, Any]], device: str, stamp: float) -> str:
-    """What the device was then."""
+    """State of the device at that time."""
     states = [change["state"] for change in changes if change["device"] == device and change["stamp_s"] <= stamp]
     return states[-1] if states else "absent"
 
 
 def errors(out: Path) -> list[tuple[float, float]]:
-    """Stamps and position errors of all frames with a pose (infinite: none)."""
+    """Stamps and position errors of all frames. Infinite without a pose."""
     with (out / "truth.csv").open() as file:
         truth = [(float(row["stamp_s"]), float(row["x_m"]), float(row["y_m"])) for row in csv.DictReader(file)]
     stamps = [row[0] for row in truth]
@@ -191,7 +191,7 @@ def errors(out: Path) -> list[tuple[float, float]]:
 
 
 def pauses(out: Path) -> list[tuple[float, float]]:
-    """When the virtual hardware itself stood still: its process got no time from this machine."""
+    """Intervals in which the virtual hardware paused, because its process got no CPU time."""
     with (out / "truth.csv").open() as file:
         stamps = [float(row["stamp_s"]) for row in csv.DictReader(file)]
     return [(a, b) for a, b in itertools.pairwise(stamps) if b - a > PAUSED_S]
@@ -204,13 +204,13 @@ def judge(
     paused: list[tuple[float, float]],
     within_s: float,
 ) -> Verdict:
-    """Was the fault named, and when was all well again after its end?"""
+    """Checks whether the fault was reported, and how long after its end the robot recovered."""
     device, word = next((device, word) for kind, _, device, word in KINDS if kind == fault["kind"])
     begin, end = fault["from_s"], fault["until_s"]
     changes = report["changes"]
     during = [c for c in changes if c["device"] == device and begin <= c["stamp_s"] <= end + within_s]
     named = not word or any(word == c["state"] or word in (c["reason"] or "") for c in during)
-    # The last time after the fault's end at which the device ran again, and a pose was right again.
+    # Time from the fault's end until the device runs and a pose is correct.
     recovered = 0.0
     if state_at(changes, device, end) != "running":
         back = [c["stamp_s"] - end for c in changes if c["device"] == device and c["stamp_s"] > end and c["state"] == "running"]
@@ -229,7 +229,7 @@ def judge(
 
 
 def reads(program: Path, out: Path) -> list[str]:
-    """What is wrong with the logs."""
+    """Problems of the logs."""
     if not list(out.glob("log*.mcap")):
         return ["there is no log"]
     problems = []
@@ -252,7 +252,7 @@ def fault_run(
     rate: int = 30,
     program: Path = PROGRAM,
 ) -> tuple[list[Verdict], list[str], dict[str, Any]]:
-    """Runs the plan; verdicts on each fault, problems of the whole, and the robot's own report."""
+    """Runs the plan. Returns verdicts on the faults, problems of the run, and a summary."""
     out.mkdir(parents=True, exist_ok=True)
     for old in [*out.glob("log*.mcap"), *(out / "robot").glob("*.toml")]:
         old.unlink()
@@ -261,7 +261,7 @@ def fault_run(
     problems = []
     try:
         viewer = processes.watch()
-        # The system's own faults, spread over the quiet moments.
+        # Faults of the operating system, in pauses between the planned ones.
         for share, name in [(0.3, "disk"), (0.5, "frozen"), (0.7, "viewer")]:
             before = faults[int(share * len(faults))]
             quiet = before["at"] + before["for"] + 0.5 * pause_s

@@ -1,4 +1,4 @@
-//! How is a CSV file of a recording read and written? By column name; errors name file, line and reason.
+//! How is a CSV file of a recording read and written? By column name. Errors name file, line and reason.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -112,10 +112,10 @@ impl<'a> CsvRow<'a> {
     }
 }
 
-/// A CSV file that appears under its name when it is complete, or not at all.
+/// A CSV file that gets its name only when it is complete.
 pub struct CsvWriter {
     path: PathBuf,
-    /// Hidden file that becomes the named one. None for a pipe or device, which takes lines at once.
+    /// Hidden file, renamed at the end. None for a pipe or device, which is written directly.
     partial: Option<PathBuf>,
     out: BufWriter<File>,
 }
@@ -166,14 +166,14 @@ impl CsvWriter {
 
 impl Drop for CsvWriter {
     fn drop(&mut self) {
-        // After `finish` there is nothing to remove; a failure leaves only a hidden .part file.
+        // After `finish` there is no file to remove. If removal fails, only a hidden .part file remains.
         if let Some(partial) = &self.partial {
             let _ = std::fs::remove_file(partial);
         }
     }
 }
 
-/// Seconds with at least three decimals, and as many as the stamp needs.
+/// Seconds with at least three decimals, more if the stamp needs them.
 pub fn format_seconds(stamp: localize::Stamp) -> String {
     let nanoseconds = stamp.0.unsigned_abs();
     let sign = if stamp.0 < 0 { "-" } else { "" };

@@ -1,8 +1,8 @@
 //! How do several of our robots play on one field, each with its own vision and localization?
 //!
-//! Each robot has its own simulation, which renders its sensors. The first simulation moves the ball and the opponents;
-//! every hundredth of a second the others are synchronised with it. Messages are the datagrams of [`crate::datagram`];
-//! the scenario says how they are lost, delayed and reordered. A seed gives the same bits with any number of threads.
+//! Each robot has its own simulation, which renders its sensors. The first simulation moves the ball and the opponents.
+//! The others are synchronised with it every 10 ms. Messages are the datagrams of [`crate::datagram`]. The scenario
+//! determines their loss, delay and reordering. Equal seeds give equal bits with any number of threads.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ use crate::score::summary::{RunStatistics, Summary};
 use crate::score::{self, SampleStatistics};
 use crate::simulation::{sample_from_sim, setup_from_sim};
 
-/// Period of synchronisation: a robot at 5 m/s moves 5 cm in it.
+/// Period of synchronisation, in which a robot at 5 m/s moves 5 cm.
 const SYNC_PERIOD: Stamp = Stamp(10_000_000);
 /// Random stream of the radio; the simulations use lower numbers.
 const RADIO_STREAM: u64 = 9;
@@ -51,7 +51,7 @@ struct SimulatedRobot {
     sim: Sim,
     pipeline: Pipeline,
     team_link: TeamLink,
-    /// A sample after the current synchronisation.
+    /// The next sample, whose stamp is after the current synchronisation.
     pending_sample: Option<Simulated>,
     cycles: Vec<Arc<Cycle>>,
     last_sent: Option<Stamp>,
@@ -65,14 +65,14 @@ struct SimulatedRobot {
 /// Results of one robot.
 #[derive(Debug, Serialize)]
 pub struct RobotSummary {
-    /// Its number.
+    /// Number of the robot, from 1.
     pub robot: usize,
-    /// Its statistics.
+    /// Statistics of its run.
     #[serde(flatten)]
     pub summary: Summary,
     /// Error of its own ball on the field, metres, while the ball was far from all robots.
     pub own_far_ball_m: Option<SampleStatistics>,
-    /// The same for the team's fused ball.
+    /// Error of the team's fused ball, metres, while the ball was far from all robots.
     pub team_far_ball_m: Option<SampleStatistics>,
     /// Received team messages.
     pub words: u64,
@@ -149,7 +149,9 @@ impl MultiRobotSimulation {
         })
     }
 
-    /// Runs to the end or until `on_progress`, which gets the simulated seconds, breaks off; logs are complete either way.
+    /// Runs until the end, or until `on_progress` breaks. It receives the simulated time in seconds.
+    ///
+    /// The logs are complete in both cases.
     pub fn run(
         mut self,
         mut on_progress: impl FnMut(f64) -> Result<ControlFlow<()>>,
@@ -160,7 +162,7 @@ impl MultiRobotSimulation {
                 break;
             }
         }
-        let fared = |(index, player): (usize, SimulatedRobot)| {
+        let summarize = |(index, player): (usize, SimulatedRobot)| {
             player.recorder.map(Recorder::finish).transpose()?;
             Ok(RobotSummary {
                 robot: index + 1,
@@ -170,7 +172,11 @@ impl MultiRobotSimulation {
                 words: player.team_link.counts().received,
             })
         };
-        self.players.into_iter().enumerate().map(fared).collect()
+        self.players
+            .into_iter()
+            .enumerate()
+            .map(summarize)
+            .collect()
     }
 
     fn tick(&mut self) -> Result<()> {
@@ -187,9 +193,9 @@ impl MultiRobotSimulation {
         for (index, player) in self.players.iter_mut().enumerate() {
             let mut others = others.clone();
             let own = truths.iter().map(|truth| truth.robot);
-            let fellows = own.enumerate().filter(|(other, _)| *other != index);
-            for (place, (_, fellow)) in others[from..].iter_mut().zip(fellows) {
-                *place = fellow;
+            let teammates = own.enumerate().filter(|(other, _)| *other != index);
+            for (place, (_, teammate)) in others[from..].iter_mut().zip(teammates) {
+                *place = teammate;
             }
             let ball = truths[0].ball.filter(|_| index > 0);
             player.sim.synchronise_others(&others, ball);
@@ -213,13 +219,13 @@ impl MultiRobotSimulation {
                 continue;
             }
             player.last_sent = Some(now);
-            let word = player.team_link.encode_message(cycle, now);
-            self.radio.send(now, from, count, &word);
+            let message = player.team_link.encode_message(cycle, now);
+            self.radio.send(now, from, count, &message);
         }
-        for (to, word) in self.radio.take_arrived(now) {
+        for (to, message) in self.radio.take_arrived(now) {
             let player = &mut self.players[to];
             // The link counts refusals.
-            if let Ok(report) = player.team_link.receive(&word, now) {
+            if let Ok(report) = player.team_link.receive(&message, now) {
                 player.pipeline.process_sample(Sample::TeamReport(report));
             }
         }
@@ -286,14 +292,14 @@ impl SimulatedRobot {
 }
 
 impl RadioChannel {
-    fn send(&mut self, now: Stamp, from: usize, count: usize, word: &[u8]) {
+    fn send(&mut self, now: Stamp, from: usize, count: usize, message: &[u8]) {
         let [soonest, latest] = self.config.delay;
         for to in (0..count).filter(|to| *to != from) {
             let (lost, late) = (self.rng.random::<f32>(), self.rng.random::<f64>());
             if lost >= self.config.loss {
                 let delay = soonest + late * (latest - soonest);
                 let arrival = Stamp(now.0 + Stamp::from_seconds(delay).0);
-                self.in_flight.push((arrival, to, word.to_vec()));
+                self.in_flight.push((arrival, to, message.to_vec()));
             }
         }
     }
@@ -305,25 +311,25 @@ impl RadioChannel {
         let due = self
             .in_flight
             .partition_point(|(arrival, _, _)| *arrival <= now);
-        let words = self.in_flight.drain(..due);
-        words.map(|(_, to, word)| (to, word)).collect()
+        let messages = self.in_flight.drain(..due);
+        messages.map(|(_, to, message)| (to, message)).collect()
     }
 }
 
-/// The scenario of robot `index`: itself as the simulated robot, the others of the team as moved teammates.
+/// The scenario of robot `index`: that robot is simulated, and its teammates are obstacles that the caller moves.
 fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
     let first = TeammateConfig {
         start: scenario.start,
         path: scenario.path.clone(),
         mount: scenario.mount,
     };
-    let squad: Vec<&TeammateConfig> = std::iter::once(&first).chain(&scenario.squad).collect();
+    let team: Vec<&TeammateConfig> = std::iter::once(&first).chain(&scenario.squad).collect();
     let mut own = scenario.clone();
-    let fellow = squad[index];
-    (own.start, own.mount) = (fellow.start, fellow.mount);
-    own.path.clone_from(&fellow.path);
+    let teammate = team[index];
+    (own.start, own.mount) = (teammate.start, teammate.mount);
+    own.path.clone_from(&teammate.path);
     own.squad.clear();
-    // Each robot has its own sensor noise; the opponents' behaviour is that of the first simulation.
+    // Each robot has its own sensor noise. The first simulation alone determines the opponents' behaviour.
     own.seed = scenario.seed.wrapping_add(index as u64);
     if index > 0 {
         own.kidnaps.clear();
@@ -331,17 +337,16 @@ fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
         own.occlusions.clear();
         own.faults.clear();
     }
-    let mates = squad
-        .iter()
-        .enumerate()
-        .filter(|(other, _)| *other != index);
-    own.others.placed.extend(mates.map(|(_, mate)| PlacedRobot {
-        x: mate.start.x,
-        y: mate.start.y,
-        theta_deg: mate.start.theta_deg,
-        team: TeamColour::Cyan,
-        stands: true,
-    }));
+    let teammates = team.iter().enumerate().filter(|(other, _)| *other != index);
+    own.others
+        .placed
+        .extend(teammates.map(|(_, teammate)| PlacedRobot {
+            x: teammate.start.x,
+            y: teammate.start.y,
+            theta_deg: teammate.start.theta_deg,
+            team: TeamColour::Cyan,
+            stands: true,
+        }));
     own
 }
 
@@ -365,13 +370,13 @@ fn log_path(log: &Path, index: usize) -> PathBuf {
 }
 
 /// Prints the results of all robots.
-pub fn print(fared: &[RobotSummary]) {
+pub fn print(summaries: &[RobotSummary]) {
     println!("robot  frames  tracking  position  heading  far ball: own  team  words");
-    for robot in fared {
-        let mean = |spread: &Option<SampleStatistics>| {
-            spread
-                .as_ref()
-                .map_or("-".to_owned(), |spread| format!("{:.3} m", spread.mean))
+    for robot in summaries {
+        let mean = |statistics: &Option<SampleStatistics>| {
+            statistics.as_ref().map_or("-".to_owned(), |statistics| {
+                format!("{:.3} m", statistics.mean)
+            })
         };
         let summary = &robot.summary;
         let heading = summary.heading_error_rad.as_ref();
@@ -381,9 +386,9 @@ pub fn print(fared: &[RobotSummary]) {
             summary.frames,
             summary.tracking,
             mean(&summary.position_error_m),
-            heading.map_or("-".to_owned(), |spread| format!(
+            heading.map_or("-".to_owned(), |statistics| format!(
                 "{:.2}°",
-                spread.mean.to_degrees()
+                statistics.mean.to_degrees()
             )),
             mean(&robot.own_far_ball_m),
             mean(&robot.team_far_ball_m),
@@ -415,16 +420,16 @@ mod tests {
         pool.expect("threads").install(|| {
             let log_config = LogConfig::default();
             let record = Some((log, &log_config));
-            let squad = MultiRobotSimulation::new(
+            let simulation = MultiRobotSimulation::new(
                 (&path, &scenario),
                 &PipelineConfig::default(),
                 seconds,
                 record,
             );
-            squad
-                .expect("a squad")
+            simulation
+                .expect("a simulation")
                 .run(|_| Ok(ControlFlow::Continue(())))
-                .expect("played")
+                .expect("completed")
         })
     }
 
@@ -432,9 +437,9 @@ mod tests {
     fn multi_robot_run_is_deterministic_and_replays_bit_for_bit() {
         let folder = tempfile::tempdir().expect("a folder");
         let log = folder.path().join("game.mcap");
-        let fared = run_robots(2, 1.0, &log);
-        assert_eq!(fared.len(), 3);
-        for robot in &fared {
+        let summaries = run_robots(2, 1.0, &log);
+        assert_eq!(summaries.len(), 3);
+        for robot in &summaries {
             assert!(
                 robot.words > 10,
                 "robot {} received {}",

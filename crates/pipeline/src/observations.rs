@@ -1,9 +1,9 @@
-//! How does the world model receive detections? As observations in the types of localize.
+//! How does the world model receive detections? As observations of the types that localize defines.
 
 use localize::world::{ObjectObservation, WorldObservation};
 use vision::process::Detections;
 
-/// Ball and robots of an image as observations.
+/// Converts the detected ball and robots of an image to observations.
 pub fn object_observations(detections: &Detections) -> WorldObservation {
     let ball = detections.ball.map(|ball| ObjectObservation {
         at: ball.at,

@@ -1,10 +1,10 @@
-//! Where are config/ and samples/? In $MIRRORBALL_HOME, or above the working folder or the executable.
+//! Where are config/ and samples/? In $MIRRORBALL_HOME, or in a parent of the working folder or of the executable.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 
-/// Folder for tables that take long to build: `$MIRRORBALL_CACHE`, else the user's cache folder. None without either.
+/// Folder for tables that are slow to build: `$MIRRORBALL_CACHE`, else the user's cache folder. None if both are unset.
 pub fn cache_folder() -> Option<PathBuf> {
     let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
     if let Some(folder) = named("MIRRORBALL_CACHE") {
@@ -20,7 +20,7 @@ pub fn find_resource(relative: &str) -> Result<PathBuf> {
     let home = std::env::var_os("MIRRORBALL_HOME").map(PathBuf::from);
     let working = std::env::current_dir().ok();
     let executable = std::env::current_exe().ok();
-    // target/release/mirrorball lies two folders below the one that has config/.
+    // target/release/mirrorball is two levels below the folder that contains config/.
     let above = |path: Option<PathBuf>| {
         path.map(|path| path.ancestors().map(Path::to_owned).collect::<Vec<_>>())
             .unwrap_or_default()

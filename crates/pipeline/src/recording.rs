@@ -1,4 +1,4 @@
-//! What does a recording folder hold? Its CSV files and images as stamped samples, ordered by time.
+//! What does a recording folder contain? CSV files and images, read as stamped samples ordered by time.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ use crate::csv_table::{CsvRow, CsvTable};
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
 use crate::score::detections::GroundTruthObject;
 
-/// A recording folder: an iterator of its samples. Tables are read at once, images one by one.
+/// A recording folder as an iterator of samples. Tables are read when it is opened, images one by one.
 ///
 /// ```
 /// # fn main() -> anyhow::Result<()> {
@@ -46,7 +46,7 @@ struct RecordedSample {
     data: RecordedData,
 }
 
-// Samples of one stamp arrive in this order: motion before images.
+// Samples of equal stamps are yielded in this order: motion before images.
 enum RecordedData {
     Odometry(Odometry),
     Compass(Compass),
@@ -67,7 +67,7 @@ impl RecordedData {
 }
 
 impl Recording {
-    /// Reads the folder's tables. A malformed table is an error with its line; optional ones may be absent.
+    /// Reads the tables. A malformed table is an error that names the line. Optional tables may be absent.
     ///
     /// `point_std`: standard deviation of line points from another vision system (points.csv has none), metres.
     pub fn open(folder: &Path, point_std: f32) -> Result<Self> {
@@ -118,7 +118,7 @@ impl Recording {
             let mut last = None;
             for row in table.rows() {
                 let odometry = parse_odometry(row)?;
-                // Each row is the motion since the row above, so their order matters.
+                // Each row is the motion since the previous row, so the order of rows matters.
                 if last.is_some_and(|last| odometry.stamp < last) {
                     bail!("{}: stamp_s goes back in time", row.location());
                 }
@@ -185,7 +185,7 @@ impl Iterator for Recording {
     }
 }
 
-/// Magnetic fields by stamp, from magnetometer.csv; they belong to the headings of compass.csv at the same stamps.
+/// Magnetic fields of magnetometer.csv by stamp. They belong to the headings of compass.csv with equal stamps.
 fn read_magnetic_fields(folder: &Path) -> Result<BTreeMap<Stamp, [f32; 2]>> {
     let Some(table) = read_optional_table(folder, "magnetometer.csv", &["stamp_s", "x", "y"])?
     else {
@@ -207,14 +207,14 @@ fn read_optional_table(folder: &Path, name: &str, columns: &[&str]) -> Result<Op
 
 fn parse_stamp(row: CsvRow<'_>) -> Result<Stamp> {
     let seconds = row.number("stamp_s")?;
-    // Nanoseconds in 64 bits hold 292 years to both sides.
+    // 64 bits of nanoseconds span ±292 years.
     if seconds.abs() > 9e9 {
         bail!("{}: stamp_s = {seconds} is no time", row.location());
     }
     Ok(Stamp::from_seconds(seconds))
 }
 
-/// Largest motion of one row, metres and radians; a row may span a gap.
+/// Largest motion in one row, metres and radians. A row may span a gap in time.
 const MAX_ODOMETRY_STEP: f32 = 100.0;
 
 fn parse_odometry(row: CsvRow<'_>) -> Result<Odometry> {
@@ -245,7 +245,7 @@ fn parse_floats<const N: usize>(row: CsvRow<'_>, columns: [&str; N]) -> Result<[
     Ok(values)
 }
 
-/// Line points of another vision system. Rows of one stamp form one image.
+/// Line points of another vision system. Rows with equal stamps form one image.
 fn read_points(path: &Path, point_std: f32) -> Result<Vec<RecordedSample>> {
     let mut frames: BTreeMap<Stamp, Vec<LinePoint>> = BTreeMap::new();
     for row in CsvTable::read(path, &["stamp_s", "x_m", "y_m"])?.rows() {

@@ -1,4 +1,4 @@
-//! Which tables does a run write? poses.csv, line points and detections, as docs describe them.
+//! Which tables does a run write? Poses, line points and detections as CSV files.
 
 use std::path::Path;
 
@@ -59,7 +59,7 @@ impl CsvOutputs {
                 .iter()
                 .map(|goal| ("goal", goal.at, goal.covariance, goal.score));
             for (kind, at, [var_xx, _, var_yy], score) in ball.chain(robots).chain(goals) {
-                // One number for both directions: the root of the mean variance.
+                // One value for both axes: the root of the mean variance.
                 let std = ((var_xx + var_yy) / 2.0).max(0.0).sqrt();
                 file.write_row(format_args!(
                     "{stamp},{kind},{:.4},{:.4},{std:.4},{score:.3}",

@@ -1,4 +1,4 @@
-//! What does a source yield? Stamped samples, of the same types from a robot, a simulation, a log or a folder.
+//! What does a source yield? Stamped samples. Robot, simulation, log and recording folder use the same types.
 
 use std::fmt::Debug;
 use std::ops::Deref;
@@ -23,7 +23,7 @@ pub struct GroundTruth {
     pub ball: Option<At<FieldFrame>>,
     /// Other robots, if the source knows them.
     pub robots: Vec<At<FieldFrame>>,
-    /// Their headings on the field, radians, in the same order. Empty if the source does not know them, as a log.
+    /// Headings of `robots` on the field, radians, in the same order. Empty if unknown, as in a log.
     pub robot_headings: Vec<f32>,
 }
 
@@ -34,22 +34,22 @@ pub enum Sample {
     Odometry(Odometry),
     /// Heading from the compass.
     Compass(Compass),
-    /// Reading of the inertial unit.
+    /// Reading of the inertial measurement unit.
     Imu(Imu),
     /// Velocity command to the motors.
     Command(VelocityCommand),
-    /// Message of a team-mate.
+    /// Message of a teammate.
     TeamReport(TeamReport),
     /// Ground truth, for scoring. No stage reads it.
     GroundTruth(GroundTruth),
-    /// An image, which ends a cycle.
+    /// An image. It completes a cycle.
     Image(CameraImage),
 }
 
 /// The input of vision in one cycle.
 #[derive(Debug, Clone)]
 pub struct CameraImage {
-    /// Exposure time.
+    /// Time of exposure.
     pub stamp: Stamp,
     /// Pixels, or features that replace them.
     pub content: ImageContent,
@@ -69,7 +69,7 @@ pub enum ImageContent {
     },
     /// Detections of our own vision in an earlier run.
     Detections(Box<Detections>),
-    /// An image that could not be read, with the reason; the cycle runs without features.
+    /// An image that could not be read, with the reason. The cycle runs without features.
     Unreadable(String),
 }
 
@@ -78,11 +78,11 @@ pub enum ImageContent {
 pub enum SourceImage {
     /// Red, green, blue: from a file, a log or the simulator.
     Rgb(Arc<Image>),
-    /// Bytes in the camera's own format; JPEG is decoded before.
+    /// Bytes in the camera's own format. JPEG is decoded earlier.
     Raw(RawImage),
 }
 
-/// Bytes of an image that their producer owns, such as the buffer pool of a camera.
+/// Bytes of an image owned by its producer, such as the buffer pool of a camera.
 pub trait ImageBytes: Deref<Target = [u8]> + Debug + Send + Sync {}
 
 impl<T: Deref<Target = [u8]> + Debug + Send + Sync> ImageBytes for T {}
@@ -103,7 +103,7 @@ pub struct RawImage {
 }
 
 impl SourceImage {
-    /// The pixels as vision reads them.
+    /// View of the pixels for vision.
     pub fn view(&self) -> Pixels<'_> {
         match self {
             SourceImage::Rgb(image) => image.view(),
@@ -117,7 +117,7 @@ impl SourceImage {
         }
     }
 
-    /// Red, green, blue, as vision converts them. None if the image is truncated.
+    /// RGB image, converted as in vision. None if the image is truncated.
     pub fn to_rgb(&self) -> Option<Arc<Image>> {
         let view = match self {
             SourceImage::Rgb(image) => return Some(Arc::clone(image)),
@@ -142,7 +142,7 @@ impl SourceImage {
         }))
     }
 
-    /// True if RGB holds exactly what vision reads. Conversion from brightness and chroma rounds.
+    /// True if RGB represents the pixels exactly. Conversion from YUV rounds.
     pub fn is_lossless_in_rgb(&self) -> bool {
         !self.view().format.is_yuv()
     }

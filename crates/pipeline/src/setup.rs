@@ -1,4 +1,4 @@
-//! Which robot, on which field? From robot.toml to the inputs of a pipeline: field, camera, ground map, colours, mask.
+//! Which robot plays on which field? Loads what robot.toml names: field, camera, ground map, colours, mask.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,11 +11,11 @@ use vision::calibrate::mask::load_mask;
 use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::{GroundMap, Mount, Profile, optics};
 
-/// A robot and its field, loaded and checked.
+/// A robot and its field, loaded and validated.
 pub struct Setup {
-    /// The robot's file.
+    /// Contents of the robot file.
     pub robot: RobotConfig,
-    /// The field it names.
+    /// The field that the robot file names.
     pub field: Field,
     /// Camera and ground map. None for a recording of line points.
     pub camera: Option<(CameraConfig, Arc<GroundMap>)>,
@@ -37,7 +37,7 @@ impl Setup {
         Setup::new(robot_file, robot, field, map)
     }
 
-    /// As [`Setup::load`], from a robot and a field that are loaded already. `robot_file` is named in errors.
+    /// As [`Setup::load`], with a robot and a field that are already loaded. Errors name `robot_file`.
     pub fn new(
         robot_file: &Path,
         robot: RobotConfig,
@@ -70,13 +70,13 @@ impl Setup {
     }
 }
 
-/// Height of the viewpoint, metres: of the mirror half way between its inner and outer radius.
+/// Height of the viewpoint, metres: the mirror's height at the mean of its inner and outer radius.
 fn profile_viewpoint_height(profile: &Profile) -> f32 {
     let (inner, outer) = profile.radii();
     profile.height_and_slope((inner + outer) / 2.0).0 as f32
 }
 
-/// The saved colour table, or one learned from labels: those of robot.toml, or labels.csv in the same folder.
+/// The saved colour table, or one learned from labels. Labels are those of robot.toml, else labels.csv beside it.
 fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourTable>> {
     if let Some(saved) = &robot.colours {
         return Ok(Some(ColourTable::load(saved)?));
@@ -95,7 +95,7 @@ fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourT
     })?))
 }
 
-/// The ground map: `map` if given, else the robot's calibrated one, else one traced from the mirror's profile.
+/// The ground map: `map` if given, else the robot's calibrated map, else a map traced from the mirror profile.
 fn load_ground_map(
     robot_file: &Path,
     robot: &RobotConfig,

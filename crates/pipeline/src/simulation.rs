@@ -1,4 +1,4 @@
-//! A simulated robot as a source of samples: a scenario that runs until its end, camera commands included.
+//! How does a simulated robot yield samples? A scenario runs until its end, and the camera accepts commands.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -19,13 +19,13 @@ use crate::pipeline::Pipeline;
 use crate::sample::{CameraImage, GroundTruth, ImageContent, Sample};
 use crate::setup::Setup;
 
-/// Images that the simulator may be ahead of the pipeline: one in process, one in the channel.
+/// Images by which the simulator may be ahead of the pipeline: one being processed, one in the channel.
 const PREFETCHED_IMAGES: usize = 2;
 
-/// Camera commands that may wait for the simulator: more than a camera's delay and `PREFETCHED_IMAGES` together.
+/// Capacity for camera commands: more than a camera's delay plus `PREFETCHED_IMAGES`.
 const MAX_PENDING_COMMANDS: usize = 64;
 
-/// A running scenario: an iterator of samples, or [`Simulation::run`] with a pipeline.
+/// A running scenario. It is an iterator of samples; [`Simulation::run`] also connects a pipeline.
 ///
 /// ```
 /// # fn main() -> anyhow::Result<()> {
@@ -54,14 +54,14 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Reads a scenario; `seed` and `duration` (seconds) override its own.
+    /// Reads a scenario. `seed` and `duration` (seconds) override those of the file.
     pub fn load(scenario: &Path, seed: Option<u64>, duration: Option<f64>) -> Result<Self> {
         let sim = Sim::load(scenario, seed)?;
         let duration = duration.unwrap_or(sim.scenario().duration);
         Ok(Simulation { sim, duration })
     }
 
-    /// Reads a scenario; the values of `overrides` replace those of its file, table by table.
+    /// Reads a scenario. The values of `overrides` replace those of the file, table by table.
     pub fn with_overrides(
         scenario: &Path,
         overrides: &toml::Table,
@@ -75,7 +75,7 @@ impl Simulation {
         Ok(Simulation { sim, duration })
     }
 
-    /// What the robot assumes about itself: the map of its file, or that of its mirror as designed, not as mounted.
+    /// Setup of the robot: its calibrated ground map, or that of its mirror as designed, without the mounting error.
     pub fn setup(&self) -> Result<Setup> {
         let mut setup = setup_from_sim(&self.sim)?;
         // The camera starts with the exposure and gain of the scenario's sensor.
@@ -90,17 +90,17 @@ impl Simulation {
         Ok(setup)
     }
 
-    /// Changes exposure and gain of the camera, from the image on that the command names.
+    /// Changes exposure and gain of the camera, starting with the image that the command names.
     pub fn command_camera(&mut self, command: ExposureCommand) {
         let setting = command.setting;
         self.sim
             .schedule_exposure(command.from_frame, setting.exposure, setting.gain);
     }
 
-    /// Runs to the end, or until `on_cycle` breaks: samples go through the pipeline, cycles to `on_cycle`, and their
-    /// camera commands back to the simulated camera.
+    /// Runs until the end, or until `on_cycle` breaks.
     ///
-    /// The simulator runs ahead in its own thread as far as the camera's delay allows. The samples are the same.
+    /// Samples go to the pipeline, cycles to `on_cycle`, and camera commands back to the simulated camera. The simulator
+    /// runs ahead in its own thread as far as the camera's delay allows. This does not change the samples.
     pub fn run(
         self,
         pipeline: &mut Pipeline,
@@ -124,7 +124,7 @@ impl Simulation {
         &self.sim
     }
 
-    /// The simulator, to change it between two samples.
+    /// Mutable access to the simulator between two samples.
     pub fn sim_mut(&mut self) -> &mut Sim {
         &mut self.sim
     }
@@ -134,17 +134,17 @@ impl Simulation {
         self.duration
     }
 
-    /// Runs ahead in its own thread while its samples are processed. Its camera takes no commands.
+    /// Runs ahead in its own thread while the samples are processed. The camera accepts no commands.
     pub fn prefetch(self) -> Result<PrefetchedSimulation> {
         self.spawn_prefetch(false)
     }
 
-    /// `commanded`: waits for the camera command of each image's cycle, as far as the camera's delay requires.
+    /// With `commanded`, waits for the camera command of each cycle as far as the camera's delay requires.
     fn spawn_prefetch(mut self, commanded: bool) -> Result<PrefetchedSimulation> {
         let (sender, samples) = sync_channel(PREFETCHED_IMAGES);
         let (command_sender, commands) =
             sync_channel::<Option<ExposureCommand>>(MAX_PENDING_COMMANDS);
-        // A camera without exposure control takes no commands, so the simulator never waits.
+        // A camera without exposure control accepts no commands, so the simulator never waits.
         let camera = self.sim.robot().exposure.filter(|_| commanded);
         let delay = camera.map(|camera| camera.delay_frames.max(1));
         let run = move || {
@@ -156,11 +156,11 @@ impl Simulation {
                     continue;
                 }
                 images += 1;
-                // The receiver is gone: the run was aborted.
+                // The receiver was dropped: the run was aborted.
                 if sender.send(std::mem::take(&mut batch)).is_err() {
                     return;
                 }
-                // The next image has the number `images`; a command given `delay` images earlier holds for it.
+                // The next image has the number `images`. Commands given at least `delay` images earlier apply to it.
                 while delay.is_some_and(|delay| answered + delay <= images) {
                     let Ok(command) = commands.recv() else { return };
                     answered += 1;
@@ -196,7 +196,7 @@ impl Iterator for Simulation {
     }
 }
 
-/// A scenario and its robot file; the values of `overrides` replace those of the scenario's file.
+/// Loads a scenario and its robot file. The values of `overrides` replace those of the scenario file.
 pub fn load_scenario_with_overrides(
     path: &Path,
     overrides: &toml::Table,
@@ -220,14 +220,14 @@ pub fn load_scenario_with_overrides(
     Ok(Scenario::from_table(table, path)?)
 }
 
-/// What the robot of a simulation assumes about itself.
+/// Setup of a simulated robot, without exposure control.
 pub(crate) fn setup_from_sim(sim: &Sim) -> Result<Setup> {
     let scenario = sim.scenario();
     let mut robot = sim.robot().clone();
     if let Some(field) = &scenario.field {
         robot.field.clone_from(field);
     }
-    // Exposure control needs a way back to the camera, which only `Simulation::run` has.
+    // Exposure control needs a command channel to the camera, which only `Simulation::run` has.
     robot.exposure = None;
     Setup::new(&scenario.robot, robot, sim.field().clone(), None)
 }
@@ -274,9 +274,9 @@ pub struct PrefetchedSimulation {
 }
 
 impl PrefetchedSimulation {
-    /// Sends the camera command of an image's cycle; once per image, in their order.
+    /// Sends the camera command of a cycle. Must be called once per image, in order.
     fn send_camera_command(&self, command: Option<ExposureCommand>) {
-        // A simulator that has ended needs no command.
+        // A simulator that has ended ignores commands.
         let _ = self.camera_commands.try_send(command);
     }
 }

@@ -5,7 +5,7 @@ use sha2::Sha256;
 
 /// Length of the code after a datagram's content, bytes: the first half of HMAC-SHA256.
 pub const MAC_BYTES: usize = 16;
-/// Shorter keys can be guessed.
+/// Shortest key, characters; shorter ones can be guessed.
 const MIN_KEY_LENGTH: usize = 8;
 
 /// A key that all senders share.
@@ -18,13 +18,13 @@ impl std::fmt::Debug for MacKey {
     }
 }
 
-/// Why a datagram is refused.
+/// Why a datagram is rejected.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, thiserror::Error, serde::Serialize,
 )]
 #[serde(rename_all = "lowercase")]
 pub enum RejectReason {
-    /// Not a message of Mirrorball.
+    /// Not a message of Mirrorball or of this team.
     #[error("no message of ours")]
     Foreign,
     /// Authentication code missing or wrong.
@@ -36,16 +36,16 @@ pub enum RejectReason {
     /// Received before, or older than the latest message.
     #[error("heard before or overtaken")]
     Old,
-    /// A value that nothing on a field can have.
+    /// A value is implausible on a field.
     #[error("no sensible numbers")]
     Senseless,
-    /// Our own message.
+    /// Sent by this robot.
     #[error("our own")]
     Own,
 }
 
 impl MacKey {
-    /// A key from a phrase. Short phrases are refused.
+    /// Derives a key from a phrase. Short phrases are rejected.
     pub fn new(phrase: &str) -> anyhow::Result<Self> {
         anyhow::ensure!(
             phrase.len() >= MIN_KEY_LENGTH,
@@ -71,7 +71,7 @@ pub fn append_mac(mut content: Vec<u8>, key: Option<&MacKey>) -> Vec<u8> {
     content
 }
 
-/// Content of a datagram whose code is correct, or of any datagram if there is no key.
+/// Content of a datagram with a correct code. Without a key, any datagram is accepted.
 pub fn verify_mac<'a>(datagram: &'a [u8], key: Option<&MacKey>) -> Result<&'a [u8], RejectReason> {
     let Some(key) = key else {
         return Ok(datagram);
@@ -87,7 +87,7 @@ pub fn verify_mac<'a>(datagram: &'a [u8], key: Option<&MacKey>) -> Result<&'a [u
         .map_err(|_wrong| RejectReason::Unsealed)
 }
 
-/// Accepts each message of a sender once, and none that is older than the latest.
+/// Accepts each message of a sender once, and none older than the latest.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ReplayGuard {
     last: Option<(u64, u64, f64)>,
@@ -104,9 +104,9 @@ impl ReplayGuard {
         now: f64,
         silence: f64,
     ) -> Result<(), RejectReason> {
-        if let Some((last_session, last_sequence, heard)) = self.last
+        if let Some((last_session, last_sequence, last_received)) = self.last
             && (session, sequence) <= (last_session, last_sequence)
-            && (session == last_session || now - heard < silence)
+            && (session == last_session || now - last_received < silence)
         {
             return Err(RejectReason::Old);
         }

@@ -1,4 +1,4 @@
-//! Which messages do other programs get? Those of `docs/network.proto`, in protobuf and JSON.
+//! Which messages do other programs receive? Those of `docs/network.proto`, in protobuf and JSON.
 
 use localize::estimate::Estimate;
 use localize::world::{TeamColour, TrackedObject};
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::cycle::Cycle;
 use crate::log::schema::convert;
 
-/// Version of all messages; it is raised when a field changes its meaning.
+/// Version of all messages. Raised when the meaning of a field changes.
 pub const VERSION: u32 = 1;
 
 /// State of the robot at one image.
@@ -23,7 +23,7 @@ pub struct State {
     /// Number of the cycle from 0; a gap is a cycle that was not sent.
     #[prost(uint64)]
     pub sequence: u64,
-    /// Exposure time of the image by the robot's clock.
+    /// Time of exposure of the image, robot clock.
     #[prost(sint64)]
     pub stamp_ns: i64,
     /// Pose of the robot. None while it is lost.
@@ -59,7 +59,7 @@ pub struct Pose {
     /// Standard deviations of x, y and θ.
     #[prost(float, repeated)]
     pub std: Vec<f32>,
-    /// True if the half of the field is known.
+    /// True if it is known in which half of the field the robot is.
     #[prost(bool)]
     pub half_known: bool,
 }
@@ -89,7 +89,7 @@ pub struct ObjectState {
 #[derive(Clone, PartialEq, prost::Message, Serialize, Deserialize)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct ObjectReport {
-    /// Number of its track.
+    /// Number of the track.
     #[prost(uint32)]
     pub id: u32,
     /// Robot frame.
@@ -98,13 +98,13 @@ pub struct ObjectReport {
     /// Field frame. None while the robot is lost.
     #[prost(message, optional)]
     pub on_field: Option<ObjectState>,
-    /// Probability that it exists, 0 to 1.
+    /// Probability that the object exists, 0 to 1.
     #[prost(float)]
     pub probability: f32,
-    /// Time since it was last detected, seconds.
+    /// Time since its last detection, seconds.
     #[prost(float)]
     pub unseen: f32,
-    /// cyan, magenta or nothing.
+    /// cyan, magenta or empty.
     #[prost(string)]
     pub team: String,
 }
@@ -125,10 +125,10 @@ pub struct Health {
     /// Share of the line points on markings.
     #[prost(float)]
     pub inlier_share: f32,
-    /// Image to features, milliseconds.
+    /// Time from image to features, milliseconds.
     #[prost(float)]
     pub see_ms: f32,
-    /// Features to a pose, milliseconds.
+    /// Time from features to pose, milliseconds.
     #[prost(float)]
     pub localize_ms: f32,
 }
@@ -141,20 +141,20 @@ pub struct Command {
     /// [`VERSION`].
     #[prost(uint32)]
     pub version: u32,
-    /// Larger for each start of the sender: its start in nanoseconds since 1970 will do.
+    /// Increases with each start of the sender, for example its start time in nanoseconds since 1970.
     #[prost(uint64)]
     pub session: u64,
-    /// Larger for each command of a session.
+    /// Increases with each command of a session.
     #[prost(uint64)]
     pub sequence: u64,
-    /// Duration from its arrival, milliseconds; then the wheels stop.
+    /// Validity after arrival, milliseconds. Then the wheels stop.
     #[prost(float)]
     pub valid_ms: f32,
-    /// Velocity from now on.
+    /// Velocity while the command is valid.
     #[prost(message, optional)]
     #[serde(default)]
     pub drive: Option<Drive>,
-    /// A kick, once.
+    /// A single kick.
     #[prost(message, optional)]
     #[serde(default)]
     pub kick: Option<Kick>,
@@ -188,7 +188,7 @@ pub struct Kick {
     /// Speed of the ball, m/s.
     #[prost(float)]
     pub speed: f32,
-    /// Lofted, or along the ground.
+    /// True for a lofted kick, false for one along the ground.
     #[prost(bool)]
     pub lofted: bool,
 }
@@ -206,31 +206,31 @@ pub struct TeamMessage {
     /// Number of the sender.
     #[prost(uint32)]
     pub robot: u32,
-    /// Larger for each start of the sender.
+    /// Increases with each start of the sender.
     #[prost(uint64)]
     pub session: u64,
-    /// Larger for each message.
+    /// Increases with each message.
     #[prost(uint64)]
     pub sequence: u64,
-    /// Time of sending, by the sender's clock.
+    /// Time of sending, sender clock.
     #[prost(sint64)]
     pub sent_ns: i64,
-    /// Time of its content, by the sender's clock.
+    /// Time of the estimates, sender clock.
     #[prost(sint64)]
     pub stamp_ns: i64,
-    /// The latest messages that the sender received, for clock offsets.
+    /// Latest message received from each teammate, for clock offsets.
     #[prost(message, repeated)]
     pub echoes: Vec<Echo>,
     /// Pose of the sender. None while it is lost.
     #[prost(message, optional)]
     pub pose: Option<Pose>,
-    /// The ball as the sender tracks it by itself.
+    /// The ball from the sender's own detections.
     #[prost(message, optional)]
     pub ball: Option<ObjectState>,
-    /// Time of its last detection, by the sender's clock.
+    /// Time of the last detection of the ball, sender clock.
     #[prost(sint64)]
     pub ball_seen_ns: i64,
-    /// Robots that it tracks.
+    /// Robots tracked by the sender.
     #[prost(message, repeated)]
     pub obstacles: Vec<ObjectState>,
 }
@@ -239,30 +239,30 @@ pub struct TeamMessage {
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 #[cfg_attr(any(test, feature = "testing"), derive(foxglove::Encode))]
 pub struct Echo {
-    /// Number of that robot.
+    /// Number of the robot that sent it.
     #[prost(uint32)]
     pub robot: u32,
-    /// Its `sent_ns`.
+    /// `sent_ns` of the received message.
     #[prost(sint64)]
     pub sent_ns: i64,
-    /// Time from its reception to the sending of this message, nanoseconds.
+    /// Time between its reception and the sending of this message, nanoseconds.
     #[prost(sint64)]
     pub held_ns: i64,
 }
 
 impl State {
-    /// The message of a cycle. `sequence`: number of the cycle.
+    /// Converts a cycle. `sequence`: number of the cycle.
     pub fn from_cycle(robot: u32, sequence: u64, cycle: &Cycle) -> Self {
         let estimate = &cycle.estimate;
-        let thing = |object: &TrackedObject| ObjectReport::from_object(object, cycle);
+        let report = |object: &TrackedObject| ObjectReport::from_object(object, cycle);
         State {
             version: VERSION,
             robot,
             sequence,
             stamp_ns: cycle.stamp.0,
             pose: Pose::from_estimate(estimate),
-            ball: cycle.world.ball.as_ref().map(thing),
-            robots: cycle.world.robots.iter().map(thing).collect(),
+            ball: cycle.world.ball.as_ref().map(report),
+            robots: cycle.world.robots.iter().map(report).collect(),
             health: Some(Health {
                 mode: convert::mode_and_reason(estimate),
                 fault: cycle.fault.clone().unwrap_or_default(),
@@ -299,7 +299,7 @@ impl Pose {
 
 impl ObjectReport {
     fn from_object(object: &TrackedObject, cycle: &Cycle) -> Self {
-        let place =
+        let state =
             |x, y, [velocity_x, velocity_y]: [f32; 2], p: &nalgebra::Matrix4<f32>| ObjectState {
                 x,
                 y,
@@ -314,10 +314,10 @@ impl ObjectReport {
         let (at, velocity) = (object.at, object.velocity);
         ObjectReport {
             id: object.id,
-            from_robot: Some(place(at.x, at.y, velocity, &object.covariance)),
+            from_robot: Some(state(at.x, at.y, velocity, &object.covariance)),
             on_field: object
                 .on_field
-                .map(|on| place(on.at.x, on.at.y, on.velocity, &on.covariance)),
+                .map(|on| state(on.at.x, on.at.y, on.velocity, &on.covariance)),
             probability: object.probability,
             unseen: object.last_seen.seconds_until(cycle.stamp) as f32,
             team: team.unwrap_or_default().to_owned(),

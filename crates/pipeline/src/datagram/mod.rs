@@ -1,6 +1,6 @@
-//! Which datagrams do robots and other programs exchange? Messages, authentication and the team's exchange.
+//! Which datagrams do robots and other programs exchange? Messages, authentication and the team link.
 //!
-//! Functions of data only; sockets belong to the application.
+//! This module has functions of data only. Sockets belong to the application.
 
 pub mod authentication;
 pub mod message;
@@ -51,7 +51,7 @@ impl Default for TeamLinkConfig {
 }
 
 impl TeamLinkConfig {
-    /// Group and port, or why they cannot be used.
+    /// Parses group and port. An error says why they are invalid.
     pub fn address(&self) -> Result<SocketAddrV4> {
         let group: SocketAddrV4 = self
             .group

@@ -1,31 +1,34 @@
-//! What is the offset of a team-mate's clock? Estimated from round trips of messages, as NTP does.
+//! What is the offset of a teammate's clock? It is estimated from round trips of messages, as in NTP.
 
 use std::collections::VecDeque;
 
-/// Number of stored round trips; the fastest one is used, because delays are asymmetric.
+/// Number of stored round trips. The shortest one is used, because it has the smallest asymmetry of delays.
 const MAX_EXCHANGES: usize = 32;
-/// A larger jump means that the clock was set; earlier round trips are dropped then, nanoseconds.
+/// A larger jump of the offset means that the clock was set, nanoseconds. Earlier round trips are then dropped.
 const CLOCK_STEP_NS: i64 = 500_000_000;
 
-/// Clock of a team-mate.
+/// Clock of a teammate.
 #[derive(Debug, Clone, Default)]
 pub struct PeerClock {
-    /// Offset and how long the way there and back took; one-way words take "twice as long as can be".
+    /// Offset and round trip, nanoseconds. Messages without an echo get `CLOCK_STEP_NS` as their round trip.
     exchanges: VecDeque<(i64, i64)>,
 }
 
 impl PeerClock {
-    /// A word sent at `sent_ns` of theirs was heard at `heard_ns` of ours. `echo`: our own word's sending, by our clock,
-    /// and how long they held it.
-    pub fn add_exchange(&mut self, sent_ns: i64, heard_ns: i64, echo: Option<(i64, i64)>) {
-        // Foreign clocks can hold any value: saturating arithmetic.
-        let one_way = heard_ns.saturating_sub(sent_ns);
-        let whole =
-            echo.map(|(ours_ns, held_ns)| heard_ns.saturating_sub(ours_ns).saturating_sub(held_ns));
-        let (offset, way) = match whole {
-            // One way takes half of the round trip; a negative round trip is ignored.
-            Some(way @ 0..1_000_000_000) => (one_way.saturating_sub(way / 2), way),
-            // Without a round trip, only a one-way delay of some milliseconds can be assumed.
+    /// Adds a message sent at `sent_ns` (peer clock) and received at `received_ns` (own clock).
+    ///
+    /// `echo`: when we sent the message that the peer echoes (own clock), and how long the peer held it, nanoseconds.
+    pub fn add_exchange(&mut self, sent_ns: i64, received_ns: i64, echo: Option<(i64, i64)>) {
+        // A peer clock can have any value, so arithmetic saturates.
+        let one_way = received_ns.saturating_sub(sent_ns);
+        let measured = echo
+            .map(|(ours_ns, held_ns)| received_ns.saturating_sub(ours_ns).saturating_sub(held_ns));
+        let (offset, round_trip) = match measured {
+            // The one-round_trip delay is taken as half of the round trip. Negative round trips are ignored.
+            Some(round_trip @ 0..1_000_000_000) => {
+                (one_way.saturating_sub(round_trip / 2), round_trip)
+            }
+            // Without a round trip the one-round_trip delay is neglected; it is usually some milliseconds.
             _ => (one_way, CLOCK_STEP_NS),
         };
         if let Some(known) = self.offset_ns()
@@ -36,22 +39,26 @@ impl PeerClock {
         if self.exchanges.len() == MAX_EXCHANGES {
             self.exchanges.pop_front();
         }
-        self.exchanges.push_back((offset, way));
+        self.exchanges.push_back((offset, round_trip));
     }
 
-    /// Our time minus theirs, nanoseconds. None before the first message.
+    /// Own clock minus peer clock, nanoseconds. None before the first message.
     pub fn offset_ns(&self) -> Option<i64> {
-        // Of equals the smaller offset: messages are late, never early.
+        // Of equal round trips the smaller offset is better: messages arrive late, never early.
         self.exchanges
             .iter()
-            .min_by_key(|(offset, way)| (*way, *offset))
+            .min_by_key(|(offset, round_trip)| (*round_trip, *offset))
             .map(|(offset, _)| *offset)
     }
 
-    /// Shortest round trip, nanoseconds; the offset is known to half of it.
+    /// Shortest round trip, nanoseconds. Half of it bounds the error of the offset.
     pub fn round_trip_ns(&self) -> Option<i64> {
-        let quickest = self.exchanges.iter().map(|(_, way)| *way).min()?;
-        (quickest < CLOCK_STEP_NS).then_some(quickest)
+        let shortest = self
+            .exchanges
+            .iter()
+            .map(|(_, round_trip)| *round_trip)
+            .min()?;
+        (shortest < CLOCK_STEP_NS).then_some(shortest)
     }
 }
 
@@ -66,11 +73,11 @@ mod tests {
         let (offset, mut clock) = (-7_123 * MS, PeerClock::default());
         let mut now = 1_000 * MS;
         for k in 0..40_i64 {
-            // Outward 2 to 42 ms, held for 30 ms, back 1 to 31 ms.
+            // 2 to 42 ms to the peer, 30 ms held, 1 to 31 ms back.
             let (there, held, back) = (2 * MS + k % 5 * 10 * MS, 30 * MS, MS + k % 4 * 10 * MS);
             let theirs = now + there + held - offset;
-            let heard = now + there + held + back;
-            clock.add_exchange(theirs, heard, Some((now, held)));
+            let received = now + there + held + back;
+            clock.add_exchange(theirs, received, Some((now, held)));
             now += 100 * MS;
         }
         let error = clock.offset_ns().expect("known") - offset;
@@ -84,9 +91,9 @@ mod tests {
         clock.add_exchange(0, 5 * MS, Some((0, 4 * MS)));
         clock.add_exchange(100_000 * MS, 10 * MS, None);
         assert_eq!(clock.offset_ns(), Some(10 * MS - 100_000 * MS));
-        for wild in [i64::MIN, i64::MAX, 0] {
-            clock.add_exchange(wild, i64::MIN, Some((wild, i64::MIN)));
-            clock.add_exchange(wild, i64::MAX, Some((i64::MIN, wild)));
+        for extreme in [i64::MIN, i64::MAX, 0] {
+            clock.add_exchange(extreme, i64::MIN, Some((extreme, i64::MIN)));
+            clock.add_exchange(extreme, i64::MAX, Some((i64::MIN, extreme)));
         }
         assert!(clock.offset_ns().is_some());
     }

@@ -1,4 +1,4 @@
-//! How do team messages become datagrams and come back? A function of data: time is an argument.
+//! How are team messages encoded as datagrams and decoded? Without I/O or clocks: time is an argument.
 
 use std::collections::BTreeMap;
 
@@ -14,9 +14,9 @@ use crate::cycle::Cycle;
 use crate::datagram::authentication::{MacKey, RejectReason, ReplayGuard, append_mac, verify_mac};
 use crate::datagram::message::{self, Echo, ObjectState, TeamMessage, VERSION};
 
-/// Number of remembered senders: more than a team has, and a bound if a stranger makes up numbers.
+/// Number of stored senders: more than a team has. Bounds the memory if a foreign program invents robot numbers.
 const MAX_PEERS: usize = 16;
-/// Number of tracked robots in a message: the most probable ones.
+/// Number of tracked robots in a message; the most probable ones are sent.
 const MAX_OBSTACLES: usize = 16;
 
 /// Counts of datagrams.
@@ -24,11 +24,11 @@ const MAX_OBSTACLES: usize = 16;
 pub struct TeamLinkCounts {
     /// Accepted messages.
     pub received: u64,
-    /// Datagrams refused, by reason.
+    /// Rejected datagrams by reason.
     pub refused: BTreeMap<RejectReason, u64>,
 }
 
-/// One robot's side of the team's exchange.
+/// One robot's end of the team communication.
 #[derive(Debug)]
 pub struct TeamLink {
     team: u32,
@@ -41,7 +41,7 @@ pub struct TeamLink {
     counts: TeamLinkCounts,
 }
 
-/// The latest message of a team-mate.
+/// Reception of a teammate's messages.
 #[derive(Debug, Clone, Default)]
 struct Peer {
     replay_guard: ReplayGuard,
@@ -51,7 +51,7 @@ struct Peer {
 }
 
 impl TeamLink {
-    /// `session`: larger for each start, for example nanoseconds since 1970.
+    /// `session` must increase with each start, for example nanoseconds since 1970.
     pub fn new(config: &TeamLinkConfig, session: u64) -> Result<Self> {
         Ok(TeamLink {
             team: config.team,
@@ -65,18 +65,18 @@ impl TeamLink {
         })
     }
 
-    /// The datagram of a cycle, sent at `now` by the clock of its stamps.
+    /// Encodes a cycle as a datagram. `now`: time of sending, by the clock of the cycle's stamps.
     pub fn encode_message(&mut self, cycle: &Cycle, now: Stamp) -> Vec<u8> {
         self.sequence += 1;
-        let echo = |(robot, heard): (&u32, &Peer)| Echo {
+        let echo = |(robot, peer): (&u32, &Peer)| Echo {
             robot: *robot,
-            sent_ns: heard.sent_ns,
-            held_ns: now.0.saturating_sub(heard.received_ns),
+            sent_ns: peer.sent_ns,
+            held_ns: now.0.saturating_sub(peer.received_ns),
         };
         let ball = cycle.world.ball.as_ref();
         let mut obstacles: Vec<&TrackedObject> = cycle.world.robots.iter().collect();
         obstacles.sort_by(|a, b| b.probability.total_cmp(&a.probability));
-        let word = TeamMessage {
+        let message = TeamMessage {
             version: VERSION,
             team: self.team,
             robot: self.robot,
@@ -94,10 +94,10 @@ impl TeamLink {
                 .take(MAX_OBSTACLES)
                 .collect(),
         };
-        append_mac(word.encode_to_vec(), self.key.as_ref())
+        append_mac(message.encode_to_vec(), self.key.as_ref())
     }
 
-    /// The report in a datagram received at `now` by our clock.
+    /// Decodes a datagram. `now`: time of reception, own clock.
     pub fn receive(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, RejectReason> {
         let report = self.decode_message(datagram, now);
         match &report {
@@ -112,74 +112,73 @@ impl TeamLink {
         &self.counts
     }
 
-    /// Clock of a team-mate.
+    /// Clock of a teammate.
     pub fn peer_clock(&self, robot: u32) -> Option<&PeerClock> {
-        self.peers.get(&robot).map(|heard| &heard.clock)
+        self.peers.get(&robot).map(|peer| &peer.clock)
     }
 
     fn decode_message(&mut self, datagram: &[u8], now: Stamp) -> Result<TeamReport, RejectReason> {
         let content = verify_mac(datagram, self.key.as_ref())?;
-        let word = TeamMessage::decode(content).map_err(|_foreign| RejectReason::Foreign)?;
-        // Foreign bytes that decode by chance have no known version.
-        if word.version == 0 {
+        let message = TeamMessage::decode(content).map_err(|_foreign| RejectReason::Foreign)?;
+        // Other programs' bytes may decode by chance. They lack a version then.
+        if message.version == 0 {
             return Err(RejectReason::Foreign);
         }
-        if word.version != VERSION {
+        if message.version != VERSION {
             return Err(RejectReason::Version);
         }
-        if word.team != self.team {
+        if message.team != self.team {
             return Err(RejectReason::Foreign);
         }
-        if word.robot == self.robot {
+        if message.robot == self.robot {
             return Err(RejectReason::Own);
         }
-        if !is_plausible(&word) {
+        if !is_plausible(&message) {
             return Err(RejectReason::Senseless);
         }
-        if !self.peers.contains_key(&word.robot) && self.peers.len() >= MAX_PEERS {
+        if !self.peers.contains_key(&message.robot) && self.peers.len() >= MAX_PEERS {
             return Err(RejectReason::Foreign);
         }
         let (own, silence) = (self.robot, self.silence);
-        let heard = self.peers.entry(word.robot).or_default();
-        heard
-            .replay_guard
-            .accept(word.session, word.sequence, now.seconds(), silence)?;
-        let echo = word.echoes.iter().find(|echo| echo.robot == own);
+        let peer = self.peers.entry(message.robot).or_default();
+        peer.replay_guard
+            .accept(message.session, message.sequence, now.seconds(), silence)?;
+        let echo = message.echoes.iter().find(|echo| echo.robot == own);
         let echo = echo.map(|echo| (echo.sent_ns, echo.held_ns));
-        heard.clock.add_exchange(word.sent_ns, now.0, echo);
-        (heard.sent_ns, heard.received_ns) = (word.sent_ns, now.0);
-        let offset = heard.clock.offset_ns().unwrap_or(0);
-        // A report is never from the future, whatever the clock offset says.
+        peer.clock.add_exchange(message.sent_ns, now.0, echo);
+        (peer.sent_ns, peer.received_ns) = (message.sent_ns, now.0);
+        let offset = peer.clock.offset_ns().unwrap_or(0);
+        // The clock offset has an error, but a report is never from the future.
         let ours = |theirs: i64| Stamp(theirs.saturating_add(offset).min(now.0));
-        Ok(report_from_message(&word, ours))
+        Ok(report_from_message(&message, ours))
     }
 }
 
-fn report_from_message(word: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> TeamReport {
-    let pose = word.pose.as_ref();
+fn report_from_message(message: &TeamMessage, ours: impl Fn(i64) -> Stamp) -> TeamReport {
+    let pose = message.pose.as_ref();
     let std = |i: usize| {
         pose.and_then(|pose| pose.std.get(i))
             .copied()
             .unwrap_or(0.0)
     };
     TeamReport {
-        robot: word.robot,
-        stamp: ours(word.stamp_ns),
+        robot: message.robot,
+        stamp: ours(message.stamp_ns),
         pose: pose.map(|pose| Pose::new(pose.x, pose.y, pose.theta)),
         pose_std: [std(0), std(1), std(2)],
         half_known: pose.is_some_and(|pose| pose.half_known),
-        ball: word.ball.as_ref().and_then(|ball| {
+        ball: message.ball.as_ref().and_then(|ball| {
             Some(ReportedBall {
                 at: At::new(ball.x, ball.y),
                 velocity: [ball.velocity_x, ball.velocity_y],
                 covariance: ball.covariance[..].try_into().ok()?,
-                last_seen: ours(word.ball_seen_ns),
+                last_seen: ours(message.ball_seen_ns),
             })
         }),
-        obstacles: word
+        obstacles: message
             .obstacles
             .iter()
-            .map(|spot| At::new(spot.x, spot.y))
+            .map(|obstacle| At::new(obstacle.x, obstacle.y))
             .collect(),
     }
 }
@@ -196,21 +195,21 @@ fn object_state(object: &TrackedObject) -> Option<ObjectState> {
     })
 }
 
-fn is_plausible(word: &TeamMessage) -> bool {
-    let sensible = |spot: &ObjectState| {
-        let numbers = [spot.x, spot.y, spot.velocity_x, spot.velocity_y];
+fn is_plausible(message: &TeamMessage) -> bool {
+    let object_is_plausible = |object: &ObjectState| {
+        let numbers = [object.x, object.y, object.velocity_x, object.velocity_y];
         numbers.iter().all(|value| value.abs() < 100.0)
-            && spot.covariance.len() == 3
-            && spot.covariance.iter().all(|value| value.is_finite())
+            && object.covariance.len() == 3
+            && object.covariance.iter().all(|value| value.is_finite())
     };
-    let pose = word.pose.as_ref().is_none_or(|pose| {
+    let pose = message.pose.as_ref().is_none_or(|pose| {
         pose.x.abs() < 100.0
             && pose.y.abs() < 100.0
             && pose.theta.abs() < 100.0
             && pose.std.len() == 3
             && pose.std.iter().all(|std| *std >= 0.0 && std.is_finite())
     });
-    pose && word.ball.as_ref().is_none_or(sensible)
-        && word.obstacles.len() <= MAX_OBSTACLES
-        && word.obstacles.iter().all(sensible)
+    pose && message.ball.as_ref().is_none_or(object_is_plausible)
+        && message.obstacles.len() <= MAX_OBSTACLES
+        && message.obstacles.iter().all(object_is_plausible)
 }

@@ -1,4 +1,4 @@
-//! How do observers get cycles? Each subscriber has a bounded queue, so that none can delay the pipeline.
+//! How do subscribers receive cycles? Each has a bounded queue, so that none can delay the pipeline.
 
 pub mod queue;
 #[cfg(test)]
@@ -15,14 +15,14 @@ pub use queue::{DropCounts, Pace, RecvError};
 
 use crate::cycle::Cycle;
 
-/// Cycles that wait for a subscriber, per image that waits.
+/// Queued cycles per queued image.
 ///
-/// An image is a hundred times as large as the rest of its cycle, and less useful when it is old.
+/// An image is about 100 times as large as the rest of its cycle, and an old one is of little use.
 const CYCLES_PER_IMAGE: usize = 4;
 
 /// The publisher's side. Publishing never blocks.
 ///
-/// Clones publish to the same subscribers; when the last one is dropped, the subscriptions end.
+/// Clones publish to the same subscribers. The subscriptions end when the last clone is dropped.
 #[derive(Clone, Default)]
 pub struct Feed {
     shared: Arc<FeedShared>,
@@ -45,7 +45,7 @@ impl Feed {
         Feed::default()
     }
 
-    /// Gives a cycle to every subscriber and returns at once. A full queue drops its oldest entries, images first.
+    /// Queues a cycle for every subscriber without blocking. A full queue drops its oldest entries, images first.
     pub fn publish(&self, cycle: &Arc<Cycle>) {
         let mut state = self.shared.lock();
         let index = state.next_index;
@@ -61,8 +61,8 @@ impl Feed {
 
     /// Subscribes, starting with the next cycle.
     ///
-    /// `capacity`: cycles that may wait; a quarter of them (at least one) keep their images. With 1, only the newest
-    /// cycle waits.
+    /// `capacity`: number of queued cycles. A quarter of them (at least one) keep their images. With 1, only the newest
+    /// cycle is queued.
     pub fn subscribe(&self, capacity: usize) -> Subscription {
         let images = capacity / CYCLES_PER_IMAGE;
         let queue = Arc::new(CycleQueue::new(Pace::Live, images, capacity));
@@ -75,7 +75,7 @@ impl Feed {
 }
 
 impl FeedShared {
-    // After a panic of another thread the list is still valid.
+    // The list is still valid after a panic of another thread.
     fn lock(&self) -> std::sync::MutexGuard<'_, FeedState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -96,17 +96,17 @@ pub struct Subscription {
 }
 
 impl Subscription {
-    /// The oldest waiting cycle, without blocking.
+    /// The oldest queued cycle, without blocking.
     pub fn try_recv(&self) -> Result<Arc<Cycle>, RecvError> {
         self.recv_timeout(Duration::ZERO)
     }
 
-    /// The oldest waiting cycle; blocks up to `timeout` for one.
+    /// The oldest queued cycle. Blocks until there is one, at most for `timeout`.
     pub fn recv_timeout(&self, timeout: Duration) -> Result<Arc<Cycle>, RecvError> {
         self.recv_indexed(timeout).map(|((_, cycle), _)| cycle)
     }
 
-    /// What this subscriber missed, counted up to the latest cycle that it received.
+    /// Entries dropped for this subscriber before the latest cycle that it received.
     pub fn dropped(&self) -> DropCounts {
         let [images, cycles] = &self.dropped;
         DropCounts {

@@ -1,4 +1,4 @@
-//! How do cycles wait for an observer? In a bounded queue that drops the oldest or blocks the run.
+//! How are cycles queued for a subscriber? In a bounded queue that drops the oldest entries or blocks the run.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -6,22 +6,22 @@ use std::time::Duration;
 
 use crate::cycle::Cycle;
 
-/// What happens when a consumer is slower than the run?
+/// Behaviour when a consumer is slower than the run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// The oldest entries are dropped, images first: a robot does not wait.
+    /// Drops the oldest entries, images first, because a robot must not wait.
     Live,
-    /// The run waits: a simulation or a recording loses nothing.
+    /// Blocks the run, so that a simulation or a recording loses no data.
     Lockstep,
 }
 
-/// A cycle and its number since the start of the run; dropped cycles count.
+/// A cycle and its number since the start of the run. Dropped cycles are counted.
 pub(crate) type IndexedCycle = (u64, Arc<Cycle>);
 
 /// Dropped entries of a full queue.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct DropCounts {
-    /// Images; their cycles were kept.
+    /// Images whose cycles were kept.
     pub images: u64,
     /// Whole cycles.
     pub cycles: u64,
@@ -53,7 +53,7 @@ struct QueueState {
     closed: bool,
 }
 
-/// A bounded queue; one side pushes, the other pops.
+/// A bounded queue with one producer and one consumer.
 pub(crate) struct CycleQueue {
     state: Mutex<QueueState>,
     changed: Condvar,
@@ -139,13 +139,13 @@ impl CycleQueue {
         popped.ok_or(nothing)
     }
 
-    /// Takes no more entries. Waiting ones can still be popped.
+    /// Accepts no more entries. Queued entries can still be popped.
     pub(crate) fn close(&self) {
         self.lock().closed = true;
         self.changed.notify_all();
     }
 
-    // After a panic of the other side entries and counts are still valid.
+    // Entries and counts are still valid after a panic of the other thread.
     fn lock(&self) -> MutexGuard<'_, QueueState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,4 +1,4 @@
-//! Tests of the queue: blocking and drops with a slow consumer.
+//! Tests of the queue with a slow consumer: blocking and drops.
 
 use std::sync::Arc;
 

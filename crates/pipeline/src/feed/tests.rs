@@ -39,13 +39,13 @@ fn slow_subscriber_loses_oldest_images_first_and_sees_the_drop_counts() {
     for number in 0..6 {
         feed.publish(&Arc::new(random_cycle(number)));
     }
-    let got: Vec<_> = std::iter::from_fn(|| slow.try_recv().ok())
+    let received: Vec<_> = std::iter::from_fn(|| slow.try_recv().ok())
         .map(|cycle| (cycle.stamp, cycle.inputs.image.is_some()))
         .collect();
-    let wanted = [(2, false), (3, false), (4, false), (5, true)];
+    let expected = [(2, false), (3, false), (4, false), (5, true)];
     assert_eq!(
-        got,
-        wanted.map(|(number, image)| (random_cycle(number).stamp, image))
+        received,
+        expected.map(|(number, image)| (random_cycle(number).stamp, image))
     );
     assert_eq!(
         slow.dropped(),

@@ -25,10 +25,10 @@ impl Default for LogConfig {
         LogConfig {
             images: ImageCompression::Png,
             jpeg_quality: 90,
-            // A second at 30 Hz: 20 MB at 480 × 480 pixels.
+            // One second at 30 Hz: 20 MB at 480 × 480 pixels.
             queue_images: 30,
             queue_cycles: 300,
-            // A kill may cost a second at most, writing included. Each flush ends a chunk, which costs memory.
+            // A kill loses at most one second, writing included. Shorter periods cost memory: a flush ends a chunk.
             flush_period: 0.75,
         }
     }

@@ -14,7 +14,7 @@ use crate::csv_table::format_seconds;
 /// Counts of what an export wrote.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExportSummary {
-    /// Images, or frames of line points where the log holds no images.
+    /// Images, or sets of line points if the log has no images.
     pub frames: u64,
     /// Rows of odometry.csv.
     pub odometry: u64,
@@ -22,9 +22,9 @@ pub struct ExportSummary {
     pub end: LogEnd,
 }
 
-/// Writes a log as a recording folder, which appears when it is complete, or not at all.
+/// Writes a log as a recording folder, which gets its name only when it is complete.
 ///
-/// A log without images gives points.csv instead of frames.csv. An existing folder must be empty.
+/// A log without images is exported with points.csv instead of frames.csv. An existing folder must be empty.
 pub fn export(log: LogReader, folder: &Path) -> Result<ExportSummary> {
     let taken = folder.exists()
         && folder
@@ -49,7 +49,7 @@ pub fn export(log: LogReader, folder: &Path) -> Result<ExportSummary> {
             Ok(exported)
         });
     if exported.is_err() {
-        // The first error is reported; a partial folder that cannot be removed matters less.
+        // The first error is reported. Failure to remove the partial folder is ignored.
         let _ = std::fs::remove_dir_all(&partial);
     }
     exported
@@ -68,7 +68,7 @@ fn write_recording(mut log: LogReader, folder: &Path) -> Result<ExportSummary> {
     let header = log.header().clone();
     header.write_files(folder)?;
     if !header.files.contains_key("robot.toml") {
-        // A run on line points alone has no camera.
+        // A run with line points as its only input has no camera.
         std::fs::write(folder.join("robot.toml"), "field = \"field.toml\"\n")?;
     }
     let mut tables = RecordingTables::create(folder)?;

@@ -14,7 +14,7 @@ use super::read::LoggedCycle;
 use super::schema::{convert, wire};
 use crate::cycle::Cycle;
 
-/// Collects what viewers' topics hold for each stamp.
+/// Collects poses, truth and line points by stamp.
 #[derive(Default)]
 pub(super) struct FallbackReader {
     cycles: BTreeMap<u64, FallbackCycle>,
@@ -28,12 +28,12 @@ struct FallbackCycle {
 }
 
 impl FallbackReader {
-    /// Adds a cycle at that time.
+    /// Adds a cycle with this stamp.
     pub(super) fn add_stamp(&mut self, time: u64) {
         self.cycles.entry(time).or_default();
     }
 
-    /// Takes a message of any topic. Topics without poses or line points are ignored.
+    /// Adds a message of any topic. Topics without poses or line points are ignored.
     pub(super) fn add_message(&mut self, topic: &str, time: u64, data: &[u8]) {
         match topic {
             "/pose" => {
@@ -77,7 +77,7 @@ impl FallbackReader {
 }
 
 impl FallbackCycle {
-    // Through the message, whose defaults fill the other fields.
+    // Converted by way of the message, whose defaults fill the other fields.
     fn into_cycle(self, stamp: Stamp) -> Result<Cycle> {
         let truth = self.truth.map(|pose| wire::GroundTruth {
             stamp_ns: stamp.0,

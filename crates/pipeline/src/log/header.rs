@@ -1,4 +1,4 @@
-//! What does a log hold before its first cycle? Version, seed, source, and the files of the run.
+//! What does a log contain before its first cycle? Version, seed, source, and the files of the run.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,10 +12,10 @@ use super::encoded_image::ImageCompression;
 use super::schema::{FORMAT_VERSION, PROJECT_NAME, wire};
 use crate::config::{PIPELINE_FILE, translate};
 
-/// The name under which logs of version 0.1.0 hold the settings.
+/// Name of the settings file in logs of version 0.1.0.
 const OLD_PIPELINE_FILE: &str = "spine.toml";
 
-/// The files of a log under the names of this version, settings with the keys of this version.
+/// Converts the files of a log to the file names and setting keys of this version.
 pub(super) fn translate_files(mut files: BTreeMap<String, Vec<u8>>) -> BTreeMap<String, Vec<u8>> {
     if let Some(settings) = files.remove(OLD_PIPELINE_FILE) {
         let settings = translate(&String::from_utf8_lossy(&settings));
@@ -26,7 +26,7 @@ pub(super) fn translate_files(mut files: BTreeMap<String, Vec<u8>>) -> BTreeMap<
     files
 }
 
-/// The start of a log: metadata and files.
+/// Metadata and files at the start of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
     /// Version of mirrorball that wrote the log.
@@ -63,7 +63,7 @@ impl Header {
 
     /// Adds robot.toml and the files that it names, under their names in a recording folder.
     ///
-    /// `map`: the ground map in use, from whatever source; replay needs its exact bits.
+    /// `map`: the ground map in use, from any source. Replay needs its exact bits.
     /// `colours`: the colour table, if it was learned from labels.
     pub fn with_robot(
         self,
@@ -91,7 +91,7 @@ impl Header {
             header = header.with_file("mask.png", read(mask)?);
             *mask = "mask.png".into();
         }
-        // The colour table stands for the labels, whose images are not stored.
+        // The colour table replaces the labels, because their images are not stored.
         stored.labels = None;
         stored.colours = colours.map(|_| "colours.table".into());
         if let Some(colours) = colours {
@@ -100,14 +100,14 @@ impl Header {
         Ok(header.with_file("robot.toml", toml::to_string(&stored)?))
     }
 
-    /// Whether recomputed world and team must equal the recorded ones.
+    /// True if recomputed world and team must equal the recorded ones.
     ///
     /// Version 0.1.0 corrected observations by a linearised tilt, 6 cm off at 8 m. The correction is exact now.
     pub fn has_comparable_world(&self) -> bool {
         self.version != "0.1.0"
     }
 
-    /// A warning if another version wrote the log, so that recomputed bits may differ.
+    /// A warning if another version wrote the log. Recomputed bits may then differ.
     pub fn version_mismatch(&self) -> Option<String> {
         let version = env!("CARGO_PKG_VERSION");
         (self.version != version).then(|| {
@@ -152,7 +152,7 @@ impl Header {
         }
     }
 
-    /// Reads the first message of the stream at `place`. Refuses other log formats.
+    /// Reads the first message of the stream at `place`. Rejects other log formats.
     pub fn from_message(about: wire::About, place: &Path) -> Result<Self> {
         let metadata = about
             .metadata
@@ -168,7 +168,7 @@ impl Header {
         })
     }
 
-    /// The metadata record; files are attachments.
+    /// The metadata record. Files are attachments.
     pub(crate) fn metadata(&self) -> BTreeMap<String, String> {
         let seed = self.seed.map_or_else(String::new, |seed| seed.to_string());
         [
@@ -182,7 +182,7 @@ impl Header {
         .into()
     }
 
-    /// Reads the metadata record of the log at `path`. Refuses other log formats.
+    /// Reads the metadata record of the log at `path`. Rejects other log formats.
     pub(crate) fn from_metadata(values: &BTreeMap<String, String>, path: &Path) -> Result<Self> {
         let value = |key: &str| {
             values.get(key).with_context(|| {

@@ -1,7 +1,7 @@
 //! Where in a log is a given time? An index of its chunks by time; a chunk is loaded on demand.
 //!
-//! [`super::LogReader`] reads from front to back; the view jumps, so it uses this index. A file with a summary opens
-//! by the summary alone. A truncated file is scanned once, from chunk to chunk by their lengths.
+//! [`super::LogReader`] reads sequentially. The view needs random access, so it uses this index. A complete file is
+//! opened by its summary. A truncated file is scanned once, from chunk to chunk by their lengths.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -27,9 +27,9 @@ use super::schema::{
 };
 use crate::config::PIPELINE_FILE;
 
-/// The topics of a truncated file are read from this many first chunks; ours are all in the first.
+/// Number of chunks from which the topics of a truncated file are read. The first has all topics of Mirrorball.
 const TOPIC_SEARCH_CHUNKS: usize = 16;
-/// Bytes of the two times at the start of a chunk record.
+/// Size of the two times at the start of a chunk record, bytes.
 const CHUNK_TIMES_BYTES: usize = 16;
 
 /// A chunk of the file.
@@ -56,9 +56,9 @@ pub struct LogIndex {
 }
 
 impl LogIndex {
-    /// Opens a log of any version; [`LogIndex::warnings`] lists what it lacks.
+    /// Opens a log of any version. [`LogIndex::warnings`] lists what is missing.
     ///
-    /// Refuses files that are not MCAP and files without a complete chunk.
+    /// Rejects files that are not MCAP and files without a complete chunk.
     pub fn open(path: &Path) -> Result<Self> {
         let mut missing = Vec::new();
         let header = read_header(path, &mut missing)?;
@@ -133,12 +133,12 @@ impl LogIndex {
         self
     }
 
-    /// The log's metadata and files; empty if the log is not one of Mirrorball.
+    /// The log's metadata and files. Empty if Mirrorball did not write the log.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -148,7 +148,7 @@ impl LogIndex {
         self.end
     }
 
-    /// What cannot be shown of this log, and why; a line each.
+    /// Data that cannot be shown, each with its reason, one per line.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
@@ -158,34 +158,34 @@ impl LogIndex {
         &self.chunks
     }
 
-    /// From the first to the last message.
+    /// Times of the first and of the last message.
     pub fn span(&self) -> (Stamp, Stamp) {
         let start = self.chunks.iter().map(|part| part.start).min();
         let stop = self.chunks.iter().map(|part| part.end).max();
         (start.unwrap_or_default(), stop.unwrap_or_default())
     }
 
-    /// The chunk in which a moment lies, or the last one before it.
+    /// Index of the chunk that contains a time, or of the last one before it.
     pub fn chunk_at(&self, at: Stamp) -> usize {
         let behind = self.chunks.partition_point(|part| part.start <= at);
         behind.saturating_sub(1)
     }
 
-    /// The cycles that a chunk holds, images still packed.
+    /// Reads the cycles of a chunk. Their images stay encoded.
     pub fn load(&self, part: usize) -> Result<Vec<LoggedCycle>> {
         let mut images: HashMap<u64, EncodedImage> = HashMap::new();
         let mut cycles = Vec::new();
-        let mut stock = FallbackReader::default();
+        let mut fallback = FallbackReader::default();
         for (topic, time, data) in self.read_chunk_messages(part)? {
             match topic.as_str() {
                 IMAGE_TOPIC => drop(images.insert(time, decode_compressed_image(&data)?)),
                 CYCLE_TOPIC => match wire::Cycle::decode(&data[..]) {
                     Ok(message) => cycles.push((time, message)),
-                    // Another version's: what its other topics say is shown.
-                    Err(_) => stock.add_stamp(time),
+                    // Another version wrote it, so its other topics are shown.
+                    Err(_) => fallback.add_stamp(time),
                 },
                 _ if self.cycles_readable => {}
-                topic => stock.add_message(topic, time, &data),
+                topic => fallback.add_message(topic, time, &data),
             }
         }
         if !cycles.is_empty() {
@@ -204,11 +204,11 @@ impl LogIndex {
         if self.cycles_readable {
             Ok(logged)
         } else {
-            stock.into_cycles(images)
+            fallback.into_cycles(images)
         }
     }
 
-    /// An image that stands in the chunk before its cycle's.
+    /// Loads an image that is in the chunk before that of its cycle.
     fn load_image_from_previous_chunk(
         &self,
         part: usize,
@@ -236,7 +236,7 @@ impl LogIndex {
         self.topics().values().any(|known| known == topic)
     }
 
-    // Names stay true whatever happened to whoever held them.
+    // The names are still valid after a panic of another thread.
     fn topics(&self) -> std::sync::MutexGuard<'_, HashMap<u16, String>> {
         self.topics
             .lock()
@@ -284,7 +284,7 @@ fn stamp_from_log_time(log_time: u64) -> Stamp {
     Stamp(i64::try_from(log_time).unwrap_or(i64::MAX))
 }
 
-/// What stands before the first chunk; of another version, or of another program, as much as can be understood.
+/// Reads the records before the first chunk. For other versions or programs, reads as much as can be decoded.
 fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
     let mut stream = RecordReader::open(path)?;
     let mut about = None;
@@ -331,7 +331,7 @@ fn read_header(path: &Path, missing: &mut Vec<String>) -> Result<Header> {
     Ok(Header { files, ..header })
 }
 
-/// The summary at the end of a file that was closed.
+/// Reads the summary at the end of a complete file.
 pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
     let mut file = BufReader::new(File::open(path)?);
     let size = file.get_ref().metadata()?.len();
@@ -353,7 +353,7 @@ pub(super) fn read_summary(path: &Path) -> Result<Option<mcap::Summary>> {
         .filter(|summary| !summary.chunk_indexes.is_empty()))
 }
 
-/// The whole chunks of a file without a summary: record after record by their lengths, contents passed over.
+/// Finds the complete chunks of a file without a summary. Skips from record to record by their lengths.
 pub(super) fn scan_chunks(path: &Path) -> Result<Vec<ChunkInfo>> {
     let file = File::open(path).with_context(|| format!("cannot read {}", path.display()))?;
     let size = file.metadata()?.len();

@@ -1,5 +1,5 @@
-//! Which records does an MCAP file hold? Read one by one, with one chunk in memory; a killed file up to its last
-//! complete chunk.
+//! Which records does an MCAP file contain? They are read one by one, with one chunk in memory. A truncated file is
+//! read to its last complete chunk.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -12,17 +12,17 @@ use mcap::read::parse_record;
 use mcap::records::{Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-/// Longer records are taken as a damaged length and not allocated; ours are far shorter.
+/// Longest accepted record, bytes. A longer one has a damaged length and is not allocated.
 pub(super) const MAX_RECORD_BYTES: u64 = 256 * 1024 * 1024;
-/// Opcode and length before a record's content.
+/// Size of opcode and length before a record's content, bytes.
 pub(super) const RECORD_HEADER_BYTES: usize = 9;
 
-/// An unreadable part of the file; reading continues after it.
+/// An unreadable part of the file. Reading continues after it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DamagedRange {
     /// Start of the part, bytes from the start of the file.
     pub(super) offset: u64,
-    /// What is wrong with it.
+    /// Description of the damage.
     pub(super) reason: String,
 }
 
@@ -77,7 +77,7 @@ impl RecordReader {
         })
     }
 
-    /// How the file ended. None while there is more to read.
+    /// How the file ended. None before the end is read.
     pub(super) fn end(&self) -> Option<LogEnd> {
         self.end
     }
@@ -121,7 +121,7 @@ impl RecordReader {
         let [opcode, length @ ..] = prefix;
         let length = u64::from_le_bytes(length);
         if length > MAX_RECORD_BYTES {
-            // Where the next record starts is lost with this one's length.
+            // With this record's length, the start of the next one is unknown.
             self.end = Some(LogEnd::Truncated);
             let reason = format!("a record of {length} bytes, which none is");
             return Err(DamagedRange {
@@ -153,9 +153,9 @@ impl RecordReader {
     }
 }
 
-/// The records of a chunk whose checksum is right.
+/// Decodes the records of a chunk with a correct checksum.
 pub(super) fn decode_chunk(body: &[u8]) -> McapResult<VecDeque<Record<'static>>> {
-    // The limit and the check beforehand keep broken lengths from being allocated.
+    // The limit and this check prevent the allocation of damaged lengths.
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_skip_end_magic(true)
@@ -182,7 +182,7 @@ pub(super) fn decode_chunk(body: &[u8]) -> McapResult<VecDeque<Record<'static>>>
     Ok(records)
 }
 
-/// True if an attachment record's parts fit into it; the parser trusts that they do.
+/// True if the parts of an attachment record fit into it. The parser does not check this.
 fn is_complete_attachment(body: &[u8]) -> bool {
     // Log and creation time, name, media type, data, checksum.
     let mut rest = body.get(16..);

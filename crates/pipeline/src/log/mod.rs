@@ -1,4 +1,4 @@
-//! How are cycles stored? In an MCAP file that other tools open, and that gives every bit back.
+//! How are cycles stored? Without loss, in an MCAP file that other tools can open.
 
 pub mod columns;
 mod config;

@@ -1,14 +1,14 @@
-//! How do notes reach the log's writer? Through a bounded queue; the next cycle takes them along.
+//! How do notes reach the log writer? Through a bounded queue. They are written with the next cycle.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use localize::Stamp;
 
-/// Notes that may wait for the next cycle; beyond it, the oldest are dropped.
+/// Capacity of the queue. Beyond it, the oldest notes are dropped.
 const NOTES_MAX: usize = 256;
 
-/// Notes that wait for the writer.
+/// Notes queued for the writer.
 #[derive(Debug, Clone, Default)]
 pub(super) struct NoteQueue {
     queue: Arc<Mutex<VecDeque<(Stamp, String)>>>,

@@ -1,4 +1,4 @@
-//! Which messages does a cycle become? The same ones in a log and in a live stream.
+//! Which messages represent a cycle? The same ones in a log and in a live stream.
 
 use anyhow::Result;
 use localize::estimate::Mode;
@@ -10,7 +10,7 @@ use crate::cycle::Cycle;
 use crate::feed::DropCounts;
 use crate::sample::SourceImage;
 
-/// Converts cycles to messages, with notes when the mode changes.
+/// Converts cycles to messages, and logs a note when the mode changes.
 pub struct CyclePublisher {
     pub(super) topics: Topics,
     images: ImageCompression,
@@ -30,7 +30,7 @@ impl CyclePublisher {
         }
     }
 
-    /// Publishes the field's lines, for viewers.
+    /// Publishes the field's markings, for viewers.
     pub fn publish_field(&self, field: &Field, stamp: Stamp) {
         let (points, lines) = (
             scene::field_points(field, stamp),
@@ -40,7 +40,7 @@ impl CyclePublisher {
         self.topics.scene.log_at(&lines, stamp);
     }
 
-    /// Publishes a cycle on all topics. True if its image was published.
+    /// Publishes a cycle on all topics. Returns true if its image was published.
     pub fn publish_cycle(&mut self, index: u64, cycle: &Cycle) -> Result<bool> {
         let stamp = cycle.stamp;
         self.publish_inputs(cycle);
@@ -58,7 +58,7 @@ impl CyclePublisher {
         }
         self.publish_results(cycle);
         self.log_state_changes(cycle);
-        // Last, so that a reader has the image already.
+        // Published last, so that a reader already has the image.
         self.topics
             .cycle
             .log_at(&convert::cycle_to_wire(index, cycle, image_name), stamp);
@@ -125,7 +125,7 @@ impl CyclePublisher {
             if let Some(ball) = &detections.ball {
                 topics.ball.log_at(&convert::ball_to_wire(ball), stamp);
             }
-            // An empty list too, or a viewer would keep showing the last robots.
+            // An empty list is sent as well. Otherwise a viewer would keep showing the last robots.
             let robots = detections
                 .robots
                 .iter()
@@ -158,7 +158,7 @@ impl CyclePublisher {
         topics.scene.log_at(&scene::cycle_scene(cycle), stamp);
     }
 
-    /// Logs a warning about dropped cycles; `consumer` was too slow.
+    /// Logs a warning about dropped cycles. `consumer`: name of the slow consumer.
     pub fn log_dropped(&self, consumer: &str, dropped: DropCounts, stamp: Stamp) {
         if !dropped.is_zero() {
             let DropCounts { images, cycles } = dropped;

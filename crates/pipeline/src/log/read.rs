@@ -1,4 +1,4 @@
-//! What did a log record? Its header, then its cycles in the order of writing, one in memory at a time.
+//! What did a log record? A header, then cycles in the order of writing, one at a time in memory.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use super::schema::{
 use crate::cycle::Cycle;
 use crate::sample::{CameraImage, ImageContent, Sample};
 
-/// An open log: an iterator of its cycles.
+/// An open log as an iterator of its cycles.
 ///
 /// ```
 /// # fn main() -> anyhow::Result<()> {
@@ -60,14 +60,14 @@ pub struct LogReader {
     failed: bool,
 }
 
-/// What the messages of a topic hold.
+/// Content of a topic's messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TopicKind {
-    /// Everything of a cycle but its image.
+    /// A cycle without its image.
     Cycle,
     /// The image of the cycle that follows.
     Image,
-    /// Data for viewers that the cycle holds too.
+    /// Data for viewers, which the cycle contains as well.
     Other,
 }
 
@@ -89,7 +89,7 @@ pub struct CycleAssembler {
 }
 
 impl CycleAssembler {
-    /// Takes a message. The message of the cycle itself is the last one of each cycle.
+    /// Adds a message. The message of the cycle itself is the last one of each cycle.
     pub fn push_message(
         &mut self,
         topic: TopicKind,
@@ -125,7 +125,7 @@ impl CycleAssembler {
 /// A recorded cycle.
 #[derive(Debug, Clone)]
 pub struct LoggedCycle {
-    /// Number from 0; a gap is a dropped cycle.
+    /// Number from 0. A gap is a dropped cycle.
     pub index: u64,
     /// The cycle, without its image.
     pub cycle: Cycle,
@@ -136,7 +136,7 @@ pub struct LoggedCycle {
 impl LogReader {
     /// Opens a log and reads its header.
     ///
-    /// Refuses files that are not MCAP, not a log of Mirrorball, or of another log format.
+    /// Rejects files that are not MCAP, not a log of Mirrorball, or of another log format.
     pub fn open(path: &Path) -> Result<Self> {
         let mut stream = RecordReader::open(path)?;
         let mut about = None;
@@ -182,7 +182,7 @@ impl LogReader {
         &self.header
     }
 
-    /// How the log ended. None while there is more to read.
+    /// How the log ended. None before the end is read.
     pub fn end(&self) -> Option<LogEnd> {
         self.stream.end()
     }

@@ -1,4 +1,4 @@
-//! How does a cycle get to the disk without delaying the robot? Through a bounded queue and a writer thread.
+//! How are cycles written without delaying the robot? By a writer thread with a bounded queue.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -81,7 +81,7 @@ impl Recorder {
         })
     }
 
-    /// Takes a cycle. Fails once a write has failed.
+    /// Queues a cycle. Returns an error after a write has failed.
     pub fn record_cycle(&mut self, cycle: Arc<Cycle>) -> Result<()> {
         let index = self.next_index;
         self.next_index += 1;
@@ -89,17 +89,17 @@ impl Recorder {
         self.check()
     }
 
-    /// Takes a note, which goes into the log with the next cycle.
+    /// Queues a note, which is logged with the next cycle.
     pub fn note(&self, stamp: Stamp, text: &str) {
         self.notes.push(stamp, text);
     }
 
-    /// Number of cycles that are on the disk.
+    /// Number of cycles flushed to disk.
     pub fn flushed_cycles(&self) -> u64 {
         self.flushed_cycles.load(Ordering::Relaxed)
     }
 
-    /// Writes waiting cycles, then index and summary.
+    /// Writes queued cycles, then index and summary.
     pub fn finish(mut self) -> Result<LogStats> {
         self.join()
     }
@@ -127,14 +127,14 @@ impl Recorder {
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        // A failed run still leaves a complete log. The error of the run is reported, not that of the log.
+        // A failed run still leaves a complete log. The run's own error is reported, so one of the log is ignored.
         if self.writer.is_some() {
             let _ = self.join();
         }
     }
 }
 
-/// Closes the queue when the writer thread ends, even by a panic, so that the run does not wait for it.
+/// Closes the queue when the writer thread ends or panics, so that the run does not block.
 struct CloseOnDrop(Arc<CycleQueue>);
 
 impl Drop for CloseOnDrop {

@@ -25,7 +25,7 @@ pub struct RecoverySummary {
     pub was_whole: bool,
 }
 
-/// Copies all readable records of the log `from` to a log `to`, which appears when it is complete, or not at all.
+/// Copies all readable records of the log `from` to a log `to`, which gets its name only when it is complete.
 pub fn recover(from: &Path, to: &Path) -> Result<RecoverySummary> {
     let same = from
         .canonicalize()
@@ -46,7 +46,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<RecoverySummary> {
             Ok(recovered)
         });
     if saved.is_err() {
-        // The first error is reported; a partial file that cannot be removed matters less.
+        // The first error is reported. Failure to remove the partial file is ignored.
         let _ = std::fs::remove_file(&partial);
     }
     saved.with_context(|| format!("cannot write {}", to.display()))
@@ -126,7 +126,7 @@ fn copy_records(stream: &mut RecordReader, file: BufWriter<File>) -> Result<Reco
     Ok(recovered)
 }
 
-/// A writer, and how the old file's numbers for schemas and channels translate to its own.
+/// A writer, with the maps from the old file's schema and channel numbers to its own.
 struct LogCopier {
     writer: Writer<BufWriter<File>>,
     schemas: HashMap<u16, u16>,
@@ -149,7 +149,7 @@ impl LogCopier {
                 self.schemas.insert(header.id, id);
             }
             Record::Channel(channel) => {
-                // Schema 0 is none.
+                // Schema 0 means no schema.
                 let schema = match channel.schema_id {
                     0 => Some(&0),
                     id => self.schemas.get(&id),

@@ -1,4 +1,4 @@
-//! How does a log of a run start? With robot, field, map, settings and seed, so that the run can be repeated.
+//! How does the log of a run start? With robot, field, map, settings and seed, so that the run can be repeated.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::config::{PIPELINE_FILE, PipelineConfig};
 use crate::feed::Pace;
 use crate::setup::Setup;
 
-/// Starts the log of a run that waits for its writer, such as a simulation: no cycle is dropped.
+/// Starts the log of a run that waits for the writer, such as a simulation. No cycle is dropped.
 ///
 /// `source`: the command with its main argument.
 pub fn start_log(

@@ -1,4 +1,4 @@
-//! Does the same input give the same bits? A log's cycles are computed once more and compared.
+//! Does the same input give the same bits? The cycles of a log are recomputed and compared.
 
 use anyhow::{Result, bail};
 use localize::Stamp;
@@ -11,33 +11,33 @@ use super::schema::{convert, wire};
 use crate::cycle::Cycle;
 use crate::sample::Sample;
 
-/// The first thing in which two cycles differ.
+/// The first quantity in which two cycles differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    /// Of the cycle.
+    /// Stamp of the cycle.
     pub stamp: Stamp,
-    /// Which value.
+    /// Name of the value.
     pub quantity: String,
-    /// As the log holds it.
+    /// Value in the log.
     pub recorded: String,
-    /// As it came out now.
+    /// Recomputed value.
     pub computed: String,
 }
 
-/// What a verification found.
+/// Result of a verification.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VerificationReport {
-    /// Cycles whose estimate was computed again.
+    /// Cycles whose estimate was recomputed.
     pub cycles: u64,
-    /// Those of them whose vision was computed again, too.
+    /// Cycles whose detections were recomputed as well.
     pub vision_cycles: u64,
     /// Cycles that differ.
     pub different: u64,
     /// The first difference.
     pub first_difference: Option<Difference>,
-    /// Where a cycle was dropped: what comes behind it cannot be computed from the log.
+    /// Stamp of the first cycle after a dropped one. From there on the log lacks inputs.
     pub gap: Option<Stamp>,
-    /// Cycles behind the gap.
+    /// Cycles after the gap.
     pub unverified: u64,
     /// How the log ended.
     pub end: LogEnd,
@@ -46,7 +46,7 @@ pub struct VerificationReport {
 /// Recomputes every cycle of a log and compares it bit by bit.
 ///
 /// `process` is a fresh pipeline built from the log's own files: samples in, a cycle after each image. Vision is
-/// recomputed until an image is missing or lossy; after that its colour model may differ.
+/// recomputed until an image is missing or lossy. After that the colour model may differ.
 pub fn verify(
     mut log: LogReader,
     mut process: impl FnMut(Sample) -> Option<Cycle>,
@@ -106,7 +106,7 @@ pub(super) fn first_difference(
         })
     };
     let stamp = recorded.stamp;
-    // The message of a cycle holds every value with every bit.
+    // The message of a cycle contains every value without rounding.
     let [ours, theirs] = [recorded, computed].map(|cycle| convert::cycle_to_wire(0, cycle, ""));
     for (quantity, a, b) in comparable_values(&ours, &theirs, compare_world) {
         if a.0 != b.0 {

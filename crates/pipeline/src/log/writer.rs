@@ -1,4 +1,4 @@
-//! What does a log's thread do? It writes waiting cycles and flushes often, so that a kill loses little.
+//! What does the writer thread of a log do? It writes queued cycles and flushes often, so that a kill loses little.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ pub struct LogStats {
     pub cycles: u64,
     /// Written images.
     pub images: u64,
-    /// Drops because of a slow disk.
+    /// Drops caused by a slow disk.
     pub dropped: DropCounts,
 }
 
@@ -32,7 +32,7 @@ pub(super) struct LogWriter {
     sink: Sink,
     messages: CyclePublisher,
     period: Duration,
-    /// Published with the stamp of the first cycle; None after that.
+    /// Published with the stamp of the first cycle. None after that.
     pending_field: Option<Field>,
     notes: NoteQueue,
     stats: LogStats,
@@ -88,7 +88,7 @@ impl LogWriter {
         })
     }
 
-    /// The number of cycles on the disk, shared with the recorder.
+    /// Number of cycles flushed to disk, shared with the recorder.
     pub(super) fn flushed_cycles(&self) -> Arc<AtomicU64> {
         self.flushed_cycles.clone()
     }

@@ -19,9 +19,9 @@ pub struct GroundTruthObject {
     pub is_ball: bool,
     /// Position on the field.
     pub at: At<FieldFrame>,
-    /// Heading on the field, radians. If known, the robot is square as in the simulator; else it is round.
+    /// Heading on the field, radians. With a heading the body is a square, as in the simulator; without, a circle.
     pub heading: Option<f32>,
-    /// Number of pixels that show it, if known.
+    /// Number of pixels that show the object, if known.
     pub visible_px: Option<f32>,
 }
 
@@ -64,7 +64,7 @@ pub struct DetectionSummary {
     pub robots: usize,
     /// See `robots`.
     pub robots_found: usize,
-    /// Share of the detected ones whose nearest visible edge is within 10 cm of the truth.
+    /// Share of the detected robots whose nearest visible edge is within 10 cm of the truth.
     pub robot_edges_right: f64,
     /// False robots within 4 m.
     pub robots_false: usize,
@@ -74,14 +74,14 @@ pub struct DetectionSummary {
     pub posts_right: usize,
 }
 
-/// One visible object or one detection, and whether it was detected or correct.
+/// One visible object (detected or missed) or one detection (correct or false).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScoredItem {
-    /// Its kind.
+    /// Kind of the item.
     pub kind: ScoredKind,
     /// Distance from the robot, metres; of a false detection, the detected distance.
     pub range: f32,
-    /// Correct, or detected.
+    /// True if the detection is correct, or the object was detected.
     pub correct: bool,
 }
 
@@ -90,7 +90,7 @@ pub struct ScoredItem {
 pub enum ScoredKind {
     /// A line point; correct within max(5 cm, 2 pixels) of a marking.
     Point,
-    /// Five centimetres of marking; detected if a correct point lies within 0.25 m.
+    /// A 5 cm segment of a marking; detected if a correct point lies within 0.25 m.
     Marking,
     /// The ball, more than half visible.
     Ball,
@@ -116,35 +116,35 @@ pub struct DetectionStatistics {
     edges_correct: usize,
 }
 
-/// Markings are cut into pieces of this length, metres.
+/// Length of the segments into which markings are divided, metres.
 const SEGMENT_LENGTH: f32 = 0.05;
-/// A piece is detected if a correct point is this near, metres; spirals at 4 m are closer together.
+/// A segment is detected if a correct point is within this distance, metres. Scan spirals at 4 m are closer together.
 const SEGMENT_RADIUS: f32 = 0.25;
-/// Markings nearer than this are under the robot, metres.
+/// Nearer markings are under the robot, metres.
 const MIN_MARKING_RANGE: f32 = 0.4;
-/// Markings farther than this are not scored, metres.
+/// Farther markings are not scored, metres.
 const MAX_MARKING_RANGE: f32 = 6.0;
-/// A detection this near to the true ball is correct, metres and share of the distance.
+/// Largest error of a correct ball detection: metres, plus a share of the distance.
 const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
-/// A detection belongs to a robot if their centres are this near, metres: a robot's width.
+/// Largest distance between a robot and its detection, centre to centre, metres: a robot's width.
 const ROBOT_TOLERANCE: f32 = 0.5;
 
 impl DetectionStatistics {
     /// Scores one image.
-    pub fn add_image(&mut self, seen: &Detections, scene: &GroundTruthScene<'_>) {
-        self.add_image_with(seen, scene, &mut |_| {});
+    pub fn add_image(&mut self, detections: &Detections, scene: &GroundTruthScene<'_>) {
+        self.add_image_with(detections, scene, &mut |_| {});
     }
 
     /// Scores one image, item by item.
     pub fn add_image_with(
         &mut self,
-        seen: &Detections,
+        detections: &Detections,
         scene: &GroundTruthScene<'_>,
         note: &mut impl FnMut(ScoredItem),
     ) {
-        self.add_points(seen, scene, note);
-        self.add_ball(seen, scene, note);
-        self.add_robots(seen, scene, note);
+        self.add_points(detections, scene, note);
+        self.add_ball(detections, scene, note);
+        self.add_robots(detections, scene, note);
         let config = &scene.field.config;
         let posts = [-1.0f32, 1.0].into_iter().flat_map(|end| {
             [-1.0f32, 1.0].map(|side| {
@@ -155,27 +155,27 @@ impl DetectionStatistics {
             })
         });
         let posts: Vec<At<FieldFrame>> = posts.collect();
-        for goal in seen
+        for goal in detections
             .goals
             .iter()
             .filter(|goal| goal.kind == vision::objects::goals::GoalKind::Post)
         {
             let at = scene.pose * scene.compensate_tilt(goal.at);
             self.summary.posts += 1;
-            let right = posts.iter().any(|post| post.distance_to(at) <= 0.5);
-            self.summary.posts_right += usize::from(right);
+            let correct = posts.iter().any(|post| post.distance_to(at) <= 0.5);
+            self.summary.posts_right += usize::from(correct);
         }
     }
 
     fn add_points(
         &mut self,
-        seen: &Detections,
+        detections: &Detections,
         scene: &GroundTruthScene<'_>,
         note: &mut impl FnMut(ScoredItem),
     ) {
         let markings = &scene.field.markings;
         let mut good = Vec::new();
-        for point in &seen.line_points {
+        for point in &detections.line_points {
             let at = scene.compensate_tilt(point.point.at);
             let on_field = scene.pose * at;
             let off = markings
@@ -184,18 +184,18 @@ impl DetectionStatistics {
                 .fold(f32::INFINITY, f32::min);
             // The standard deviation of an edge is half a pixel.
             let pixel = 2.0 * point.point.std_radial.max(point.point.std_tangential);
-            let right = off <= (2.0 * pixel).max(0.05);
-            if right {
+            let correct = off <= (2.0 * pixel).max(0.05);
+            if correct {
                 good.push(on_field);
             }
             note(ScoredItem {
                 kind: ScoredKind::Point,
                 range: at.distance(),
-                correct: right,
+                correct,
             });
             if at.distance() <= 5.0 {
                 self.summary.points += 1;
-                self.points_correct += usize::from(right);
+                self.points_correct += usize::from(correct);
             }
             if at.distance() <= 4.0 {
                 self.near_points += 1;
@@ -210,37 +210,37 @@ impl DetectionStatistics {
             {
                 continue;
             }
-            let right = good
+            let correct = good
                 .iter()
                 .any(|point| point.distance_to(at) <= SEGMENT_RADIUS);
             note(ScoredItem {
                 kind: ScoredKind::Marking,
                 range,
-                correct: right,
+                correct,
             });
             if range <= 4.0 {
                 self.marking_segments += 1;
-                self.segments_sampled += usize::from(right);
+                self.segments_sampled += usize::from(correct);
             }
         }
     }
 
     fn add_ball(
         &mut self,
-        seen: &Detections,
+        detections: &Detections,
         scene: &GroundTruthScene<'_>,
         note: &mut impl FnMut(ScoredItem),
     ) {
         let truth = scene.known_objects().iter().find(|object| object.is_ball);
         let at = truth.map(|ball| scene.pose.inverse() * ball.at);
-        let hit = match (&seen.ball, at) {
+        let hit = match (&detections.ball, at) {
             (Some(found), Some(at)) => {
                 let (tolerance, share) = BALL_TOLERANCE;
                 found.at.distance_to(at) <= tolerance + share * at.distance()
             }
             _ => false,
         };
-        if let Some(found) = seen
+        if let Some(found) = detections
             .ball
             .as_ref()
             .filter(|_| !hit && scene.objects.is_some())
@@ -268,7 +268,7 @@ impl DetectionStatistics {
 
     fn add_robots(
         &mut self,
-        seen: &Detections,
+        detections: &Detections,
         scene: &GroundTruthScene<'_>,
         note: &mut impl FnMut(ScoredItem),
     ) {
@@ -277,15 +277,15 @@ impl DetectionStatistics {
         }
         let bodies = scene.robot_bodies();
         let truths: Vec<At<RobotFrame>> = bodies.iter().map(|body| body.at).collect();
-        let sights = visibility::body_visibilities(&bodies, scene.occluded_sectors);
-        // A hidden robot counts neither as missed nor as false.
+        let visibilities = visibility::body_visibilities(&bodies, scene.occluded_sectors);
+        // An occluded robot counts neither as missed nor as false.
         let visible = truths
             .iter()
-            .zip(sights)
-            .filter(|(_, sight)| sight.visible_fraction > 0.5);
-        for (truth, sight) in visible {
+            .zip(visibilities)
+            .filter(|(_, visibility)| visibility.visible_fraction > 0.5);
+        for (truth, visibility) in visible {
             let near = truth.distance() <= 4.0;
-            let found = seen
+            let found = detections
                 .robots
                 .iter()
                 .min_by(|a, b| {
@@ -293,29 +293,29 @@ impl DetectionStatistics {
                         .total_cmp(&b.at.distance_to(*truth))
                 })
                 .filter(|robot| robot.at.distance_to(*truth) <= ROBOT_TOLERANCE);
-            let mut noted = |kind, right| {
+            let mut note_robot = |kind, correct| {
                 note(ScoredItem {
                     kind,
                     range: truth.distance(),
-                    correct: right,
+                    correct,
                 });
             };
-            noted(ScoredKind::Robot, found.is_some());
+            note_robot(ScoredKind::Robot, found.is_some());
             self.summary.robots += usize::from(near);
             if let Some(found) = found {
-                let right = (found.edge.distance() - sight.nearest_distance).abs() <= 0.1;
-                noted(ScoredKind::Edge, right);
+                let correct = (found.edge.distance() - visibility.nearest_distance).abs() <= 0.1;
+                note_robot(ScoredKind::Edge, correct);
                 self.summary.robots_found += usize::from(near);
-                self.edges_correct += usize::from(near && right);
+                self.edges_correct += usize::from(near && correct);
             }
         }
-        let strangers = seen.robots.iter().filter(|robot| {
+        let false_robots = detections.robots.iter().filter(|robot| {
             truths
                 .iter()
                 .all(|truth| truth.distance_to(robot.at) > 2.0 * ROBOT_TOLERANCE)
         });
-        for stranger in strangers {
-            let range = stranger.edge.distance();
+        for false_robot in false_robots {
+            let range = false_robot.edge.distance();
             self.summary.robots_false += usize::from(range <= 4.0);
             note(ScoredItem {
                 kind: ScoredKind::FalseRobot,
@@ -377,13 +377,13 @@ impl GroundTruthScene<'_> {
         self.objects.unwrap_or_default()
     }
 
-    /// Where a point of the upright map lies on the ground (docs/methods.md 3.3).
+    /// Converts a point of the upright ground map to its position on the ground (docs/methods.md 3.3).
     fn compensate_tilt(&self, at: At<RobotFrame>) -> At<RobotFrame> {
         let [x, y] = ground_from_map([at.x, at.y], self.tilt, self.viewpoint_height);
         At::new(x, y)
     }
 
-    /// The other robots.
+    /// Bodies of the other robots, robot frame.
     fn robot_bodies(&self) -> Vec<Body> {
         let robots = self.known_objects().iter().filter(|object| !object.is_ball);
         let body = |robot: &GroundTruthObject| Body {
@@ -396,7 +396,7 @@ impl GroundTruthScene<'_> {
         robots.map(body).collect()
     }
 
-    /// True if a robot or a covered sector hides this point.
+    /// True if a robot or a covered sector occludes this point.
     fn is_occluded(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
         let covered = visibility::is_in_sectors(at.y.atan2(at.x), self.occluded_sectors);
@@ -413,7 +413,7 @@ impl GroundTruthScene<'_> {
                 })
     }
 
-    /// True if more than half of the ball is visible, on the carpet. Counts directions if its pixels are unknown.
+    /// True if the ball is on the carpet and more than half visible. Counts directions if its pixels are unknown.
     fn is_ball_mostly_visible(&self, ball: &GroundTruthObject, at: At<RobotFrame>) -> bool {
         let (half_length, half_width) = self.field.carpet_half_extent();
         if ball.at.x.abs() > half_length || ball.at.y.abs() > half_width {
@@ -425,8 +425,8 @@ impl GroundTruthScene<'_> {
                 at,
                 outline: BodyOutline::Circle(ObjectConfig::default().ball_radius),
             });
-            let sights = visibility::body_visibilities(&bodies, self.occluded_sectors);
-            return sights
+            let visibilities = visibility::body_visibilities(&bodies, self.occluded_sectors);
+            return visibilities
                 .last()
                 .is_some_and(|ball| ball.visible_fraction > 0.5);
         };

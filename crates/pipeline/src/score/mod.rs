@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::cycle::Cycle;
 use crate::sample::GroundTruth;
 
-/// Longest gap of truth rows for interpolation, seconds.
+/// Longest gap between truth rows that is interpolated, seconds.
 const MAX_INTERPOLATION_GAP: f64 = 0.25;
 
 /// Pose error of one image.
@@ -27,19 +27,19 @@ pub struct PoseError {
     pub heading: f32,
 }
 
-/// The error of an estimate against the truth at its stamp. None if there is no truth for that time.
+/// Error of an estimated pose against the ground truth at `stamp`. None if there is no truth for that time.
 pub fn pose_error(truth: &[GroundTruth], stamp: Stamp, estimate: Pose) -> Option<PoseError> {
-    let wanted = true_pose_at(truth, stamp)?;
-    let (x, y) = (estimate.x - wanted.x, estimate.y - wanted.y);
+    let true_pose = true_pose_at(truth, stamp)?;
+    let (x, y) = (estimate.x - true_pose.x, estimate.y - true_pose.y);
     Some(PoseError {
         position: x.hypot(y),
         x,
         y,
-        heading: wrap_angle(estimate.theta - wanted.theta),
+        heading: wrap_angle(estimate.theta - true_pose.theta),
     })
 }
 
-/// The error of a cycle against the truth among its inputs.
+/// Error of a cycle's pose against the ground truth in its inputs.
 pub fn cycle_error(cycle: &Cycle) -> Option<PoseError> {
     let truth = cycle.inputs.truth.as_ref()?;
     pose_error(
@@ -85,11 +85,11 @@ pub struct SampleStatistics {
     pub median: f64,
     /// 95th percentile.
     pub p95: f64,
-    /// The largest.
+    /// Maximum.
     pub max: f64,
 }
 
-/// Computes the statistics. None of an empty list.
+/// Computes the statistics. None for an empty list.
 pub fn sample_statistics(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
     let mut values: Vec<f64> = values.into_iter().collect();
     values.sort_by(f64::total_cmp);

@@ -8,9 +8,9 @@ use crate::cycle::Cycle;
 use crate::sample::GroundTruth;
 use crate::score::{self, PoseError, SampleStatistics};
 
-/// A ball farther than this is not counted as missed, metres.
+/// Farther balls do not count as missed, metres.
 const BALL_RANGE: f32 = 6.0;
-/// A detection this near to the true ball is correct, metres and share of the distance.
+/// Largest error of a correct ball detection: metres, plus a share of the distance.
 const BALL_TOLERANCE: (f32, f32) = (0.15, 0.1);
 
 /// Results of a run as `--json` prints them.
@@ -34,23 +34,23 @@ pub struct Summary {
     pub position_error_m: Option<SampleStatistics>,
     /// Magnitude of the heading error, radians.
     pub heading_error_rad: Option<SampleStatistics>,
-    /// Ball results, if the truth holds the ball.
+    /// Ball results, if the ground truth includes the ball.
     pub ball: Option<BallSummary>,
     /// Exposure control, if it was active.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<ExposureSummary>,
-    /// Image to features, milliseconds, median.
+    /// Time from image to features, milliseconds, median.
     pub see_ms: f64,
-    /// Features to pose, milliseconds, median.
+    /// Time from features to pose, milliseconds, median.
     pub localize_ms: f64,
 }
 
 /// Results of ball detection.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct BallSummary {
-    /// Images with the ball within range, hidden or not.
+    /// Images with the ball within range, occluded or not.
     pub within_range: usize,
-    /// Of these, images with a correct detection.
+    /// Number of these images with a correct detection.
     pub found: usize,
     /// Images with a false detection.
     pub false_finds: usize,
@@ -99,8 +99,8 @@ impl RunStatistics {
         if let Some(reading) = &cycle.exposure {
             self.add_exposure(reading);
         }
-        if let (Some(truth), Some(seen)) = (&cycle.inputs.truth, &cycle.detections) {
-            self.add_ball(truth, seen.ball.as_ref());
+        if let (Some(truth), Some(detections)) = (&cycle.inputs.truth, &cycle.detections) {
+            self.add_ball(truth, detections.ball.as_ref());
         }
     }
 
@@ -133,8 +133,9 @@ impl RunStatistics {
 
     /// The results.
     pub fn summary(self) -> Summary {
-        let median =
-            |values: Vec<f64>| score::sample_statistics(values).map_or(0.0, |spread| spread.median);
+        let median = |values: Vec<f64>| {
+            score::sample_statistics(values).map_or(0.0, |statistics| statistics.median)
+        };
         let [tracking, global, lost] = self.modes;
         let knows_ball = self.ball.within_range > 0 || self.ball.false_finds > 0;
         Summary {

@@ -1,15 +1,15 @@
 //! How much of an object is visible? The share of its directions in which nothing is in front of it.
 //!
-//! Vision finds the first obstacle of each direction, so hidden objects do not count.
+//! Vision detects only the first obstacle of each direction, so occluded objects are not scored.
 
 use std::f32::consts::TAU;
 
 use localize::frames::{At, RobotFrame, wrap_angle};
 
-/// Number of directions; a quarter of a degree is 2 cm at 4 m.
+/// Number of directions. Their spacing, 0.25°, is 2 cm at 4 m.
 const DIRECTIONS: usize = 1440;
 
-/// An upright object on the ground, seen from above.
+/// Footprint of an upright object on the ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Body {
     /// Its centre.
@@ -71,26 +71,26 @@ pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibil
     for direction in 0..DIRECTIONS {
         let angle = TAU * direction as f32 / DIRECTIONS as f32;
         let (sin, cos) = angle.sin_cos();
-        let met: Vec<f32> = bodies
+        let ranges: Vec<f32> = bodies
             .iter()
             .map(|body| body.ray_distance([cos, sin]).unwrap_or(f32::INFINITY))
             .collect();
-        let first = met.iter().copied().fold(f32::INFINITY, f32::min);
+        let first = ranges.iter().copied().fold(f32::INFINITY, f32::min);
         let hidden = is_in_sectors(angle, covered);
-        for (index, &range) in met
+        for (index, &range) in ranges
             .iter()
             .enumerate()
             .filter(|(_, range)| range.is_finite())
         {
-            let seen = range <= first && !hidden;
-            spans[index].0 += u32::from(seen);
+            let visible = range <= first && !hidden;
+            spans[index].0 += u32::from(visible);
             spans[index].1 += 1;
-            if seen {
+            if visible {
                 nearest[index] = nearest[index].min(range);
             }
         }
     }
-    let share = |(seen, all): (u32, u32)| seen as f32 / all.max(1) as f32;
+    let share = |(visible, all): (u32, u32)| visible as f32 / all.max(1) as f32;
     spans
         .into_iter()
         .zip(nearest)
@@ -120,29 +120,30 @@ mod tests {
 
     #[test]
     fn only_the_robot_behind_another_is_occluded() {
-        let seen = body_visibilities(&[square(1.0, 0.0), square(3.0, 0.0), square(0.0, 2.0)], &[]);
+        let visibilities =
+            body_visibilities(&[square(1.0, 0.0), square(3.0, 0.0), square(0.0, 2.0)], &[]);
         assert_eq!(
             [
-                seen[0].visible_fraction,
-                seen[1].visible_fraction,
-                seen[2].visible_fraction
+                visibilities[0].visible_fraction,
+                visibilities[1].visible_fraction,
+                visibilities[2].visible_fraction
             ],
             [1.0, 0.0, 1.0]
         );
         assert!(
-            (seen[0].nearest_distance - 0.75).abs() < 1e-3
-                && (seen[2].nearest_distance - 1.75).abs() < 1e-3
+            (visibilities[0].nearest_distance - 0.75).abs() < 1e-3
+                && (visibilities[2].nearest_distance - 1.75).abs() < 1e-3
         );
-        assert!(seen[1].nearest_distance.is_infinite());
+        assert!(visibilities[1].nearest_distance.is_infinite());
     }
 
     #[test]
     fn partially_occluded_robot_is_half_visible() {
-        let seen = body_visibilities(&[square(2.0, 0.25), square(4.0, 0.0)], &[]);
+        let visibilities = body_visibilities(&[square(2.0, 0.25), square(4.0, 0.0)], &[]);
         assert!(
-            (0.3..0.7).contains(&seen[1].visible_fraction),
+            (0.3..0.7).contains(&visibilities[1].visible_fraction),
             "{}",
-            seen[1].visible_fraction
+            visibilities[1].visible_fraction
         );
     }
 

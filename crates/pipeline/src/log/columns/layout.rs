@@ -1,4 +1,4 @@
-//! The types of a topic's messages, from the schema that the file carries: a serialized `FileDescriptorSet`.
+//! Which type do a topic's messages have? Read from the schema in the file, a serialized `FileDescriptorSet`.
 
 use std::collections::HashMap;
 
@@ -9,7 +9,7 @@ use prost::Message;
 
 use super::protobuf::{ProtobufError, WireValue, read_varint};
 
-/// Message types of a schema, and which of them a topic holds.
+/// Message types of a schema, and the one of the topic's messages.
 #[derive(Debug)]
 pub(super) struct Schema {
     messages: Vec<MessageLayout>,
@@ -45,7 +45,7 @@ pub(super) enum FieldKind {
     Message(usize),
 }
 
-/// Type of a number and with it its encoding.
+/// Type of a number, which determines its encoding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NumberKind {
     Double,
@@ -91,7 +91,7 @@ impl NumberKind {
         matches!(self, NumberKind::Double | NumberKind::Float)
     }
 
-    /// The number that an unpacked value encodes.
+    /// Decodes an unpacked value.
     pub(super) fn decode(self, field: u32, value: WireValue<'_>) -> Result<Number, ProtobufError> {
         Ok(match (self, value) {
             (NumberKind::Double, WireValue::Fixed64(bytes)) => {
@@ -264,7 +264,7 @@ fn field_layout(
     })
 }
 
-/// A name with a leading dot is complete; another is sought from the innermost scope outwards.
+/// A name with a leading dot is absolute. Others are searched from the innermost scope outwards.
 fn resolve_type(name: &str, scope: &str, indices: &HashMap<&str, usize>) -> Option<usize> {
     if let Some(full) = name.strip_prefix('.') {
         return indices.get(full).copied();

@@ -1,7 +1,7 @@
-//! What does a log hold, as columns of numbers? Topics of any version and program: their schemas are in the file.
+//! What does a log contain, as columns of numbers? Topics of any version and program, by the schemas in the file.
 //!
-//! [`super::LogReader`] reads the cycles of a run for replay; this one reads any topic for studies, a chunk in memory
-//! at a time. A truncated file is read to its last complete chunk.
+//! [`super::LogReader`] reads the cycles of a run for replay. [`TopicReader`] reads any topic for analysis, with one
+//! chunk at a time in memory. A truncated file is read to its last complete chunk.
 
 mod layout;
 mod plan;
@@ -32,7 +32,7 @@ pub use plan::{Column, ColumnData};
 use rows::RowTable;
 pub use value::{Fields, Value};
 
-/// Log times, nanoseconds: messages from the start until before the end.
+/// Half-open range of log times, nanoseconds.
 pub type TimeRange = Range<u64>;
 
 /// The topics of a log, by column or message by message.
@@ -50,7 +50,7 @@ struct Chunk {
     length: u64,
     /// Log times of its first and last message.
     times: (u64, u64),
-    /// Channels with messages in it; `None` if the file does not say.
+    /// Channels with messages in this chunk; `None` if the file does not list them.
     channels: Option<Vec<u16>>,
 }
 
@@ -64,17 +64,17 @@ pub struct Topic {
     layout: Result<Schema, String>,
 }
 
-/// A message as it is encoded.
+/// An encoded message.
 pub struct RawMessage {
     /// Its topic.
     pub topic: String,
-    /// When it was logged, nanoseconds.
+    /// Log time, nanoseconds.
     pub log_time: u64,
     data: Vec<u8>,
 }
 
 impl TopicReader {
-    /// Opens a log of any version; a file of another program is refused.
+    /// Opens a log of any version. Rejects files of other programs.
     pub fn open(path: &Path) -> Result<Self> {
         let metadata = read_metadata(path)?.with_context(|| {
             format!(
@@ -120,7 +120,7 @@ impl TopicReader {
         self.chunks.sort_by_key(|chunk| chunk.offset);
     }
 
-    /// Reads every complete chunk once, for topics and counts.
+    /// Reads every complete chunk once, to find topics and to count messages.
     fn scan_truncated(&mut self) -> Result<()> {
         self.end = LogEnd::Truncated;
         let chunks = scan_chunks(&self.path)?.into_iter().map(|chunk| Chunk {
@@ -174,7 +174,7 @@ impl TopicReader {
         }
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -184,7 +184,7 @@ impl TopicReader {
         self.end
     }
 
-    /// What the log says of its run: format, version, source, seed, images.
+    /// Metadata of the run: format, version, source, seed, images.
     pub fn metadata(&self) -> &BTreeMap<String, String> {
         &self.metadata
     }
@@ -194,7 +194,7 @@ impl TopicReader {
         &self.topics
     }
 
-    /// The files that the run was made with, by name: robot.toml, field.toml, …
+    /// Input files of the run by name: robot.toml, field.toml, …
     pub fn files(&self) -> Result<BTreeMap<String, Vec<u8>>> {
         let mut files = BTreeMap::new();
         read_head(&self.path, |record| {
@@ -205,15 +205,15 @@ impl TopicReader {
         Ok(files)
     }
 
-    /// How many chunks the file has: `chunk_messages` takes their indices.
+    /// Number of chunks; `chunk_messages` takes their indices.
     pub fn chunk_count(&self) -> usize {
         self.chunks.len()
     }
 
-    /// Columns of a topic, and for each row its log time; see `plan` for the columns of a message.
+    /// Columns of a topic, and the log time of each row. See `plan` for the columns of a message.
     ///
     /// `elements`: further columns of single list elements, as `estimate.covariance[0]` in `estimate_covariance_0`.
-    /// `between_chunks` is called after each chunk; its error ends the reading.
+    /// `between_chunks` is called after each chunk. An error of it ends the reading.
     pub fn columns(
         &self,
         topic: &str,
@@ -232,7 +232,7 @@ impl TopicReader {
         Ok(sort_by_time(times, table.finish()))
     }
 
-    /// Entries of a list inside a topic's messages, one row each, with the log times of their messages.
+    /// Entries of a list in a topic's messages, one row per entry, with the log times of the messages.
     ///
     /// `field` is a repeated message, or a message of parallel lists, by its dotted name.
     pub fn rows(
@@ -271,7 +271,7 @@ impl TopicReader {
         Ok(times)
     }
 
-    /// Messages of a chunk by log time; of all topics if none are named.
+    /// Messages of a chunk by log time. Without named topics, those of all topics.
     pub fn chunk_messages(
         &self,
         chunk: usize,
@@ -384,13 +384,13 @@ impl Chunk {
 }
 
 impl RawMessage {
-    /// The image that a message of /camera/image holds, still encoded.
+    /// The encoded image of a message of /camera/image.
     pub fn encoded_image(&self) -> Result<EncodedImage> {
         decode_compressed_image(&self.data)
     }
 }
 
-/// The metadata record of mirrorball; `None` where the file has no such record before its first message.
+/// The metadata record of Mirrorball. `None` if the file has no such record before its first message.
 fn read_metadata(path: &Path) -> Result<Option<BTreeMap<String, String>>> {
     let mut metadata = None;
     read_head(path, |record| {
@@ -416,7 +416,7 @@ fn read_head(path: &Path, mut visit: impl FnMut(Record<'static>)) -> Result<()> 
     Ok(())
 }
 
-/// Rows by ascending log time; rows of one time keep their order in the file.
+/// Sorts rows by log time. Rows of equal times keep their order in the file.
 fn sort_by_time(times: Vec<u64>, columns: Vec<Column>) -> (Vec<u64>, Vec<Column>) {
     if times.is_sorted() {
         return (times, columns);

@@ -1,14 +1,14 @@
-//! Messages as columns: one row a message, `a.b` of a message in column `a_b`.
+//! Which columns does a message type have? One row per message; field `a.b` becomes column `a_b`.
 //!
 //! | field | column |
 //! | --- | --- |
 //! | number of the message itself | f64, i64 or bool |
-//! | number in a message inside it, or an optional one | f64, NaN where absent |
+//! | number in a nested message, or an optional number | f64, NaN where absent |
 //! | the same with a name that ends in `_ns` | i64, −1 where absent: f64 would round stamps to 256 ns |
 //! | text | text, empty where absent |
 //! | repeated field | i64: its length, as `a_count` |
 //! | google.protobuf.Timestamp or Duration | f64 seconds, as `a_s`, NaN where absent |
-//! | bytes; a message inside one of its own type | none |
+//! | bytes; a message nested in one of its own type | none |
 
 use std::collections::HashMap;
 
@@ -26,11 +26,11 @@ pub enum ColumnData {
     I64(Vec<i64>),
     /// Truth values.
     Bool(Vec<bool>),
-    /// Texts, as indices into the different ones.
+    /// Texts, as indices into the list of distinct texts.
     Text {
-        /// For each row its index.
+        /// Index of each row's text.
         codes: Vec<u32>,
-        /// The different texts; the first is the empty one.
+        /// Distinct texts. The first one is empty.
         texts: Vec<String>,
     },
 }
@@ -42,18 +42,18 @@ pub type Column = (String, ColumnData);
 pub(super) struct ColumnTable {
     names: Vec<String>,
     data: Vec<ColumnData>,
-    /// What a column holds where its value is absent, as f64 and as i64.
+    /// Value of a column for an absent field, as f64 and as i64.
     missing: Vec<(f64, i64)>,
     text_codes: Vec<HashMap<String, u32>>,
     root: Node,
 }
 
-/// What to do with each field of a message; fields without a column are skipped.
+/// How each field of a message is stored. Fields without a column are skipped.
 #[derive(Default)]
 struct Node {
     /// By ascending field number.
     actions: Vec<(u32, Action)>,
-    /// Numbers that are 0 and not absent as soon as their message is there.
+    /// Numbers whose default is 0, not absent, if their message is present.
     defaults: Vec<usize>,
 }
 

@@ -1,6 +1,6 @@
-//! Protobuf's wire format: the fields of one encoded message, without knowing its type.
+//! Which fields does an encoded message have? Decodes protobuf's wire format without the message type.
 
-/// Why bytes are no message of their schema.
+/// Why bytes cannot be decoded by the schema.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub(super) enum ProtobufError {
     /// The message ends inside a field.
@@ -20,10 +20,10 @@ pub(super) enum ProtobufError {
     Text,
 }
 
-/// Protobuf's own limit of nesting.
+/// Protobuf's own limit of the nesting depth.
 pub(super) const DEPTH_MAX: usize = 100;
 
-/// The value of a field as it is encoded.
+/// Encoded value of a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum WireValue<'a> {
     Varint(u64),
@@ -95,7 +95,7 @@ impl<'a> FieldReader<'a> {
     }
 }
 
-/// A base-128 varint; bits beyond the 64th are dropped, as other decoders do.
+/// Reads a base-128 varint. Bits beyond the 64th are dropped, as in other decoders.
 pub(super) fn read_varint(bytes: &mut &[u8]) -> Result<u64, ProtobufError> {
     let mut value = 0u64;
     for shift in (0..70).step_by(7) {

@@ -1,4 +1,4 @@
-//! Lists inside messages as columns: one row an entry of the list.
+//! Which columns does a list in a message have? One row per entry of the list.
 
 use anyhow::{Context, Result, bail};
 
@@ -6,12 +6,12 @@ use super::layout::{FieldKind, MessageLayout, NumberKind, Schema};
 use super::plan::{Column, ColumnData, ColumnTable};
 use super::protobuf::{FieldReader, ProtobufError, WireValue};
 
-/// Entries of a repeated message, or of the parallel lists of numbers that one message holds.
+/// Entries of a repeated message, or of parallel lists of numbers in one message.
 pub(super) struct RowTable {
     /// Field numbers that lead to the list.
     path: Vec<u32>,
     entries: Entries,
-    /// For each row the log time of its message.
+    /// Log time of each row's message.
     times: Vec<u64>,
 }
 
@@ -29,7 +29,7 @@ struct ListColumn {
 }
 
 impl RowTable {
-    /// `field`: the list by its dotted name, as `points` or `team.mates`.
+    /// `field`: dotted name of the list, such as `points` or `team.mates`.
     pub(super) fn new(schema: &Schema, root: &MessageLayout, field: &str) -> Result<Self> {
         let (mut layout, mut path, mut repeated) = (root, Vec::new(), false);
         for name in field.split('.') {
@@ -105,7 +105,7 @@ impl RowTable {
                     .decode_repeated(number, value, |number| values.push(number.as_f64()))?;
             }
         }
-        // Lists that are shorter than their neighbours end in NaN, so that rows stay aligned.
+        // Shorter lists are padded with NaN, so that rows stay aligned.
         let longest = lists.iter().map(|list| list.values.len()).max();
         let length = longest.unwrap_or(0).max(self.times.len());
         for list in lists {

@@ -1,4 +1,4 @@
-//! A message as a tree of names and values, of whatever type its schema declares.
+//! What does a message of any type contain? A tree of names and values, decoded by the schema.
 
 use super::layout::{FieldKind, FieldLayout, MessageLayout, Number, NumberKind, Schema};
 use super::protobuf::{DEPTH_MAX, FieldReader, ProtobufError, WireValue};
@@ -31,7 +31,7 @@ pub enum Value {
     Message(Fields),
 }
 
-/// Decodes a message; fields that its schema does not declare are skipped.
+/// Decodes a message. Fields that the schema does not declare are skipped.
 pub(super) fn decode(
     schema: &Schema,
     layout: &MessageLayout,

@@ -1,11 +1,11 @@
-//! Did a write fail? A buffered file that keeps the first error, which the SDK's writer discards.
+//! Did a write fail? A buffered file stores the first error, which the SDK's writer discards.
 
 use std::fs::File;
 use std::io::{BufWriter, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
-/// A log's file.
+/// Buffered file of a log.
 pub(crate) struct LogFile {
     path: PathBuf,
     file: BufWriter<File>,
@@ -13,7 +13,7 @@ pub(crate) struct LogFile {
 }
 
 impl LogFile {
-    /// Creates or truncates the file. The first write error goes to `fault`.
+    /// Creates or truncates the file. `fault` receives the first write error.
     pub(crate) fn create(path: &Path, fault: Arc<OnceLock<String>>) -> Result<Self> {
         let file = BufWriter::new(File::create(path)?);
         Ok(LogFile {
@@ -23,7 +23,7 @@ impl LogFile {
         })
     }
 
-    /// Flushes the buffer to the system.
+    /// Flushes the buffer to the operating system.
     pub(crate) fn finish(&mut self) -> Result<()> {
         self.flush()
     }

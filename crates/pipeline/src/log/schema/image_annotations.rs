@@ -1,4 +1,4 @@
-//! What does a viewer draw over the image? Line points, rejected candidates, and a text about the pose.
+//! What does a viewer draw over the image? Line points, rejected candidates and the pose as text.
 
 use foxglove::messages::{
     ImageAnnotations, Point2, PointsAnnotation, TextAnnotation, points_annotation,
@@ -14,9 +14,9 @@ const TEXT: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
 
 /// Line points and rejected candidates of a cycle's image. None without an image.
 pub(crate) fn image_annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
-    let seen = cycle.detections.as_ref()?;
+    let detections = cycle.detections.as_ref()?;
     let stamp = timestamp(cycle.stamp);
-    // Viewers count from the corner of the first pixel, Mirrorball from its centre.
+    // The origin of viewers is the corner of the first pixel, that of Mirrorball its centre.
     let point = |[u, v]: [f32; 2]| Point2 {
         x: f64::from(u) + 0.5,
         y: f64::from(v) + 0.5,
@@ -44,7 +44,7 @@ pub(crate) fn image_annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
     let text = TextAnnotation {
         timestamp: stamp,
         position: Some(Point2 { x: 4.0, y: 16.0 }),
-        text: format!("{place}  {} points", seen.line_points.len()),
+        text: format!("{place}  {} points", detections.line_points.len()),
         font_size: 12.0,
         text_color: color(TEXT),
         ..TextAnnotation::default()
@@ -53,7 +53,8 @@ pub(crate) fn image_annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
         timestamp: stamp,
         points: vec![
             dots(
-                seen.rejected_candidates
+                detections
+                    .rejected_candidates
                     .iter()
                     .map(|run| point(run.position_px))
                     .collect(),
@@ -61,9 +62,10 @@ pub(crate) fn image_annotations(cycle: &Cycle) -> Option<ImageAnnotations> {
                 2.0,
             ),
             dots(
-                seen.line_points
+                detections
+                    .line_points
                     .iter()
-                    .map(|seen| point(seen.position_px))
+                    .map(|detection| point(detection.position_px))
                     .collect(),
                 POINT,
                 3.0,

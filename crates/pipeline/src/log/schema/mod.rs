@@ -1,6 +1,6 @@
-//! Which topics does a log have, in which schemas? The one place that knows foxglove's SDK.
+//! Which topics does a log have, with which schemas? Only this module uses foxglove's SDK.
 //!
-//! Each message is logged once; all sinks of the context (a file, viewers) get it.
+//! Each message is logged once. All sinks of the context (a file, viewers) receive it.
 
 pub(crate) mod convert;
 pub(crate) mod file;
@@ -35,26 +35,26 @@ use file::LogFile;
 use super::encoded_image::{EncodedImage, ImageCompression};
 use crate::feed::Pace;
 
-/// Format of our own topics and records; other formats are refused.
+/// Format of our own topics and records. Other formats are rejected.
 pub(crate) const FORMAT_VERSION: u32 = 2;
 /// Name of the metadata record that marks an MCAP file as a log of Mirrorball.
 pub const PROJECT_NAME: &str = "mirrorball";
-/// Topic of `wire::Cycle`, all that replay needs.
+/// Topic of `wire::Cycle`, which has all data that replay needs.
 pub const CYCLE_TOPIC: &str = "/cycle";
 /// Topic of `wire::About`, the first message of a live stream.
 pub const ABOUT_TOPIC: &str = "/about";
 /// Topic of the images.
 pub const IMAGE_TOPIC: &str = "/camera/image";
 
-/// A chunk is closed at this size; with the image that goes beyond it, it stays below 1 MiB for usual cameras.
+/// Size at which a chunk is closed, bytes. With the last image, chunks of usual cameras stay below 1 MiB.
 const CHUNK_BYTES: u64 = 384 * 1024;
-/// On a robot each flush ends a chunk, and only a camera far beyond the usual fills one before that.
+/// Size at which a chunk is closed on a robot, bytes. Usually a flush ends the chunk earlier.
 ///
-/// The writer remembers each chunk, with a place for each topic (a kilobyte), for the summary at the end: many small
-/// chunks of a long game would cost memory. A kill costs what came since the last flush, whatever the size.
+/// The writer stores about 1 kB per chunk for the summary at the end, so many small chunks would cost memory in a long
+/// game. The data lost by a kill do not depend on this size: they are those since the last flush.
 const LIVE_CHUNK_BYTES: u64 = 4 * 1024 * 1024;
 
-/// The channels of a run; they reach whatever sinks their context has.
+/// The channels of a run. Their messages go to all sinks of the context.
 pub struct Topics {
     image: FoxgloveChannel<CompressedImage>,
     pub(crate) annotations: FoxgloveChannel<ImageAnnotations>,
@@ -78,7 +78,7 @@ pub struct Topics {
 }
 
 impl Topics {
-    /// Every channel of a run, in a context.
+    /// Opens all channels of a run in a context.
     pub fn new(context: &Arc<Context>) -> Result<Self> {
         Ok(Topics {
             image: FoxgloveChannel::new(context, IMAGE_TOPIC),
@@ -103,23 +103,23 @@ impl Topics {
         })
     }
 
-    /// True if somebody takes images: packing them is most of the work.
+    /// True if a sink receives images. Encoding images takes most of the time, so it is skipped without one.
     pub(crate) fn has_image_sinks(&self) -> bool {
         self.image.0.has_sinks()
     }
 
-    /// Logs an image as it is packed.
-    pub(crate) fn publish_image(&self, picture: EncodedImage, stamp: Stamp) {
+    /// Logs an encoded image.
+    pub(crate) fn publish_image(&self, image: EncodedImage, stamp: Stamp) {
         let message = CompressedImage {
             timestamp: timestamp(stamp),
             frame_id: "camera".to_owned(),
-            format: picture.compression.name().to_owned(),
-            data: picture.bytes.into(),
+            format: image.compression.name().to_owned(),
+            data: image.bytes.into(),
         };
         self.image.log_at(&message, stamp);
     }
 
-    /// Logs a line for people.
+    /// Logs a line of text.
     pub(crate) fn log_message(&self, stamp: Stamp, level: Level, message: String) {
         let line = Log {
             timestamp: timestamp(stamp),
@@ -132,16 +132,16 @@ impl Topics {
     }
 }
 
-/// A log's file.
+/// File of a log.
 pub(crate) struct Sink {
-    /// Joins channels and file for as long as it lives.
+    /// Connects channels and file during its lifetime.
     _context: Arc<Context>,
     file: McapWriterHandle<LogFile>,
     write_error: Arc<OnceLock<String>>,
 }
 
 impl Sink {
-    /// Starts a log file with its channels; one that is there is replaced.
+    /// Starts a log file and opens its channels. Replaces an existing file.
     pub(crate) fn create(path: &Path, pace: Pace) -> Result<(Self, Topics)> {
         let chunk_bytes = match pace {
             Pace::Live => LIVE_CHUNK_BYTES,
@@ -150,7 +150,7 @@ impl Sink {
         let fault = Arc::new(OnceLock::new());
         let file = LogFile::create(path, fault.clone())
             .with_context(|| format!("cannot write {}", path.display()))?;
-        // A seeking writer would leave a chunk without its length when it is killed.
+        // A seeking writer that is killed leaves a chunk without its length.
         let options = McapWriteOptions::new()
             .profile(PROJECT_NAME)
             .compression(Some(McapCompression::Zstd))
@@ -193,7 +193,7 @@ impl Sink {
             .map_err(|error| self.io_error(&error.to_string()))
     }
 
-    /// Ends the chunk and hands everything to the system: from here on a kill loses nothing of it.
+    /// Ends the chunk and passes all data to the operating system. A later kill does not lose them.
     pub(crate) fn flush(&self) -> Result<()> {
         self.file
             .flush()
@@ -207,13 +207,16 @@ impl Sink {
         closed.map_err(|error| anyhow!("{}", fault.get().cloned().unwrap_or(error.to_string())))
     }
 
-    // The SDK's own word after a first failure is only that there was one.
-    fn io_error(&self, word: &str) -> anyhow::Error {
-        anyhow!("{}", self.write_error.get().map_or(word, String::as_str))
+    // After the first failure the SDK only says that there was one, so the stored error is reported.
+    fn io_error(&self, sdk_error: &str) -> anyhow::Error {
+        anyhow!(
+            "{}",
+            self.write_error.get().map_or(sdk_error, String::as_str)
+        )
     }
 }
 
-/// A channel of one of foxglove's messages, which viewers know.
+/// A channel of one of foxglove's messages, which viewers support.
 pub(crate) struct FoxgloveChannel<M: Encode>(Channel<M>);
 
 impl<M: Encode> FoxgloveChannel<M> {
@@ -255,7 +258,7 @@ impl<M: Message + Encode> CustomChannel<M> {
     }
 }
 
-/// The derived schema under our own package, `mirrorball.Cycle` rather than `cycle.Cycle`.
+/// Derived schema with our own package name: `mirrorball.Cycle` instead of `cycle.Cycle`.
 fn custom_schema<M: Encode>() -> Result<Schema> {
     let derived = M::get_schema().context("a message of ours has no schema")?;
     let mut files = FileDescriptorSet::decode(&derived.data[..])?;
@@ -270,12 +273,12 @@ fn custom_schema<M: Encode>() -> Result<Schema> {
     ))
 }
 
-/// A stamp as MCAP counts time; what lies before the epoch is put at it.
+/// Stamp as MCAP log time. Stamps before the epoch become 0.
 pub(crate) fn log_time(stamp: Stamp) -> u64 {
     stamp.0.max(0).unsigned_abs()
 }
 
-/// A stamp as foxglove's messages hold it.
+/// Stamp as a timestamp of foxglove's messages.
 pub(crate) fn timestamp(stamp: Stamp) -> Option<Timestamp> {
     let (seconds, rest) = (
         log_time(stamp) / 1_000_000_000,
@@ -293,7 +296,7 @@ fn media_type(name: &str) -> &'static str {
     }
 }
 
-/// The image that a message of [`IMAGE_TOPIC`] holds.
+/// Decodes a message of [`IMAGE_TOPIC`].
 pub(crate) fn decode_compressed_image(message: &[u8]) -> Result<EncodedImage> {
     let message = CompressedImage::decode(message)?;
     let mode = ImageCompression::from_name(&message.format)

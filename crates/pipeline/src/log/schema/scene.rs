@@ -15,26 +15,27 @@ use localize::{Field, Pose, Stamp};
 use super::timestamp;
 use crate::cycle::Cycle;
 
-/// Name of the field's frame in viewers.
+/// Name of the field frame in viewers.
 const FIELD_FRAME: &str = "field";
-/// Name of the robot's frame in viewers.
+/// Name of the robot frame in viewers.
 const ROBOT_FRAME: &str = "robot";
-/// Distance of points along markings, metres: a third of a line's width in the league.
+/// Spacing of points along markings, metres: a third of the league's line width.
 const LINE_STEP: f32 = 0.04;
 /// Diameter of a size 5 ball, metres.
 const BALL_DIAMETER: f64 = 0.22;
 /// Size of the league's largest robot, metres.
 const ROBOT_SIDE: f64 = 0.52;
 const ROBOT_HEIGHT: f64 = 0.8;
-/// Moving objects are drawn this long after their last message, seconds.
+/// Lifetime of drawn moving objects after their last message, seconds.
 const LIFETIME_S: f64 = 0.5;
 
 const WHITE: [f64; 4] = [1.0, 1.0, 1.0, 1.0];
 const TRUTH: [f64; 4] = [0.2, 0.9, 0.3, 0.6];
 const ESTIMATE: [f64; 4] = [0.2, 0.5, 1.0, 0.9];
 const ORANGE: [f64; 4] = [1.0, 0.5, 0.0, 1.0];
-/// As our own robot sees it, and as the team does.
+/// Ball as tracked by this robot.
 const OWN_BALL: [f64; 4] = [1.0, 0.8, 0.2, 0.9];
+/// Ball as fused by the team.
 const TEAM_BALL: [f64; 4] = [1.0, 0.2, 0.6, 0.9];
 const GREY: [f64; 4] = [0.4, 0.4, 0.4, 0.7];
 
@@ -42,7 +43,7 @@ pub(crate) fn color([r, g, b, a]: [f64; 4]) -> Option<Color> {
     Some(Color { r, g, b, a })
 }
 
-/// The field's markings as points of their centre lines, for viewers without scenes.
+/// The field's markings as points on their centre lines, for viewers without scene support.
 pub(crate) fn field_points(field: &Field, stamp: Stamp) -> PointCloud {
     let points = field
         .markings
@@ -194,7 +195,7 @@ pub(crate) fn pose_in_frame(pose: Pose, stamp: Stamp) -> PoseInFrame {
     }
 }
 
-/// Other poses that explain the line points.
+/// Further pose hypotheses for the same line points.
 pub(crate) fn poses_in_frame(poses: impl Iterator<Item = Pose>, stamp: Stamp) -> PosesInFrame {
     PosesInFrame {
         timestamp: timestamp(stamp),
@@ -203,7 +204,7 @@ pub(crate) fn poses_in_frame(poses: impl Iterator<Item = Pose>, stamp: Stamp) ->
     }
 }
 
-/// Transform of the robot's frame in the field's frame.
+/// Transform from the robot frame to the field frame.
 pub(crate) fn robot_transform(pose: Pose, stamp: Stamp) -> FrameTransforms {
     let transform = FrameTransform {
         timestamp: timestamp(stamp),

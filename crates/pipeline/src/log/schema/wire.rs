@@ -1,8 +1,8 @@
 //! How is a cycle encoded? In our own protobuf messages, because no foxglove schema holds every bit.
 //!
-//! Each message derives its bytes (prost) and its schema (foxglove) from one struct: both number the fields in order
-//! of declaration. Single floats are marked `required`, since proto3 would drop −0.0 as a default, and replay compares
-//! bits. A change of a message raises `FORMAT_VERSION`.
+//! One struct determines both the bytes (prost) and the schema (foxglove) of a message. Both number the fields in order
+//! of declaration. Single floats are marked `required`: proto3 would drop −0.0 as a default, but replay compares bits.
+//! A change of a message raises `FORMAT_VERSION`.
 
 use foxglove::Encode;
 use prost::bytes::Bytes;
@@ -30,7 +30,7 @@ pub(crate) struct Odometry {
     pub(crate) slip: f32,
 }
 
-/// `localize::sample::Command`: what the motors were told, m/s and rad/s, robot frame.
+/// `localize::sample::VelocityCommand`: velocity command to the motors, m/s and rad/s, robot frame.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Command {
     #[prost(sint64)]
@@ -50,12 +50,12 @@ pub(crate) struct Compass {
     pub(crate) stamp_ns: i64,
     #[prost(float, required)]
     pub(crate) heading: f32,
-    /// The magnetic field that it was made of: x and y, or nothing.
+    /// Magnetic field from which the heading was computed: x and y, or empty.
     #[prost(float, repeated)]
     pub(crate) field: Vec<f32>,
 }
 
-/// `localize::sample::Imu`: specific force in m/s², rate of turn in rad/s, robot frame.
+/// `localize::sample::Imu`: specific force in m/s², angular rate in rad/s, robot frame.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Imu {
     #[prost(sint64)]
@@ -74,7 +74,7 @@ pub(crate) struct Imu {
     pub(crate) rate_z: f32,
 }
 
-/// `localize::global_search::branch_and_bound::Hypothesis`: a pose that explains the points too; covariance row by row.
+/// `localize::global_search::branch_and_bound::Hypothesis`: an alternative pose; covariance row by row.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Hypothesis {
     #[prost(message, required)]
@@ -120,7 +120,7 @@ pub(crate) struct Estimate {
     pub(crate) odometry_scales: Vec<f32>,
     #[prost(message, repeated)]
     pub(crate) runners_up: Vec<Hypothesis>,
-    /// Velocity in the robot's frame (m/s, m/s, rad/s); empty while lost.
+    /// Velocity in the robot frame (m/s, m/s, rad/s); empty while lost.
     #[prost(float, repeated)]
     pub(crate) twist: Vec<f32>,
     #[prost(bool)]
@@ -131,7 +131,7 @@ pub(crate) struct Estimate {
     pub(crate) latency: f32,
 }
 
-/// Where things truly were, field frame, metres.
+/// True poses and positions, field frame, metres.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct GroundTruth {
     #[prost(sint64)]
@@ -149,12 +149,12 @@ pub(crate) struct GroundTruth {
 /// One cycle of the pipeline, with every bit that replay needs or compares.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Cycle {
-    /// Counts from 0; a gap is a cycle that was dropped.
+    /// Counts from 0. A gap is a dropped cycle.
     #[prost(uint64)]
     pub(crate) index: u64,
     #[prost(sint64)]
     pub(crate) stamp_ns: i64,
-    /// What stands on /camera/image at this stamp: png, jpeg, or none.
+    /// Format of the message on /camera/image with this stamp: png, jpeg or none.
     #[prost(string)]
     pub(crate) image: String,
     #[prost(message, repeated)]
@@ -189,7 +189,7 @@ pub(crate) struct Cycle {
     pub(crate) team: TeamView,
 }
 
-/// A file that a run works with, under its name in a recording folder.
+/// An input file of a run, under its name in a recording folder.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Attachment {
     #[prost(string)]
@@ -198,7 +198,7 @@ pub(crate) struct Attachment {
     pub(crate) content: Bytes,
 }
 
-/// A line of the metadata record.
+/// An entry of the metadata record.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct MetadataEntry {
     #[prost(string)]
@@ -207,7 +207,7 @@ pub(crate) struct MetadataEntry {
     pub(crate) value: String,
 }
 
-/// What a log keeps as metadata and attachments, for those who watch a run live.
+/// Metadata and attachments of a log, as a message for viewers of a live stream.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub struct About {
     #[prost(message, repeated)]

@@ -1,10 +1,10 @@
-//! Messages of detections: the part of `wire` that vision fills.
+//! How are detections encoded? The messages of `wire` that vision fills.
 
 use foxglove::Encode;
 
 use super::wire_geometry::LinePoints;
 
-/// `vision::objects::ball::Ball`: robot frame, metres; covariance xx, xy, yy, m².
+/// `vision::objects::ball::BallDetection`: robot frame, metres; covariance xx, xy, yy, m².
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Ball {
     #[prost(float, required)]
@@ -25,7 +25,7 @@ pub(crate) struct Ball {
     pub(crate) pixels: u32,
 }
 
-/// `vision::objects::robots::Robot`: its middle and its nearest edge, robot frame, metres.
+/// `vision::objects::robots::RobotDetection`: centre and nearest edge, robot frame, metres.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Robot {
     #[prost(float, required)]
@@ -50,14 +50,14 @@ pub(crate) struct Robot {
     pub(crate) v_px: f32,
 }
 
-/// All robots of a frame.
+/// All robots of an image.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Robots {
     #[prost(message, repeated)]
     pub(crate) robots: Vec<Robot>,
 }
 
-/// `vision::objects::goals::Goal`: its middle on the ground, robot frame, metres.
+/// `vision::objects::goals::GoalDetection`: centre on the ground, robot frame, metres.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Goal {
     #[prost(string)]
@@ -78,7 +78,7 @@ pub(crate) struct Goal {
     pub(crate) v_px: f32,
 }
 
-/// `vision::objects::virtual_sensors::WindowReadings`: what the virtual sensors say; a place is a column and a row, or nothing.
+/// `vision::objects::virtual_sensors::VirtualSensorReadings`. A position is a column and a row, or empty.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Windows {
     #[prost(float, repeated)]
@@ -99,7 +99,7 @@ pub(crate) struct Windows {
     pub(crate) lens_centred: Option<bool>,
 }
 
-/// `vision::exposure::ExposureReading`; settings are in the camera's own units, absent where it has no control.
+/// `vision::exposure::ExposureStatus`. Settings are in the camera's own units, absent without a control.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Exposure {
     #[prost(float, required)]
@@ -124,7 +124,7 @@ pub(crate) struct Exposure {
     pub(crate) warning: bool,
 }
 
-/// `vision::process::Seen`: all that a frame shows.
+/// `vision::process::Detections`: all results of vision for an image.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Detections {
     #[prost(message, required)]
@@ -159,7 +159,7 @@ pub(crate) struct Detections {
     pub(crate) windows: Windows,
 }
 
-/// What vision measured of a whole image, for plotting.
+/// Measurements on a whole image, for plotting.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Sensors {
     #[prost(uint32)]
@@ -170,7 +170,7 @@ pub(crate) struct Sensors {
     pub(crate) carpet_share: f32,
     #[prost(bool)]
     pub(crate) colours_learned: bool,
-    /// How far the carpet reaches in each direction around the mirror's axis, metres; infinite where nothing ends it.
+    /// Distance of the carpet's end in each direction around the mirror axis, metres; infinite if no end is visible.
     #[prost(float, repeated)]
     pub(crate) carpet_end: Vec<f32>,
     #[prost(message, required)]

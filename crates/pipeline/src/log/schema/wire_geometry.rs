@@ -1,4 +1,4 @@
-//! Messages of poses and line points: parts of several other messages.
+//! How are poses and line points encoded? As parts of several other messages.
 
 use foxglove::Encode;
 
@@ -13,7 +13,7 @@ pub(crate) struct Pose {
     pub(crate) theta: f32,
 }
 
-/// Line points in the robot frame, metres; one entry a point in each list.
+/// Line points in the robot frame, metres; each list has one entry per point.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct LinePoints {
     #[prost(float, repeated)]

@@ -1,10 +1,10 @@
-//! Messages of world and team: the part of `wire` that the world model and the team fill.
+//! How are world and team encoded? The messages of `wire` that world model and team model fill.
 
 use foxglove::Encode;
 
 use super::wire_geometry::Pose;
 
-/// `localize::world::OnField`: field frame; position in metres, velocity in m/s, covariance row by row.
+/// `localize::world::FieldState`: field frame; position in metres, velocity in m/s, covariance row by row.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct OnField {
     #[prost(float, required)]
@@ -19,7 +19,7 @@ pub(crate) struct OnField {
     pub(crate) covariance: Vec<f32>,
 }
 
-/// `localize::world::Object`: robot frame; position in metres, velocity in m/s, covariance row by row.
+/// `localize::world::TrackedObject`: robot frame; position in metres, velocity in m/s, covariance row by row.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Object {
     #[prost(uint32)]
@@ -44,7 +44,7 @@ pub(crate) struct Object {
     pub(crate) team: String,
 }
 
-/// `localize::world::World`: what is around the robot.
+/// `localize::world::WorldView`: ball and robots around the robot.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct WorldView {
     #[prost(message, optional)]
@@ -53,7 +53,7 @@ pub(crate) struct WorldView {
     pub(crate) robots: Vec<Object>,
 }
 
-/// `localize::team::Report`: a team-mate's word; times by our clock.
+/// `localize::team::TeamReport`: a teammate's message; times by our clock.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct TeamReport {
     #[prost(uint32)]
@@ -78,7 +78,7 @@ pub(crate) struct TeamReport {
     pub(crate) obstacles_y: Vec<f32>,
 }
 
-/// `localize::team::SharedBall`: where most see it; field frame.
+/// `localize::team::TeamBall`: the fused ball of the majority, field frame.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct SharedBall {
     #[prost(float, required)]
@@ -98,7 +98,7 @@ pub(crate) struct SharedBall {
     pub(crate) dissenters: Vec<u32>,
 }
 
-/// `localize::team::Mate`: a team-mate and how old its word is, seconds.
+/// `localize::team::Teammate`: a teammate and the age of its message, seconds.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct Teammate {
     #[prost(uint32)]
@@ -107,12 +107,12 @@ pub(crate) struct Teammate {
     pub(crate) age: f32,
     #[prost(message, optional)]
     pub(crate) pose: Option<Pose>,
-    /// yes, no, or empty where nobody can tell.
+    /// yes, no, or empty if unknown.
     #[prost(string)]
     pub(crate) agrees: String,
 }
 
-/// `localize::team::TeamView`: what the team knows.
+/// `localize::team::TeamView`: the fused knowledge of the team.
 #[derive(Clone, PartialEq, prost::Message, Encode)]
 pub(crate) struct TeamView {
     #[prost(message, optional)]

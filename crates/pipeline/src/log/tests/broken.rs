@@ -1,4 +1,4 @@
-//! What is left of a killed, cut or damaged log, and what a file that is none is told.
+//! Tests of killed, truncated and damaged logs, and of files that are not logs.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -58,10 +58,10 @@ fn damaged_log_reports_the_offset_and_recover_skips_the_damage() {
     let middle = bytes.len() / 2;
     bytes[middle..middle + 16].fill(0x55);
     std::fs::write(&path, &bytes).expect("damaged");
-    let told = read_error(&path);
+    let message = read_error(&path);
     assert!(
-        told.contains("is damaged at byte") && told.contains("mirrorball recover"),
-        "{told}"
+        message.contains("is damaged at byte") && message.contains("mirrorball recover"),
+        "{message}"
     );
     let recovered = recover(&path, &whole).expect("recovered");
     assert_eq!(recovered.lost.len(), 1);
@@ -128,10 +128,10 @@ fn foreign_file_and_unknown_log_format_are_rejected_with_reason() {
         })
         .expect("metadata");
     other.finish().expect("finished");
-    let told = read_error(&path);
+    let message = read_error(&path);
     assert!(
-        told.contains("written by mirrorball 7.1.0 in log format 99"),
-        "{told}"
+        message.contains("written by mirrorball 7.1.0 in log format 99"),
+        "{message}"
     );
 }
 
@@ -147,14 +147,14 @@ fn write_failure_reports_the_io_error() {
         Pace::Live,
         &LogConfig::default(),
     );
-    let told = format!("{:#}", created.map(|_| ()).expect_err("refused"));
+    let message = format!("{:#}", created.map(|_| ()).expect_err("refused"));
     assert!(
-        told.contains("cannot write /dev/full") && told.contains("No space left"),
-        "{told}"
+        message.contains("cannot write /dev/full") && message.contains("No space left"),
+        "{message}"
     );
 }
 
-/// Names the log to the process that is killed.
+/// Environment variable with the path of the log that the killed process writes.
 const KILLED_LOG: &str = "MIRRORBALL_KILLED_LOG";
 
 fn record_until_killed(path: &Path) {
@@ -165,7 +165,7 @@ fn record_until_killed(path: &Path) {
     let header = Header::new("test", None);
     let mut recorder =
         Recorder::create(path, &header, &field(), Pace::Live, &config).expect("a recorder");
-    // Should nobody kill it, it ends by itself.
+    // Bounded, so that the process ends even if it is not killed.
     for number in 0..4000 {
         recorder
             .record_cycle(Arc::new(random_cycle(number)))
@@ -176,7 +176,7 @@ fn record_until_killed(path: &Path) {
 
 #[test]
 fn a_log_whose_writer_is_killed_can_be_read() {
-    // The process to be killed is this test once more.
+    // The process to be killed runs this test, too.
     if let Some(path) = std::env::var_os(KILLED_LOG) {
         return record_until_killed(Path::new(&path));
     }
@@ -192,7 +192,7 @@ fn a_log_whose_writer_is_killed_can_be_read() {
         .stdout(std::process::Stdio::null())
         .spawn()
         .expect("a process");
-    // Some flushes after the header; how long they take is the machine's matter.
+    // Waits for some flushes after the header. Their duration depends on the machine.
     let size = || std::fs::metadata(&path).map_or(0, |file| file.len());
     while size() < 400_000 && child.try_wait().expect("a state").is_none() {
         std::thread::sleep(std::time::Duration::from_millis(20));

@@ -1,4 +1,4 @@
-//! Any moment of a log by its index: the same cycles as front to back, also from cut files and of other versions.
+//! Tests of the index: it yields the same cycles as sequential reading, also for truncated files and other versions.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,7 +8,7 @@ use mcap::records::{MessageHeader, Metadata};
 use crate::log::{EncodedImage, LogConfig, LogEnd, LogIndex, LoggedCycle};
 use crate::testing::{random_cycle, read, record};
 
-/// Every cycle, chunk by chunk.
+/// All cycles, chunk by chunk.
 fn all(index: &LogIndex) -> Vec<LoggedCycle> {
     let parts = 0..index.chunks().len();
     parts
@@ -54,7 +54,7 @@ fn truncated_log_is_indexed_to_its_last_complete_chunk() {
     assert!(index.warnings().iter().any(|line| line.contains("is cut")));
 }
 
-/// The log once more as another version might write it: another format, cycles that say nothing to us.
+/// Rewrites a log as another version might: in another format, with cycles that cannot be decoded.
 fn rewrite_as_newer_version(from: &Path, to: &Path) {
     let bytes = std::fs::read(from).expect("bytes");
     let file = std::fs::File::create(to).expect("a file");
@@ -97,21 +97,21 @@ fn newer_log_format_still_shows_images_poses_and_line_points() {
     record(&path, 20, &LogConfig::default());
     rewrite_as_newer_version(&path, &later);
     let index = LogIndex::open(&later).expect("an index");
-    let told = index.warnings().join("\n");
+    let warnings = index.warnings().join("\n");
     assert!(
-        told.contains("9.9.9") && told.contains("log format 99"),
-        "{told}"
+        warnings.contains("9.9.9") && warnings.contains("log format 99"),
+        "{warnings}"
     );
-    assert!(told.contains("no robot.toml"), "{told}");
+    assert!(warnings.contains("no robot.toml"), "{warnings}");
     let cycles = all(&index);
     let first = |logged: &&LoggedCycle| logged.cycle.stamp == random_cycle(1).stamp;
     let found = cycles.iter().find(first).expect("cycle 1");
-    let wanted = random_cycle(1);
-    let (pose, known) = (found.cycle.estimate.pose, wanted.estimate.pose);
+    let expected = random_cycle(1);
+    let (pose, known) = (found.cycle.estimate.pose, expected.estimate.pose);
     let (pose, known) = (pose.expect("a pose"), known.expect("a pose"));
     assert_eq!((pose.x, pose.y), (known.x, known.y));
     assert!((pose.theta - known.theta).abs() < 1e-5);
-    assert_eq!(found.cycle.line_points.len(), wanted.line_points.len());
+    assert_eq!(found.cycle.line_points.len(), expected.line_points.len());
     assert!(found.image.is_some());
 }
 

@@ -1,4 +1,4 @@
-//! What a whole log keeps, and what replay and export make of it.
+//! Tests of complete logs: content, replay and export.
 
 use std::sync::Arc;
 
@@ -152,7 +152,7 @@ fn a_log_without_images_exports_line_points() {
     assert!(!out.join("frames.csv").exists() && !out.join("frames").exists());
 }
 
-/// Records a run on the sample recording, and recomputes it from the log alone.
+/// Records a run on the sample recording and recomputes it from the log alone.
 fn record_and_verify(images: ImageCompression) -> VerificationReport {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.mcap");

@@ -1,4 +1,4 @@
-//! Claims about the log as a whole: what goes in comes out, from whole, killed and damaged files.
+//! Tests of the log as a whole: complete, truncated and damaged files.
 
 mod broken;
 mod index;

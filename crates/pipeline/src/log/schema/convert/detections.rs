@@ -1,4 +1,4 @@
-//! How do detections become their message and come back?
+//! How are detections converted to their message and back?
 
 use anyhow::{Context, Result};
 use localize::frames::At;
@@ -27,7 +27,7 @@ names!(refusal_name, refusal_named: RejectionReason {
 names!(marker_name, marker_named: TeamColour { Cyan = "cyan", Magenta = "magenta" });
 names!(goal_name, goal_named: GoalKind { Blue = "blue", Yellow = "yellow", Post = "post" });
 
-pub(crate) fn detections_to_wire(seen: &Detections) -> wire::Detections {
+pub(crate) fn detections_to_wire(detections: &Detections) -> wire::Detections {
     let Detections {
         line_points,
         rejected_candidates: refused,
@@ -38,7 +38,7 @@ pub(crate) fn detections_to_wire(seen: &Detections) -> wire::Detections {
         carpet_end,
         carpet_share,
         colours_learned: learned,
-    } = seen;
+    } = detections;
     let mut points = wire::Detections::default();
     for &LinePointDetection {
         point: _,
@@ -53,7 +53,7 @@ pub(crate) fn detections_to_wire(seen: &Detections) -> wire::Detections {
         points.point_width.push(width);
     }
     wire::Detections {
-        points: line_points_to_wire(line_points.iter().map(|seen| &seen.point)),
+        points: line_points_to_wire(line_points.iter().map(|detection| &detection.point)),
         refused_u_px: refused.iter().map(|run| run.position_px[0]).collect(),
         refused_v_px: refused.iter().map(|run| run.position_px[1]).collect(),
         refused_reason: refused
@@ -71,16 +71,19 @@ pub(crate) fn detections_to_wire(seen: &Detections) -> wire::Detections {
     }
 }
 
-pub(crate) fn detections_from_wire(seen: wire::Detections) -> Result<Detections> {
-    let (u, v) = (seen.point_u_px, seen.point_v_px);
-    let (contrast, width) = (seen.point_contrast, seen.point_width);
-    let points = line_points_from_wire(seen.points)?;
+pub(crate) fn detections_from_wire(detections: wire::Detections) -> Result<Detections> {
+    let (u, v) = (detections.point_u_px, detections.point_v_px);
+    let (contrast, width) = (detections.point_contrast, detections.point_width);
+    let points = line_points_from_wire(detections.points)?;
     same_length(
         "seen points",
         &[points.len(), u.len(), v.len(), contrast.len(), width.len()],
     )?;
-    let (refused_u, refused_v, reasons) =
-        (seen.refused_u_px, seen.refused_v_px, seen.refused_reason);
+    let (refused_u, refused_v, reasons) = (
+        detections.refused_u_px,
+        detections.refused_v_px,
+        detections.refused_reason,
+    );
     same_length(
         "refused runs",
         &[refused_u.len(), refused_v.len(), reasons.len()],
@@ -100,21 +103,21 @@ pub(crate) fn detections_from_wire(seen: wire::Detections) -> Result<Detections>
     Ok(Detections {
         line_points: points.into_iter().enumerate().map(place).collect(),
         rejected_candidates: reasons.iter().enumerate().map(run).collect::<Result<_>>()?,
-        ball: seen.ball.as_ref().map(ball_from_wire).transpose()?,
-        robots: seen
+        ball: detections.ball.as_ref().map(ball_from_wire).transpose()?,
+        robots: detections
             .robots
             .iter()
             .map(robot_from_wire)
             .collect::<Result<_>>()?,
-        goals: seen
+        goals: detections
             .goals
             .iter()
             .map(goal_from_wire)
             .collect::<Result<_>>()?,
-        virtual_sensors: windows_from_wire(seen.windows)?,
-        carpet_end: seen.carpet_end,
-        carpet_share: seen.carpet_share,
-        colours_learned: seen.learned,
+        virtual_sensors: windows_from_wire(detections.windows)?,
+        carpet_end: detections.carpet_end,
+        carpet_share: detections.carpet_share,
+        colours_learned: detections.learned,
     })
 }
 

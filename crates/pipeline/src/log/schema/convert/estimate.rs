@@ -1,4 +1,4 @@
-//! How does an estimate become its message and come back?
+//! How is an estimate converted to its message and back?
 
 use anyhow::Result;
 use localize::Stamp;

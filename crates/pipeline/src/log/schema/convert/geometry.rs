@@ -1,4 +1,4 @@
-//! How do poses, line points and lists become messages and come back?
+//! How are poses, line points and lists converted to messages and back?
 
 use anyhow::{Context, Result, bail};
 use localize::Pose;

@@ -1,4 +1,4 @@
-//! How does a cycle become its message and come back? Bit by bit; every field is named, so that none is forgotten.
+//! How is a cycle converted to its message and back? Without loss of a bit. Every field is named, so none is missed.
 
 mod detections;
 mod estimate;
@@ -30,12 +30,12 @@ use super::wire;
 use crate::cycle::{Cycle, Inputs, Timings};
 use crate::sample::GroundTruth;
 
-/// The message of a cycle. `image`: format of its message on /camera/image.
+/// Converts a cycle to its message. `image`: format of its message on /camera/image.
 pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cycle {
     let Cycle {
         stamp,
         inputs,
-        detections: seen,
+        detections,
         line_points: points,
         estimate,
         world,
@@ -62,7 +62,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         imu: imu.iter().map(imu_to_wire).collect(),
         truth: truth.as_ref().map(ground_truth_to_wire),
         points: line_points_to_wire(points.iter()),
-        seen: seen.as_ref().map(detections_to_wire),
+        seen: detections.as_ref().map(detections_to_wire),
         estimate: estimate_to_wire(estimate),
         fault: fault.clone(),
         see_ms: timings.see_ms,
@@ -75,7 +75,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
     }
 }
 
-/// The cycle of a message, without its image.
+/// Converts a message to its cycle, without the image.
 pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
     let odometry = |one: wire::Odometry| Odometry {
         stamp: Stamp(one.stamp_ns),

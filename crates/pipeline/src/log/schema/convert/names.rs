@@ -1,8 +1,8 @@
 //! How are values of enums named in the log?
 
-/// Maps the values of an enum to their names in the log and back; a value without a name does not compile.
+/// Maps the values of an enum to their names in the log and back. A value without a name does not compile.
 ///
-/// Names after `|` are those of earlier versions: they are read, and never written.
+/// Names after `|` are those of earlier versions. They are read, but never written.
 macro_rules! names {
     ($to:ident, $from:ident: $type:ident { $($value:ident = $name:literal $(| $old:literal)*),+ $(,)? }) => {
         fn $to(value: $type) -> &'static str {

@@ -1,4 +1,4 @@
-//! How do readings of virtual sensors and exposure become their messages and come back?
+//! How are readings of virtual sensors and exposure converted to their messages and back?
 
 use anyhow::{Context, Result};
 use localize::robot::CameraSetting;

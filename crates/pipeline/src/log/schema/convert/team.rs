@@ -1,4 +1,4 @@
-//! How do team views become their messages and come back?
+//! How are team views converted to their messages and back?
 
 use anyhow::{Context, Result, bail};
 use localize::Stamp;

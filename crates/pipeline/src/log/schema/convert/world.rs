@@ -1,4 +1,4 @@
-//! How does the world model's view become its message and come back?
+//! How is the world view converted to its message and back?
 
 use anyhow::{Context, Result};
 use localize::Stamp;
@@ -37,7 +37,7 @@ fn object_to_wire(object: &TrackedObject) -> wire::Object {
         covariance,
         on_field,
         probability,
-        last_seen: seen,
+        last_seen,
         team,
     } = object;
     wire::Object {
@@ -49,7 +49,7 @@ fn object_to_wire(object: &TrackedObject) -> wire::Object {
         covariance: rows(&covariance),
         on_field: on_field.as_ref().map(on_field_to_wire),
         probability,
-        seen_ns: seen.0,
+        seen_ns: last_seen.0,
         team: team.map_or("", team_name).to_owned(),
     }
 }
