@@ -20,6 +20,7 @@ pub mod sample;
 pub mod stamp;
 pub mod tilt;
 pub mod toml_location;
+mod twist;
 
 pub mod field;
 

@@ -6,64 +6,7 @@
 
 use nalgebra::{DMatrix, Matrix3};
 
-use crate::sample::Odometry;
-use crate::stamp::Stamp;
-
-/// Velocity of the robot, or its motion in a given time (robot frame).
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Default,
-    serde::Serialize,
-    serde::Deserialize,
-    schemars::JsonSchema,
-)]
-pub struct Twist {
-    /// Forward, m/s (metres).
-    pub x: f32,
-    /// To the left, m/s (metres).
-    pub y: f32,
-    /// Counter-clockwise, rad/s (radians).
-    pub theta: f32,
-}
-
-impl Twist {
-    /// The motion by this constant velocity in one unit of time, in the robot frame at its start.
-    ///
-    /// The robot moves on an arc: the translation is the integral of R(θ̇t)·(x, y) (docs/methods.md 7.2).
-    ///
-    /// `slip`: see [`Odometry::slip`].
-    pub fn integrate(self, stamp: Stamp, slip: f32) -> Odometry {
-        // sin θ/θ and (1 − cos θ)/θ. Below 1e-3 the error of their series is under the resolution of f32.
-        let (along, across) = if self.theta.abs() < 1e-3 {
-            (1.0 - self.theta * self.theta / 6.0, self.theta / 2.0)
-        } else {
-            let half = (self.theta / 2.0).sin();
-            (
-                self.theta.sin() / self.theta,
-                2.0 * half * half / self.theta,
-            )
-        };
-        Odometry {
-            stamp,
-            dx: along * self.x - across * self.y,
-            dy: across * self.x + along * self.y,
-            dtheta: self.theta,
-            slip,
-        }
-    }
-
-    /// All components multiplied by `factor`.
-    pub fn scaled(self, factor: f32) -> Twist {
-        Twist {
-            x: factor * self.x,
-            y: factor * self.y,
-            theta: factor * self.theta,
-        }
-    }
-}
+pub use crate::twist::Twist;
 
 /// Why a wheel layout is refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -303,32 +246,6 @@ mod tests {
         assert!((fastest * 0.05 - 2.0).abs() < 1e-4);
         assert!((limited.x / limited.theta - twist.x / twist.theta).abs() < 1e-5);
         assert_eq!(base.limit_twist(Twist::default(), 2.0), Twist::default());
-    }
-
-    #[test]
-    fn half_circle_integrates_to_its_diameter() {
-        // A half circle of 1 m: radius 1/π, so that it ends 2/π to the left.
-        let end = Twist {
-            x: 1.0,
-            y: 0.0,
-            theta: std::f32::consts::PI,
-        }
-        .integrate(Stamp(0), 0.0);
-        assert!(end.dx.abs() < 1e-6 && (end.dy - 2.0 / std::f32::consts::PI).abs() < 1e-6);
-        let nearly_straight = Twist {
-            x: 1.0,
-            y: 0.0,
-            theta: 0.999e-3,
-        };
-        let beyond = Twist {
-            theta: 1.001e-3,
-            ..nearly_straight
-        };
-        let (below, above) = (
-            nearly_straight.integrate(Stamp(0), 0.0),
-            beyond.integrate(Stamp(0), 0.0),
-        );
-        assert!((below.dx - above.dx).abs() < 1e-6 && (below.dy - above.dy).abs() < 2e-6);
     }
 
     proptest! {

@@ -4,8 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::GoalColour;
 use crate::frames::{At, RobotFrame};
-use crate::omni::Twist;
 use crate::stamp::Stamp;
+use crate::twist::Twist;
+
+pub use crate::twist::Odometry;
 
 /// A ground point on the centre of a line, robot frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,21 +31,6 @@ pub struct GoalObservation {
     pub std: f32,
     /// Visible width, metres.
     pub width: f32,
-}
-
-/// Motion of the robot since the previous odometry sample, in the robot frame at that sample.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Odometry {
-    /// End of the motion.
-    pub stamp: Stamp,
-    /// Forward, metres.
-    pub dx: f32,
-    /// Left, metres.
-    pub dy: f32,
-    /// Counter-clockwise, radians.
-    pub dtheta: f32,
-    /// Root mean square residual of the wheels' distances, metres. 0 for three wheels (docs/methods.md 7.1).
-    pub slip: f32,
 }
 
 /// Commanded velocity, robot frame. Valid until the next command.

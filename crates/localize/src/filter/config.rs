@@ -3,7 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::decentralised::DecentralisedConfig;
 use crate::sensors::collision::CollisionConfig;
 
 /// Kind of pose filter.
@@ -115,6 +114,31 @@ impl Default for FilterConfig {
             camera_latency_std: 0.0,
             collision: CollisionConfig::default(),
             decentralised: DecentralisedConfig::default(),
+        }
+    }
+}
+
+/// Noise of the commanded motion, and timeout of the wheels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DecentralisedConfig {
+    /// Standard deviation of the commanded motion, as a share of it (motors lag, wheels slip).
+    pub command_noise: f32,
+    /// Random walk of the position at rest, metres per square root of a second.
+    pub command_drift: f32,
+    /// Random walk of the heading at rest, degrees per square root of a second.
+    pub command_drift_deg: f32,
+    /// Age of the last wheel sample at which odometry is no longer a member, seconds.
+    pub wheel_timeout: f32,
+}
+
+impl Default for DecentralisedConfig {
+    fn default() -> Self {
+        DecentralisedConfig {
+            command_noise: 0.3,
+            command_drift: 0.05,
+            command_drift_deg: 3.0,
+            wheel_timeout: 0.2,
         }
     }
 }

@@ -2,17 +2,20 @@
 //!
 //! Each image is matched under the prediction while it agrees (Tracking), compared with the whole field when it does not
 //! (Suspect), and searched on the whole field without a pose (Lost). Several hypotheses are kept until the images
-//! decide between them (Ambiguous). `state` holds the states and their transitions.
+//! decide between them (Ambiguous). `state` holds the states, `transitions` what leads from one to another.
 
 mod candidates;
 mod field_half;
 mod global_localization;
+mod match_figures;
 mod measurements;
 mod motion_inputs;
 mod output;
 mod state;
 mod tilt_bias;
+mod tilt_compensation;
 mod track;
+mod transitions;
 
 use std::sync::Arc;
 
@@ -35,8 +38,8 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
+use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
-use output::MatchFigures;
 use state::State;
 use tilt_bias::TiltBias;
 

@@ -4,43 +4,12 @@ use nalgebra::Matrix3;
 
 use super::Localizer;
 use super::candidates::Candidates;
+use super::match_figures::MatchFigures;
 use super::state::Track;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::filter::PoseFilter;
 use crate::global_search::branch_and_bound::Hypothesis;
-use crate::matching::Match;
 use crate::stamp::Stamp;
-
-/// How well the points fit the reported pose. Zero without a match.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct MatchFigures {
-    score: f32,
-    inlier_share: f32,
-    residual: f32,
-    tilt: [f32; 2],
-}
-
-impl From<&Match> for MatchFigures {
-    fn from(matched: &Match) -> Self {
-        MatchFigures {
-            score: matched.score,
-            inlier_share: matched.inlier_share,
-            residual: matched.residual,
-            tilt: matched.tilt,
-        }
-    }
-}
-
-impl From<&Hypothesis> for MatchFigures {
-    fn from(hypothesis: &Hypothesis) -> Self {
-        MatchFigures {
-            score: hypothesis.score,
-            inlier_share: hypothesis.inlier_share,
-            residual: hypothesis.residual,
-            tilt: hypothesis.tilt,
-        }
-    }
-}
 
 /// What distinguishes the estimates of the states.
 struct EstimateParts<'a> {

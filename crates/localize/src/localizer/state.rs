@@ -1,18 +1,8 @@
-//! The localizer's state machine: what is known about the pose, and every transition between these states.
-//!
-//! ```text
-//! Lost ──hypotheses──▶ Ambiguous ──one is probable──▶ Tracking ◀──supported── Suspect
-//!  ▲                       │                             │  contradicted ──▶     │
-//!  └────── no match ───────┴── dead reckoning timeout ───┴── several images ─────┘
-//! ```
-//!
-//! Tracking → Suspect → Lost follows nubot2013 4 (five cycles).
+//! What is known about the pose: the states of the localizer's state machine (`transitions`).
 
-use super::Localizer;
 use super::candidates::Candidates;
 use super::field_half::HalfEvidence;
 use crate::filter::PoseFilter;
-use crate::frames::Pose;
 use crate::stamp::Stamp;
 
 /// What is known about the pose.
@@ -109,100 +99,13 @@ impl State {
     }
 }
 
-/// Transitions.
-impl Localizer {
-    /// Any state → Lost: the pose is given up and the global search starts anew.
-    pub(super) fn lose_pose(&mut self) {
-        self.state = State::Lost;
-        self.global_search.reset();
-        self.snapshot = None;
-        self.buffered.clear();
-    }
-
-    /// Lost or Ambiguous → Ambiguous while there are hypotheses. The global search continues.
-    pub(super) fn keep_candidates(&mut self, candidates: Candidates) {
-        self.state = if candidates.is_empty() {
-            State::Lost
-        } else {
-            State::Ambiguous(candidates)
-        };
-    }
-
-    /// Any state → Tracking: one pose is known at `stamp`.
-    pub(super) fn start_tracking(
-        &mut self,
-        stamp: Stamp,
-        filter: PoseFilter,
-        half_evidence: HalfEvidence,
-    ) {
-        self.global_search.reset();
-        self.state = State::Tracking(Track {
-            filter,
-            half_evidence,
-            last_global_check: stamp,
-        });
-    }
-
-    /// Tracking or Suspect → Tracking: the image supports the pose.
-    pub(super) fn confirm_pose(&mut self, track: Track) {
-        self.state = State::Tracking(track);
-    }
-
-    /// Tracking or Suspect, unchanged: the image says nothing about the pose.
-    pub(super) fn keep_pose(&mut self, track: Track, suspicion: Option<Suspicion>) {
-        self.state = match suspicion {
-            None => State::Tracking(track),
-            Some(suspicion) => State::Suspect(track, suspicion),
-        };
-    }
-
-    /// Tracking or Suspect → Suspect, or Lost when enough consecutive images preferred the same alternative.
-    pub(super) fn suspect_alternative(
-        &mut self,
-        track: Track,
-        previous: Option<Suspicion>,
-        alternative: PoseFilter,
-    ) {
-        let same = |known: &Alternative, pose: Pose| {
-            self.search.is_same_hypothesis(known.filter.pose(), pose)
-        };
-        let images = match previous {
-            Some(Suspicion::BetterAlternative(known)) if same(&known, alternative.pose()) => {
-                known.images + 1
-            }
-            _ => 1,
-        };
-        if images >= self.config.mode.suspect_frames_max {
-            self.lose_pose();
-            return;
-        }
-        let alternative = Alternative {
-            filter: alternative,
-            images,
-        };
-        self.state = State::Suspect(track, Suspicion::BetterAlternative(alternative));
-    }
-
-    /// Tracking or Suspect → Suspect, or Lost after enough consecutive images with a poor match.
-    pub(super) fn suspect_poor_match(&mut self, track: Track, previous: Option<Suspicion>) {
-        let images = match previous {
-            Some(Suspicion::PoorMatch { images }) => images + 1,
-            _ => 1,
-        };
-        if images >= self.config.mode.suspect_frames_max {
-            self.lose_pose();
-            return;
-        }
-        self.state = State::Suspect(track, Suspicion::PoorMatch { images });
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use nalgebra::Matrix3;
 
     use super::*;
     use crate::filter::FilterConfig;
+    use crate::frames::Pose;
 
     fn filter(x: f32) -> PoseFilter {
         let config = FilterConfig::default();

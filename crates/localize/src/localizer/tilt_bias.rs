@@ -1,18 +1,10 @@
-//! Tilt of the robot in an image by the inertial unit (docs/methods.md 7.4).
+//! The constant tilt error of the inertial unit (docs/methods.md 7.4).
 //!
 //! An accelerometer bias of 0.1 m/s² appears as a constant tilt of 0.6°. The unit therefore measures changes of the tilt
 //! better than the tilt itself. The constant error is estimated from the tilts that matching finds.
-//!
-//! A joint filter with an inertial unit estimates the tilt itself. Its tilt is used then.
 
-use super::Localizer;
-use crate::estimate::Estimate;
-use crate::filter::{PoseFilter, TiltEstimate, TiltPrior};
-use crate::frames::At;
-use crate::sample::LinePoint;
+use crate::filter::TiltEstimate;
 use crate::sensors::attitude::AttitudeConfig;
-use crate::stamp::Stamp;
-use crate::tilt::ground_from_map;
 
 /// Random walk of the constant error, degrees per square root of a second.
 const TILT_BIAS_DRIFT_DEG: f32 = 0.05;
@@ -24,7 +16,7 @@ const NOISE_ADAPTATION_RATE: f32 = 0.02;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ImuTilt {
     /// (a, b), radians.
-    measured: [f32; 2],
+    pub(super) measured: [f32; 2],
     /// The tilt by which the points were compensated.
     pub(super) expected: TiltEstimate,
 }
@@ -48,7 +40,7 @@ impl TiltBias {
     }
 
     /// Fuses the unit's tilt with the prior of a robot at rest, zero with a standard deviation of `prior_std` radians.
-    fn correct_tilt(&self, measured: [f32; 2], prior_std: f32) -> TiltEstimate {
+    pub(super) fn correct_tilt(&self, measured: [f32; 2], prior_std: f32) -> TiltEstimate {
         let variance = self.variance + self.noise_variance;
         let prior_variance = prior_std * prior_std;
         let gain = prior_variance / (prior_variance + variance).max(1e-12);
@@ -61,7 +53,7 @@ impl TiltBias {
     /// Kalman update of the constant error by the tilt that matching `found` beyond the expected one.
     ///
     /// `posterior`: variances of the matched tilt, rad². `seconds`: time since the last image.
-    fn update(
+    pub(super) fn update(
         &mut self,
         imu_tilt: &ImuTilt,
         found: [f32; 2],
@@ -94,60 +86,5 @@ impl TiltBias {
             variance = variance.min(self.variance * (1.0 - gain));
         }
         self.variance = variance;
-    }
-}
-
-impl Localizer {
-    /// Compensates the points for the tilt at the exposure and sets the prior of the remaining tilt.
-    ///
-    /// None without an inertial unit, or with compensation switched off.
-    pub(super) fn compensate_tilt(
-        &mut self,
-        exposed: Stamp,
-        points: &mut [LinePoint],
-    ) -> Option<ImuTilt> {
-        let (config, matching) = (&self.config.attitude, &self.config.matching);
-        let prior_std = matching.tilt_std_deg.to_radians();
-        let measured = self.motion_inputs.tilt_at(exposed, config);
-        let measured = measured.filter(|_| config.tilt_compensation && prior_std > 0.0);
-        let Some(measured) = measured else {
-            self.matcher.set_tilt_std(prior_std);
-            self.tilt_prior = TiltPrior::Independent(self.matcher.tilt_std());
-            return None;
-        };
-        let filter_tilt = self.state.filter().and_then(PoseFilter::tilt);
-        let expected =
-            filter_tilt.unwrap_or_else(|| self.tilt_bias.correct_tilt(measured, prior_std));
-        compensate_points(points, expected.mean, matching.viewpoint_height);
-        self.matcher.set_tilt_std(expected.std);
-        self.tilt_prior = if filter_tilt.is_some() {
-            TiltPrior::FromState
-        } else {
-            TiltPrior::Independent(self.matcher.tilt_std())
-        };
-        Some(ImuTilt { measured, expected })
-    }
-
-    /// Updates the constant tilt error after an image that was tracked without doubt.
-    pub(super) fn update_tilt_bias(
-        &mut self,
-        imu_tilt: &ImuTilt,
-        estimate: &Estimate,
-        seconds: f32,
-    ) {
-        if let (Some(posterior), None) = (self.tilt_variances.take(), estimate.reason) {
-            let config = &self.config.attitude;
-            self.tilt_bias
-                .update(imu_tilt, estimate.tilt, posterior, seconds, config);
-        }
-    }
-}
-
-/// Moves points of the upright map to their ground points for tilt (a, b) (docs/methods.md 3.3).
-pub(super) fn compensate_points(points: &mut [LinePoint], [a, b]: [f32; 2], height: f32) {
-    for point in points {
-        let At { x, y, .. } = point.at;
-        let [x, y] = ground_from_map([x, y], [a, b], height);
-        point.at = At::new(x, y);
     }
 }

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Localizer;
-use super::output::MatchFigures;
+use super::match_figures::MatchFigures;
 use super::state::{Suspicion, Track};
 use crate::config::{SuspectRule, Tracker};
 use crate::estimate::{Estimate, Reason};

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::{TeamBall, TeamConfig};
+use super::config::TeamConfig;
 use crate::frames::{At, FieldFrame};
 
 /// One robot's ball, predicted to the current image (field frame).
@@ -16,6 +16,21 @@ pub struct BallMeasurement {
     pub velocity: [f32; 2],
     /// Covariance: xx, xy, yy, m².
     pub covariance: [f32; 3],
+}
+
+/// The team's fused ball.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TeamBall {
+    /// Metres.
+    pub at: At<FieldFrame>,
+    /// m/s.
+    pub velocity: [f32; 2],
+    /// Covariance of the position: xx, xy, yy, m².
+    pub covariance: [f32; 3],
+    /// Numbers of the robots whose ball was fused, our own included, sorted.
+    pub inliers: Vec<u32>,
+    /// Numbers of the robots whose ball disagrees, sorted.
+    pub outliers: Vec<u32>,
 }
 
 /// Further measurements are ignored: there are at most 2^13 groups.

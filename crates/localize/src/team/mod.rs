@@ -11,7 +11,7 @@ mod tests;
 
 use nalgebra::Matrix2;
 
-pub use ball_fusion::{BallMeasurement, fuse_balls};
+pub use ball_fusion::{BallMeasurement, TeamBall, fuse_balls};
 pub use config::TeamConfig;
 
 use crate::estimate::Estimate;
@@ -60,21 +60,6 @@ pub struct TeamView {
     pub teammates: Vec<Teammate>,
     /// Log odds of our half of the field from the team's ball; 0 if the half is known already.
     pub half_log_odds: f32,
-}
-
-/// The team's fused ball.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TeamBall {
-    /// Metres.
-    pub at: At<FieldFrame>,
-    /// m/s.
-    pub velocity: [f32; 2],
-    /// Covariance of the position: xx, xy, yy, m².
-    pub covariance: [f32; 3],
-    /// Numbers of the robots whose ball was fused, our own included, sorted.
-    pub inliers: Vec<u32>,
-    /// Numbers of the robots whose ball disagrees, sorted.
-    pub outliers: Vec<u32>,
 }
 
 /// A team-mate.

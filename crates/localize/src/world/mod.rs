@@ -5,14 +5,18 @@
 //! arguments, and equal inputs give equal bits.
 
 mod config;
+mod observation;
 mod odometry_buffer;
 #[cfg(test)]
 mod tests;
 mod track;
 
-use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2};
 
 pub use config::{ObjectConfig, WorldConfig};
+pub use observation::{ObjectObservation, OdometryFrame, TeamColour, WorldObservation};
+
+use observation::Measurement;
 use odometry_buffer::OdometryBuffer;
 use track::Track;
 
@@ -21,44 +25,6 @@ use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 use crate::tilt::ground_from_map;
-
-/// The frame in which odometry is integrated: fixed to the ground except for a slow drift.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OdometryFrame {}
-
-/// The colour of a robot's team marker.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum TeamColour {
-    /// Cyan.
-    Cyan,
-    /// Magenta.
-    Magenta,
-}
-
-/// One detected object of an image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ObjectObservation {
-    /// Ground point, metres, as the upright map gives it.
-    pub at: At<RobotFrame>,
-    /// Covariance: xx, xy, yy, m².
-    pub covariance: [f32; 3],
-    /// Detection confidence, 0 to 1.
-    pub score: f32,
-    /// True if it is above the ground: it is then nearer than its ground point.
-    pub airborne: bool,
-    /// Its team's colour, if detected.
-    pub team: Option<TeamColour>,
-}
-
-/// The detected objects of an image.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct WorldObservation {
-    /// The ball, if detected.
-    pub ball: Option<ObjectObservation>,
-    /// Robots.
-    pub robots: Vec<ObjectObservation>,
-}
 
 /// A tracked object at an image's stamp.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -303,16 +269,6 @@ impl WorldModel {
     }
 }
 
-/// A detected object in the odometry frame.
-#[derive(Debug, Clone, Copy)]
-struct Measurement {
-    at: At<OdometryFrame>,
-    in_robot_frame: At<RobotFrame>,
-    covariance: Matrix2<f32>,
-    score: f32,
-    team: Option<TeamColour>,
-}
-
 /// Which positions are visible in an image?
 struct VisibleArea {
     robot_from_odometry: Tf<RobotFrame, OdometryFrame>,
@@ -494,6 +450,3 @@ fn block_diagonal(rotation: Matrix2<f32>) -> Matrix4<f32> {
         .copy_from(&rotation);
     state_rotation
 }
-
-/// Position and velocity (x, y, vx, vy): metres, m/s.
-type TrackState = Vector4<f32>;

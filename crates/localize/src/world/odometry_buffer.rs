@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::OdometryFrame;
+use super::observation::OdometryFrame;
 use crate::frames::{RobotFrame, Tf};
 use crate::sample::Odometry;
 use crate::stamp::Stamp;

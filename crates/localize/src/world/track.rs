@@ -1,10 +1,14 @@
 //! One tracked object: a Kalman filter of position and velocity, and a probability of existence (docs/methods.md 11.2).
 
-use nalgebra::{Matrix2, Matrix4, Vector2};
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
-use super::{Measurement, ObjectConfig, OdometryFrame, TeamColour, TrackState};
+use super::config::ObjectConfig;
+use super::observation::{Measurement, OdometryFrame, TeamColour};
 use crate::frames::At;
 use crate::stamp::Stamp;
+
+/// Position and velocity (x, y, vx, vy): metres, m/s.
+type TrackState = Vector4<f32>;
 
 /// Largest probability of existence, so that a vanished object is deleted within some images.
 const EXISTENCE_MAX: f32 = 0.99;

@@ -3,8 +3,6 @@
 //! minho2016 section III: green–white–green. White is not a fixed threshold here: a peak must exceed the adjacent
 //! carpet by light of the lamp's colour, and have a line's width on the ground.
 
-use localize::sample::LinePoint;
-
 use crate::colour::carpet_model::CarpetModel;
 use crate::config::LineConfig;
 use crate::lines::validator::{LineCandidate, LineValidator, ScanLineSlice, white_contrast};
@@ -13,44 +11,7 @@ use crate::scan::limits::ScanLimits;
 use crate::scan::pattern::{ScanPattern, ScanSample};
 use crate::scan::peaks::{Peak, find_peaks};
 
-/// Why a peak is not a line point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RejectionReason {
-    /// No carpet on one side.
-    NoAdjacentCarpet,
-    /// Narrower on the ground than a line.
-    TooNarrow,
-    /// Wider on the ground than a line, even if crossed aslant.
-    TooWide,
-    /// Contrast within noise, or below that of a line of this width.
-    TooFaint,
-    /// The added light is not white.
-    NotWhite,
-    /// Beyond the carpet's boundary.
-    BeyondCarpet,
-}
-
-/// A peak that is not a line point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RejectedCandidate {
-    /// Its maximum in the image: column, row, pixels.
-    pub position_px: [f32; 2],
-    /// Why it was rejected.
-    pub reason: RejectionReason,
-}
-
-/// A line point on the ground and in the image.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LinePointDetection {
-    /// Ground point, robot frame.
-    pub point: LinePoint,
-    /// Image position: column, row, pixels.
-    pub position_px: [f32; 2],
-    /// Brightness above the adjacent carpet, levels of 255.
-    pub contrast: f32,
-    /// Width on the ground along its scan line, metres.
-    pub width: f32,
-}
+pub use crate::lines::result::{LinePointDetection, RejectedCandidate, RejectionReason};
 
 /// Brightness along the scan lines of one image.
 pub(crate) struct ScanReadout<'a> {

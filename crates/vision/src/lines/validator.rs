@@ -7,7 +7,7 @@ use crate::colour::carpet_model::CarpetModel;
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::LineConfig;
 use crate::image::ImageView;
-use crate::lines::detection::{LinePointDetection, RejectedCandidate, RejectionReason};
+use crate::lines::result::{LinePointDetection, RejectedCandidate, RejectionReason};
 use crate::scan::pattern::ScanSample;
 use crate::scan::peaks::Peak;
 

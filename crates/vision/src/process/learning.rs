@@ -7,30 +7,15 @@ use crate::error::VisionError;
 use crate::image::{ImageView, PixelFormat, rgb_to_yuv, yuv_to_rgb};
 use crate::lines::detection::{LinePointDetection, peak_thresholds};
 
-use super::{Detections, Vision};
+use super::Vision;
+use super::colour_model::ColourModel;
+use super::detections::Detections;
 
 /// Demosaicing and compression correlate the noise of neighbours; samples this far apart are independent.
 const NOISE_LAG: usize = 4;
 
 /// Fewest line points for estimating white.
 const WHITE_POINTS_MIN: usize = 8;
-
-/// Colours under one light, and the lookup table derived from them.
-#[derive(Debug, Clone)]
-pub(super) struct ColourModel {
-    pub(super) carpet_model: CarpetModel,
-    pub(super) lookup_table: ColourLookupTable,
-    /// Channel weights that separate white from carpet, of 256.
-    pub(super) channel_weights: [u32; 3],
-    /// Standard deviation of the weighted brightness on plain carpet, levels.
-    pub(super) brightness_noise: f32,
-    /// Fraction of the scanned pixels that were carpet when the model was learned.
-    pub(super) learned_carpet_share: f32,
-    pub(super) format: PixelFormat,
-    adaptation: ColourAdaptation,
-    /// Images processed with this model.
-    image_count: u32,
-}
 
 impl Vision {
     /// Learns carpet and white from one image and reads it with the result; also returns its carpet share.

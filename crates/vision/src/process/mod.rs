@@ -1,5 +1,7 @@
 //! The vision pipeline: precomputed tables of one camera and map, and the stages from an image to its detections.
 
+mod colour_model;
+mod detections;
 mod learning;
 
 use std::sync::Arc;
@@ -11,17 +13,15 @@ use crate::colour::pixel_classifier::PixelClassifier;
 use crate::config::{ImageRect, VisionConfig};
 use crate::error::VisionError;
 use crate::image::ImageView;
-use crate::lines::detection::{
-    LinePointDetection, LineScratch, RejectedCandidate, ScanReadout, detect_line_points,
-};
+use crate::lines::detection::{LineScratch, ScanReadout, detect_line_points};
 use crate::lines::validator::LineValidator;
 use crate::lines::wall_bases::detect_wall_bases;
-use crate::objects::ball::{BallDetection, BallDetector, VisitedMask};
-use crate::objects::goals::{GoalDetection, detect_goals};
+use crate::objects::ball::{BallDetector, VisitedMask};
+use crate::objects::goals::detect_goals;
 use crate::objects::ground_contact::GroundContactSearch;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
-use crate::objects::robots::{RobotDetection, detect_robots};
-use crate::objects::virtual_sensors::{VirtualSensorReadings, VirtualSensors};
+use crate::objects::robots::detect_robots;
+use crate::objects::virtual_sensors::VirtualSensors;
 use crate::optics::ground_map::GroundMap;
 use crate::scan::brightness::BrightnessReader;
 use crate::scan::limits::ScanLimits;
@@ -29,31 +29,9 @@ use crate::scan::pattern::ScanPattern;
 use localize::config::{SettingError, bound};
 use localize::robot::CameraConfig;
 
-use learning::ColourModel;
+pub use detections::Detections;
 
-/// Detections of one image.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Detections {
-    /// Points of the field's markings.
-    pub line_points: Vec<LinePointDetection>,
-    /// Peaks that failed line validation.
-    pub rejected_candidates: Vec<RejectedCandidate>,
-    /// The ball.
-    pub ball: Option<BallDetection>,
-    /// Robots; people's legs can look alike.
-    pub robots: Vec<RobotDetection>,
-    /// Goals and posts.
-    pub goals: Vec<GoalDetection>,
-    /// Readings of the virtual sensors.
-    pub virtual_sensors: VirtualSensorReadings,
-    /// Distance of the carpet's boundary in each direction about the mirror's axis, metres; infinite if none is
-    /// visible. The first direction is image right, then counter-clockwise towards image up.
-    pub carpet_end: Vec<f32>,
-    /// Fraction of the scanned pixels that are carpet.
-    pub carpet_share: f32,
-    /// True if the colours were learned from this image.
-    pub colours_learned: bool,
-}
+use colour_model::ColourModel;
 
 /// The carpet share is measured on every n-th sample: thousands remain, which is exact to a percent.
 const CARPET_SAMPLE_STRIDE: usize = 16;

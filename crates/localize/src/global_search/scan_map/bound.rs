@@ -6,10 +6,10 @@
 
 use rayon::prelude::*;
 
+use super::config::{BLOCK_CELLS, DISTANCE_STEPS};
 use super::errors::{ErrorModel, QUANTUM};
 use super::grid::Grid;
 use super::pattern::{LAYERS, SCAN_LINES, ScanHit, layers};
-use super::{BLOCK_CELLS, DISTANCE_STEPS};
 
 /// Steps of distance per bin: 0.1 m at a range of 6 m, about the side of a cell.
 const BIN: usize = 3;

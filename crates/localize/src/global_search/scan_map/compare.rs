@@ -2,9 +2,10 @@
 //! cell.
 
 use super::bound::BoundedBlock;
+use super::config::{BLOCK_CELLS, NO_HIT};
 use super::grid::CellWindow;
+use super::map::ScanMap;
 use super::pattern::{LAYERS, ScanHit, layers};
-use super::{BLOCK_CELLS, NO_HIT, ScanMap};
 
 /// Distances compared between two checks of whether a block can still hold one of the best cells.
 const CHECK_INTERVAL: usize = 16;

@@ -1,7 +1,7 @@
 //! The error of a difference between a measured and a stored distance: minho2016 eq. 5, with larger weights for near
 //! points.
 
-use super::{DISTANCE_STEPS, ScanMapConfig};
+use super::config::{DISTANCE_STEPS, ScanMapConfig};
 
 /// Steps of distance that share a weight.
 const CLASS: usize = 12;

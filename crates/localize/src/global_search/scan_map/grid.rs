@@ -1,6 +1,6 @@
 //! Positions of the scan map's cells, and their grouping into blocks.
 
-use super::{BLOCK, ScanMapConfig};
+use super::config::{BLOCK, ScanMapConfig};
 use crate::field::Field;
 
 /// Layout of the cells.

@@ -9,69 +9,23 @@
 mod bound;
 mod bytes;
 mod compare;
+mod config;
 mod errors;
 mod grid;
+mod map;
 mod pattern;
 
-use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use crate::field::Field;
 use crate::frames::Pose;
-use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
 
-use bound::ErrorBounds;
+pub use config::ScanMapConfig;
+pub use map::ScanMap;
+
 use compare::CellError;
+use config::BLOCK;
 use errors::ErrorModel;
-use grid::{CellWindow, Grid};
-use pattern::{LAYERS, scan_field, scan_points};
-
-/// Settings of the scan map.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ScanMapConfig {
-    /// Side of a cell, metres (minho2016 IV: 0.1). A smaller cell is more accurate and costs more memory.
-    pub cell: f32,
-    /// Extent of the cells beyond the boundary lines, metres (minho2016 IV: 1).
-    pub margin: f32,
-    /// Largest distance used, metres ("the maximum robot visualization distance").
-    pub range_max: f32,
-    /// Smallest distance used, metres: the robot's own radius ("MASK").
-    pub range_min: f32,
-    /// Rotation of a spiral from the smallest to the largest distance, degrees.
-    pub spiral_turn_deg: f32,
-    /// Kernel scale c of eq. 5, metres.
-    pub kernel_scale: f32,
-    /// Distance at which the weight of a point is one half, metres.
-    pub half_weight_range: f32,
-    /// Half the side of the square of the local search, metres (minho2016 VI: 4 m²).
-    pub local_half: f32,
-}
-
-impl Default for ScanMapConfig {
-    fn default() -> Self {
-        ScanMapConfig {
-            cell: 0.1,
-            margin: 1.0,
-            range_max: 6.0,
-            range_min: 0.3,
-            spiral_turn_deg: 120.0,
-            kernel_scale: 0.25,
-            half_weight_range: 4.0,
-            local_half: 1.0,
-        }
-    }
-}
-
-/// Distances are stored in steps of 1/180 of the range. `NO_HIT` means none and differs much from every step.
-const DISTANCE_STEPS: f32 = 180.0;
-const NO_HIT: u8 = 255;
-
-/// Side of a block in cells, and the number of its cells.
-const BLOCK: usize = 4;
-const BLOCK_CELLS: usize = BLOCK * BLOCK;
+use grid::CellWindow;
+use pattern::scan_points;
 
 /// Cells with up to this multiple of the best error are kept, as runners-up.
 const KEPT_ERROR_RATIO: f32 = 1.25;
@@ -85,62 +39,7 @@ pub struct CellMatch {
     pub error: f32,
 }
 
-/// Distances of one field's markings from every cell.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ScanMap {
-    config: ScanMapConfig,
-    /// Distances in steps, ordered by block, layer of the pattern, cell of the block.
-    cells: Vec<u8>,
-    bounds: ErrorBounds,
-    errors: ErrorModel,
-    grid: Grid,
-}
-
 impl ScanMap {
-    /// Scans the field from every cell; blocks run in parallel on rayon's global pool.
-    pub fn new(field: &Field, distances: &DistanceField, config: ScanMapConfig) -> Self {
-        let grid = Grid::new(field, &config);
-        let mut cells = vec![NO_HIT; grid.blocks() * LAYERS * BLOCK_CELLS];
-        cells
-            .par_chunks_exact_mut(LAYERS * BLOCK_CELLS)
-            .enumerate()
-            .for_each(|(block, stored)| {
-                for cell in 0..BLOCK_CELLS {
-                    let [column, row] = grid.cell(block, cell);
-                    let x = grid.x0 + column as f32 * config.cell;
-                    let y = grid.y0 + row as f32 * config.cell;
-                    let scanned = scan_field(field, distances, [x, y], &config);
-                    for (layer, steps) in scanned.into_iter().enumerate() {
-                        stored[layer * BLOCK_CELLS + cell] = steps;
-                    }
-                }
-            });
-        ScanMap::assemble(cells, grid, config)
-    }
-
-    /// The map with given distances; None if their number does not fit this field and pattern.
-    fn from_cells(field: &Field, config: ScanMapConfig, cells: Vec<u8>) -> Option<Self> {
-        let grid = Grid::new(field, &config);
-        (cells.len() == grid.blocks() * LAYERS * BLOCK_CELLS)
-            .then(|| ScanMap::assemble(cells, grid, config))
-    }
-
-    fn assemble(cells: Vec<u8>, grid: Grid, config: ScanMapConfig) -> Self {
-        let errors = ErrorModel::new(&config);
-        ScanMap {
-            bounds: ErrorBounds::new(&cells, &grid, &errors),
-            errors,
-            cells,
-            grid,
-            config,
-        }
-    }
-
-    /// Memory held, bytes.
-    pub fn memory_bytes(&self) -> usize {
-        self.cells.len() + self.bounds.memory_bytes()
-    }
-
     /// The cells with the smallest errors under `heading` (radians), best first: at most `count_max`, and at least
     /// `separation_min` metres apart.
     pub fn find_poses(

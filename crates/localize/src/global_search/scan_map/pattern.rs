@@ -4,7 +4,7 @@
 
 use std::f32::consts::TAU;
 
-use super::{DISTANCE_STEPS, NO_HIT, ScanMapConfig};
+use super::config::{DISTANCE_STEPS, NO_HIT, ScanMapConfig};
 use crate::field::Field;
 use crate::field::ray::intersect_ray;
 use crate::matching::distance_field::DistanceField;
