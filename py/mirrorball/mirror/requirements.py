@@ -244,6 +244,11 @@ def _slope_seeing_point(found: _Candidate, distance_m: float, height_m: float) -
     return float(np.interp(0.0, found.gamma - wanted, found.t))
 
 
+# Restarts of the solver from its own result, and the gain in ln(share) for which another one is worthwhile.
+RESTARTS_MAX = 6
+RESTART_GAIN_MIN = 1e-3
+
+
 def _solve(problem: _Problem, starts: Sequence[Array], *, enough: float = 20.0) -> tuple[Array, float]:
     """Unknowns and how badly the limits are broken (0: not at all); stops at a share that is enough."""
     smooth = np.diff(np.eye(KNOTS), n=2, axis=0)
@@ -254,24 +259,34 @@ def _solve(problem: _Problem, starts: Sequence[Array], *, enough: float = 20.0) 
 
     best, broken = np.asarray(starts[0]), np.inf
     capped = [(-12.0, 12.0)] * KNOTS + [(np.log(1e-2), np.log(problem.t_max)), (-8.0, np.log(enough))]
+
+    def rank(found: Array, harm: float) -> tuple[bool, float]:
+        return (harm < 1e-4, float(found[-1]) if harm < 1e-4 else -harm)
+
     for begin in starts:
-        result = scipy.optimize.minimize(
-            cost,
-            begin,
-            method="SLSQP",
-            bounds=capped,
-            constraints={"type": "ineq", "fun": problem.holds},
-            options={"maxiter": 150, "ftol": 1e-7},
-        )
-        found = np.asarray(result.x)
-        # Recomputed from the requirements: the solver's own variable is within its tolerance of this.
-        soft = problem.soft(np.append(found[:-1], 0.0))
-        found[-1] = float(soft.min()) if soft.size else 0.0
-        harm = float(max(-problem.limits(found).min(), 0.0))
-        if (harm < 1e-4, found[-1] if harm < 1e-4 else -harm) > (broken < 1e-4, best[-1] if broken < 1e-4 else -broken):
-            best, broken = found, harm
-        if broken < 1e-4 and best[-1] >= np.log(enough) - 1e-6:
-            break
+        previous = (False, -np.inf)
+        # SLSQP may stop early, depending on the rounding of the machine's BLAS. A restart discards its Hessian estimate.
+        for _ in range(RESTARTS_MAX):
+            result = scipy.optimize.minimize(
+                cost,
+                begin,
+                method="SLSQP",
+                bounds=capped,
+                constraints={"type": "ineq", "fun": problem.holds},
+                options={"maxiter": 150, "ftol": 1e-7},
+            )
+            found = np.asarray(result.x)
+            # Recomputed from the requirements: the solver's own variable is within its tolerance of this.
+            soft = problem.soft(np.append(found[:-1], 0.0))
+            found[-1] = float(soft.min()) if soft.size else 0.0
+            harm = float(max(-problem.limits(found).min(), 0.0))
+            if rank(found, harm) > rank(best, broken):
+                best, broken = found, harm
+            if broken < 1e-4 and best[-1] >= np.log(enough) - 1e-6:
+                return best, broken
+            if rank(found, harm)[0] == previous[0] and rank(found, harm)[1] < previous[1] + RESTART_GAIN_MIN:
+                break
+            previous, begin = rank(found, harm), found
     return best, broken
 
 
