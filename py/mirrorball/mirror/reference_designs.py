@@ -24,7 +24,7 @@ from mirrorball.mirror.reflection import Array
 def lima2001() -> Mirror:
     """The multi-part mirror of lima2001 2.2 to 2.5: isometric to 6 m, curved to (11.2 m, 0.6 m), flat for 0.39 to 0.51 m.
 
-    Heights and slopes are those of docs/methods.md 2. The plane begins where the curved part ends and shows 0.33 m there; the ring
+    Heights and slopes: docs/methods.md 2.3. The plane begins where the curved part ends and shows 0.33 m there; the ring
     up to 0.39 m would show the robot's own hull and is left black.
     """
     return design(
