@@ -159,13 +159,13 @@ class Processes:
 
     def stop(self) -> float:
         """Terminates the robot's process as systemd does, then the hardware. Returns the time of the first, CLOCK_MONOTONIC."""
-        told = time.monotonic()
+        stopped_s = time.monotonic()
         self.robot.terminate()
         self.robot.wait(20)
         time.sleep(1.0)
         self.sim.terminate()
         self.sim.wait(20)
-        return told
+        return stopped_s
 
 
 def state_at(changes: list[dict[str, Any]], device: str, stamp: float) -> str:
@@ -276,16 +276,16 @@ def fault_run(
         if processes.robot.poll() is not None:
             problems.append(f"the robot's process ended by itself with {processes.robot.returncode}")
     finally:
-        told = processes.stop()
+        stopped_s = processes.stop()
     if processes.robot.returncode != 0:
         problems.append(f"run ended with {processes.robot.returncode}")
     report = json.loads((out / "run.json").read_text())
     hardware = json.loads((out / "sim.json").read_text())
     commands = hardware["commands"]
-    if commands["too_long"] or commands["driven_at_once"] or commands["last_driving_s"] > told + 0.1:
+    if commands["too_long"] or commands["driven_at_once"] or commands["last_driving_s"] > stopped_s + 0.1:
         problems.append(f"the wheels were driven without a fresh command: {commands}")
     if not commands["driving"] or not report["wheels_stopped"] or not commands["stands_last"]:
-        problems.append(f"the wheels were not told to stop at the end: {commands}")
+        problems.append(f"the wheels got no stop command at the end: {commands}")
     if not commands["ran_out"]:
         problems.append("the frozen process's last command did not run out")
     if len(report["log"]["files"]) < 2:
