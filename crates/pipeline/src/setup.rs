@@ -25,6 +25,8 @@ pub struct Setup {
     pub mask: Option<Vec<bool>>,
     /// Height of the mirror above the ground, metres, if its profile is known.
     pub viewpoint_height: Option<f32>,
+    /// The mirror whose ideal mount gave the ground map. None for a calibrated map.
+    pub traced_mirror: Option<Profile>,
 }
 
 impl Setup {
@@ -51,10 +53,11 @@ impl Setup {
             )),
             None => None,
         };
-        let viewpoint_height = match &robot.mirror {
-            Some(mirror) => Some(profile_viewpoint_height(&Profile::load(&mirror.profile)?)),
+        let profile = match &robot.mirror {
+            Some(mirror) => Some(Profile::load(&mirror.profile)?),
             None => None,
         };
+        let is_traced = map.is_none() && robot.map.is_none();
         let mask = match (&robot.mask, &robot.camera) {
             (Some(path), Some(camera)) => Some(load_mask(path, camera.width_px, camera.height_px)?),
             _ => None,
@@ -65,7 +68,8 @@ impl Setup {
             robot,
             field,
             camera,
-            viewpoint_height,
+            viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
+            traced_mirror: profile.filter(|_| is_traced),
         })
     }
 }

@@ -43,6 +43,8 @@ impl EstimateParts<'_> {
             collision: filter.is_some_and(PoseFilter::in_collision),
             gyro_bias: filter.map_or(0.0, PoseFilter::gyro_bias),
             latency: filter.map_or(0.0, PoseFilter::latency),
+            // `process_points` fills it in.
+            map_correction: None,
             runners_up: self.runners_up,
         }
     }

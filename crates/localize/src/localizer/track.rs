@@ -50,6 +50,7 @@ impl Localizer {
         if wrong_half {
             track.filter = track.filter.half_turned();
             track.half_evidence.apply_half_turn();
+            self.half_turn_map();
         }
         if self.config.tracker == Tracker::ScanMap {
             return self.track_by_scan_map(stamp, points, track, suspicion);
@@ -65,6 +66,11 @@ impl Localizer {
             return self.check_thresholds(stamp, track, suspicion, &matched);
         }
         let poor = inconsistent || self.is_poor_match(matched.inlier_share);
+        if self.detect_knock(stamp, points, &matched, poor, &mut track.filter) {
+            self.confirm_pose(track);
+            let reason = Some(Reason::CameraKnocked);
+            return self.estimate(stamp, reason, MatchFigures::from(&matched), Vec::new());
+        }
         let check_period = self.config.mode.global_check_period;
         let due =
             check_period > 0.0 && track.last_global_check.seconds_until(stamp) >= check_period;
@@ -76,9 +82,11 @@ impl Localizer {
                 return self.suspect(stamp, track, suspicion, &better, alternatives);
             }
         }
+        let predicted = (!inconsistent).then(|| track.filter.pose_prior(self.tilt_prior));
         track
             .filter
             .update(&matched, self.tilt_prior, &self.config.filter);
+        self.learn_map(stamp, points, &matched, predicted, &mut track.filter);
         self.tilt_variances = Some([3, 4].map(|k| matched.pose_tilt_covariance[(k, k)]));
         self.mean_inlier_share += 0.05 * (matched.inlier_share - self.mean_inlier_share);
         self.confirm_pose(track);
@@ -210,7 +218,7 @@ impl Localizer {
     }
 
     /// Number of points that a better pose must explain beyond those of the tracked one.
-    fn score_margin(&self, count: usize) -> f32 {
+    pub(super) fn score_margin(&self, count: usize) -> f32 {
         let mode = &self.config.mode;
         (mode.alternative_margin_share * count as f32).max(mode.alternative_margin_points)
     }

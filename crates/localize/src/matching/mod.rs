@@ -85,6 +85,8 @@ pub struct Match {
     pub tilt: [f32; 2],
     /// Of (x, y, θ, a, b).
     pub pose_tilt_covariance: Matrix5,
+    /// Variance of the residuals over the one that the points state (docs/methods.md 5.6).
+    pub variance_scale: f32,
     /// Root mean square distance of the inliers from the markings, metres.
     pub residual: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
@@ -451,6 +453,7 @@ impl Matcher {
             mahalanobis_squared: deviation.dot(&(self.prior.information * deviation)),
             tilt: [state[3], state[4]],
             pose_tilt_covariance: pose_tilt,
+            variance_scale: scale,
             residual: (sums.weighted_squares / weight).sqrt(),
             mean_distance: sums.distance_sum / count,
             inlier_share: sums.inliers / count,

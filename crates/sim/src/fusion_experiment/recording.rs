@@ -202,6 +202,7 @@ fn scenario(
         film: Default::default(),
         light: Default::default(),
         kidnaps: Vec::new(),
+        knocks: Vec::new(),
         pushes,
         occlusions: Vec::new(),
         faults: Vec::new(),

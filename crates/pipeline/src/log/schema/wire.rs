@@ -129,6 +129,32 @@ pub(crate) struct Estimate {
     pub(crate) gyro_bias: f32,
     #[prost(float, required)]
     pub(crate) latency: f32,
+    #[prost(message, optional)]
+    pub(crate) map_correction: Option<MapCorrection>,
+}
+
+/// `localize::map_correction::MapCorrectionEstimate`: what is known about the ground map's errors.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct MapCorrection {
+    /// Unknowns: mirror tilt x …
+    #[prost(string, repeated)]
+    pub(crate) names: Vec<String>,
+    /// Radians, metres, or relative.
+    #[prost(float, repeated)]
+    pub(crate) values: Vec<f32>,
+    /// Standard deviations.
+    #[prost(float, repeated)]
+    pub(crate) stds: Vec<f32>,
+    /// Independent images used.
+    #[prost(uint32)]
+    pub(crate) images: u32,
+    #[prost(uint32)]
+    pub(crate) knocks: u32,
+    /// Root mean square displacement of points 3 m away, metres.
+    #[prost(float, required)]
+    pub(crate) displacement_at_3_m: f32,
+    #[prost(float, required)]
+    pub(crate) displacement_std_at_3_m: f32,
 }
 
 /// True poses and positions, field frame, metres.
