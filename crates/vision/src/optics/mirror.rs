@@ -3,6 +3,19 @@
 use std::path::{Path, PathBuf};
 
 /// A mirror of revolution about the camera's axis: height above the ground over radius.
+///
+/// ```
+/// # fn main() -> Result<(), vision::optics::mirror::ProfileError> {
+/// use vision::Profile;
+///
+/// // A cone: 1 cm higher for each centimetre of radius.
+/// let radius: Vec<f64> = (0..10).map(|i| 0.01 * f64::from(i)).collect();
+/// let height = radius.iter().map(|r| 0.7 + r).collect();
+/// let cone = Profile::new(radius, height)?;
+/// assert!((cone.height(0.055) - 0.755).abs() < 1e-9);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     radius: Vec<f64>,
