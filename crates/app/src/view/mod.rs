@@ -114,8 +114,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
 pub(crate) fn show_recomputed(log: &Path) -> Result<()> {
     window::require_display()?;
     let mut session = Session::open(log)?;
-    let config = session.source_config.clone();
-    session.start_recompute(&config);
+    session.start_recompute();
     window::run_window(session, window::WindowOptions::default()).map(drop)
 }
 

@@ -1,6 +1,6 @@
 //! What is known of one pixel: colour, class, ground point and field point.
 
-use localize::At;
+use localize::{At, FieldFrame, RobotFrame};
 use vision::image::{Image, rgb_to_yuv};
 
 use super::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX};
@@ -19,9 +19,9 @@ struct PixelColour {
 pub(crate) struct PixelInfo {
     colour: Option<PixelColour>,
     /// Ground point in the robot frame, metres.
-    ground: Option<At>,
+    ground: Option<At<RobotFrame>>,
     /// The same point on the field, metres.
-    field: Option<At>,
+    field: Option<At<FieldFrame>>,
 }
 
 impl PixelInfo {

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
-use localize::At;
 use localize::robot::BaseConfig;
+use localize::{At, FieldFrame, RobotFrame};
 use vision::colour::colour_table::ColourTable;
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 
@@ -479,10 +479,9 @@ impl Session {
     }
 
     /// A ground point in the robot frame, metres, at the shown pose on the field.
-    pub(crate) fn to_field(&self, ground: Option<At>) -> Option<At> {
+    pub(crate) fn to_field(&self, ground: Option<At<RobotFrame>>) -> Option<At<FieldFrame>> {
         let pose = self.shown.as_ref()?.cycle.estimate.pose?;
-        let at = pose * ground?;
-        Some(At::new(at.x, at.y))
+        Some(pose * ground?)
     }
 
     /// Starts to recompute the log with the settings in use.

@@ -84,10 +84,8 @@ impl View {
             Ok(session) => {
                 // What the user has labelled outlives the source.
                 let calibration = std::mem::take(&mut self.session.calibration);
-                self.session = Session {
-                    calibration,
-                    ..session
-                };
+                self.session = session;
+                self.session.calibration = calibration;
                 self.repaint_on_cycle(ctx);
             }
             Err(error) => self.session.last_error = Some(format!("{error:#}")),

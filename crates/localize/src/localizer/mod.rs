@@ -51,7 +51,8 @@ use tilt_bias::TiltBias;
 /// # fn main() -> Result<(), localize::field::FieldError> {
 /// use std::path::Path;
 ///
-/// use localize::sample::{LinePoint, Odometry};
+/// use localize::omni::Twist;
+/// use localize::sample::LinePoint;
 /// use localize::{At, Field, LocalizeConfig, Localizer, Mode, Pose, Stamp};
 /// use nalgebra::Matrix3;
 ///
@@ -64,7 +65,7 @@ use tilt_bias::TiltBias;
 /// let mut points: Vec<LinePoint> = (10..40).flat_map(|i| [point(0.0, 0.1 * i as f32), point(0.0, -0.1 * i as f32)]).collect();
 /// points.extend((-10..=10).map(|i| 0.05 * i as f32).map(|a| point(1.94 * a.cos(), 1.94 * a.sin())));
 ///
-/// localizer.add_odometry(&Odometry { stamp: Stamp(20_000_000), ..Odometry::default() });
+/// localizer.add_odometry(&Twist::default().integrate(Stamp(20_000_000), 0.0));
 /// let estimate = localizer.process_points(Stamp(33_000_000), &points);
 /// assert_ne!(estimate.mode, Mode::Lost);
 /// assert!(estimate.pose.is_some_and(|pose| pose.x.abs() < 0.03));

@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 /// let radius: Vec<f64> = (0..10).map(|i| 0.01 * f64::from(i)).collect();
 /// let height = radius.iter().map(|r| 0.7 + r).collect();
 /// let cone = Profile::new(radius, height)?;
-/// assert!((cone.height(0.055) - 0.755).abs() < 1e-9);
+/// let (height, slope) = cone.height_and_slope(0.055);
+/// assert!((height - 0.755).abs() < 1e-9 && (slope - 1.0).abs() < 1e-9);
 /// # Ok(())
 /// # }
 /// ```

@@ -123,17 +123,18 @@ fn mask(ui: &mut Ui, session: &mut Session) {
         ));
     });
     ui.label("Or rotate the robot in place, and find the pixels that do not change:");
+    let mut compute = false;
     ui.horizontal(|ui| {
         ui.toggle_value(&mut calibration.collecting, "Collect images");
         ui.label(format!("{} images", calibration.mask_images.len()));
-        let compute = ui.button("Compute mask").clicked();
+        compute = ui.button("Compute mask").clicked();
         if ui.button("Discard images").clicked() {
             calibration.mask_images.clear();
         }
-        if compute {
-            session.compute_mask();
-        }
     });
+    if compute {
+        session.compute_mask();
+    }
 }
 
 /// Draws the class tools and the label counts.
