@@ -10,6 +10,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::mirror::{MirrorModel, PreparedMount};
+use crate::math;
 
 /// Largest number of unknowns of a basis.
 pub const TERMS_MAX: usize = 12;
@@ -217,7 +218,7 @@ impl MapBasis {
 
     /// γ of a point at `range` metres, as a node and the share of the next one.
     pub(super) fn node_at(&self, range: f32) -> (usize, f32) {
-        let place = (range / self.height).atan() * ((NODES - 1) as f32 / FRAC_PI_2);
+        let place = math::atan(range / self.height) * ((NODES - 1) as f32 / FRAC_PI_2);
         let node = (place as usize).min(NODES - 2);
         (node, place - node as f32)
     }
@@ -277,7 +278,7 @@ impl PreparedBasis<'_> {
     /// Displaces a ground point of the map (metres, robot frame).
     pub fn displace(&self, [x, y]: [f32; 2]) -> DisplacedPoint {
         let basis = self.basis;
-        let range = x.hypot(y).max(1e-3);
+        let range = math::hypot(x, y).max(1e-3);
         let direction = [x / range, y / range];
         let mut fields = [[0.0; 2]; TERMS_MAX];
         let mirrored = self
@@ -289,11 +290,11 @@ impl PreparedBasis<'_> {
         };
         let [turn, shift] = basis.sum_fields(range, direction, coefficients, &mut fields);
         let [bx, by] = mirrored.unwrap_or([x, y]);
-        let base_range = bx.hypot(by).max(1e-3);
+        let base_range = math::hypot(bx, by).max(1e-3);
         let base_direction = [bx / base_range, by / base_range];
         let slope = displace_slope(base_range / basis.height, turn);
         let displaced_range = basis.height * slope;
-        let (sin, cos) = shift.sin_cos();
+        let (sin, cos) = math::sin_cos(shift);
         let outward = [
             cos * base_direction[0] - sin * base_direction[1],
             sin * base_direction[0] + cos * base_direction[1],
@@ -317,7 +318,7 @@ impl PreparedBasis<'_> {
             at,
             derivatives,
             ambiguity: if ambiguous {
-                (at[0] - x).hypot(at[1] - y)
+                math::hypot(at[0] - x, at[1] - y)
             } else {
                 0.0
             },
@@ -403,7 +404,7 @@ mod tests {
                 let there = basis.prepare(moved).displace(point);
                 for axis in 0..2 {
                     let difference = (there.at[axis] - here.at[axis]) / 1e-3;
-                    let scale = 1.0 + point[0].hypot(point[1]).powi(2);
+                    let scale = 1.0 + math::hypot(point[0], point[1]).powi(2);
                     assert!(
                         (difference - here.derivatives[k][axis]).abs() < 0.03 * scale,
                         "{point:?} {k}: {difference} {}",

@@ -10,6 +10,7 @@ use super::sums::{
 use crate::frames::{At, Pose, RobotFrame, wrap_angle};
 use crate::matching::distance_field::DistanceField;
 use crate::matching::{Match, MatchConfig, Matrix5, PARAMETERS};
+use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 use crate::tilt::ground_from_map;
@@ -172,7 +173,8 @@ impl MapCorrection {
         let [mut squares, mut variance] = [0.0; 2];
         const DIRECTIONS: usize = 8;
         for k in 0..DIRECTIONS {
-            let (sin, cos) = (std::f32::consts::TAU * k as f32 / DIRECTIONS as f32).sin_cos();
+            let (sin, cos) =
+                math::sin_cos(std::f32::consts::TAU * k as f32 / DIRECTIONS as f32);
             let at = At::new(3.0 * cos, 3.0 * sin);
             squares += at.distance_to(self.correct_point(at)).powi(2) / DIRECTIONS as f32;
             let [xx, _, yy] = self.point_covariance(at);
@@ -202,7 +204,7 @@ impl MapCorrection {
 
     /// Covariance (xx, xy, yy; m²) of a corrected point by the map's remaining uncertainty.
     pub fn point_covariance(&self, at: At<RobotFrame>) -> [f32; 3] {
-        let range = at.x.hypot(at.y).max(1e-3);
+        let range = math::hypot(at.x, at.y).max(1e-3);
         let [radial, tangential] = self.variances_at(range);
         let (c, s) = (at.x / range, at.y / range);
         [
@@ -226,7 +228,7 @@ impl MapCorrection {
                 tangential_variance: point.std_tangential * point.std_tangential + ambiguity,
                 derivatives: displaced.derivatives,
             };
-            let [radial, tangential] = self.variances_at(x.hypot(y));
+            let [radial, tangential] = self.variances_at(math::hypot(x, y));
             point.std_radial = (raw.radial_variance + radial).sqrt();
             point.std_tangential = (raw.tangential_variance + tangential).sqrt();
             self.points.push(raw);
@@ -403,7 +405,7 @@ impl MapCorrection {
     fn is_independent(&self, pose: Pose) -> bool {
         self.used_pose.is_none_or(|used| {
             let turn = wrap_angle(pose.theta - used.theta).abs();
-            (pose.x - used.x).hypot(pose.y - used.y) >= self.config.step_distance
+            math::hypot(pose.x - used.x, pose.y - used.y) >= self.config.step_distance
                 || turn >= self.config.step_turn_deg.to_radians()
         })
     }
@@ -420,7 +422,7 @@ impl MapCorrection {
         let terms = self.basis.terms().len();
         let (mut stated, mut widened) = (ImageSums::new(terms), ImageSums::new(terms));
         let Pose { x, y, theta, .. } = image.matched.pose;
-        let (sin, cos) = theta.sin_cos();
+        let (sin, cos) = math::sin_cos(theta);
         let height = matching.viewpoint_height;
         let kernel_squared = matching.kernel_scale_sigmas * matching.kernel_scale_sigmas;
         let map_variance = matching.map_std * matching.map_std;
@@ -632,7 +634,7 @@ impl Posterior {
         }
         Some(Posterior {
             covariance: posterior,
-            log_evidence: -0.5 * gradient.dot(&step) - 0.5 * determinant.ln(),
+            log_evidence: -0.5 * gradient.dot(&step) - 0.5 * math::ln(determinant),
             step,
         })
     }

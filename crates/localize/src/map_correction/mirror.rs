@@ -6,7 +6,9 @@
 
 use std::f32::consts::FRAC_PI_2;
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::math;
 
 /// Samples of the profile from its axis to its rim.
 const PROFILE_SAMPLES: usize = 1024;
@@ -41,7 +43,7 @@ pub struct MirrorModel {
 /// A mounting of the mirror, prepared for many rays.
 #[derive(Debug, Clone, Copy)]
 pub struct PreparedMount {
-    camera_from_mirror: Rotation3<f32>,
+    camera_from_mirror: Matrix3<f32>,
     pivot: Vector3<f32>,
     moved_pivot: Vector3<f32>,
     focal_scale: f32,
@@ -86,7 +88,7 @@ impl MirrorModel {
     pub fn prepare(&self, [tilt_x, tilt_y, offset_x, offset_y, focal]: [f32; 5]) -> PreparedMount {
         let pivot = Vector3::new(0.0, 0.0, self.profile[0][0]);
         PreparedMount {
-            camera_from_mirror: Rotation3::from_scaled_axis(Vector3::new(-tilt_y, tilt_x, 0.0)),
+            camera_from_mirror: rotation_of_tilt([tilt_x, tilt_y]),
             pivot,
             moved_pivot: pivot + Vector3::new(offset_x, offset_y, 0.0),
             focal_scale: 1.0 + focal,
@@ -96,8 +98,8 @@ impl MirrorModel {
     /// The ground point that the pixel really shows which the map of the upright mirror assigns to `point` (metres, robot
     /// frame). None if the mirror does not show the point.
     pub fn displace(&self, [x, y]: [f32; 2], mount: &PreparedMount) -> Option<[f32; 2]> {
-        let range = x.hypot(y);
-        let place = (range / self.viewpoint_height).atan() / FRAC_PI_2 * (RAY_SAMPLES - 1) as f32;
+        let range = math::hypot(x, y);
+        let place = math::atan(range / self.viewpoint_height) / FRAC_PI_2 * (RAY_SAMPLES - 1) as f32;
         let node = (place as usize).min(RAY_SAMPLES - 2);
         let share = place - node as f32;
         let (low, high) = (self.rays[node]?, self.rays[node + 1]?);
@@ -123,7 +125,7 @@ impl MirrorModel {
             };
             // The height of the meeting point starts the next ray's search.
             height = self.meeting_height(towards, height, &upright);
-            let place = (range / self.viewpoint_height).atan() * per_radian;
+            let place = math::atan(range / self.viewpoint_height) * per_radian;
             let here = (place, [tangent, height]);
             let Some((before, values)) = last else {
                 last = Some(here);
@@ -170,7 +172,7 @@ impl MirrorModel {
         let mut distance = height;
         for _ in 0..NEWTON_STEPS {
             let point = start + step * distance;
-            let radius = point.x.hypot(point.y);
+            let radius = math::hypot(point.x, point.y);
             let [height, slope] = self.profile_at(radius);
             let outward = (point.x * step.x + point.y * step.y) / radius.max(1e-9);
             let rate = (step.z - slope * outward).max(1e-3);
@@ -186,11 +188,11 @@ impl MirrorModel {
 
     /// Ground point of a camera ray (z = 1). `height`: a guess of the mirror's height there above the pinhole.
     fn trace(&self, towards: Vector3<f32>, height: f32, mount: &PreparedMount) -> Option<[f32; 2]> {
-        let mirror_from_camera = mount.camera_from_mirror.inverse();
+        let mirror_from_camera = mount.camera_from_mirror.transpose();
         let start = mount.pivot - mirror_from_camera * mount.moved_pivot;
         let step = mirror_from_camera * towards;
         let point = start + step * self.meet(start, step, height);
-        let radius = point.x.hypot(point.y);
+        let radius = math::hypot(point.x, point.y);
         if radius > self.radius_step * PROFILE_SAMPLES as f32 {
             return None;
         }
@@ -203,4 +205,28 @@ impl MirrorModel {
         let drop = (origin.z + self.pinhole_height) / -direction.z;
         (direction.z < 0.0).then(|| [origin.x + drop * direction.x, origin.y + drop * direction.y])
     }
+}
+
+/// Rotation that moves the top of an axis by `tilt` (radians) towards x and y.
+fn rotation_of_tilt([x, y]: [f32; 2]) -> Matrix3<f32> {
+    let angle = math::hypot(x, y);
+    let (sin, cos) = math::sin_cos(angle);
+    // Towards the direction of the tilt; without a tilt any direction will do.
+    let (dx, dy) = if angle > 0.0 {
+        (x / angle, y / angle)
+    } else {
+        (1.0, 0.0)
+    };
+    let bend = cos - 1.0;
+    Matrix3::new(
+        1.0 + bend * dx * dx,
+        bend * dx * dy,
+        sin * dx,
+        bend * dx * dy,
+        1.0 + bend * dy * dy,
+        sin * dy,
+        -sin * dx,
+        -sin * dy,
+        cos,
+    )
 }

@@ -9,6 +9,7 @@ use super::sums::{ImageSums, PoseMatrix, PoseVector, TermMatrix, TermVector, wid
 use crate::frames::Pose;
 use crate::matching::distance_field::DistanceField;
 use crate::matching::{MatchConfig, PARAMETERS};
+use crate::math;
 use crate::tilt::ground_from_map;
 
 /// Shares of a new map's standard deviation by which the reach is widened, step by step.
@@ -101,7 +102,7 @@ impl MapCorrection {
         let mut sums = ImageSums::new(self.basis().terms().len());
         let mut score = 0.0;
         let Pose { x, y, theta, .. } = candidate.pose;
-        let (sin, cos) = theta.sin_cos();
+        let (sin, cos) = math::sin_cos(theta);
         let height = matching.viewpoint_height;
         let kernel_squared = matching.kernel_scale_sigmas * matching.kernel_scale_sigmas;
         let map_variance = matching.map_std * matching.map_std;

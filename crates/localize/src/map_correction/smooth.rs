@@ -1,6 +1,7 @@
 //! Which fields describe the errors of a map whose optics are unknown? Low-order smooth ones.
 
 use super::basis::{BasisTerm, Harmonic, MapBasis, NODES, TermKind};
+use crate::math;
 
 /// Ranges at which the relative error of the range is a node, in heights of the viewpoint.
 const RANGE_NODES: [f32; 4] = [1.0, 2.5, 5.0, 9.0];
@@ -61,7 +62,7 @@ fn term(
     };
     for node in 0..NODES {
         // The last entry is the horizon; its neighbour stands for it.
-        let slope = MapBasis::node_angle(node.min(NODES - 2)).tan();
+        let slope = math::tan(MapBasis::node_angle(node.min(NODES - 2)));
         [term.radial[node], term.tangential[node]] = fields(slope);
     }
     term
@@ -74,8 +75,8 @@ fn relative(slope: f32) -> f32 {
 
 /// Weight of a node of the range: linear in the logarithm of the range between the nodes, constant beyond them.
 fn range_weight(slope: f32, node: usize) -> f32 {
-    let place = slope.max(1e-3).ln();
-    let at = |node: usize| RANGE_NODES[node].ln();
+    let place = math::ln(slope.max(1e-3));
+    let at = |node: usize| math::ln(RANGE_NODES[node]);
     let rising = match node {
         0 => 1.0,
         _ => ((place - at(node - 1)) / (at(node) - at(node - 1))).clamp(0.0, 1.0),

@@ -6,6 +6,7 @@ use std::f32::consts::FRAC_PI_2;
 use localize::map_correction::{
     BasisTerm, Harmonic, MapBasis, MapCorrectionConfig, MirrorModel, NODES, TermKind, height_term, smooth_terms,
 };
+use localize::math;
 use localize::robot::CameraConfig;
 
 use crate::optics::ground_map::GroundMap;
@@ -141,8 +142,11 @@ fn trace_field(
         let u = camera.centre_px[0] + row_u[0] * ahead + row_u[1] * left;
         let v = camera.centre_px[1] + row_v[0] * ahead + row_v[1] * left;
         let ground = tracer.ray(f64::from(u), f64::from(v))?.at_height(0.0)?;
-        let range = ground.x.hypot(ground.y);
-        Some(((range / height).atan(), ground.y.atan2(ground.x)))
+        let range = math::hypot(ground.x, ground.y);
+        Some((
+            math::atan(range / height),
+            math::atan2(ground.y, ground.x),
+        ))
     };
     let mut samples = FieldSamples::new();
     for k in 1..RADII {
@@ -158,7 +162,7 @@ fn trace_field(
         // A second ring of the mirror may show near ground again; the fields are those of the first one.
         if samples.last().is_none_or(|last| angle > last[0]) {
             let radial = (high - low) / step;
-            let tangential = angle.sin() * localize::frames::wrap_angle(to - from) / step;
+            let tangential = math::sin(angle) * localize::frames::wrap_angle(to - from) / step;
             // Ahead of the robot's left the harmonic's tangential factor is −1.
             samples.push([angle, radial, -tangential]);
         }
@@ -177,9 +181,12 @@ fn centre_field(camera: &CameraConfig, map: &GroundMap, height: f32) -> FieldSam
                 continue;
             };
             let radius =
-                (column as f32 - camera.centre_px[0]).hypot(row as f32 - camera.centre_px[1]);
+                math::hypot(
+                    column as f32 - camera.centre_px[0],
+                    row as f32 - camera.centre_px[1],
+                );
             rim = rim.max(radius);
-            let bin = (at.distance() / height).atan() / FRAC_PI_2 * BINS as f32;
+            let bin = math::atan(at.distance() / height) / FRAC_PI_2 * BINS as f32;
             let sums = &mut radius_sums[(bin as usize).min(BINS - 1)];
             sums[0] += f64::from(radius);
             sums[1] += 1.0;
@@ -203,7 +210,7 @@ fn centre_field(camera: &CameraConfig, map: &GroundMap, height: f32) -> FieldSam
             let [angle, radius] = window[SPAN / 2];
             let step = far - near;
             (step > 0.5 && radius > 1.0)
-                .then(|| [angle, rim * (high - low) / step, rim * angle.sin() / radius])
+                .then(|| [angle, rim * (high - low) / step, rim * math::sin(angle) / radius])
         })
         .collect()
 }
