@@ -183,9 +183,7 @@ impl Pipeline {
         let observations = features
             .detections
             .as_ref()
-            .map(|detections| {
-                object_observations(detections, self.localizer.map_correction())
-            });
+            .map(|detections| object_observations(detections, self.localizer.map_correction()));
         let world = self.world.update(stamp, observations.as_ref(), &estimate);
         let team = self.team.update(stamp, &world, &estimate);
         // For the next image: this image's estimate is final already.

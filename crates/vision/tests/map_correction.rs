@@ -34,7 +34,10 @@ fn mean(scored: &[Scored], from: f64, to: f64) -> (f32, f32, f32, usize) {
         .iter()
         .filter(|s| s.seconds >= from && s.seconds < to)
         .collect();
-    let found: Vec<_> = part.iter().filter_map(|s| s.error.map(|e| (e, s.nees, s.std))).collect();
+    let found: Vec<_> = part
+        .iter()
+        .filter_map(|s| s.error.map(|e| (e, s.nees, s.std)))
+        .collect();
     let n = found.len().max(1) as f32;
     (
         found.iter().map(|f| f.0).sum::<f32>() / n,
@@ -65,10 +68,23 @@ fn table() {
                 };
                 let started = std::time::Instant::now();
                 all.extend(drive(&optics, &field, &mut localizer, &config));
-                println!("{robot} {name} heal {enabled} ({:.2} s)", started.elapsed().as_secs_f32());
-                for (from, to) in [(0.0, 1.0), (1.0, 3.0), (3.0, 10.0), (10.0, 30.0), (30.0, 60.0)] {
+                println!(
+                    "{robot} {name} heal {enabled} ({:.2} s)",
+                    started.elapsed().as_secs_f32()
+                );
+                for (from, to) in [
+                    (0.0, 1.0),
+                    (1.0, 3.0),
+                    (3.0, 10.0),
+                    (10.0, 30.0),
+                    (30.0, 60.0),
+                ] {
                     let (error, nees, std, lost) = mean(&all, from, to);
-                    println!("   {from:>4}..{to:>4} s: {:.2} cm nees {nees:.2} std {:.2} cm lost {lost}", error * 100.0, 100.0 * std);
+                    println!(
+                        "   {from:>4}..{to:>4} s: {:.2} cm nees {nees:.2} std {:.2} cm lost {lost}",
+                        error * 100.0,
+                        100.0 * std
+                    );
                 }
                 if let Some(map) = localizer.map_correction() {
                     let e = map.estimate();

@@ -4,9 +4,7 @@
 use super::Localizer;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::filter::{PoseFilter, TiltPrior};
-use crate::map_correction::{
-    MapBasis, MapCorrection, TrackedImage, smooth_terms,
-};
+use crate::map_correction::{MapBasis, MapCorrection, TrackedImage, smooth_terms};
 use crate::matching::{Match, PosePrior};
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;

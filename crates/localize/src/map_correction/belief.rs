@@ -34,6 +34,9 @@ const PLAUSIBLE_SIGMAS: f64 = 8.0;
 /// Largest mean information of an image, relative to what is known already.
 const RELATIVE_INFORMATION_MAX: f64 = 0.5;
 
+/// Variance of the residuals over the stated one before any was seen.
+const INITIAL_NOISE: f64 = 4.0;
+
 /// Share by which an image changes the learned variance of the residuals.
 const NOISE_RATE: f64 = 0.1;
 
@@ -144,7 +147,7 @@ impl MapCorrection {
             stamp: None,
             last_pose: None,
             used_pose: None,
-            noise: 1.0,
+            noise: INITIAL_NOISE,
             block: Block::new(TermVector::zeros(), prior),
             images: 0,
             knocks: 0,
@@ -173,8 +176,7 @@ impl MapCorrection {
         let [mut squares, mut variance] = [0.0; 2];
         const DIRECTIONS: usize = 8;
         for k in 0..DIRECTIONS {
-            let (sin, cos) =
-                math::sin_cos(std::f32::consts::TAU * k as f32 / DIRECTIONS as f32);
+            let (sin, cos) = math::sin_cos(std::f32::consts::TAU * k as f32 / DIRECTIONS as f32);
             let at = At::new(3.0 * cos, 3.0 * sin);
             squares += at.distance_to(self.correct_point(at)).powi(2) / DIRECTIONS as f32;
             let [xx, _, yy] = self.point_covariance(at);
@@ -289,7 +291,12 @@ impl MapCorrection {
     }
 
     /// A pose was found without a prediction: its error follows from this image alone.
-    pub fn restart(&mut self, image: &TrackedImage, distances: &DistanceField, matching: &MatchConfig) {
+    pub fn restart(
+        &mut self,
+        image: &TrackedImage,
+        distances: &DistanceField,
+        matching: &MatchConfig,
+    ) {
         if image.points.len() != self.points.len() {
             return;
         }
@@ -440,8 +447,7 @@ impl MapCorrection {
                 point.std_radial * point.std_radial,
                 point.std_tangential * point.std_tangential,
             );
-            let kept =
-                kernel_squared / (kernel_squared + near.signed_distance.powi(2) / wide);
+            let kept = kernel_squared / (kernel_squared + near.signed_distance.powi(2) / wide);
             let robust_weight = kept * kept;
             let (mx, my) = (cos * nx + sin * ny, cos * ny - sin * nx);
             let per_height = along / height;
@@ -456,7 +462,13 @@ impl MapCorrection {
             widened.add_cross(&pose_row, &map_row, robust_weight / wide);
             if for_map {
                 let own = variance(raw.radial_variance, raw.tangential_variance);
-                stated.add(&pose_row, &map_row, near.signed_distance, robust_weight, own);
+                stated.add(
+                    &pose_row,
+                    &map_row,
+                    near.signed_distance,
+                    robust_weight,
+                    own,
+                );
             }
         }
         (stated, widened)

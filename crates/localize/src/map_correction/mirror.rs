@@ -99,7 +99,8 @@ impl MirrorModel {
     /// frame). None if the mirror does not show the point.
     pub fn displace(&self, [x, y]: [f32; 2], mount: &PreparedMount) -> Option<[f32; 2]> {
         let range = math::hypot(x, y);
-        let place = math::atan(range / self.viewpoint_height) / FRAC_PI_2 * (RAY_SAMPLES - 1) as f32;
+        let place =
+            math::atan(range / self.viewpoint_height) / FRAC_PI_2 * (RAY_SAMPLES - 1) as f32;
         let node = (place as usize).min(RAY_SAMPLES - 2);
         let share = place - node as f32;
         let (low, high) = (self.rays[node]?, self.rays[node + 1]?);
@@ -143,8 +144,7 @@ impl MirrorModel {
             (first_range, ring_range) = (range, 0.0);
             for node in before.ceil() as usize..=(place as usize).min(RAY_SAMPLES - 1) {
                 let share = (node as f32 - before) / (place - before);
-                self.rays[node] =
-                    Some([0, 1].map(|k| values[k] + share * (here.1[k] - values[k])));
+                self.rays[node] = Some([0, 1].map(|k| values[k] + share * (here.1[k] - values[k])));
             }
             last = Some(here);
         }

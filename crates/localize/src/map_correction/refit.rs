@@ -67,8 +67,14 @@ impl MapCorrection {
         for reach in REACH {
             let (sums, _) = self.sums_at(&candidate, reach, image, distances, matching);
             let share = f64::from(self.config().information_share);
-            let (step, pose_step) =
-                joint_step(&sums, &pose_prior, &map_covariance, &candidate, image, share)?;
+            let (step, pose_step) = joint_step(
+                &sums,
+                &pose_prior,
+                &map_covariance,
+                &candidate,
+                image,
+                share,
+            )?;
             for k in 0..TERMS_MAX {
                 candidate.step[k] += step[k] as f32;
             }
@@ -84,7 +90,8 @@ impl MapCorrection {
         }
         let (_, score) = self.sums_at(&candidate, 0.0, image, distances, matching);
         Some(Refit {
-            coefficients: self.coefficients() + TermVector::from_fn(|k, _| candidate.step[k].into()),
+            coefficients: self.coefficients()
+                + TermVector::from_fn(|k, _| candidate.step[k].into()),
             pose: candidate.pose,
             score,
         })
@@ -128,8 +135,8 @@ impl MapCorrection {
                 .enumerate()
                 .map(|(k, value)| value * value * self.prior()[(k, k)] as f32)
                 .sum();
-            let squared = near.signed_distance * near.signed_distance
-                / (variance + reach * reach * widening);
+            let squared =
+                near.signed_distance * near.signed_distance / (variance + reach * reach * widening);
             let kept = kernel_squared / (kernel_squared + squared);
             score += kept;
             let per_height = along / height;

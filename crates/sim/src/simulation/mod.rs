@@ -14,9 +14,9 @@ use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 use localize::stamp::Stamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use vision::{Mount, Profile};
 use vision::optics::mirror::ProfileError;
 use vision::optics::ray_tracing::OpticsError;
+use vision::{Mount, Profile};
 
 use crate::behaviour::{DECISION_PERIOD, TeamBehaviour};
 use crate::image_sensor::FilmConfig;

@@ -4,7 +4,8 @@
 use std::f32::consts::FRAC_PI_2;
 
 use localize::map_correction::{
-    BasisTerm, Harmonic, MapBasis, MapCorrectionConfig, MirrorModel, NODES, TermKind, height_term, smooth_terms,
+    BasisTerm, Harmonic, MapBasis, MapCorrectionConfig, MirrorModel, NODES, TermKind, height_term,
+    smooth_terms,
 };
 use localize::math;
 use localize::robot::CameraConfig;
@@ -143,18 +144,14 @@ fn trace_field(
         let v = camera.centre_px[1] + row_v[0] * ahead + row_v[1] * left;
         let ground = tracer.ray(f64::from(u), f64::from(v))?.at_height(0.0)?;
         let range = math::hypot(ground.x, ground.y);
-        Some((
-            math::atan(range / height),
-            math::atan2(ground.y, ground.x),
-        ))
+        Some((math::atan(range / height), math::atan2(ground.y, ground.x)))
     };
     let mut samples = FieldSamples::new();
     for k in 1..RADII {
         let radius = rim * k as f32 / RADII as f32;
         let ahead = [0, 1].map(|n| trace(&tracers[n], radius, 0.0));
         let left = [0, 1].map(|n| trace(&tracers[n], 0.0, radius));
-        let ([Some((low, _)), Some((high, _))], [Some((_, from)), Some((_, to))]) =
-            (ahead, left)
+        let ([Some((low, _)), Some((high, _))], [Some((_, from)), Some((_, to))]) = (ahead, left)
         else {
             continue;
         };
@@ -180,11 +177,10 @@ fn centre_field(camera: &CameraConfig, map: &GroundMap, height: f32) -> FieldSam
             let Some(at) = map.at(column, row) else {
                 continue;
             };
-            let radius =
-                math::hypot(
-                    column as f32 - camera.centre_px[0],
-                    row as f32 - camera.centre_px[1],
-                );
+            let radius = math::hypot(
+                column as f32 - camera.centre_px[0],
+                row as f32 - camera.centre_px[1],
+            );
             rim = rim.max(radius);
             let bin = math::atan(at.distance() / height) / FRAC_PI_2 * BINS as f32;
             let sums = &mut radius_sums[(bin as usize).min(BINS - 1)];
@@ -209,8 +205,13 @@ fn centre_field(camera: &CameraConfig, map: &GroundMap, height: f32) -> FieldSam
             let ([low, near], [high, far]) = (window[0], window[SPAN]);
             let [angle, radius] = window[SPAN / 2];
             let step = far - near;
-            (step > 0.5 && radius > 1.0)
-                .then(|| [angle, rim * (high - low) / step, rim * math::sin(angle) / radius])
+            (step > 0.5 && radius > 1.0).then(|| {
+                [
+                    angle,
+                    rim * (high - low) / step,
+                    rim * math::sin(angle) / radius,
+                ]
+            })
         })
         .collect()
 }

@@ -156,9 +156,10 @@ pub fn drive(
         let seconds = k as f64 / config.rate;
         let stamp = Stamp::from_seconds(seconds);
         let decay = (-dt).exp();
-        for (value, std) in velocity
-            .iter_mut()
-            .zip([config.speed, config.speed, 0.4 * config.speed])
+        for (value, std) in
+            velocity
+                .iter_mut()
+                .zip([config.speed, config.speed, 0.4 * config.speed])
         {
             *value = decay * *value + (1.0 - decay * decay).sqrt() * std * normal(&mut rng);
         }
@@ -186,7 +187,9 @@ pub fn drive(
             .expect("a mount")
             .1;
         let tilt = [0, 1].map(|_| config.tilt_std_deg.to_radians() * normal(&mut rng));
-        let points = observe(optics, &distances, &map, truth, pose, tilt, config, &mut rng);
+        let points = observe(
+            optics, &distances, &map, truth, pose, tilt, config, &mut rng,
+        );
         localizer.add_odometry(&Odometry {
             stamp,
             dx: motion[0],
@@ -264,8 +267,7 @@ fn observe(
                 if let (Some(Some(a)), Some(Some(b))) = (map.get(low), map.get(low + 1)) {
                     let [mut px, mut py] = [0, 1].map(|n| a[n] + part * (b[n] - a[n]));
                     let range = px.hypot(py);
-                    let std_radial =
-                        PIXEL_STD * (b[0] - a[0]).hypot(b[1] - a[1]) / STEP_PX;
+                    let std_radial = PIXEL_STD * (b[0] - a[0]).hypot(b[1] - a[1]) / STEP_PX;
                     let std_tangential = PIXEL_STD * range / (place * STEP_PX).max(1.0);
                     let across = std_tangential * normal(rng) / range;
                     (px, py) = (px - across * py, py + across * px);
