@@ -5,7 +5,7 @@ use std::time::Instant;
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
-use localize::map_correction::MapBasis;
+use localize::map_correction::{MapBasis, MapCorrection};
 
 use localize::localizer::Localizer;
 use localize::sample::{GoalObservation, LinePoint};
@@ -152,6 +152,11 @@ impl Pipeline {
     /// Particles of the global search; empty if its method has none.
     pub fn particles(&self) -> &[Pose] {
         self.localizer.particles()
+    }
+
+    /// What was learned about the ground map. None if the correction is switched off.
+    pub fn map_correction(&self) -> Option<&MapCorrection> {
+        self.localizer.map_correction()
     }
 
     /// Takes a sample; an image ends a cycle.

@@ -13,6 +13,7 @@ use sim::scenario::Scenario;
 use vision::config::ObjectConfig;
 
 use crate::config::PipelineConfig;
+use crate::corrected_map;
 use crate::cycle::Cycle;
 use crate::log::{LogConfig, Recorder, start_log};
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
@@ -261,6 +262,8 @@ pub struct RecordingOptions {
     pub folder: PathBuf,
     /// A calibrated map in place of the robot's own.
     pub map: Option<PathBuf>,
+    /// File for the ground map with what was learned about its errors.
+    pub save_map: Option<PathBuf>,
     /// Settings of the pipeline.
     pub config: PipelineConfig,
     /// Standard deviation of line points that come without one, metres.
@@ -289,6 +292,7 @@ pub struct RecordingRun {
     setup: Setup,
     recording: Recording,
     pipeline: Pipeline,
+    save_map: Option<PathBuf>,
 }
 
 impl RecordingRun {
@@ -302,6 +306,7 @@ impl RecordingRun {
             setup,
             recording,
             pipeline,
+            save_map: options.save_map.clone(),
         })
     }
 
@@ -316,6 +321,7 @@ impl RecordingRun {
             setup,
             recording,
             mut pipeline,
+            save_map,
         } = self;
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
@@ -343,6 +349,9 @@ impl RecordingRun {
                 };
                 detections.add_image(found, &scene);
             }
+        }
+        if let Some(path) = save_map {
+            corrected_map::save(&setup, &pipeline, &path)?;
         }
         let summary = statistics.summary();
         let coverage = pipeline.scan_coverage();
