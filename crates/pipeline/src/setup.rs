@@ -57,7 +57,6 @@ impl Setup {
             Some(mirror) => Some(Profile::load(&mirror.profile)?),
             None => None,
         };
-        let is_traced = map.is_none() && robot.map.is_none();
         let mask = match (&robot.mask, &robot.camera) {
             (Some(path), Some(camera)) => Some(load_mask(path, camera.width_px, camera.height_px)?),
             _ => None,
@@ -69,9 +68,26 @@ impl Setup {
             field,
             camera,
             viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
-            traced_mirror: profile.filter(|_| is_traced),
+            traced_mirror: profile.filter(|profile| is_traced(camera.as_ref(), profile)),
         })
     }
+}
+
+/// Is the ground map that of the mirror as designed? Logs store such a map beside the profile.
+fn is_traced(camera: Option<&(CameraConfig, Arc<GroundMap>)>, profile: &Profile) -> bool {
+    let Some((camera, map)) = camera else {
+        return false;
+    };
+    let bits = |values: &[f32]| {
+        values
+            .iter()
+            .map(|value| value.to_bits())
+            .collect::<Vec<_>>()
+    };
+    optics::trace_rays(camera, profile, &Mount::default()).is_ok_and(|rays| {
+        let traced = rays.ground_map();
+        bits(&traced.x) == bits(&map.x) && bits(&traced.y) == bits(&map.y)
+    })
 }
 
 /// Height of the viewpoint, metres: the mirror's height at the mean of its inner and outer radius.

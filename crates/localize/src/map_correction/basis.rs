@@ -24,6 +24,17 @@ const DEPTH_SHARE_MIN: f32 = 0.5;
 /// Smallest sine of γ by which a tangential displacement is divided. Below it the robot's own body covers the ground.
 const SIN_MIN: f32 = 0.05;
 
+/// Unit of an unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unit {
+    /// Angles.
+    Radian,
+    /// Lengths.
+    Metre,
+    /// Relative errors.
+    Share,
+}
+
 /// What an unknown stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -98,6 +109,15 @@ impl TermKind {
         TermKind::EllipseCosine,
         TermKind::EllipseSine,
     ];
+
+    /// Unit of its value.
+    pub fn unit(self) -> Unit {
+        match self {
+            TermKind::MirrorTiltX | TermKind::MirrorTiltY => Unit::Radian,
+            TermKind::MirrorOffsetX | TermKind::MirrorOffsetY | TermKind::Height => Unit::Metre,
+            _ => Unit::Share,
+        }
+    }
 
     /// The kind of a name.
     pub fn from_name(name: &str) -> Option<Self> {

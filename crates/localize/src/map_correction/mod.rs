@@ -13,7 +13,7 @@ mod refit;
 mod smooth;
 mod sums;
 
-pub use basis::{BasisTerm, DisplacedPoint, Harmonic, MapBasis, NODES, TERMS_MAX, TermKind};
+pub use basis::{BasisTerm, DisplacedPoint, Harmonic, MapBasis, NODES, TERMS_MAX, TermKind, Unit};
 pub use belief::{MapCorrection, MapCorrectionEstimate, TermEstimate, TrackedImage};
 pub use config::MapCorrectionConfig;
 pub use mirror::MirrorModel;
