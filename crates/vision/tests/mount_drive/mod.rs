@@ -4,6 +4,7 @@
 //! lie. No displacement field of the map's correction is used.
 
 use localize::frames::{At, Pose, wrap_angle};
+use localize::math;
 use localize::robot::{CameraConfig, RobotConfig};
 use localize::sample::{LinePoint, Odometry};
 use localize::tilt::ground_from_map;
@@ -68,7 +69,7 @@ impl Optics {
         let rim = self.camera.outer_radius_px.unwrap_or(230.0);
         (0..LINES)
             .map(|line| {
-                let (sin, cos) = (std::f32::consts::TAU * line as f32 / LINES as f32).sin_cos();
+                let (sin, cos) = math::sin_cos(std::f32::consts::TAU * line as f32 / LINES as f32);
                 (0..(rim / STEP_PX) as usize)
                     .map(|k| {
                         let radius = k as f32 * STEP_PX;
@@ -120,7 +121,6 @@ pub struct Scored {
     pub nees: f32,
     pub lost: bool,
     pub knocks: u32,
-    pub std: f32,
 }
 
 fn normal(rng: &mut impl Rng) -> f32 {
@@ -155,7 +155,7 @@ pub fn drive(
     for k in 1..(config.seconds * config.rate) as i64 {
         let seconds = k as f64 / config.rate;
         let stamp = Stamp::from_seconds(seconds);
-        let decay = (-dt).exp();
+        let decay = math::exp(-dt);
         for (value, std) in
             velocity
                 .iter_mut()
@@ -171,7 +171,7 @@ pub fn drive(
                 velocity[n] = -velocity[n];
             }
         }
-        let (sin, cos) = pose.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(pose.theta);
         let [vx, vy, w] = velocity;
         let motion = [
             (cos * vx + sin * vy) * dt,
@@ -212,17 +212,16 @@ fn score(seconds: f64, truth: Pose, estimate: &Estimate, localizer: &Localizer) 
         knocks: localizer
             .map_correction()
             .map_or(0, |map| map.estimate().knocks),
-        std: (estimate.covariance[(0, 0)] + estimate.covariance[(1, 1)]).sqrt(),
     };
     if let Some(pose) = estimate.pose {
         let mut off = pose.difference(truth);
         let turned = Pose::new(-pose.x, -pose.y, pose.theta + std::f32::consts::PI);
         let other = turned.difference(truth);
-        if other[0].hypot(other[1]) < off[0].hypot(off[1]) {
+        if math::hypot(other[0], other[1]) < math::hypot(off[0], off[1]) {
             off = other;
         }
         off[2] = wrap_angle(off[2]);
-        scored.error = Some(off[0].hypot(off[1]));
+        scored.error = Some(math::hypot(off[0], off[1]));
         let inverse = estimate.covariance.try_inverse().expect("a covariance");
         scored.nees = off.dot(&(inverse * off)) / 3.0;
     }
@@ -240,12 +239,12 @@ fn observe(
     config: &DriveConfig,
     rng: &mut impl Rng,
 ) -> Vec<LinePoint> {
-    let (sin, cos) = pose.theta.sin_cos();
+    let (sin, cos) = math::sin_cos(pose.theta);
     let mut points = Vec::new();
     for (map, truth) in map.iter().zip(truth) {
         let mut last: Option<f32> = None;
         for (k, at) in truth.iter().enumerate() {
-            let Some(at) = at.filter(|at| at[0].hypot(at[1]) > 0.3) else {
+            let Some(at) = at.filter(|at| math::hypot(at[0], at[1]) > 0.3) else {
                 last = None;
                 continue;
             };
@@ -266,12 +265,12 @@ fn observe(
                 let (low, part) = (place as usize, place.fract());
                 if let (Some(Some(a)), Some(Some(b))) = (map.get(low), map.get(low + 1)) {
                     let [mut px, mut py] = [0, 1].map(|n| a[n] + part * (b[n] - a[n]));
-                    let range = px.hypot(py);
-                    let std_radial = PIXEL_STD * (b[0] - a[0]).hypot(b[1] - a[1]) / STEP_PX;
+                    let range = math::hypot(px, py);
+                    let std_radial = PIXEL_STD * math::hypot(b[0] - a[0], b[1] - a[1]) / STEP_PX;
                     let std_tangential = PIXEL_STD * range / (place * STEP_PX).max(1.0);
                     let across = std_tangential * normal(rng) / range;
                     (px, py) = (px - across * py, py + across * px);
-                    if range > 0.3 && range < config.range_max && std_radial < 0.12 {
+                    if range > 0.5 && range < config.range_max && std_radial < 0.12 {
                         points.push(LinePoint {
                             at: At::new(px, py),
                             std_radial,
