@@ -10,6 +10,7 @@ use vision::calibrate::calibrate_mask;
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::config::ImageRect;
 use vision::image::Image;
+use vision::output_file::write_file;
 
 use super::parameters::ParametersPanel;
 use crate::view::accessibility::AccessibleLabel;
@@ -275,7 +276,7 @@ fn write_labels(dir: &Path, brush: &Brush) -> Result<()> {
         text += &format!("label_{number}.png,{u},{v},{}\n", CLASS_NAMES[label.class]);
     }
     let path = dir.join("labels.csv");
-    std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    write_file(&path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn find_mask(session: &Session, images: &[Image]) -> Result<Vec<bool>> {

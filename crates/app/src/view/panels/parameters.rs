@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use eframe::egui::{self, Color32, RichText, Ui};
+use vision::output_file::write_file;
 
 use crate::view::accessibility::AccessibleLabel;
 use crate::view::palette;
@@ -160,7 +161,7 @@ impl ParametersPanel {
             .iter()
             .filter(|setting| settings::get(&overlay, &setting.path).is_some())
             .count();
-        match std::fs::write(&self.file, overlay.to_string()) {
+        match write_file(Path::new(&self.file), overlay.to_string()) {
             Ok(()) => (true, format!("wrote {count} settings to {}", self.file)),
             Err(error) => (false, format!("cannot write {}: {error}", self.file)),
         }
