@@ -197,7 +197,7 @@ fn read_array(
             "wrong order of {name}: column by column (expected row by row)"
         )));
     }
-    let pixels = rows.checked_mul(columns).unwrap_or(u64::MAX);
+    let pixels = rows.saturating_mul(columns);
     if pixels > PIXELS_MAX as u64 {
         return Err(content(format!(
             "{name} is too large: {rows} × {columns} (expected at most {PIXELS_MAX} pixels)"
