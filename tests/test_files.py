@@ -32,7 +32,8 @@ def refused(*arguments: object) -> str:
     """Runs a command that must fail with one message and little memory. Returns the message."""
     process = subprocess.Popen([PROGRAM, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
-    message = process.stderr.read()
+    with process.stderr as errors:
+        message = errors.read()
     _, status, used = os_wait(process)
     assert status == 1, message
     assert "internal error" not in message
@@ -99,11 +100,11 @@ def test_log_cannot_name_a_file_outside_itself(game: Path, log_files: dict[str, 
 def test_map_of_another_size_is_refused_before_it_is_read(tmp_path: Path) -> None:
     folder = tmp_path / "recording"
     shutil.copytree(SEQUENCE, folder)
-    huge = np.zeros((6000, 20000), np.float32)
+    huge = np.zeros((6000, 10000), np.float32)
     np.savez_compressed(tmp_path / "map.npz", x_m=huge, y_m=huge[:1])
     with (folder / "robot.toml").open("a") as robot:
         robot.write('\n[map]\nfile = "../map.npz"\n')
-    assert "wrong shape of x_m: 6000 × 20000" in refused("locate", folder)
+    assert "wrong shape of x_m: 6000 × 10000" in refused("locate", folder)
 
 
 def test_verifying_a_log_without_a_cycle_fails(game: Path, log_files: dict[str, bytes], tmp_path: Path) -> None:

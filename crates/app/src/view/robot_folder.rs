@@ -44,7 +44,7 @@ pub(crate) fn write_robot_folder(session: &Session, dir: &Path) -> Result<()> {
     let overlay = settings::diff_overlay(&PipelineConfig::default(), session.settings.config());
     header
         .with_file(PIPELINE_FILE, overlay.to_string())
-        .write_files(dir)?;
+        .save_files(dir)?;
     if brush.labels.is_empty() {
         return Ok(());
     }

@@ -146,16 +146,28 @@ impl Header {
             .any(|old| self.version.starts_with(old))
     }
 
-    /// Writes the files to a folder. Errors if one has no plain name, or names a file outside the log.
+    /// Writes the files to a temporary or new folder. Errors if one has no plain name, or names a file outside the log.
     pub fn write_files(&self, folder: &Path) -> Result<()> {
+        self.write_each(folder, |path, content| std::fs::write(path, content))
+    }
+
+    /// As [`Header::write_files`], to a user's folder: each file replaces an earlier one when it is complete.
+    pub fn save_files(&self, folder: &Path) -> Result<()> {
+        self.write_each(folder, |path, content| write_file(path, content))
+    }
+
+    fn write_each(
+        &self,
+        folder: &Path,
+        write: impl Fn(&Path, &[u8]) -> std::io::Result<()>,
+    ) -> Result<()> {
         self.check_paths()?;
         for (name, content) in &self.files {
             if name.is_empty() || name.starts_with('.') || name.contains(['/', '\\', '\0']) {
                 bail!("invalid file name in the log: {name:?} (expected a plain name)");
             }
             let path = folder.join(name);
-            write_file(&path, content)
-                .with_context(|| format!("cannot write {}", path.display()))?;
+            write(&path, content).with_context(|| format!("cannot write {}", path.display()))?;
         }
         Ok(())
     }

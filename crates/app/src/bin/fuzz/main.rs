@@ -70,12 +70,19 @@ fn run() -> Result<()> {
 }
 
 fn fuzz(target: &Target, folder: &Path, duration: Duration) -> Result<()> {
-    let scratch = tempfile::tempdir().context("cannot make a temporary folder")?;
+    // In memory where there is such a folder: inputs are written as fast as they are made.
+    let memory = Path::new("/dev/shm");
+    let memory = if memory.is_dir() {
+        memory.to_owned()
+    } else {
+        std::env::temp_dir()
+    };
+    let scratch = tempfile::tempdir_in(&memory).context("cannot make a temporary folder")?;
     let mut inputs = seeds(&folder.join("corpus").join(target.name))?;
     let length_max = inputs.iter().map(Vec::len).fold(LENGTH_MAX, usize::max);
     let artifacts = folder.join("artifacts");
     std::fs::create_dir_all(&artifacts)?;
-    let current = artifacts.join(format!("{}-running", target.name));
+    let current = memory.join(format!("mirrorball-fuzz-{}", target.name));
     let mut outcomes = BTreeSet::new();
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let (started, seed_count, mut runs) = (Instant::now(), inputs.len(), 0);
@@ -87,7 +94,7 @@ fn fuzz(target: &Target, folder: &Path, duration: Duration) -> Result<()> {
             mutation::mutate(&inputs[one], &inputs[other], length_max, &mut rng)
         };
         runs += 1;
-        // A failed allocation aborts the process: the input is on disk then.
+        // A failed allocation aborts the process: the input is in this file then.
         std::fs::write(&current, &bytes)?;
         let begun = Instant::now();
         let outcome = catch_unwind(AssertUnwindSafe(|| (target.run)(&bytes, scratch.path())));
@@ -98,7 +105,8 @@ fn fuzz(target: &Target, folder: &Path, duration: Duration) -> Result<()> {
         };
         if let Some(problem) = problem {
             let saved = artifacts.join(format!("{}-{runs}", target.name));
-            std::fs::rename(&current, &saved)?;
+            std::fs::write(&saved, &bytes)?;
+            std::fs::remove_file(&current)?;
             bail!("{}: {problem}; input {}", target.name, saved.display());
         }
         let mut outcome = outcome.unwrap_or_default();
