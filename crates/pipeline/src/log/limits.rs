@@ -136,8 +136,10 @@ mod tests {
         let message = convert::cycle_to_wire(0, &cycle, "png").encode_to_vec();
         let fields = check_message(&message).expect("allowed");
         assert!(fields > 20 && fields < 10_000, "{fields}");
-        let mut minutes = wire::Cycle::default();
-        minutes.imu = vec![wire::Imu::default(); 12_000];
+        let minutes = wire::Cycle {
+            imu: vec![wire::Imu::default(); 12_000],
+            ..wire::Cycle::default()
+        };
         assert!(check_message(&minutes.encode_to_vec()).is_ok());
     }
 }
