@@ -126,7 +126,10 @@ fn load_ground_map(
         .map(PathBuf::from)
         .or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
     let (map, source) = match (calibrated, &robot.mirror) {
-        (Some(file), _) => (GroundMap::load(&file)?, file),
+        (Some(file), _) => (
+            GroundMap::load_for_camera(&file, [camera.width_px, camera.height_px])?,
+            file,
+        ),
         (None, Some(mirror)) => {
             let profile = Profile::load(&mirror.profile)?;
             let rays = optics::trace_rays(camera, &profile, &Mount::default())
