@@ -32,7 +32,8 @@ impl LocalizeConfig {
                 config.mode.suspect_rule = SuspectRule::Thresholds;
                 config.matching.tilt_std_deg = 0.0;
                 config.filter.odometry_scale_std = 0.0;
-                config.filter.noise_adaptation_rate = 0.0;
+                config.filter.noise_learning_std = 0.0;
+                config.matching.spread_learning_std = 0.0;
             }
             "nubot2013" => {
                 // 4: Monte Carlo localization until its particles converge, then matching by RPROP on e(t) with one c for
@@ -43,8 +44,10 @@ impl LocalizeConfig {
                 config.matching.map_std = 0.08;
                 config.matching.tilt_std_deg = 0.0;
                 config.mode.suspect_rule = SuspectRule::Thresholds;
+                config.matching.spread_learning_std = 0.0;
+                config.filter.kind = FilterKind::Curvature;
                 config.filter.odometry_scale_std = 0.0;
-                config.filter.noise_adaptation_rate = 0.0;
+                config.filter.noise_learning_std = 0.0;
             }
             _ => return None,
         }

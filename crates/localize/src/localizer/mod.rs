@@ -6,10 +6,12 @@
 
 mod candidates;
 mod field_half;
+mod global_check;
 mod global_localization;
 mod match_figures;
 mod measurements;
 mod motion_inputs;
+mod noise_learning;
 mod output;
 mod state;
 mod tilt_bias;
@@ -38,8 +40,10 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
+use global_check::GlobalCheck;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
+use noise_learning::NoiseLearning;
 use state::State;
 use tilt_bias::TiltBias;
 
@@ -74,10 +78,13 @@ pub struct Localizer {
     /// Goals in the image of this stamp.
     pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
     tilt_bias: TiltBias,
+    noise_learning: NoiseLearning,
     /// Prior of the current image's tilt.
     tilt_prior: TiltPrior,
     /// Posterior variances of the tilt in the last tracked image, rad².
     tilt_variances: Option<[f32; 2]>,
+    /// Check of the tracked pose against the whole field, a part in each image.
+    global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
     mean_inlier_share: f32,
 }
@@ -146,6 +153,8 @@ impl Localizer {
             filter_stamp: Stamp(i64::MIN),
             motion_inputs: MotionInputs::default(),
             tilt_bias: TiltBias::new(&config.attitude),
+            noise_learning: NoiseLearning::new(&config),
+            global_check: None,
             tilt_prior: TiltPrior::FromState,
             tilt_variances: None,
             particles_stamp: Stamp(i64::MIN),
@@ -215,6 +224,7 @@ impl Localizer {
                 return self.estimate(stamp, reason, MatchFigures::default(), Vec::new());
             }
         }
+        self.tilt_variances = None;
         let covered = self.odometry_covers(exposed);
         if covered {
             self.predict_to(exposed);

@@ -21,7 +21,9 @@ impl Localizer {
         points: &mut [LinePoint],
     ) -> Option<ImuTilt> {
         let (config, matching) = (&self.config.attitude, &self.config.matching);
-        let prior_std = matching.tilt_std_deg.to_radians();
+        let prior_std = self
+            .noise_learning
+            .tilt_std(matching.tilt_std_deg.to_radians());
         let measured = self.motion_inputs.tilt_at(exposed, config);
         let measured = measured.filter(|_| config.tilt_compensation && prior_std > 0.0);
         let Some(measured) = measured else {

@@ -19,6 +19,9 @@ use crate::matching::Match;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
+/// Share of `inlier_share_min` below which a match under the prediction is due to chance.
+const CHANCE_SHARE: f32 = 0.5;
+
 /// A match under the prediction.
 struct TrackedMatch {
     matched: Match,
@@ -43,7 +46,7 @@ impl Localizer {
             .half_evidence
             .update_goals(log_odds, &self.config.compass);
         if points.len() < self.config.mode.points_min {
-            return self.dead_reckon(stamp, track, suspicion);
+            return self.dead_reckon(stamp, track, suspicion, Reason::FewPoints);
         }
         let wrong_half = self.search.is_half_turn_symmetric()
             && track.half_evidence.log_odds() <= -self.config.compass.half_known_log_odds;
@@ -64,17 +67,27 @@ impl Localizer {
                 .update(&matched, self.tilt_prior, &self.config.filter);
             return self.check_thresholds(stamp, track, suspicion, &matched);
         }
-        let poor = inconsistent || self.is_poor_match(matched.inlier_share);
-        let check_period = self.config.mode.global_check_period;
-        let due =
-            check_period > 0.0 && track.last_global_check.seconds_until(stamp) >= check_period;
+        let few_inliers = self.is_poor_match(matched.inlier_share);
+        if !few_inliers {
+            self.learn_noise(stamp, &matched);
+        }
+        let poor = inconsistent || few_inliers;
         let mut alternatives = Vec::new();
-        if poor || due || suspicion.is_some() {
+        let mut contradicted = false;
+        if let Some(checked) = self.check_gradually(stamp, points, &matched, &mut track) {
+            contradicted = checked.is_contradicted;
+            alternatives = checked.alternatives;
+        }
+        if poor || contradicted || suspicion.is_some() {
             track.last_global_check = stamp;
+            self.global_check = None;
             alternatives = self.find_alternatives(stamp, points, &matched);
             if let Some(better) = self.better_alternative(&alternatives, &matched, points.len()) {
                 return self.suspect(stamp, track, suspicion, &better, alternatives);
             }
+        }
+        if self.explains_nothing(&matched, points.len()) {
+            return self.dead_reckon(stamp, track, suspicion, Reason::PoorMatch);
         }
         track
             .filter
@@ -173,7 +186,8 @@ impl Localizer {
             mode.unreported_motion_max,
         );
         let offset = free.pose.difference(filter.pose());
-        if (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
+        if !self.is_poor_match(free.inlier_share)
+            && (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
             && offset[0].hypot(offset[1]) < 2.0 * mode.unreported_motion_max
         {
             let information = prior.information.fixed_view::<3, 3>(0, 0);
@@ -189,6 +203,8 @@ impl Localizer {
                 inconsistent: false,
             };
         }
+        // What the wheels' noise has to explain, before the inflation explains it.
+        filter.learn_noise(&matched, self.tilt_prior);
         filter.inflate_covariance(innovation_squared);
         let prior = filter.pose_prior(self.tilt_prior);
         TrackedMatch {
@@ -209,18 +225,26 @@ impl Localizer {
             || inlier_share < mode.inlier_share_drop_max * self.mean_inlier_share
     }
 
+    /// Are so few points on markings that the match is due to chance?
+    fn explains_nothing(&self, matched: &Match, count: usize) -> bool {
+        let mode = &self.config.mode;
+        matched.inlier_share < CHANCE_SHARE * mode.inlier_share_min
+            || matched.inlier_share * (count as f32) < mode.points_min as f32
+    }
+
     /// Number of points that a better pose must explain beyond those of the tracked one.
     fn score_margin(&self, count: usize) -> f32 {
         let mode = &self.config.mode;
         (mode.alternative_margin_share * count as f32).max(mode.alternative_margin_points)
     }
 
-    /// Too few points: odometry alone, until the pose is too uncertain.
+    /// No use of the points: odometry alone, until the pose is too uncertain.
     fn dead_reckon(
         &mut self,
         stamp: Stamp,
         mut track: Track,
         suspicion: Option<Suspicion>,
+        reason: Reason,
     ) -> Estimate {
         let mode = &self.config.mode;
         if track.filter.position_std() > mode.lost_position_std
@@ -229,10 +253,9 @@ impl Localizer {
             self.lose_pose();
             return self.lost_estimate(stamp, Reason::DeadReckoningTimeout, Vec::new());
         }
-        track.filter.update_without_vision(&self.config.filter);
+        track.filter.update_without_vision();
         self.keep_pose(track, suspicion);
-        let reason = Some(Reason::FewPoints);
-        self.estimate(stamp, reason, MatchFigures::default(), Vec::new())
+        self.estimate(stamp, Some(reason), MatchFigures::default(), Vec::new())
     }
 
     /// The best poses of the whole field that differ from the tracked one.
@@ -249,20 +272,30 @@ impl Localizer {
             points,
             heading_prior,
         );
-        // Without a compass the half turn explains the points equally well. It is no reason for suspicion.
         let fold_half_turn = heading_prior.is_none() && self.search.is_half_turn_symmetric();
-        found.retain(|hypothesis| {
-            let rotation = wrap_angle(hypothesis.pose.theta - matched.pose.theta).abs();
-            !(self
-                .search
-                .is_same_hypothesis(hypothesis.pose, matched.pose)
-                || fold_half_turn && rotation > std::f32::consts::FRAC_PI_2)
-        });
+        self.retain_alternatives(&mut found, matched.pose, fold_half_turn);
         found
     }
 
+    /// Keeps the poses that differ from the tracked one.
+    ///
+    /// Without a compass the half turn explains the points equally well. It is no reason for suspicion.
+    pub(super) fn retain_alternatives(
+        &self,
+        found: &mut Vec<Hypothesis>,
+        tracked: Pose,
+        fold_half_turn: bool,
+    ) {
+        let folds = |pose: Pose| {
+            fold_half_turn && wrap_angle(pose.theta - tracked.theta).abs() > std::f32::consts::FRAC_PI_2
+        };
+        found.retain(|hypothesis| {
+            !self.search.is_same_hypothesis(hypothesis.pose, tracked) && !folds(hypothesis.pose)
+        });
+    }
+
     /// The alternative that explains clearly more points than the tracked pose.
-    fn better_alternative(
+    pub(super) fn better_alternative(
         &self,
         alternatives: &[Hypothesis],
         matched: &Match,

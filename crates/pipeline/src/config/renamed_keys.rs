@@ -386,7 +386,11 @@ pub const RENAMED_KEYS: &[(&str, &str)] = &[
     ),
     (
         "localize.filter.noise_learning",
+        "localize.filter.noise_learning_std",
+    ),
+    (
         "localize.filter.noise_adaptation_rate",
+        "localize.filter.noise_learning_std",
     ),
     (
         "localize.filter.sight_std",

@@ -1,9 +1,9 @@
-//! Pose update of the joint filter by a matched image (docs/methods.md 8.7 and 8.8).
+//! Pose update of the joint filter by a matched image (docs/methods.md 8.7).
 //!
 //! An image measures pose and tilt (x, y, θ, a, b) at its exposure. The matcher already contains the prediction, so the
 //! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ + Q_rep with K = P Hᵀ S⁻¹.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, Vector3};
 
 use super::JointFilter;
 use super::covariance::VARIANCE_MIN;
@@ -11,10 +11,7 @@ use super::state::{IMU_MOUNT, LATENCY, POSE, STATES, TILT, TWIST, YAW_RATE};
 use crate::filter::pose_gaussian::{PosePosterior, systematic_covariance};
 use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
-use crate::matching::{Matrix5, PARAMETERS};
-
-/// Range of the learned noise factor (variance).
-const NOISE_FACTOR_RANGE: (f32, f32) = (0.05, 20.0);
+use crate::matching::{Matrix5, PARAMETERS, Vector5};
 
 /// P Hᵀ.
 type CrossCovariance = SMatrix<f32, STATES, PARAMETERS>;
@@ -81,8 +78,8 @@ impl JointFilter {
         let pose_innovation = posterior.pose.difference(self.pose());
         let [x, y, theta] = pose_innovation.into();
         let [a, b] = posterior.tilt;
-        let innovation = SVector::<f32, PARAMETERS>::from([x, y, theta, a, b]);
-        self.adapt_wheel_noise(&predicted, &pose_innovation, posterior, config);
+        let innovation = Vector5::from([x, y, theta, a, b]);
+        self.update_wheel_noise(&information, &innovation, posterior);
         let step = gain * innovation;
         for (value, step) in self.state.iter_mut().zip(step.iter()) {
             *value += step;
@@ -91,6 +88,33 @@ impl JointFilter {
         self.clamp_scales();
         let reduction = gain * (predicted - posterior.covariance) * gain.transpose();
         self.reduce_covariance(&reduction, posterior, config);
+    }
+
+    /// Learns the wheels' noise from an image (docs/methods.md 8.8).
+    pub(in crate::filter) fn learn_wheel_noise(
+        &mut self,
+        posterior: &PosePosterior,
+        tilt_prior: TiltPrior,
+    ) {
+        if let Some(information) = self.predicted_covariance(tilt_prior).try_inverse() {
+            let [x, y, theta] = posterior.pose.difference(self.pose()).into();
+            let [a, b] = posterior.tilt;
+            let innovation = Vector5::from([x, y, theta, a, b]);
+            self.update_wheel_noise(&information, &innovation, posterior);
+        }
+    }
+
+    /// `information`: S⁻¹. The innovation's own Σ⁻¹ = (S + R)⁻¹ follows from the posterior: S⁻¹ − S⁻¹ P_y S⁻¹.
+    fn update_wheel_noise(
+        &mut self,
+        information: &Matrix5,
+        innovation: &Vector5,
+        posterior: &PosePosterior,
+    ) {
+        self.wheel_noise.update_by_image(
+            &(information * innovation),
+            &(information - information * posterior.covariance * information),
+        );
     }
 
     /// P ← P − `reduction` + Q_rep, kept symmetric and positive on the diagonal.
@@ -123,24 +147,5 @@ impl JointFilter {
                 }
             }
         }
-    }
-
-    /// Learns the wheels' noise factor (docs/methods.md 8.8): the expectation of D² is 3 − tr(S⁻¹ P_y).
-    fn adapt_wheel_noise(
-        &mut self,
-        predicted: &Matrix5,
-        innovation: &Vector3<f32>,
-        posterior: &PosePosterior,
-        config: &FilterConfig,
-    ) {
-        let predicted = predicted.fixed_view::<3, 3>(0, 0).into_owned();
-        let Some(information) = predicted.try_inverse() else {
-            return;
-        };
-        let squared = innovation.dot(&(information * innovation));
-        let expected = 3.0 - (information * posterior.covariance.fixed_view::<3, 3>(0, 0)).trace();
-        self.wheel_noise_factor = (self.wheel_noise_factor
-            * (config.noise_adaptation_rate * (squared - expected).clamp(-3.0, 9.0)).exp())
-        .clamp(NOISE_FACTOR_RANGE.0, NOISE_FACTOR_RANGE.1);
     }
 }

@@ -3,7 +3,7 @@
 use super::JointFilter;
 use super::predict::{ImuStep, PlanarStep};
 use super::state::{
-    ACCELEROMETER_BIAS, GYRO_BIAS, ODOMETRY_SCALES, POSE, SLIP, TILT, TWIST, WHEEL_INCREMENT,
+    ACCELEROMETER_BIAS, GYRO_BIAS, POSE, SLIP, TILT, TWIST, WHEEL_INCREMENT,
     YAW_RATE,
 };
 use crate::filter::{FilterConfig, ImuInterval, PredictionInput};
@@ -146,10 +146,8 @@ impl JointFilter {
     /// Random walks of scales and biases.
     pub(super) fn add_sensor_noise(&mut self, dt: f32, config: &FilterConfig) {
         let variance = |drift: f32| drift * drift * dt;
-        if config.odometry_scale_std > 0.0 {
-            self.inflate_variance(ODOMETRY_SCALES, variance(config.odometry_scale_drift));
-            self.inflate_variance(ODOMETRY_SCALES + 1, variance(config.odometry_scale_drift));
-        }
+        self.add_correction_noise(dt, config);
+        self.wheel_noise.forget(dt);
         for k in 0..3 {
             self.inflate_variance(
                 GYRO_BIAS + k,

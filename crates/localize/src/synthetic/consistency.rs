@@ -1,0 +1,143 @@
+//! Is the stated covariance right, and how large is the error, on rough drives? One score per condition.
+//!
+//! NEES is divided by the three degrees of freedom: 1 if the covariance is consistent.
+
+use rand::SeedableRng;
+use rand::rngs::Xoshiro256PlusPlus;
+use serde::Serialize;
+
+use super::rough_drive::{RoughDrive, RoughDriveConfig, RoughSample};
+use crate::config::LocalizeConfig;
+use crate::estimate::{Estimate, Mode};
+use crate::field::Field;
+use crate::localizer::Localizer;
+
+/// Errors of the estimates on the drives of one condition.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct ConsistencyScore {
+    /// Images scored, from three seconds after each start.
+    pub images: usize,
+    /// Mean |x|, |y| (metres) and |θ| (degrees).
+    pub mean_error: [f64; 3],
+    /// Largest position error, metres.
+    pub max_error: f64,
+    /// Normalised estimation error squared over its degrees of freedom, images with points.
+    pub nees: f64,
+    /// The same, images without points.
+    pub blind_nees: f64,
+    /// Share of the images without points whose position and heading errors are within three standard deviations.
+    pub blind_within_3_sigma: f64,
+    /// Root mean square position error of the last image of each blind interval, metres.
+    pub blind_end_error: f64,
+    /// Largest position error within five images after each blind interval, metres.
+    pub leap_max: f64,
+    /// Images without a pose.
+    pub lost: usize,
+}
+
+/// Sums over the images of a condition.
+#[derive(Default)]
+struct Sums {
+    score: ConsistencyScore,
+    located: usize,
+    seen: usize,
+    blind: usize,
+    blind_within: usize,
+    blind_ends: usize,
+}
+
+/// Time from the start of a drive from which it is scored, seconds.
+const WARM_UP: f64 = 3.0;
+
+/// Localizes a drive of `seconds` for each seed.
+pub fn evaluate_consistency(
+    field: &Field,
+    config: &LocalizeConfig,
+    drive: &RoughDriveConfig,
+    seeds: std::ops::Range<u64>,
+    seconds: f64,
+) -> ConsistencyScore {
+    let mut sums = Sums::default();
+    let base = Localizer::new(field, config.clone());
+    for seed in seeds {
+        let mut localizer = base.clone();
+        let rng = Xoshiro256PlusPlus::seed_from_u64(seed.wrapping_add(7_000_000));
+        let images = (seconds * drive.frame_rate) as usize;
+        let mut samples = RoughDrive::new(field, drive.clone(), rng)
+            .take(images)
+            .peekable();
+        let mut since_blind = usize::MAX;
+        while let Some(sample) = samples.next() {
+            localizer.add_odometry(&sample.odometry);
+            localizer.add_compass(&sample.compass);
+            let estimate = localizer.process_points(sample.stamp, &sample.points);
+            since_blind = if sample.blind_for > 0.0 {
+                0
+            } else {
+                since_blind.saturating_add(1)
+            };
+            let ends_blind = sample.blind_for > 0.0
+                && samples.peek().is_some_and(|next| next.blind_for == 0.0);
+            if sample.stamp.0 as f64 * 1e-9 >= WARM_UP {
+                sums.add(&sample, &estimate, since_blind, ends_blind);
+            }
+        }
+    }
+    sums.finish()
+}
+
+impl Sums {
+    fn add(
+        &mut self,
+        sample: &RoughSample,
+        estimate: &Estimate,
+        since_blind: usize,
+        ends_blind: bool,
+    ) {
+        let score = &mut self.score;
+        score.images += 1;
+        let Some(pose) = estimate.pose.filter(|_| estimate.mode != Mode::Lost) else {
+            score.lost += 1;
+            return;
+        };
+        self.located += 1;
+        let off = pose.difference(sample.true_pose);
+        let position = f64::from(off[0].hypot(off[1]));
+        let values = [off[0], off[1], off[2].to_degrees()];
+        for (sum, value) in score.mean_error.iter_mut().zip(values) {
+            *sum += f64::from(value.abs());
+        }
+        score.max_error = score.max_error.max(position);
+        let normalised = estimate
+            .covariance
+            .try_inverse()
+            .map_or(0.0, |inverse| f64::from(off.dot(&(inverse * off))));
+        if sample.blind_for == 0.0 {
+            self.seen += 1;
+            score.nees += normalised / 3.0;
+            if since_blind <= 5 {
+                score.leap_max = score.leap_max.max(position);
+            }
+        } else {
+            self.blind += 1;
+            score.blind_nees += normalised / 3.0;
+            let within = (0..3).all(|k| off[k].powi(2) <= 9.0 * estimate.covariance[(k, k)]);
+            self.blind_within += usize::from(within);
+            if ends_blind {
+                self.blind_ends += 1;
+                score.blind_end_error += position * position;
+            }
+        }
+    }
+
+    fn finish(self) -> ConsistencyScore {
+        let mut score = self.score;
+        let per = |sum: f64, count: usize| sum / count.max(1) as f64;
+        score.mean_error = score.mean_error.map(|sum| per(sum, self.located));
+        score.nees = per(score.nees, self.seen);
+        score.blind_nees = per(score.blind_nees, self.blind);
+        score.blind_within_3_sigma = per(self.blind_within as f64, self.blind);
+        score.blind_end_error = per(score.blind_end_error, self.blind_ends).sqrt();
+        score
+    }
+}
