@@ -53,6 +53,10 @@ fn main() {
     }
     let print = |name: &str, score: ConsistencyScore| {
         println!(
+            "    marginal {:.2?}, over time {:.2?}",
+            score.marginal_nees, score.nees_over_time
+        );
+        println!(
             "{name:28} x {:.2} y {:.2} cm {:.3} deg max {:.1} cm nees {:.2} lost {} of {}",
             100.0 * score.mean_error[0],
             100.0 * score.mean_error[1],
@@ -73,6 +77,11 @@ fn main() {
         }
     };
     let base = RoughDriveConfig::default();
+    if let Some(cell_text) = part.strip_prefix("cell:") {
+        let values: Vec<f64> = cell_text.split(',').filter_map(|text| text.parse().ok()).collect();
+        print(cell_text, run(&cell(values[0], values[1], values[2])));
+        return;
+    }
     if part.is_empty() || part.contains("base") {
         print("113 points", run(&base));
         let with = |edit: &dyn Fn(&mut RoughDriveConfig)| {
@@ -160,14 +169,17 @@ fn times(field: &Field, config: &LocalizeConfig, drive: &RoughDriveConfig) {
     let rng = rand::rngs::Xoshiro256PlusPlus::seed_from_u64(5);
     let samples: Vec<_> =
         localize::synthetic::rough_drive::RoughDrive::new(field, drive.clone(), rng).take(3000).collect();
-    let mut localizer = Localizer::new(field, config.clone());
-    let mut times = Vec::new();
-    for sample in &samples {
-        let start = std::time::Instant::now();
-        localizer.add_odometry(&sample.odometry);
-        localizer.add_compass(&sample.compass);
-        std::hint::black_box(localizer.process_points(sample.stamp, &sample.points));
-        times.push(start.elapsed().as_secs_f64() * 1e3);
+    // Other processes interrupt this one: the minimum of several runs counts for each image.
+    let mut times = vec![f64::INFINITY; samples.len()];
+    for _ in 0..9 {
+        let mut localizer = Localizer::new(field, config.clone());
+        for (sample, time) in samples.iter().zip(&mut times) {
+            let start = std::time::Instant::now();
+            localizer.add_odometry(&sample.odometry);
+            localizer.add_compass(&sample.compass);
+            std::hint::black_box(localizer.process_points(sample.stamp, &sample.points));
+            *time = time.min(start.elapsed().as_secs_f64() * 1e3);
+        }
     }
     let mut times = times[90..].to_vec();
     times.sort_by(f64::total_cmp);

@@ -292,8 +292,6 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
     bound("filter.odometry_scale_drift", 0.0, 1.0, NOISE),
     bound("filter.odometry_coupling_std", 0.0, 1.0, STD),
     bound("filter.noise_learning_std", 0.0, 3.0, LOG_STD),
-    bound("filter.systematic_position_std", 0.0, 10.0, STD),
-    bound("filter.systematic_heading_std_deg", 0.0, 90.0, ANGLE_STD),
     bound("filter.velocity_process_noise", 0.0, 1000.0, NOISE),
     bound("filter.yaw_rate_process_noise", 0.0, 1000.0, NOISE),
     bound("filter.gyro_noise_deg", 0.0, 180.0, NOISE),

@@ -49,11 +49,6 @@ pub struct FilterConfig {
     /// Initial standard deviation of the logarithm of each wheel noise variance (docs/methods.md 8.8): 1.2 stands for a
     /// factor of 2 in the noise. 0 keeps the configured noise.
     pub noise_learning_std: f32,
-    /// Position error of a match that successive images repeat (map, field, uneven light), metres. It is added to each
-    /// update and limits the accuracy of many images.
-    pub systematic_position_std: f32,
-    /// Heading error of a match that successive images repeat, degrees.
-    pub systematic_heading_std_deg: f32,
     /// Random walk of the velocity without an inertial unit, m/s per square root of a second. Large, so that the wheels
     /// determine the velocity.
     pub velocity_process_noise: f32,
@@ -103,8 +98,6 @@ impl Default for FilterConfig {
             odometry_coupling_std: 0.02,
             odometry_scale_drift: 0.0005,
             noise_learning_std: 1.2,
-            systematic_position_std: 0.0015,
-            systematic_heading_std_deg: 0.04,
             velocity_process_noise: 10.0,
             yaw_rate_process_noise: 20.0,
             gyro_noise_deg: 0.06,

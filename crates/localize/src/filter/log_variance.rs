@@ -121,6 +121,12 @@ impl Invertible for SMatrix<f32, 2, 2> {
     }
 }
 
+impl Invertible for SMatrix<f32, 3, 3> {
+    fn inverted(&self) -> Option<Self> {
+        self.try_inverse()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng;

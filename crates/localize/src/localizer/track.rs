@@ -19,6 +19,8 @@ use crate::matching::Match;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
+/// Range of a typical line point, metres.
+const TYPICAL_RANGE: f32 = 3.0;
 /// Share of `inlier_share_min` below which a match under the prediction is due to chance.
 const CHANCE_SHARE: f32 = 0.5;
 
@@ -165,8 +167,10 @@ impl Localizer {
     /// If the match is inconsistent with the prediction, or clearly better without it, something moved the robot that
     /// no sensor reported. The filter's covariance is then inflated.
     fn match_points(&mut self, filter: &mut PoseFilter, points: &[LinePoint]) -> TrackedMatch {
-        let start_error = filter.position_std() + 3.0 * filter.heading_std();
         let prior = filter.pose_prior(self.tilt_prior);
+        let start_error = filter.position_std()
+            + TYPICAL_RANGE * filter.heading_std()
+            + self.tilt_displacement();
         let matched =
             self.matcher
                 .refine_with_prior(&self.distance_field, points, prior, start_error);
@@ -216,6 +220,12 @@ impl Localizer {
             ),
             inconsistent: true,
         }
+    }
+
+    /// Displacement of a typical point by the standard deviation of the tilt, metres (docs/methods.md 3.1).
+    fn tilt_displacement(&self) -> f32 {
+        let height = self.config.matching.viewpoint_height;
+        self.matcher.tilt_std() * (height + TYPICAL_RANGE * TYPICAL_RANGE / height)
     }
 
     /// Is the inlier share too low, absolutely or against its mean?

@@ -33,6 +33,10 @@ pub struct ConsistencyScore {
     pub leap_max: f64,
     /// Images without a pose.
     pub lost: usize,
+    /// NEES of x, y and θ, each alone.
+    pub marginal_nees: [f64; 3],
+    /// NEES of the second before the score begins, and of each third of the drive.
+    pub nees_over_time: [f64; 4],
 }
 
 /// Sums over the images of a condition.
@@ -44,6 +48,8 @@ struct Sums {
     blind: usize,
     blind_within: usize,
     blind_ends: usize,
+    course: [f64; 4],
+    course_count: [usize; 4],
 }
 
 /// Time from the start of a drive from which it is scored, seconds.
@@ -78,7 +84,9 @@ pub fn evaluate_consistency(
             };
             let ends_blind = sample.blind_for > 0.0
                 && samples.peek().is_some_and(|next| next.blind_for == 0.0);
-            if sample.stamp.0 as f64 * 1e-9 >= WARM_UP {
+            let time = sample.stamp.0 as f64 * 1e-9;
+            sums.add_to_course(&sample, &estimate, time, seconds);
+            if time >= WARM_UP {
                 sums.add(&sample, &estimate, since_blind, ends_blind);
             }
         }
@@ -115,6 +123,10 @@ impl Sums {
         if sample.blind_for == 0.0 {
             self.seen += 1;
             score.nees += normalised / 3.0;
+            for k in 0..3 {
+                score.marginal_nees[k] +=
+                    f64::from(off[k] * off[k] / estimate.covariance[(k, k)]);
+            }
             if since_blind <= 5 {
                 score.leap_max = score.leap_max.max(position);
             }
@@ -130,11 +142,36 @@ impl Sums {
         }
     }
 
+    fn add_to_course(
+        &mut self,
+        sample: &RoughSample,
+        estimate: &Estimate,
+        time: f64,
+        duration: f64,
+    ) {
+        let Some(pose) = estimate.pose.filter(|_| time > WARM_UP - 1.0) else {
+            return;
+        };
+        let third = if time < WARM_UP {
+            0
+        } else {
+            1 + (3.0 * (time - WARM_UP) / (duration - WARM_UP)).clamp(0.0, 2.0) as usize
+        };
+        let off = pose.difference(sample.true_pose);
+        let inverse = estimate.covariance.try_inverse();
+        let normalised = inverse.map_or(0.0, |inverse| f64::from(off.dot(&(inverse * off))));
+        self.course[third] += normalised / 3.0;
+        self.course_count[third] += 1;
+    }
+
     fn finish(self) -> ConsistencyScore {
         let mut score = self.score;
         let per = |sum: f64, count: usize| sum / count.max(1) as f64;
         score.mean_error = score.mean_error.map(|sum| per(sum, self.located));
         score.nees = per(score.nees, self.seen);
+        score.marginal_nees = score.marginal_nees.map(|sum| per(sum, self.seen));
+        score.nees_over_time =
+            std::array::from_fn(|k| per(self.course[k], self.course_count[k]));
         score.blind_nees = per(score.blind_nees, self.blind);
         score.blind_within_3_sigma = per(self.blind_within as f64, self.blind);
         score.blind_end_error = per(score.blind_end_error, self.blind_ends).sqrt();

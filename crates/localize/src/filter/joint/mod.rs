@@ -30,7 +30,6 @@ mod zero_velocity_update;
 
 use nalgebra::Matrix3;
 
-use super::pose_gaussian;
 use super::{FilterConfig, TiltEstimate};
 use crate::frames::{Pose, wrap_angle};
 use crate::omni::Twist;
@@ -93,7 +92,7 @@ impl JointFilter {
         odometry_correction::initialize(&mut state, &mut full, config);
         let mut wheel_noise = WheelNoiseEstimate::new(config);
         if let Some(previous) = previous {
-            wheel_noise = previous.wheel_noise.without_contributions();
+            wheel_noise = previous.wheel_noise.without_derivatives();
             for i in GYRO_BIAS..STATES {
                 state[i] = previous.state[i];
                 full[i][GYRO_BIAS..].copy_from_slice(&previous.covariance[i][GYRO_BIAS..]);
@@ -110,10 +109,9 @@ impl JointFilter {
             full[TILT + k][TILT + k] =
                 mount[IMU_MOUNT + k] + config.tilt_std_deg.to_radians().powi(2);
         }
-        let pose_covariance = covariance + pose_gaussian::systematic_covariance(config);
         for i in 0..3 {
             for j in 0..3 {
-                full[POSE + i][POSE + j] = pose_covariance[(i, j)];
+                full[POSE + i][POSE + j] = covariance[(i, j)];
             }
         }
         JointFilter {

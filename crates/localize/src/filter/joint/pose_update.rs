@@ -1,14 +1,14 @@
 //! Pose update of the joint filter by a matched image (docs/methods.md 8.7).
 //!
 //! An image measures pose and tilt (x, y, θ, a, b) at its exposure. The matcher already contains the prediction, so the
-//! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ + Q_rep with K = P Hᵀ S⁻¹.
+//! update takes a posterior: x ← x + K (ŷ − y), P ← P − K (S − P_y) Kᵀ with K = P Hᵀ S⁻¹.
 
 use nalgebra::{SMatrix, Vector3};
 
 use super::JointFilter;
 use super::covariance::VARIANCE_MIN;
 use super::state::{IMU_MOUNT, LATENCY, POSE, STATES, TILT, TWIST, YAW_RATE};
-use crate::filter::pose_gaussian::{PosePosterior, systematic_covariance};
+use crate::filter::pose_gaussian::PosePosterior;
 use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
 use crate::matching::{Matrix5, PARAMETERS, Vector5};
@@ -114,22 +114,21 @@ impl JointFilter {
         self.wheel_noise.update_by_image(
             &(information * innovation),
             &(information - information * posterior.covariance * information),
+            &(posterior.covariance.fixed_rows::<3>(0) * information.fixed_columns::<3>(0)),
         );
     }
 
-    /// P ← P − `reduction` + Q_rep, kept symmetric and positive on the diagonal.
+    /// P ← P − `reduction`, kept symmetric and positive on the diagonal.
     fn reduce_covariance(
         &mut self,
         reduction: &SMatrix<f32, STATES, STATES>,
         posterior: &PosePosterior,
         config: &FilterConfig,
     ) {
-        let systematic = systematic_covariance(config);
         for i in 0..STATES {
             for j in 0..=i {
-                let added = if i < 3 { systematic[(i, j)] } else { 0.0 };
                 let mean = 0.5 * (self.covariance[i][j] + self.covariance[j][i]);
-                let value = mean - 0.5 * (reduction[(i, j)] + reduction[(j, i)]) + added;
+                let value = mean - 0.5 * (reduction[(i, j)] + reduction[(j, i)]);
                 let value = if i == j {
                     value.max(VARIANCE_MIN)
                 } else {
@@ -143,7 +142,7 @@ impl JointFilter {
             // Without a latency state the pose's posterior is known without rounding.
             for i in 0..3 {
                 for j in 0..3 {
-                    self.covariance[i][j] = posterior.covariance[(i, j)] + systematic[(i, j)];
+                    self.covariance[i][j] = posterior.covariance[(i, j)];
                 }
             }
         }

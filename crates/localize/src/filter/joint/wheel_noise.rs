@@ -3,7 +3,7 @@
 //! Each direction has three noise terms: of time, of length, and of length squared. Each is the configured one times a
 //! factor that innovations teach: those of images, and with an inertial unit those of the wheels against it.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::filter::FilterConfig;
 use crate::filter::config::WheelNoise;
@@ -17,16 +17,32 @@ pub(super) const DIRECTIONS: usize = 3;
 
 /// Random walk of the log variances per square root of a second.
 const DRIFT: f32 = 0.1;
+/// Squared normalised innovation beyond which an image counts as an outlier: 0.05 % of χ²₃.
+const SQUARED_MAX: f32 = 18.0;
 /// Longest time between images that teach, seconds. Beyond it the motion has changed its direction.
 const CONTRIBUTION_TIME_MAX: f32 = 0.3;
+
+/// Derivative of the pose estimate by a log factor: a gain that is wrong shows in later innovations too.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Derivative {
+    /// Of the variance along the direction.
+    variance: f32,
+    /// Of (x, y, θ).
+    pose: Vector3<f32>,
+}
+
+const NO_DERIVATIVE: Derivative = Derivative {
+    variance: 0.0,
+    pose: Vector3::new(0.0, 0.0, 0.0),
+};
 
 /// Learned wheel noise.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct WheelNoiseEstimate {
     /// None keeps the configured noise.
     learned: Option<[LogVariance<TERMS>; DIRECTIONS]>,
-    /// What each term added to the pose's variance since the last image.
-    contributions: [[f32; TERMS]; DIRECTIONS],
+    /// Derivatives of the predicted pose by each log factor.
+    derivatives: [[Derivative; TERMS]; DIRECTIONS],
     /// Direction of the last motion on the field.
     along: Vector2<f32>,
     /// Time since the last image, seconds.
@@ -38,16 +54,16 @@ impl WheelNoiseEstimate {
         let std = config.noise_learning_std;
         WheelNoiseEstimate {
             learned: (std > 0.0).then(|| [LogVariance::new(std); DIRECTIONS]),
-            contributions: [[0.0; TERMS]; DIRECTIONS],
+            derivatives: [[NO_DERIVATIVE; TERMS]; DIRECTIONS],
             along: Vector2::x(),
             elapsed: 0.0,
         }
     }
 
     /// The same factors for a filter at a new pose.
-    pub(super) fn without_contributions(&self) -> Self {
+    pub(super) fn without_derivatives(&self) -> Self {
         WheelNoiseEstimate {
-            contributions: [[0.0; TERMS]; DIRECTIONS],
+            derivatives: [[NO_DERIVATIVE; TERMS]; DIRECTIONS],
             ..self.clone()
         }
     }
@@ -89,15 +105,15 @@ impl WheelNoiseEstimate {
         }
     }
 
-    /// Notes what an increment adds to the pose's variance: its terms times `share`.
-    pub(super) fn add_contribution(
+    /// Adds what an increment contributes to the pose's variance: its terms times `share`.
+    pub(super) fn add_variances(
         &mut self,
         direction: usize,
         variances: [f32; TERMS],
         share: f32,
     ) {
-        for (sum, variance) in self.contributions[direction].iter_mut().zip(variances) {
-            *sum += share * variance;
+        for (derivative, variance) in self.derivatives[direction].iter_mut().zip(variances) {
+            derivative.variance += share * variance;
         }
     }
 
@@ -107,24 +123,49 @@ impl WheelNoiseEstimate {
     }
 
     /// Takes the innovation ν of an image with covariance Σ, as Σ⁻¹ν and Σ⁻¹ over (x, y, θ, a, b).
-    pub(super) fn update_by_image(&mut self, normalized: &Vector5, information: &Matrix5) {
-        let contributions = std::mem::take(&mut self.contributions);
+    ///
+    /// `remaining`: 1 − K over the pose, the share of its error that remains.
+    pub(super) fn update_by_image(
+        &mut self,
+        normalized: &Vector5,
+        information: &Matrix5,
+        remaining: &Matrix3<f32>,
+    ) {
         let elapsed = std::mem::take(&mut self.elapsed);
         let Some(learned) = &mut self.learned else {
             return;
         };
         if elapsed > CONTRIBUTION_TIME_MAX {
+            self.derivatives = [[NO_DERIVATIVE; TERMS]; DIRECTIONS];
             return;
         }
+        let normalized = normalized.fixed_rows::<3>(0).into_owned();
+        let information = information.fixed_view::<3, 3>(0, 0).into_owned();
+        // An outlier is clipped.
+        let covariance = information.try_inverse().unwrap_or_else(Matrix3::zeros);
+        let squared = normalized.dot(&(covariance * normalized));
+        let normalized = normalized * (SQUARED_MAX / squared.max(SQUARED_MAX)).sqrt();
         let (c, s) = (self.along.x, self.along.y);
-        let axes = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
-        for ((learned, contributions), axis) in learned.iter_mut().zip(contributions).zip(axes) {
-            let axis = Vector5::from([axis[0], axis[1], axis[2], 0.0, 0.0]);
-            let component = NormalizedComponent {
-                squared: axis.dot(normalized).powi(2),
-                information: axis.dot(&(information * axis)),
-            };
-            learned.update(contributions, component);
+        let axes = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]].map(Vector3::from);
+        let directions = learned.iter_mut().zip(&mut self.derivatives);
+        for ((learned, derivatives), axis) in directions.zip(axes) {
+            let along = axis.dot(&normalized);
+            let certainty = axis.dot(&(information * axis));
+            let of_variance = Vector3::from(derivatives.map(|derivative| derivative.variance));
+            let of_pose = Matrix3::from_columns(&derivatives.map(|derivative| derivative.pose));
+            // ν depends on λ through the estimate, with dν = −dx, and Σ through the variance.
+            let score = of_variance * (0.5 * (along * along - certainty))
+                + of_pose.transpose() * normalized;
+            let fisher = of_variance * of_variance.transpose() * (0.5 * certainty * certainty)
+                + of_pose.transpose() * information * of_pose;
+            learned.update_sums(score, fisher);
+            // x⁺ = x + K ν and P⁺ = (1 − K) P, so that dK = (1 − K) dP Σ⁻¹ and dP⁺ = (1 − K) dP (1 − K)ᵀ.
+            let kept = axis.dot(&(remaining * axis)).clamp(0.0, 1.0);
+            for derivative in derivatives {
+                derivative.pose =
+                    remaining * (derivative.pose + axis * (derivative.variance * along));
+                derivative.variance *= kept * kept;
+            }
         }
     }
 }

@@ -86,7 +86,7 @@ impl JointFilter {
             }
             // The posterior's variance P R/(P + R) grows with R by (P/(P + R))².
             let share = ((total - variance) / total.max(f32::MIN_POSITIVE)).powi(2);
-            self.wheel_noise.add_contribution(direction, terms, share);
+            self.wheel_noise.add_variances(direction, terms, share);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::bound::{bounds_layer, bounds_width};
 use super::{BranchAndBound, HeadingRange};
-use super::tables::{BATCH, BLOCK, LANES, ROWS};
+use super::tables::{BATCH, BLOCK, LANES};
 use crate::frames::Pose;
 
 /// A block of poses at one heading, with the upper bound of its cells' scores.

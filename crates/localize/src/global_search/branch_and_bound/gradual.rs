@@ -16,7 +16,6 @@ const BLOCKS_PER_PART: usize = 100;
 #[derive(Debug, Clone)]
 pub struct GradualSearch {
     points: Vec<LinePoint>,
-    prior: Option<HeadingPrior>,
     headings: HeadingRange,
     buffers: SearchBuffers,
     stage: Stage,
@@ -42,7 +41,6 @@ impl BranchAndBound {
     ) -> GradualSearch {
         let mut search = GradualSearch {
             points: points.to_vec(),
-            prior,
             headings: HeadingRange::default(),
             buffers: SearchBuffers::default(),
             stage: Stage::Bounds(0),
