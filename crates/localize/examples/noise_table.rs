@@ -82,6 +82,30 @@ fn main() {
         print(cell_text, run(&cell(values[0], values[1], values[2])));
         return;
     }
+    if let Some(cell_text) = part.strip_prefix("trace:") {
+        let values: Vec<f64> = cell_text.split(',').filter_map(|text| text.parse().ok()).collect();
+        let drive = cell(values[0], values[1], values[2]);
+        use rand::SeedableRng;
+        for seed in 0..seeds {
+            let rng = rand::rngs::Xoshiro256PlusPlus::seed_from_u64(seed + 7_000_000);
+            let mut localizer = Localizer::new(&field, config.clone());
+            for sample in localize::synthetic::rough_drive::RoughDrive::new(&field, drive.clone(), rng).take((30.0 * seconds) as usize) {
+                localizer.add_odometry(&sample.odometry);
+                localizer.add_compass(&sample.compass);
+                let e = localizer.process_points(sample.stamp, &sample.points);
+                let Some(pose) = e.pose else { continue };
+                let off = pose.difference(sample.true_pose);
+                let n = e.covariance.try_inverse().map_or(0.0, |i| off.dot(&(i * off)) / 3.0);
+                if std::env::var("DBG").is_ok() { eprintln!("t {:.2} off {:.4} {:.4} nees {n:.1} tilt {:.2?} {:?}", sample.stamp.0 as f64 * 1e-9, off[0], off[1], e.tilt.map(f32::to_degrees), e.reason); }
+                if n > 5.0 {
+                    println!("seed {seed} t {:.2} true ({:.2} {:.2} {:.2}) off {:.3} {:.3} {:.2} deg std {:.4} {:.4} {:.3} nees {n:.1} n {} inl {:.2} res {:.4} tilt {:.2?} {:?} {:?} runners {}",
+                        sample.stamp.0 as f64 * 1e-9, sample.true_pose.x, sample.true_pose.y, sample.true_pose.theta, off[0], off[1], off[2].to_degrees(),
+                        e.covariance[(0,0)].sqrt(), e.covariance[(1,1)].sqrt(), e.covariance[(2,2)].sqrt().to_degrees(), e.line_points, e.inlier_share, e.residual, e.tilt.map(f32::to_degrees), e.mode, e.reason, e.runners_up.len());
+                }
+            }
+        }
+        return;
+    }
     if part.is_empty() || part.contains("base") {
         print("113 points", run(&base));
         let with = |edit: &dyn Fn(&mut RoughDriveConfig)| {

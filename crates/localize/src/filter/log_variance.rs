@@ -10,8 +10,9 @@ use nalgebra::{SMatrix, SVector};
 const SQUARED_MAX: f32 = 12.0;
 /// Largest change of a log variance by one innovation.
 const STEP_MAX: f32 = 1.0;
-/// Range of log factors: 1/20 to 20 times the configured standard deviation.
-const LOG_FACTOR_MAX: f32 = 6.0;
+/// Range of log factors: 1/20 to 8 times the configured standard deviation. Wheels that are noisier still say less than a
+/// constant velocity, and nothing could teach that they have become better.
+const LOG_FACTOR_RANGE: (f32, f32) = (-6.0, 4.2);
 
 /// Gaussian estimate of the logarithms of `N` factors, each of a configured variance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -99,7 +100,7 @@ impl<const N: usize> LogVariance<N> {
         let share = if size > STEP_MAX { STEP_MAX / size } else { 1.0 };
         self.mean += step * share;
         for value in self.mean.iter_mut() {
-            *value = value.clamp(-LOG_FACTOR_MAX, LOG_FACTOR_MAX);
+            *value = value.clamp(LOG_FACTOR_RANGE.0, LOG_FACTOR_RANGE.1);
         }
     }
 

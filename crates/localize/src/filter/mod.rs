@@ -206,11 +206,12 @@ impl PoseFilter {
     pub fn normalized_innovation_squared(&self, matched: &Match) -> f32 {
         let predicted = self.predicted_covariance(TiltPrior::FromState);
         let predicted = predicted.fixed_view::<3, 3>(0, 0);
-        // Directions that the match left free are not updated. One per cent of S keeps them invertible.
+        // Directions that the match left free are not updated. A tenth of S keeps them invertible: the matcher's robust
+        // error moves them a little, too.
         let covariance = match self {
             // The match does not contain the prediction: S + R.
             PoseFilter::Curvature(_) => predicted + matched.covariance,
-            _ => predicted * 1.01 - matched.covariance,
+            _ => predicted * 1.1 - matched.covariance,
         };
         let innovation = matched.pose.difference(self.pose());
         covariance.try_inverse().map_or(0.0, |inverse| {

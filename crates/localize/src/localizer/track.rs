@@ -15,7 +15,7 @@ use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
 use crate::global_search::scan_map::CellMatch;
-use crate::matching::Match;
+use crate::matching::{Match, PosePrior};
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
@@ -24,11 +24,32 @@ const TYPICAL_RANGE: f32 = 3.0;
 /// Share of `inlier_share_min` below which a match under the prediction is due to chance.
 const CHANCE_SHARE: f32 = 0.5;
 
+/// Number of tilted starts of a match that failed from an upright one, their size in standard deviations, and the size
+/// from which a tilt may move points to other markings, degrees.
+const TILTED_STARTS: usize = 6;
+const TILTED_START_SIGMAS: f32 = 2.0;
+const TILTED_START_MIN_DEG: f32 = 0.3;
+
 /// A match under the prediction.
 struct TrackedMatch {
     matched: Match,
-    /// The match contradicted the prediction, whose covariance was therefore inflated.
-    inconsistent: bool,
+    agreement: Agreement,
+}
+
+/// How a match relates to the prediction.
+#[derive(Clone, Copy, PartialEq)]
+enum Agreement {
+    Consistent,
+    /// It contradicted the prediction, whose covariance was therefore inflated.
+    Inflated,
+    /// It contradicts the prediction, and few points support it.
+    Contradicts,
+}
+
+impl TrackedMatch {
+    fn new(matched: Match, agreement: Agreement) -> Self {
+        TrackedMatch { matched, agreement }
+    }
 }
 
 impl Localizer {
@@ -59,10 +80,7 @@ impl Localizer {
         if self.config.tracker == Tracker::ScanMap {
             return self.track_by_scan_map(stamp, points, track, suspicion);
         }
-        let TrackedMatch {
-            matched,
-            inconsistent,
-        } = self.match_points(&mut track.filter, points);
+        let TrackedMatch { matched, agreement } = self.match_points(&mut track.filter, points);
         if self.config.mode.suspect_rule == SuspectRule::Thresholds {
             track
                 .filter
@@ -73,7 +91,7 @@ impl Localizer {
         if !few_inliers {
             self.learn_noise(stamp, &matched);
         }
-        let poor = inconsistent || few_inliers;
+        let poor = agreement != Agreement::Consistent || few_inliers;
         let mut alternatives = Vec::new();
         let mut contradicted = false;
         if let Some(checked) = self.check_gradually(stamp, points, &matched, &mut track) {
@@ -88,7 +106,7 @@ impl Localizer {
                 return self.suspect(stamp, track, suspicion, &better, alternatives);
             }
         }
-        if self.explains_nothing(&matched, points.len()) {
+        if agreement == Agreement::Contradicts || self.explains_nothing(&matched, points.len()) {
             return self.dead_reckon(stamp, track, suspicion, Reason::PoorMatch);
         }
         track
@@ -171,55 +189,79 @@ impl Localizer {
         let start_error = filter.position_std()
             + TYPICAL_RANGE * filter.heading_std()
             + self.tilt_displacement();
-        let matched =
+        let mut matched =
             self.matcher
                 .refine_with_prior(&self.distance_field, points, prior, start_error);
-        let mode = &self.config.mode;
-        let innovation_squared = filter.normalized_innovation_squared(&matched);
-        let consistent = innovation_squared <= mode.normalized_innovation_max;
-        if consistent && !self.is_poor_match(matched.inlier_share) {
-            return TrackedMatch {
-                matched,
-                inconsistent: false,
-            };
+        let normalized_innovation_max = self.config.mode.normalized_innovation_max;
+        let is_consistent = |filter: &PoseFilter, matched: &Match| {
+            filter.normalized_innovation_squared(matched) <= normalized_innovation_max
+        };
+        if !is_consistent(filter, &matched) || self.is_poor_match(matched.inlier_share) {
+            matched = self.match_tilted(points, prior, start_error, matched);
         }
-        let free = self.matcher.refine(
-            &self.distance_field,
-            points,
-            filter.pose(),
-            mode.unreported_motion_max,
-        );
+        let consistent = is_consistent(filter, &matched);
+        let poor = self.is_poor_match(matched.inlier_share);
+        if consistent && !poor {
+            return TrackedMatch::new(matched, Agreement::Consistent);
+        }
+        let reach = self.config.mode.unreported_motion_max;
+        let free = self
+            .matcher
+            .refine(&self.distance_field, points, filter.pose(), reach);
         let offset = free.pose.difference(filter.pose());
         if !self.is_poor_match(free.inlier_share)
             && (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
-            && offset[0].hypot(offset[1]) < 2.0 * mode.unreported_motion_max
+            && offset[0].hypot(offset[1]) < 2.0 * reach
         {
             let information = prior.information.fixed_view::<3, 3>(0, 0);
             filter.inflate_covariance(offset.dot(&(information * offset)));
-            return TrackedMatch {
-                matched: free,
-                inconsistent: true,
-            };
+            return TrackedMatch::new(free, Agreement::Inflated);
         }
         if consistent {
-            return TrackedMatch {
-                matched,
-                inconsistent: false,
-            };
+            return TrackedMatch::new(matched, Agreement::Consistent);
+        }
+        if poor {
+            return TrackedMatch::new(matched, Agreement::Contradicts);
         }
         // What the wheels' noise has to explain, before the inflation explains it.
         filter.learn_noise(&matched, self.tilt_prior);
-        filter.inflate_covariance(innovation_squared);
+        filter.inflate_covariance(filter.normalized_innovation_squared(&matched));
         let prior = filter.pose_prior(self.tilt_prior);
-        TrackedMatch {
-            matched: self.matcher.refine_with_prior(
+        let matched =
+            self.matcher
+                .refine_with_prior(&self.distance_field, points, prior, start_error);
+        TrackedMatch::new(matched, Agreement::Inflated)
+    }
+
+    /// The best of a match and of those from tilted starts. A large tilt moves far points to other markings.
+    fn match_tilted(
+        &mut self,
+        points: &[LinePoint],
+        prior: PosePrior,
+        start_error: f32,
+        upright: Match,
+    ) -> Match {
+        let size = TILTED_START_SIGMAS * self.matcher.tilt_std();
+        if size < TILTED_START_MIN_DEG.to_radians() {
+            return upright;
+        }
+        let objective = |matched: &Match| matched.cost + 0.5 * matched.mahalanobis_squared;
+        let mut best = upright;
+        for k in 0..TILTED_STARTS {
+            let angle = std::f32::consts::TAU * k as f32 / TILTED_STARTS as f32;
+            let tilt = [size * angle.cos(), size * angle.sin()];
+            let matched = self.matcher.refine_from_tilt(
                 &self.distance_field,
                 points,
                 prior,
+                tilt,
                 start_error,
-            ),
-            inconsistent: true,
+            );
+            if objective(&matched) < objective(&best) {
+                best = matched;
+            }
         }
+        best
     }
 
     /// Displacement of a typical point by the standard deviation of the tilt, metres (docs/methods.md 3.1).

@@ -217,9 +217,21 @@ impl Matcher {
         prior: PosePrior,
         start_error: f32,
     ) -> Match {
+        self.refine_from_tilt(distances, points, prior, [0.0; 2], start_error)
+    }
+
+    /// The same from another tilt than the expected one, radians.
+    pub fn refine_from_tilt(
+        &mut self,
+        distances: &DistanceField,
+        points: &[LinePoint],
+        prior: PosePrior,
+        [a, b]: [f32; 2],
+        start_error: f32,
+    ) -> Match {
         self.prepare(points, prior);
         let Pose { x, y, theta, .. } = prior.pose;
-        let mut state = Vector5::from([x, y, theta, 0.0, 0.0]);
+        let mut state = Vector5::from([x, y, theta, a, b]);
         let kernel_factor = self.kernel_start_factor(start_error);
         let steps = match self.config.minimiser {
             Minimiser::GaussNewton => self.gauss_newton(distances, &mut state, kernel_factor),
