@@ -86,6 +86,11 @@ impl JointFilter {
         }
         self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
         self.clamp_scales();
+        if config.camera_latency_std == 0.0 {
+            // The smallest variance must not move a known latency: an image a nanosecond older than the wheel sample of
+            // its stamp would be matched without that sample.
+            self.state[LATENCY] = config.camera_latency;
+        }
         let reduction = gain * (predicted - posterior.covariance) * gain.transpose();
         self.reduce_covariance(&reduction, posterior, config);
     }
