@@ -10,6 +10,8 @@ use nalgebra::{SMatrix, SVector};
 const SQUARED_MAX: f32 = 12.0;
 /// Largest change of a log variance by one innovation.
 const STEP_MAX: f32 = 1.0;
+/// Share of the prior variance that is common to the factors of a direction.
+const COMMON_SHARE: f32 = 0.75;
 /// Range of log factors: 1/20 to 8 times the configured standard deviation. Wheels that are noisier still say less than a
 /// constant velocity, and nothing could teach that they have become better.
 const LOG_FACTOR_RANGE: (f32, f32) = (-6.0, 4.2);
@@ -39,6 +41,17 @@ impl<const N: usize> LogVariance<N> {
             mean: SVector::zeros(),
             covariance: SMatrix::from_diagonal_element(prior_std * prior_std),
             prior_std,
+        }
+    }
+
+    /// The same, where three quarters of the prior variance are common to all factors: wheels are better or worse as a
+    /// whole more often than in one term.
+    pub(crate) fn with_common_prior(prior_std: f32) -> Self {
+        let variance = prior_std * prior_std;
+        LogVariance {
+            covariance: SMatrix::from_element(COMMON_SHARE * variance)
+                + SMatrix::from_diagonal_element((1.0 - COMMON_SHARE) * variance),
+            ..LogVariance::new(prior_std)
         }
     }
 

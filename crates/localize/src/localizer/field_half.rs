@@ -211,11 +211,22 @@ mod tests {
     }
 
     #[test]
+    fn contradiction_leaves_an_established_half_unknown_until_the_robot_has_turned() {
+        let config = CompassConfig::default();
+        let mut half = HalfEvidence::external(&config);
+        for k in 0..30 {
+            // At rest nobody can tell a stuck compass from a robot that was turned around.
+            half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, false, &config);
+        }
+        assert!(half.log_odds() >= 9.0 && half.cautious_log_odds() < config.half_known_log_odds);
+    }
+
+    #[test]
     fn unestablished_half_flips_within_three_readings() {
         let mut half = HalfEvidence::with_log_odds(2.0);
         let config = CompassConfig::default();
         for k in 0..3 {
-            half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, &config);
+            half.update_compass(Stamp(k * 33_000_000), 0.0, 3.1, true, &config);
         }
         assert!(half.log_odds() < -2.0, "{}", half.log_odds());
     }

@@ -178,3 +178,41 @@ impl Sums {
         score
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::field::tests::league_18x12;
+
+    #[test]
+    fn covariance_is_consistent_whatever_the_noise_is() {
+        let field = league_18x12("outer_edges");
+        let config = LocalizeConfig::default();
+        for (wheels, tilt_deg, points) in [(0.25, 0.0, 2.0), (1.0, 0.45, 1.0), (4.0, 1.0, 0.5)] {
+            let mut drive = RoughDriveConfig::default();
+            drive.wheels.white_share *= wheels;
+            drive.wheels.white_position *= wheels;
+            drive.wheels.white_heading *= wheels;
+            drive.points.tilt_std_deg = tilt_deg;
+            drive.points.std_factor = points;
+            let score = evaluate_consistency(&field, &config, &drive, 0..3, 30.0);
+            assert_eq!(score.lost, 0);
+            // Errors of consecutive images are correlated: the bounds are wider than those of many drives.
+            assert!((0.5..1.8).contains(&score.nees), "{wheels} {tilt_deg} {points}: {score:?}");
+        }
+    }
+
+    #[test]
+    fn every_filter_knows_how_far_it_is_off_after_half_a_minute_without_sight() {
+        let field = league_18x12("outer_edges");
+        let drive = RoughDriveConfig {
+            blind: Some((40.0, 30.0)),
+            ..RoughDriveConfig::default()
+        };
+        for preset in ["default", "nubot2013"] {
+            let config = LocalizeConfig::preset(preset).expect("a preset");
+            let score = evaluate_consistency(&field, &config, &drive, 0..4, 40.0);
+            assert!(score.blind_within_3_sigma > 0.9, "{preset}: {score:?}");
+        }
+    }
+}

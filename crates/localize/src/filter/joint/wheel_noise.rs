@@ -16,7 +16,7 @@ pub(super) const TERMS: usize = 3;
 pub(super) const DIRECTIONS: usize = 3;
 
 /// Random walk of the log variances per square root of a second.
-const DRIFT: f32 = 0.1;
+const DRIFT: f32 = 0.05;
 /// Squared normalised innovation beyond which an image counts as an outlier: 0.05 % of χ²₃.
 const SQUARED_MAX: f32 = 18.0;
 /// Longest time between images that teach, seconds. Beyond it the motion has changed its direction.
@@ -53,7 +53,7 @@ impl WheelNoiseEstimate {
     pub(super) fn new(config: &FilterConfig) -> Self {
         let std = config.noise_learning_std;
         WheelNoiseEstimate {
-            learned: (std > 0.0).then(|| [LogVariance::new(std); DIRECTIONS]),
+            learned: (std > 0.0).then(|| [LogVariance::with_common_prior(std); DIRECTIONS]),
             derivatives: [[NO_DERIVATIVE; TERMS]; DIRECTIONS],
             along: Vector2::x(),
             elapsed: 0.0,

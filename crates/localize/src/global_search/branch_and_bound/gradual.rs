@@ -8,9 +8,9 @@ use crate::matching::distance_field::DistanceField;
 use crate::sample::LinePoint;
 
 /// Headings whose bounds are computed in one call.
-const HEADINGS_PER_PART: usize = 8;
+const HEADINGS_PER_PART: usize = 5;
 /// Blocks searched in one call.
-const BLOCKS_PER_PART: usize = 100;
+const BLOCKS_PER_PART: usize = 60;
 
 /// A search in progress.
 #[derive(Debug, Clone)]
