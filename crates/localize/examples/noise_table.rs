@@ -7,27 +7,40 @@ use localize::{Field, LocalizeConfig, Localizer};
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let number = |k: usize, default: f64| {
-        arguments.get(k).and_then(|text| text.parse().ok()).unwrap_or(default)
+        arguments
+            .get(k)
+            .and_then(|text| text.parse().ok())
+            .unwrap_or(default)
     };
     let (seeds, seconds) = (number(0, 3.0) as u64, number(1, 30.0));
     let part = arguments.get(2).map_or("", String::as_str);
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/fields/msl_18x12.toml");
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../config/fields/msl_18x12.toml"
+    );
     let field = Field::load(std::path::Path::new(path)).expect("a field");
     let mut config = LocalizeConfig::default();
     for setting in &arguments[arguments.len().min(3)..] {
         let (key, value) = setting.split_once('=').expect("KEY=VALUE");
-        let mut text = format!("[{}]\n", key.rsplit_once('.').map_or("", |(table, _)| table));
-        text += &format!("{} = {value}\n", key.rsplit_once('.').map_or(key, |(_, name)| name));
+        let mut text = format!(
+            "[{}]\n",
+            key.rsplit_once('.').map_or("", |(table, _)| table)
+        );
+        text += &format!(
+            "{} = {value}\n",
+            key.rsplit_once('.').map_or(key, |(_, name)| name)
+        );
         let overlay: toml::Table = toml::from_str(&text).expect("a setting");
         let mut table = toml::Table::try_from(&config).expect("a table");
         merge(&mut table, overlay);
         config = table.try_into().expect("a configuration");
     }
-    let run = |drive: &RoughDriveConfig| {
-        evaluate_consistency(&field, &config, drive, 0..seeds, seconds)
-    };
+    let run =
+        |drive: &RoughDriveConfig| evaluate_consistency(&field, &config, drive, 0..seeds, seconds);
     if part.is_empty() || part.contains("grid") {
-        println!("NEES (1 is consistent): odometry noise x tilt / deg x points sigma; mean error / cm");
+        println!(
+            "NEES (1 is consistent): odometry noise x tilt / deg x points sigma; mean error / cm"
+        );
         let (mut low, mut high) = (f64::INFINITY, 0.0_f64);
         let mut outside = 0;
         for odometry in [0.25, 1.0, 4.0] {
@@ -78,29 +91,67 @@ fn main() {
     };
     let base = RoughDriveConfig::default();
     if let Some(cell_text) = part.strip_prefix("cell:") {
-        let values: Vec<f64> = cell_text.split(',').filter_map(|text| text.parse().ok()).collect();
+        let values: Vec<f64> = cell_text
+            .split(',')
+            .filter_map(|text| text.parse().ok())
+            .collect();
         print(cell_text, run(&cell(values[0], values[1], values[2])));
         return;
     }
     if let Some(cell_text) = part.strip_prefix("trace:") {
-        let values: Vec<f64> = cell_text.split(',').filter_map(|text| text.parse().ok()).collect();
+        let values: Vec<f64> = cell_text
+            .split(',')
+            .filter_map(|text| text.parse().ok())
+            .collect();
         let drive = cell(values[0], values[1], values[2]);
         use rand::SeedableRng;
         for seed in 0..seeds {
             let rng = rand::rngs::Xoshiro256PlusPlus::seed_from_u64(seed + 7_000_000);
             let mut localizer = Localizer::new(&field, config.clone());
-            for sample in localize::synthetic::rough_drive::RoughDrive::new(&field, drive.clone(), rng).take((30.0 * seconds) as usize) {
+            for sample in
+                localize::synthetic::rough_drive::RoughDrive::new(&field, drive.clone(), rng)
+                    .take((30.0 * seconds) as usize)
+            {
                 localizer.add_odometry(&sample.odometry);
                 localizer.add_compass(&sample.compass);
                 let e = localizer.process_points(sample.stamp, &sample.points);
                 let Some(pose) = e.pose else { continue };
                 let off = pose.difference(sample.true_pose);
-                let n = e.covariance.try_inverse().map_or(0.0, |i| off.dot(&(i * off)) / 3.0);
-                if std::env::var("DBG").is_ok() { eprintln!("t {:.2} off {:.4} {:.4} nees {n:.1} tilt {:.2?} {:?}", sample.stamp.0 as f64 * 1e-9, off[0], off[1], e.tilt.map(f32::to_degrees), e.reason); }
+                let n = e
+                    .covariance
+                    .try_inverse()
+                    .map_or(0.0, |i| off.dot(&(i * off)) / 3.0);
+                if std::env::var("DBG").is_ok() {
+                    eprintln!(
+                        "t {:.2} off {:.4} {:.4} nees {n:.1} tilt {:.2?} {:?}",
+                        sample.stamp.0 as f64 * 1e-9,
+                        off[0],
+                        off[1],
+                        e.tilt.map(f32::to_degrees),
+                        e.reason
+                    );
+                }
                 if n > 5.0 {
-                    println!("seed {seed} t {:.2} true ({:.2} {:.2} {:.2}) off {:.3} {:.3} {:.2} deg std {:.4} {:.4} {:.3} nees {n:.1} n {} inl {:.2} res {:.4} tilt {:.2?} {:?} {:?} runners {}",
-                        sample.stamp.0 as f64 * 1e-9, sample.true_pose.x, sample.true_pose.y, sample.true_pose.theta, off[0], off[1], off[2].to_degrees(),
-                        e.covariance[(0,0)].sqrt(), e.covariance[(1,1)].sqrt(), e.covariance[(2,2)].sqrt().to_degrees(), e.line_points, e.inlier_share, e.residual, e.tilt.map(f32::to_degrees), e.mode, e.reason, e.runners_up.len());
+                    println!(
+                        "seed {seed} t {:.2} true ({:.2} {:.2} {:.2}) off {:.3} {:.3} {:.2} deg std {:.4} {:.4} {:.3} nees {n:.1} n {} inl {:.2} res {:.4} tilt {:.2?} {:?} {:?} runners {}",
+                        sample.stamp.0 as f64 * 1e-9,
+                        sample.true_pose.x,
+                        sample.true_pose.y,
+                        sample.true_pose.theta,
+                        off[0],
+                        off[1],
+                        off[2].to_degrees(),
+                        e.covariance[(0, 0)].sqrt(),
+                        e.covariance[(1, 1)].sqrt(),
+                        e.covariance[(2, 2)].sqrt().to_degrees(),
+                        e.line_points,
+                        e.inlier_share,
+                        e.residual,
+                        e.tilt.map(f32::to_degrees),
+                        e.mode,
+                        e.reason,
+                        e.runners_up.len()
+                    );
                 }
             }
         }
@@ -113,10 +164,19 @@ fn main() {
             edit(&mut drive);
             drive
         };
-        print("50 % outliers", run(&with(&|drive| drive.points.outlier_share = 0.5)));
+        print(
+            "50 % outliers",
+            run(&with(&|drive| drive.points.outlier_share = 0.5)),
+        );
         print("40 rays", run(&with(&|drive| drive.points.rays = 40)));
-        print("3 m range", run(&with(&|drive| drive.points.range_max = 3.0)));
-        print("tilting 0.45 deg", run(&with(&|drive| drive.points.tilt_std_deg = 0.45)));
+        print(
+            "3 m range",
+            run(&with(&|drive| drive.points.range_max = 3.0)),
+        );
+        print(
+            "tilting 0.45 deg",
+            run(&with(&|drive| drive.points.tilt_std_deg = 0.45)),
+        );
     }
     if part.is_empty() || part.contains("hard") {
         let mut drive = base.clone();
@@ -155,7 +215,11 @@ fn main() {
             } else {
                 LocalizeConfig::preset(preset).expect("a preset")
             };
-            let seeds = if preset == "minho2016" { seeds.min(3) } else { seeds };
+            let seeds = if preset == "minho2016" {
+                seeds.min(3)
+            } else {
+                seeds
+            };
             let score = evaluate_consistency(&field, &config, &drive, 0..seeds, 90.0);
             print(&format!("blind 30 s, {preset}"), score);
         }
@@ -192,7 +256,9 @@ fn times(field: &Field, config: &LocalizeConfig, drive: &RoughDriveConfig) {
     use rand::SeedableRng;
     let rng = rand::rngs::Xoshiro256PlusPlus::seed_from_u64(5);
     let samples: Vec<_> =
-        localize::synthetic::rough_drive::RoughDrive::new(field, drive.clone(), rng).take(3000).collect();
+        localize::synthetic::rough_drive::RoughDrive::new(field, drive.clone(), rng)
+            .take(3000)
+            .collect();
     // Other processes interrupt this one: the minimum of several runs counts for each image.
     let mut times = vec![f64::INFINITY; samples.len()];
     for _ in 0..9 {

@@ -49,7 +49,7 @@ fn recover(imu: bool, latency: f64) -> (f64, f64) {
             dtheta: (TURN_RATE * dt) as f32,
             slip: 0.0,
         });
-        let noise = 0.1 * (2.4 * f64::from(k)).sin();
+        let noise = 0.1 * localize::math::sin(2.4 * f64::from(k));
         localizer.add_compass(&Compass {
             stamp,
             heading: pose_at(time).theta + noise as f32,
@@ -74,7 +74,10 @@ fn recover(imu: bool, latency: f64) -> (f64, f64) {
         }
         if !right {
             wrong = after;
-            assert!(!estimate.half_known || after < 0.5, "sure of the wrong half at {after}");
+            assert!(
+                !estimate.half_known || after < 0.5,
+                "sure of the wrong half at {after}"
+            );
         }
     }
     (unknown, wrong)

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::math;
 use crate::sensors::collision::CollisionConfig;
 
 /// Kind of pose filter.
@@ -162,7 +163,7 @@ const INCREMENT_ROTATION: f32 = 0.02;
 impl FilterConfig {
     /// Noise of the wheels over a motion (metres, metres, radians) of `seconds`, without slip (docs/methods.md 8.5).
     pub(super) fn wheel_noise(&self, [dx, dy, dtheta]: [f32; 3], seconds: f32) -> WheelNoise {
-        let length = dx.hypot(dy);
+        let length = math::hypot(dx, dy);
         let squared = |value: f32| value * value;
         WheelNoise {
             position: [

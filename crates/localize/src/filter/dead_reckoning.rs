@@ -48,8 +48,8 @@ impl DeadReckoning {
         let carried = jacobian * self.sensitivity;
         let own = ScaleSensitivity::new(dx, 0.0, dy, 0.0, 0.0, motion.theta);
         let sensitivity = carried + own;
-        let scales =
-            (sensitivity * sensitivity.transpose() - carried * carried.transpose()) * self.scale_variance;
+        let scales = (sensitivity * sensitivity.transpose() - carried * carried.transpose())
+            * self.scale_variance;
         self.covariance =
             symmetric(&(jacobian * self.covariance * jacobian.transpose() + scales + noise));
         self.sensitivity = sensitivity;
@@ -64,7 +64,10 @@ impl DeadReckoning {
         };
         let gain = self.covariance * information;
         let step = gain * measurement.pose.difference(self.pose);
-        self.set_posterior(retract(self.pose, &step), &(self.covariance - gain * self.covariance));
+        self.set_posterior(
+            retract(self.pose, &step),
+            &(self.covariance - gain * self.covariance),
+        );
     }
 
     /// Takes over a pose and covariance that follow from this estimate and a measurement.

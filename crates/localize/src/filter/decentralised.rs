@@ -11,6 +11,7 @@ use super::dead_reckoning::{DeadReckoning, Motion};
 use super::pose_gaussian::{PoseMeasurement, retract};
 use super::{FilterConfig, PredictionInput, WheelIncrement};
 use crate::frames::Pose;
+use crate::math;
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
@@ -191,7 +192,7 @@ impl DecentralisedFilter {
     fn command_covariance(&self) -> Matrix3<f32> {
         let noise = &self.noise.decentralised;
         let translation =
-            noise.command_noise * self.commanded_motion.x.hypot(self.commanded_motion.y);
+            noise.command_noise * math::hypot(self.commanded_motion.x, self.commanded_motion.y);
         let rotation = noise.command_noise * self.commanded_motion.theta;
         let position =
             translation * translation + noise.command_drift * noise.command_drift * self.elapsed;
@@ -225,6 +226,6 @@ impl DecentralisedFilter {
 /// Motion on an arc, approximated by its chord at half the rotation.
 fn chord(motion: Twist) -> Motion {
     let Twist { x, y, theta } = motion;
-    let (sin, cos) = (0.5 * theta).sin_cos();
+    let (sin, cos) = math::sin_cos(0.5 * theta);
     Motion::new(cos * x - sin * y, sin * x + cos * y, theta)
 }

@@ -6,6 +6,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use crate::math;
+
 /// Squared normalised innovation beyond which an innovation counts as an outlier and is clipped: 0.05 % of χ²₁.
 const SQUARED_MAX: f32 = 12.0;
 /// Largest change of a log variance by one innovation.
@@ -57,7 +59,7 @@ impl<const N: usize> LogVariance<N> {
 
     /// Expected factors of the variances: an uncertain one is larger (the mean of a log-normal distribution).
     pub(crate) fn factors(&self) -> [f32; N] {
-        std::array::from_fn(|j| (self.mean[j] + 0.5 * self.covariance[(j, j)]).exp())
+        std::array::from_fn(|j| math::exp(self.mean[j] + 0.5 * self.covariance[(j, j)]))
     }
 
     /// Variances of the log factors.
@@ -98,10 +100,7 @@ impl<const N: usize> LogVariance<N> {
     where
         SMatrix<f32, N, N>: Invertible,
     {
-        let sum = self
-            .covariance
-            .inverted()
-            .map(|prior| prior + information);
+        let sum = self.covariance.inverted().map(|prior| prior + information);
         if let Some(covariance) = sum.and_then(|sum| sum.inverted()) {
             self.covariance = (covariance + covariance.transpose()) * 0.5;
             self.step(self.covariance * score);
@@ -110,7 +109,11 @@ impl<const N: usize> LogVariance<N> {
 
     fn step(&mut self, step: SVector<f32, N>) {
         let size = step.amax();
-        let share = if size > STEP_MAX { STEP_MAX / size } else { 1.0 };
+        let share = if size > STEP_MAX {
+            STEP_MAX / size
+        } else {
+            1.0
+        };
         self.mean += step * share;
         for value in self.mean.iter_mut() {
             *value = value.clamp(LOG_FACTOR_RANGE.0, LOG_FACTOR_RANGE.1);
@@ -171,7 +174,7 @@ mod tests {
         for true_factor in [1.0_f32 / 16.0, 1.0, 16.0] {
             let [factor] = learn(true_factor, 0.02, 100).factors();
             assert!(
-                (factor / true_factor).ln().abs() < 0.45,
+                math::ln(factor / true_factor).abs() < 0.45,
                 "{factor} instead of {true_factor}"
             );
         }

@@ -41,8 +41,7 @@ impl Localizer {
     ) -> Option<CheckedField> {
         let Some(check) = &mut self.global_check else {
             let period = self.config.mode.global_check_period;
-            let is_due =
-                period > 0.0 && track.last_global_check.seconds_until(stamp) >= period;
+            let is_due = period > 0.0 && track.last_global_check.seconds_until(stamp) >= period;
             if is_due {
                 track.last_global_check = stamp;
                 let prior = self.heading_prior(stamp);

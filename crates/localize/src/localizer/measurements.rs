@@ -111,9 +111,13 @@ impl Localizer {
             && age.abs() <= config.age_max
         {
             let expected = track.filter.pose().theta + track.filter.twist().theta * age as f32;
-            track
-                .half_evidence
-                .update_compass(sample.stamp, expected, heading, undisturbed, config);
+            track.half_evidence.update_compass(
+                sample.stamp,
+                expected,
+                heading,
+                undisturbed,
+                config,
+            );
         }
     }
 

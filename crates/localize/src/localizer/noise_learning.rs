@@ -6,6 +6,7 @@ use crate::config::LocalizeConfig;
 use crate::filter::TiltPrior;
 use crate::filter::log_variance::{LogVariance, NormalizedComponent};
 use crate::matching::Match;
+use crate::math;
 use crate::stamp::Stamp;
 
 /// Random walk of the tilt's log variance per square root of a second (floor, speed).
@@ -38,7 +39,7 @@ impl NoiseLearning {
         self.tilt.map_or(configured, |tilt| {
             let [log_factor] = tilt.mean();
             let least = TILT_STD_MIN_DEG.to_radians().min(configured);
-            (configured * (0.5 * log_factor).exp()).max(least)
+            (configured * math::exp(0.5 * log_factor)).max(least)
         })
     }
 

@@ -16,6 +16,7 @@ use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
 use crate::global_search::scan_map::CellMatch;
 use crate::matching::{Match, PosePrior};
+use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
@@ -186,9 +187,8 @@ impl Localizer {
     /// no sensor reported. The filter's covariance is then inflated.
     fn match_points(&mut self, filter: &mut PoseFilter, points: &[LinePoint]) -> TrackedMatch {
         let prior = filter.pose_prior(self.tilt_prior);
-        let start_error = filter.position_std()
-            + TYPICAL_RANGE * filter.heading_std()
-            + self.tilt_displacement();
+        let start_error =
+            filter.position_std() + TYPICAL_RANGE * filter.heading_std() + self.tilt_displacement();
         let mut matched =
             self.matcher
                 .refine_with_prior(&self.distance_field, points, prior, start_error);
@@ -211,7 +211,7 @@ impl Localizer {
         let offset = free.pose.difference(filter.pose());
         if !self.is_poor_match(free.inlier_share)
             && (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
-            && offset[0].hypot(offset[1]) < 2.0 * reach
+            && math::hypot(offset[0], offset[1]) < 2.0 * reach
         {
             let information = prior.information.fixed_view::<3, 3>(0, 0);
             filter.inflate_covariance(offset.dot(&(information * offset)));
@@ -249,7 +249,7 @@ impl Localizer {
         let mut best = upright;
         for k in 0..TILTED_STARTS {
             let angle = std::f32::consts::TAU * k as f32 / TILTED_STARTS as f32;
-            let tilt = [size * angle.cos(), size * angle.sin()];
+            let tilt = [size * math::cos(angle), size * math::sin(angle)];
             let matched = self.matcher.refine_from_tilt(
                 &self.distance_field,
                 points,
@@ -339,7 +339,8 @@ impl Localizer {
         fold_half_turn: bool,
     ) {
         let folds = |pose: Pose| {
-            fold_half_turn && wrap_angle(pose.theta - tracked.theta).abs() > std::f32::consts::FRAC_PI_2
+            fold_half_turn
+                && wrap_angle(pose.theta - tracked.theta).abs() > std::f32::consts::FRAC_PI_2
         };
         found.retain(|hypothesis| {
             !self.search.is_same_hypothesis(hypothesis.pose, tracked) && !folds(hypothesis.pose)

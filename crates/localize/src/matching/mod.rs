@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::sample::LinePoint;
 use crate::tilt;
 
@@ -334,7 +335,7 @@ impl Matcher {
     /// Learns the spread of the points from the residuals of the last match, `matched`, an image `seconds` after the
     /// previous one (docs/methods.md 5.8).
     pub fn learn_spread(&mut self, distances: &DistanceField, matched: &Match, seconds: f32) {
-        let (sin, cos) = matched.pose.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(matched.pose.theta);
         let height = self.config.viewpoint_height;
         let residuals = self.points.iter().map(|point| {
             let [x, y] = tilt::ground_from_map([point.x, point.y], matched.tilt, height);
@@ -345,7 +346,7 @@ impl Matcher {
                 distance: near.signed_distance,
                 variance: point.tangential_variance
                     + point.radial_excess_variance * radial * radial,
-                range: x.hypot(y),
+                range: math::hypot(x, y),
             }
         });
         self.spread.update(
@@ -374,7 +375,7 @@ impl Matcher {
         state: &Vector5,
         kernel_factor: f32,
     ) -> NormalEquations {
-        let (sin, cos) = state[2].sin_cos();
+        let (sin, cos) = math::sin_cos(state[2]);
         let (a, b) = (state[3], state[4]);
         let height = self.config.viewpoint_height;
         let inverse_height = 1.0 / height;

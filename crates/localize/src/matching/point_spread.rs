@@ -7,6 +7,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::filter::log_variance::LogVariance;
+use crate::math;
 
 /// Range at which the learned factor is that of the mean, and range over which its logarithm grows by the slope, metres.
 const RANGE_SCALE: f32 = 2.5;
@@ -62,7 +63,7 @@ impl PointSpread {
     pub(super) fn factor(&self, range: f32) -> f32 {
         self.learned.map_or(1.0, |learned| {
             let [level, slope] = learned.mean();
-            (level + slope * Self::abscissa(range)).exp()
+            math::exp(level + slope * Self::abscissa(range))
         })
     }
 
@@ -103,7 +104,7 @@ impl PointSpread {
             }
             let squared = distance * distance / variance;
             let density = (std::f32::consts::TAU * variance).sqrt() / (2.0 * OUTLIER_WINDOW);
-            let probability = 1.0 / (1.0 + odds * density * (0.5 * squared.min(80.0)).exp());
+            let probability = 1.0 / (1.0 + odds * density * math::exp(0.5 * squared.min(80.0)));
             let x = Self::abscissa(range);
             near += 1.0;
             inliers += probability;

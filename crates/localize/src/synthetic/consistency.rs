@@ -11,6 +11,7 @@ use crate::config::LocalizeConfig;
 use crate::estimate::{Estimate, Mode};
 use crate::field::Field;
 use crate::localizer::Localizer;
+use crate::math;
 
 /// Errors of the estimates on the drives of one condition.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -82,8 +83,8 @@ pub fn evaluate_consistency(
             } else {
                 since_blind.saturating_add(1)
             };
-            let ends_blind = sample.blind_for > 0.0
-                && samples.peek().is_some_and(|next| next.blind_for == 0.0);
+            let ends_blind =
+                sample.blind_for > 0.0 && samples.peek().is_some_and(|next| next.blind_for == 0.0);
             let time = sample.stamp.0 as f64 * 1e-9;
             sums.add_to_course(&sample, &estimate, time, seconds);
             if time >= WARM_UP {
@@ -110,7 +111,7 @@ impl Sums {
         };
         self.located += 1;
         let off = pose.difference(sample.true_pose);
-        let position = f64::from(off[0].hypot(off[1]));
+        let position = f64::from(math::hypot(off[0], off[1]));
         let values = [off[0], off[1], off[2].to_degrees()];
         for (sum, value) in score.mean_error.iter_mut().zip(values) {
             *sum += f64::from(value.abs());
@@ -124,8 +125,7 @@ impl Sums {
             self.seen += 1;
             score.nees += normalised / 3.0;
             for k in 0..3 {
-                score.marginal_nees[k] +=
-                    f64::from(off[k] * off[k] / estimate.covariance[(k, k)]);
+                score.marginal_nees[k] += f64::from(off[k] * off[k] / estimate.covariance[(k, k)]);
             }
             if since_blind <= 5 {
                 score.leap_max = score.leap_max.max(position);
@@ -170,8 +170,7 @@ impl Sums {
         score.mean_error = score.mean_error.map(|sum| per(sum, self.located));
         score.nees = per(score.nees, self.seen);
         score.marginal_nees = score.marginal_nees.map(|sum| per(sum, self.seen));
-        score.nees_over_time =
-            std::array::from_fn(|k| per(self.course[k], self.course_count[k]));
+        score.nees_over_time = std::array::from_fn(|k| per(self.course[k], self.course_count[k]));
         score.blind_nees = per(score.blind_nees, self.blind);
         score.blind_within_3_sigma = per(self.blind_within as f64, self.blind);
         score.blind_end_error = per(score.blind_end_error, self.blind_ends).sqrt();
@@ -198,7 +197,10 @@ mod tests {
             let score = evaluate_consistency(&field, &config, &drive, 0..3, 30.0);
             assert_eq!(score.lost, 0);
             // Errors of consecutive images are correlated: the bounds are wider than those of many drives.
-            assert!((0.5..1.8).contains(&score.nees), "{wheels} {tilt_deg} {points}: {score:?}");
+            assert!(
+                (0.5..1.8).contains(&score.nees),
+                "{wheels} {tilt_deg} {points}: {score:?}"
+            );
         }
     }
 

@@ -10,6 +10,7 @@ use rand::{Rng, RngExt};
 use crate::field::Field;
 use crate::field::ray::intersect_ray;
 use crate::frames::{At, Pose, wrap_angle};
+use crate::math;
 use crate::random::standard_normal;
 use crate::sample::{Compass, LinePoint, Odometry};
 use crate::stamp::Stamp;
@@ -225,7 +226,7 @@ impl<R: Rng> RoughDrive<R> {
         });
         let speed = self.config.speed_max[0] * self.rng.random::<f64>();
         let turn = self.config.speed_max[1] * (2.0 * self.rng.random::<f64>() - 1.0);
-        let distance = dx.hypot(dy).max(0.1);
+        let distance = math::hypot(dx, dy).max(0.1);
         let speed = speed.min(distance);
         self.target = [speed * dx / distance, speed * dy / distance, turn];
     }
@@ -245,13 +246,13 @@ impl<R: Rng> RoughDrive<R> {
                 self.target[0] - self.velocity[0],
                 self.target[1] - self.velocity[1],
             );
-            let change = dx.hypot(dy);
+            let change = math::hypot(dx, dy);
             let share = (ACCELERATION[0] * dt / change.max(1e-9)).min(1.0);
             self.velocity[0] += share * dx;
             self.velocity[1] += share * dy;
             let turn = self.target[2] - self.velocity[2];
             self.velocity[2] += turn.clamp(-ACCELERATION[1] * dt, ACCELERATION[1] * dt);
-            let (sin, cos) = (self.pose[2] + 0.5 * self.velocity[2] * dt).sin_cos();
+            let (sin, cos) = math::sin_cos(self.pose[2] + 0.5 * self.velocity[2] * dt);
             let [vx, vy, yaw_rate] = self.velocity;
             twist_integral[0] += (cos * vx + sin * vy) * dt;
             twist_integral[1] += (cos * vy - sin * vx) * dt;
@@ -263,21 +264,17 @@ impl<R: Rng> RoughDrive<R> {
             ];
         }
         // The wheels integrate the twist. Its chord in the frame at the start follows from the true poses.
-        let (sin, cos) = start[2].sin_cos();
+        let (sin, cos) = math::sin_cos(start[2]);
         let (dx, dy) = (self.pose[0] - start[0], self.pose[1] - start[1]);
-        [
-            cos * dx + sin * dy,
-            cos * dy - sin * dx,
-            twist_integral[2],
-        ]
+        [cos * dx + sin * dy, cos * dy - sin * dx, twist_integral[2]]
     }
 
     /// Motion as the wheels report it.
     fn measure_wheels(&mut self, motion: [f64; 3]) -> [f64; 3] {
         let wheels = self.config.wheels.clone();
         let rolled = report_with_wrong_radii(motion, wheels.radius_ratio);
-        let length = motion[0].hypot(motion[1]);
-        let decay = (-1.0 / (0.5 * self.config.frame_rate)).exp();
+        let length = math::hypot(motion[0], motion[1]);
+        let decay = math::exp(-1.0 / (0.5 * self.config.frame_rate));
         std::array::from_fn(|k| {
             let excitation = (1.0 - decay * decay).sqrt() * self.normal(wheels.slow_share);
             self.slow_wheel_error[k] = decay * self.slow_wheel_error[k] + excitation;
@@ -296,10 +293,10 @@ impl<R: Rng> RoughDrive<R> {
     /// Tilt (a, b) of this image, radians.
     fn tilt(&mut self) -> [f64; 2] {
         let points = self.config.points.clone();
-        let decay = (-1.0 / (0.7 * self.config.frame_rate)).exp();
+        let decay = math::exp(-1.0 / (0.7 * self.config.frame_rate));
         std::array::from_fn(|k| {
-            let excitation = (1.0 - decay * decay).sqrt()
-                * self.normal(points.slow_tilt_std_deg.to_radians());
+            let excitation =
+                (1.0 - decay * decay).sqrt() * self.normal(points.slow_tilt_std_deg.to_radians());
             self.slow_tilt[k] = decay * self.slow_tilt[k] + excitation;
             points.constant_tilt_deg[k].to_radians()
                 + self.slow_tilt[k]
@@ -321,7 +318,7 @@ impl<R: Rng> RoughDrive<R> {
             let bearing = std::f64::consts::TAU * ray as f64 / settings.rays as f64;
             let direction = self.pose[2] + bearing;
             let from = [self.pose[0] as f32, self.pose[1] as f32];
-            let towards = [direction.cos() as f32, direction.sin() as f32];
+            let towards = [math::cos(direction) as f32, math::sin(direction) as f32];
             intersect_ray(&self.field.markings, from, towards, &mut hits);
             let mut ranges: Vec<f64> = hits.iter().map(|&range| f64::from(range)).collect();
             ranges.retain(|range| *range > RANGE_MIN && *range < settings.range_max);
@@ -337,10 +334,10 @@ impl<R: Rng> RoughDrive<R> {
                 let seen = if is_outlier {
                     let range =
                         RANGE_MIN + (settings.range_max - RANGE_MIN) * self.rng.random::<f64>();
-                    [range * bearing.cos(), range * bearing.sin()]
+                    [range * math::cos(bearing), range * math::sin(bearing)]
                 } else {
                     let range = range + self.map_error(bearing, range);
-                    let ground = [range * bearing.cos(), range * bearing.sin()];
+                    let ground = [range * math::cos(bearing), range * math::sin(bearing)];
                     tilted_map_point(&upright_from_world, ground)
                 };
                 points.push(self.add_point_error(seen, is_outlier));
@@ -352,7 +349,7 @@ impl<R: Rng> RoughDrive<R> {
     /// Adds the independent error of a point (robot frame, metres).
     fn add_point_error(&mut self, seen: [f64; 2], is_outlier: bool) -> LinePoint {
         let settings = &self.config.points;
-        let range = seen[0].hypot(seen[1]);
+        let range = math::hypot(seen[0], seen[1]);
         let [near, far] = settings.stated_std;
         let stated = near + (far - near) * range / 5.0;
         let wide = self.rng.random::<f64>() < settings.wide_share;
@@ -373,7 +370,7 @@ impl<R: Rng> RoughDrive<R> {
     fn map_error(&self, bearing: f64, range: f64) -> f64 {
         let harmonics = self.map_harmonics.iter().enumerate();
         let sum: f64 = harmonics
-            .map(|(k, [amplitude, phase])| amplitude * ((k + 1) as f64 * bearing + phase).cos())
+            .map(|(k, [amplitude, phase])| amplitude * math::cos((k + 1) as f64 * bearing + phase))
             .sum();
         // The amplitudes have variance 1/3 and their cosines 1/2: three harmonics together have 1/2.
         self.config.points.map_error * std::f64::consts::SQRT_2 * sum * (range / 5.0).powi(2)
@@ -448,13 +445,14 @@ impl<R: Rng> Iterator for RoughDrive<R> {
 fn report_with_wrong_radii(motion: [f64; 3], radius_ratio: [f64; 3]) -> [f64; 3] {
     let rows: [Vector3<f64>; 3] = std::array::from_fn(|wheel| {
         let angle = std::f64::consts::FRAC_PI_3 * (1.0 + 2.0 * wheel as f64);
-        Vector3::new(-angle.sin(), angle.cos(), BASE_RADIUS)
+        Vector3::new(-math::sin(angle), math::cos(angle), BASE_RADIUS)
     });
     let wheels = nalgebra::Matrix3::from_rows(&rows.map(|row| row.transpose()));
     // A larger wheel turns less for the same way.
-    let turned = (wheels * Vector3::from(motion))
-        .component_div(&Vector3::from(radius_ratio));
-    wheels.try_inverse().map_or(motion, |inverse| (inverse * turned).into())
+    let turned = (wheels * Vector3::from(motion)).component_div(&Vector3::from(radius_ratio));
+    wheels
+        .try_inverse()
+        .map_or(motion, |inverse| (inverse * turned).into())
 }
 
 /// Rotation of directions of the world into the camera of a robot whose up direction is (a, b, 1) in its own frame.
@@ -480,13 +478,19 @@ mod tests {
         let ground = [3.0, 1.5];
         let [x, y] = tilted_map_point(&camera_rotation(tilt), ground);
         let [u, v] = crate::tilt::ground_from_map([x, y], tilt, MIRROR_HEIGHT);
-        assert!((u - ground[0]).hypot(v - ground[1]) < 1e-3, "({u}, {v})");
+        assert!(
+            math::hypot(u - ground[0], v - ground[1]) < 1e-3,
+            "({u}, {v})"
+        );
     }
 
     #[test]
     fn wheels_of_unequal_radius_turn_a_straight_way_into_an_arc() {
         let [x, y, turn] = report_with_wrong_radii([1.0, 0.0, 0.0], [1.03, 1.02, 1.04]);
-        assert!((x - 1.0 / 1.03).abs() < 0.01 && y.abs() < 0.01, "({x}, {y})");
+        assert!(
+            (x - 1.0 / 1.03).abs() < 0.01 && y.abs() < 0.01,
+            "({x}, {y})"
+        );
         assert!(turn.abs() > 0.02, "{turn}");
     }
 }

@@ -609,10 +609,14 @@ pub const REMOVED_KEYS: &[(&str, &str)] = &[
     ("localize.filter.sight_std", REPEATED_ERRORS),
     ("localize.filter.sight_std_deg", REPEATED_ERRORS),
     ("localize.filter.systematic_position_std", REPEATED_ERRORS),
-    ("localize.filter.systematic_heading_std_deg", REPEATED_ERRORS),
+    (
+        "localize.filter.systematic_heading_std_deg",
+        REPEATED_ERRORS,
+    ),
 ];
 
-const NOISE_LEARNING: &str = "the noise is learned with its uncertainty, see localize.filter.noise_learning_std";
+const NOISE_LEARNING: &str =
+    "the noise is learned with its uncertainty, see localize.filter.noise_learning_std";
 const REPEATED_ERRORS: &str = "the uncertainty of the map determines errors that images repeat";
 
 /// Refuses an overlay with old names; names each, with `file` and its line if there is one.

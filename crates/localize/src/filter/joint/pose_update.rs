@@ -33,7 +33,7 @@ impl JointFilter {
 
     /// Velocity in the field frame.
     fn field_velocity(&self) -> Vector3<f32> {
-        let (sin, cos) = self.state[POSE + 2].sin_cos();
+        let (sin, cos) = math::sin_cos(self.state[POSE + 2]);
         let (vx, vy) = (self.state[TWIST], self.state[TWIST + 1]);
         Vector3::new(
             cos * vx - sin * vy,

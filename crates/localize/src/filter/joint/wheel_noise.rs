@@ -106,12 +106,7 @@ impl WheelNoiseEstimate {
     }
 
     /// Adds what an increment contributes to the pose's variance: its terms times `share`.
-    pub(super) fn add_variances(
-        &mut self,
-        direction: usize,
-        variances: [f32; TERMS],
-        share: f32,
-    ) {
+    pub(super) fn add_variances(&mut self, direction: usize, variances: [f32; TERMS], share: f32) {
         for (derivative, variance) in self.derivatives[direction].iter_mut().zip(variances) {
             derivative.variance += share * variance;
         }

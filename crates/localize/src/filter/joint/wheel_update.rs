@@ -6,6 +6,7 @@ use super::JointFilter;
 use super::odometry_correction::entry;
 use super::state::{POSE, ROW_STRIDE, SLIP, WHEEL_INCREMENT};
 use crate::filter::{FilterConfig, WheelIncrement};
+use crate::math;
 use crate::sensors::collision::{Measured, WheelMismatch};
 
 /// Share of rolling noise in the wheels' noise. The rest is slip, which has its own state with an inertial unit.
@@ -55,7 +56,7 @@ impl JointFilter {
             .try_normalize(DIRECTED_MOTION_MIN)
             .unwrap_or_else(Vector2::x);
         let heading = self.state[POSE + 2] - self.state[WHEEL_INCREMENT + 2];
-        let (sin, cos) = heading.sin_cos();
+        let (sin, cos) = math::sin_cos(heading);
         self.wheel_noise.set_direction(Vector2::new(
             cos * along.x - sin * along.y,
             sin * along.x + cos * along.y,
@@ -94,9 +95,7 @@ impl JointFilter {
     fn wheel_innovation(&self, measured: [f32; 3], axis: [f32; 3]) -> f32 {
         let innovation = |i: usize| {
             let corrected: f32 = (0..3).map(|j| self.state[entry(i, j)] * measured[j]).sum();
-            corrected
-                - self.state[WHEEL_INCREMENT + i]
-                - self.wheel_interval * self.state[SLIP + i]
+            corrected - self.state[WHEEL_INCREMENT + i] - self.wheel_interval * self.state[SLIP + i]
         };
         (0..3)
             .filter(|&i| axis[i] != 0.0)
@@ -132,7 +131,7 @@ impl JointFilter {
         let std = |variance: f32| variance.max(0.0).sqrt() * per_second;
         WheelMismatch {
             speed: Measured {
-                value: innovation[0].hypot(innovation[1]) * per_second,
+                value: math::hypot(innovation[0], innovation[1]) * per_second,
                 std: std(variance(0) + variance(1)),
             },
             yaw_rate: Measured {

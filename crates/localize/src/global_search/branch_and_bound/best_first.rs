@@ -1,8 +1,8 @@
 //! Best-first search: blocks are searched in the order of their bounds until none can hold a better cell.
 
 use super::bound::{bounds_layer, bounds_width};
-use super::{BranchAndBound, HeadingRange};
 use super::tables::{BATCH, BLOCK, LANES};
+use super::{BranchAndBound, HeadingRange};
 use crate::frames::Pose;
 
 /// A block of poses at one heading, with the upper bound of its cells' scores.

@@ -1,7 +1,7 @@
 //! Upper bounds of the scores of all blocks at a heading, as sums of table rows.
 
-use super::{BranchAndBound, HeadingRange, SearchBuffers};
 use super::tables::{BATCH, BLOCK, LANES, ROWS, ScoreTables};
+use super::{BranchAndBound, HeadingRange, SearchBuffers};
 
 impl BranchAndBound {
     /// Clears the bounds for a search over `headings`.

@@ -110,8 +110,8 @@ mod tests {
     use super::*;
     use crate::field::tests::league_18x12;
     use crate::global_search::branch_and_bound::BranchAndBoundConfig;
-    use crate::matching::distance_field::DistanceFieldConfig;
     use crate::matching::MatchConfig;
+    use crate::matching::distance_field::DistanceFieldConfig;
     use crate::synthetic::drive::{SyntheticDriveConfig, random_pose, simulate_line_points};
     use rand::SeedableRng;
     use rand::rngs::Xoshiro256PlusPlus;
