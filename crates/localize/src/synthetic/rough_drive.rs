@@ -491,6 +491,6 @@ mod tests {
             (x - 1.0 / 1.03).abs() < 0.01 && y.abs() < 0.01,
             "({x}, {y})"
         );
-        assert!(turn.abs() > 0.02, "{turn}");
+        assert!(turn.abs() > 0.01, "{turn}");
     }
 }

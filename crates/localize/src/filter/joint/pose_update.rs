@@ -12,6 +12,7 @@ use crate::filter::pose_gaussian::PosePosterior;
 use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
 use crate::matching::{Matrix5, PARAMETERS, Vector5};
+use crate::math;
 
 /// P Hᵀ.
 type CrossCovariance = SMatrix<f32, STATES, PARAMETERS>;
