@@ -4,23 +4,12 @@
 //! searched at once, so a check only ever raises a suspicion.
 
 use super::Localizer;
-use super::state::Track;
+use super::state::{GlobalCheck, Track};
 use crate::frames::Pose;
-use crate::global_search::branch_and_bound::{GradualSearch, Hypothesis};
+use crate::global_search::branch_and_bound::Hypothesis;
 use crate::matching::Match;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
-
-/// A check in progress.
-#[derive(Debug, Clone)]
-pub(super) struct GlobalCheck {
-    search: GradualSearch,
-    /// Match of the tracked pose to the same points.
-    matched: Match,
-    count: usize,
-    /// No compass reading: the half turn is no alternative.
-    fold_half_turn: bool,
-}
 
 /// Result of a check.
 pub(super) struct CheckedField {

@@ -11,11 +11,11 @@ mod global_localization;
 mod match_figures;
 mod measurements;
 mod motion_inputs;
-mod noise_learning;
 mod output;
 mod state;
 mod tilt_bias;
 mod tilt_compensation;
+mod tilt_spread;
 mod track;
 mod transitions;
 
@@ -40,12 +40,11 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
-use global_check::GlobalCheck;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
-use noise_learning::NoiseLearning;
-use state::State;
+use state::{GlobalCheck, State};
 use tilt_bias::TiltBias;
+use tilt_spread::TiltSpread;
 
 /// Localizes one robot on one field.
 ///
@@ -106,7 +105,7 @@ pub struct Localizer {
     /// Goals in the image of this stamp.
     pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
     tilt_bias: TiltBias,
-    noise_learning: NoiseLearning,
+    tilt_spread: TiltSpread,
     /// Prior of the current image's tilt.
     tilt_prior: TiltPrior,
     /// Posterior variances of the tilt in the last tracked image, rad².
@@ -181,7 +180,7 @@ impl Localizer {
             filter_stamp: Stamp(i64::MIN),
             motion_inputs: MotionInputs::default(),
             tilt_bias: TiltBias::new(&config.attitude),
-            noise_learning: NoiseLearning::new(&config),
+            tilt_spread: TiltSpread::new(&config),
             global_check: None,
             tilt_prior: TiltPrior::FromState,
             tilt_variances: None,

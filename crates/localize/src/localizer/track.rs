@@ -90,7 +90,7 @@ impl Localizer {
         }
         let few_inliers = self.is_poor_match(matched.inlier_share);
         if !few_inliers {
-            self.learn_noise(stamp, &matched);
+            self.learn_spread(stamp, &matched);
         }
         let poor = agreement != Agreement::Consistent || few_inliers;
         let mut alternatives = Vec::new();

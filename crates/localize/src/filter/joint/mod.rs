@@ -141,6 +141,12 @@ impl JointFilter {
         }
     }
 
+    /// Estimated scales of the odometry: mean of both translations, and rotation.
+    pub(super) fn scales(&self) -> [f32; 2] {
+        let scale = |k: usize| self.state[odometry_correction::entry(k, k)];
+        [0.5 * (scale(0) + scale(1)), scale(2)]
+    }
+
     pub(super) fn gyro_bias(&self) -> f32 {
         self.state[GYRO_BIAS + 2]
     }

@@ -3,7 +3,6 @@
 //! Wheels of unequal radius, a base radius or a forward direction that is a little off: each is a linear error of the
 //! measured motion (x, y, θ). A 3 × 3 matrix covers them all, also for a base whose geometry is not known.
 
-use super::JointFilter;
 use super::state::{Covariance, ODOMETRY_CORRECTION, State};
 use crate::filter::FilterConfig;
 
@@ -14,11 +13,8 @@ pub(super) const fn entry(i: usize, j: usize) -> usize {
 
 /// Distance of the wheels from the centre that relates errors of rotation to errors of translation, metres.
 const BASE_RADIUS: f32 = 0.25;
-/// Range of the scales. Beyond it encoders are broken, not worn.
-const SCALE_RANGE: (f32, f32) = (0.7, 1.4);
-
 /// Unit of an entry: 1, m/rad or rad/m.
-fn unit(i: usize, j: usize) -> f32 {
+pub(super) fn unit(i: usize, j: usize) -> f32 {
     match (i, j) {
         (2, 0 | 1) => 1.0 / BASE_RADIUS,
         (0 | 1, 2) => BASE_RADIUS,
@@ -50,32 +46,4 @@ pub(super) fn initialize(state: &mut State, covariance: &mut Covariance, config:
     let common = (scale * scale - coupling * coupling).max(0.0);
     covariance[entry(0, 0)][entry(1, 1)] = common;
     covariance[entry(1, 1)][entry(0, 0)] = common;
-}
-
-impl JointFilter {
-    /// Estimated scales of the odometry: mean of both translations, and rotation.
-    pub(in crate::filter) fn scales(&self) -> [f32; 2] {
-        let scale = |k: usize| self.state[entry(k, k)];
-        [0.5 * (scale(0) + scale(1)), scale(2)]
-    }
-
-    /// Random walk of the correction (carpet direction, wear, load).
-    pub(super) fn add_correction_noise(&mut self, dt: f32, config: &FilterConfig) {
-        if !(config.odometry_scale_std > 0.0) {
-            return;
-        }
-        for i in 0..3 {
-            for j in 0..3 {
-                let drift = config.odometry_scale_drift * unit(i, j);
-                self.inflate_variance(entry(i, j), drift * drift * dt);
-            }
-        }
-    }
-
-    pub(super) fn clamp_scales(&mut self) {
-        for k in 0..3 {
-            let scale = &mut self.state[entry(k, k)];
-            *scale = scale.clamp(SCALE_RANGE.0, SCALE_RANGE.1);
-        }
-    }
 }

@@ -1,6 +1,7 @@
 //! Process noise Q of the joint filter (docs/methods.md 8.4).
 
 use super::JointFilter;
+use super::odometry_correction::{entry, unit};
 use super::predict::{ImuStep, PlanarStep};
 use super::state::{
     ACCELEROMETER_BIAS, GYRO_BIAS, POSE, SLIP, TILT, TWIST, WHEEL_INCREMENT, YAW_RATE,
@@ -159,6 +160,19 @@ impl JointFilter {
                 ACCELEROMETER_BIAS + k,
                 variance(config.accelerometer_bias_drift),
             );
+        }
+    }
+
+    /// Random walk of the odometry's correction (carpet direction, wear, load).
+    fn add_correction_noise(&mut self, dt: f32, config: &FilterConfig) {
+        if !(config.odometry_scale_std > 0.0) {
+            return;
+        }
+        for i in 0..3 {
+            for j in 0..3 {
+                let drift = config.odometry_scale_drift * unit(i, j);
+                self.inflate_variance(entry(i, j), drift * drift * dt);
+            }
         }
     }
 

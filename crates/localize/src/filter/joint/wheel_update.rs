@@ -11,6 +11,8 @@ use crate::sensors::collision::{Measured, WheelMismatch};
 
 /// Share of rolling noise in the wheels' noise. The rest is slip, which has its own state with an inertial unit.
 const ROLLING_NOISE_SHARE: f32 = 0.5;
+/// Range of the scales. Beyond it encoders are broken, not worn.
+const SCALE_RANGE: (f32, f32) = (0.7, 1.4);
 /// Largest number of lost wheel samples that one sample may stand for.
 const LOST_INTERVALS_MAX: f32 = 20.0;
 /// Shortest motion that has a direction, metres.
@@ -138,6 +140,13 @@ impl JointFilter {
                 value: innovation[2].abs() * per_second,
                 std: std(variance(2)),
             },
+        }
+    }
+
+    pub(super) fn clamp_scales(&mut self) {
+        for k in 0..3 {
+            let scale = &mut self.state[entry(k, k)];
+            *scale = scale.clamp(SCALE_RANGE.0, SCALE_RANGE.1);
         }
     }
 

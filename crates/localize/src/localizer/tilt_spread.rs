@@ -1,9 +1,7 @@
-//! Learning from tracked images: how much does the robot tilt from image to image, and how far do points scatter?
-//! (docs/methods.md 5.8)
+//! How much does the robot tilt from image to image? The spread of the tilt, learned from the tilts that matching finds
+//! (docs/methods.md 5.8).
 
-use super::Localizer;
 use crate::config::LocalizeConfig;
-use crate::filter::TiltPrior;
 use crate::filter::log_variance::{LogVariance, NormalizedComponent};
 use crate::matching::Match;
 use crate::math;
@@ -16,22 +14,29 @@ const TILT_STD_MIN_DEG: f32 = 0.03;
 /// Longest time that counts between two images, seconds.
 const SECONDS_MAX: f64 = 1.0;
 
-/// What tracked images teach about noise, beyond the filter's own.
+/// Learned spread of the tilt.
 #[derive(Debug, Clone)]
-pub(super) struct NoiseLearning {
+pub(super) struct TiltSpread {
     /// Factor of the variance of the tilt. None keeps the configured one.
     tilt: Option<LogVariance<1>>,
     last_image: Option<Stamp>,
 }
 
-impl NoiseLearning {
+impl TiltSpread {
     pub(super) fn new(config: &LocalizeConfig) -> Self {
         let std = config.matching.spread_learning_std;
         let learns_tilt = std > 0.0 && config.matching.tilt_std_deg > 0.0;
-        NoiseLearning {
+        TiltSpread {
             tilt: learns_tilt.then(|| LogVariance::new(std)),
             last_image: None,
         }
+    }
+
+    /// Time since the previous image that taught, seconds.
+    pub(super) fn advance_to(&mut self, stamp: Stamp) -> f32 {
+        self.last_image.replace(stamp).map_or(0.0, |last| {
+            last.seconds_until(stamp).clamp(0.0, SECONDS_MAX) as f32
+        })
     }
 
     /// Standard deviation of an image's tilt, radians. `configured`: before images tell.
@@ -44,7 +49,7 @@ impl NoiseLearning {
     }
 
     /// Takes the tilt that matching found under a prior of zero with `std` radians.
-    fn update_tilt(&mut self, matched: &Match, std: f32, seconds: f32) {
+    pub(super) fn update_tilt(&mut self, matched: &Match, std: f32, seconds: f32) {
         let Some(tilt) = &mut self.tilt else {
             return;
         };
@@ -59,20 +64,5 @@ impl NoiseLearning {
             };
             tilt.update([prior], component);
         }
-    }
-}
-
-impl Localizer {
-    /// Learns from the last match, of a tracked image that most points support.
-    pub(super) fn learn_noise(&mut self, stamp: Stamp, matched: &Match) {
-        let last = self.noise_learning.last_image.replace(stamp);
-        let seconds = last.map_or(0.0, |last| {
-            last.seconds_until(stamp).clamp(0.0, SECONDS_MAX) as f32
-        });
-        if let TiltPrior::Independent(std) = self.tilt_prior {
-            self.noise_learning.update_tilt(matched, std, seconds);
-        }
-        self.matcher
-            .learn_spread(&self.distance_field, matched, seconds);
     }
 }
