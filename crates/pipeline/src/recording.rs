@@ -41,13 +41,13 @@ pub struct Recording {
     frames: usize,
 }
 
-struct RecordedSample {
-    stamp: Stamp,
-    data: RecordedData,
+pub(crate) struct RecordedSample {
+    pub(crate) stamp: Stamp,
+    pub(crate) data: RecordedData,
 }
 
 // Samples of equal stamps are yielded in this order: motion before images.
-enum RecordedData {
+pub(crate) enum RecordedData {
     Odometry(Odometry),
     Compass(Compass),
     Truth(GroundTruth),
@@ -160,6 +160,11 @@ impl Recording {
     /// Number of images (or of sets of line points).
     pub fn frames(&self) -> usize {
         self.frames
+    }
+
+    /// The samples that are still to come, images as paths.
+    pub(crate) fn events(&self) -> &[RecordedSample] {
+        self.events.as_slice()
     }
 }
 
