@@ -8,6 +8,8 @@ use std::ops::Mul;
 
 use nalgebra::Vector3;
 
+use crate::math;
+
 /// The field's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldFrame {}
@@ -46,17 +48,17 @@ impl<F> At<F> {
 
     /// Distance from the frame's origin.
     pub fn distance(self) -> f32 {
-        self.x.hypot(self.y)
+        math::hypot(self.x, self.y)
     }
 
     /// Distance between two points of one frame.
     pub fn distance_to(self, other: At<F>) -> f32 {
-        (self.x - other.x).hypot(self.y - other.y)
+        math::hypot(self.x - other.x, self.y - other.y)
     }
 
     /// Direction from the frame's origin, radians.
     pub fn bearing(self) -> f32 {
-        self.y.atan2(self.x)
+        math::atan2(self.y, self.x)
     }
 }
 
@@ -93,7 +95,7 @@ impl<A, B> Tf<A, B> {
 
     /// The motion that takes coordinates of A to B.
     pub fn inverse(self) -> Tf<B, A> {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         Tf::new(
             -cos * self.x - sin * self.y,
             sin * self.x - cos * self.y,
@@ -120,7 +122,7 @@ impl<A, B> Mul<At<B>> for Tf<A, B> {
     type Output = At<A>;
 
     fn mul(self, point: At<B>) -> At<A> {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         At::new(
             self.x + cos * point.x - sin * point.y,
             self.y + sin * point.x + cos * point.y,
@@ -132,7 +134,7 @@ impl<A, B, C> Mul<Tf<B, C>> for Tf<A, B> {
     type Output = Tf<A, C>;
 
     fn mul(self, other: Tf<B, C>) -> Tf<A, C> {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         Tf::new(
             self.x + cos * other.x - sin * other.y,
             self.y + sin * other.x + cos * other.y,

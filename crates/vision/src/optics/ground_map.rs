@@ -5,6 +5,7 @@ use std::io::{BufReader, BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use localize::frames::{At, RobotFrame};
+use localize::math;
 use npyz::npz::{NpzArchive, NpzWriter};
 use npyz::{NpyFile, WriterBuilder};
 
@@ -45,7 +46,7 @@ pub enum GroundMapError {
 impl GroundMap {
     /// Distance of the nearest ground that the map shows, metres; infinite if it shows none.
     pub(crate) fn nearest_ground(&self) -> f32 {
-        let ranges = self.x.iter().zip(&self.y).map(|(x, y)| x.hypot(*y));
+        let ranges = self.x.iter().zip(&self.y).map(|(x, y)| math::hypot(*x, *y));
         ranges.fold(f32::INFINITY, f32::min)
     }
 
@@ -90,7 +91,7 @@ impl GroundMap {
                 let Some(here) = self.at(column, row) else {
                     continue;
                 };
-                let distance = (here.x - ground.x).hypot(here.y - ground.y);
+                let distance = math::hypot(here.x - ground.x, here.y - ground.y);
                 if distance < nearest {
                     (nearest, pixel) = (distance, Some([column as f32, row as f32]));
                 }
