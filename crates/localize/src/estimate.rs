@@ -43,7 +43,7 @@ pub enum Reason {
     DoubtfulSetup,
 }
 
-/// How well the set-up fits the measurements of the last seconds (docs/methods.md 14.1).
+/// How well the set-up fits the measurements of the last seconds (docs/methods.md 16.3).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fit {
     /// Share of the line points on markings.

@@ -162,7 +162,7 @@ fn field_half_is_unknown_until_a_compass_reading() {
 }
 
 #[test]
-fn kidnapped_robot_is_located_within_24_frames() {
+fn kidnapped_robot_says_lost_and_is_located_within_24_frames() {
     let covered = SyntheticDriveConfig {
         occluded_share: 0.25,
         ..SyntheticDriveConfig::default()
@@ -193,7 +193,10 @@ fn kidnapped_robot_is_located_within_24_frames() {
                 found_after = found_after.or(Some(k));
             }
         }
-        assert!(found_after.is_some(), "lost {lost_after:?}");
+        assert!(
+            lost_after.is_some_and(|lost| found_after.is_some_and(|found| lost < found)),
+            "lost after {lost_after:?}, found after {found_after:?}"
+        );
     }
 }
 

@@ -18,6 +18,7 @@ mod panzoom;
 mod report;
 mod session;
 mod settings;
+mod setup_job;
 mod shell;
 mod shortcuts;
 mod source;

@@ -10,6 +10,7 @@ use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
+use super::setup_job::SetupCheck;
 use super::source::decoded_cycle::DecodedCycle;
 use super::source::inbox::CycleInbox;
 use super::source::live::LiveSource;
@@ -89,6 +90,8 @@ pub(crate) struct Session {
     pub(crate) mask: Option<Arc<Vec<bool>>>,
     /// Counts changes of settings, colour table and mask.
     pub(crate) revision: u64,
+    /// Check of the log's set-up.
+    pub(crate) setup_check: SetupCheck,
     metrics_reader: Option<MetricsReader>,
 }
 
@@ -111,6 +114,7 @@ impl Default for Session {
             colour_table: None,
             mask: None,
             revision: 0,
+            setup_check: SetupCheck::default(),
             metrics_reader: None,
         }
     }

@@ -1,4 +1,4 @@
-//! How well do images, wheels and compass fit the poses of the last seconds? (docs/methods.md 14.1)
+//! How well do images, wheels and compass fit the poses of the last seconds? (docs/methods.md 16.3)
 //!
 //! A wrong field, a mirrored or turned camera, or a wrong unit lets the localizer find poses that fit each image.
 //! Wheels or compass then contradict them over many images, which no single image shows.
@@ -6,6 +6,7 @@
 use crate::estimate::{Estimate, Fit};
 use crate::field::{Field, Marking};
 use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf, wrap_angle};
+use crate::math;
 use crate::sample::LinePoint;
 
 /// Distance between samples of the markings, metres.
@@ -24,9 +25,10 @@ const STEP_PATH: f32 = 0.3;
 const STEP_TURN: f32 = 0.3;
 /// Images, or steps of wheels and compass, before a figure can raise a doubt.
 const IMAGES_MIN: u32 = 60;
-const STEPS_MIN: u32 = 12;
-/// Agreement (1: equal, 0: unrelated, −1: opposite) below which wheels or compass contradict the poses.
-const AGREEMENT_MIN: f32 = 0.4;
+const STEPS_MIN: u32 = 15;
+/// Agreement (1: equal, 0: unrelated, −1: opposite) below which the wheels contradict the poses: that of a camera turned
+/// by 90°, with a margin for what the filter takes from the wheels.
+const AGREEMENT_MIN: f32 = 0.2;
 
 /// A mean that forgets, over `count` values at most `memory` long.
 #[derive(Debug, Clone, Copy, Default)]
@@ -85,7 +87,7 @@ impl FitMonitor {
     /// Adds an increment of the wheels, robot frame.
     pub(super) fn add_wheels(&mut self, [dx, dy, dtheta]: [f32; 3]) {
         self.step = self.step * Tf::new(dx, dy, dtheta);
-        self.path += dx.hypot(dy);
+        self.path += math::hypot(dx, dy);
         self.turned += dtheta.abs();
     }
 
@@ -121,7 +123,7 @@ impl FitMonitor {
             && self.path == 0.0
         {
             // Once per step, since the errors of successive readings are correlated.
-            self.compass.add((pose.theta - heading).cos(), STEPS);
+            self.compass.add(math::cos(pose.theta - heading), STEPS);
         }
     }
 
@@ -134,8 +136,9 @@ impl FitMonitor {
             let seen = start.inverse() * pose;
             let measured = self.step;
             if self.path >= STEP_PATH {
-                let difference = (seen.x - measured.x).hypot(seen.y - measured.y);
-                let size = seen.x.powi(2) + seen.y.powi(2) + measured.x.powi(2) + measured.y.powi(2);
+                let difference = math::hypot(seen.x - measured.x, seen.y - measured.y);
+                let size =
+                    seen.x.powi(2) + seen.y.powi(2) + measured.x.powi(2) + measured.y.powi(2);
                 self.translation
                     .add(1.0 - difference * difference / size.max(1e-6), STEPS);
             }
@@ -189,16 +192,14 @@ impl FitMonitor {
         }
     }
 
-    /// Do wheels, compass or points contradict the poses for longer than any right set-up does?
+    /// Do wheels or points contradict the poses for longer than any right set-up does?
+    ///
+    /// A compass alone raises no doubt: magnets disturb it for seconds in right set-ups.
     pub(super) fn is_doubtful(&self, inlier_share_min: f32) -> bool {
-        let fit = self.fit();
-        let contradicts = |agreement: Option<f32>| agreement.is_some_and(|value| value < AGREEMENT_MIN);
-        contradicts(fit.wheels)
-            || contradicts(fit.compass)
-            || self
-                .on_markings
-                .known(IMAGES_MIN)
-                .is_some_and(|share| share < inlier_share_min)
+        let wheels = self.fit().wheels;
+        let points = self.on_markings.known(IMAGES_MIN);
+        wheels.is_some_and(|agreement| agreement < AGREEMENT_MIN)
+            || points.is_some_and(|share| share < inlier_share_min)
     }
 }
 
@@ -225,7 +226,8 @@ fn sample_markings(markings: &[Marking]) -> Vec<At<FieldFrame>> {
             } => {
                 let count = (radius * sweep / MARKING_STEP).ceil().max(1.0) as usize;
                 samples.extend((0..count).map(|k| {
-                    let (sin, cos) = (start + sweep * (k as f32 + 0.5) / count as f32).sin_cos();
+                    let part = (k as f32 + 0.5) / count as f32;
+                    let (sin, cos) = math::sin_cos(start + sweep * part);
                     At::new(centre.x + radius * cos, centre.y + radius * sin)
                 }));
             }

@@ -67,11 +67,13 @@ fn compass_deviation(pose: Pose, heading: f32) -> f32 {
 pub(super) fn select_chain(keyframes: &[Keyframe], hypotheses: &[KeyframeHypotheses]) -> Vec<Link> {
     let mut best: Vec<Vec<(f32, Option<usize>)>> = Vec::new();
     for (k, (keyframe, own)) in keyframes.iter().zip(hypotheses).enumerate() {
-        let previous = k.checked_sub(1).map(|last| (&hypotheses[last], &best[last]));
+        let previous = k
+            .checked_sub(1)
+            .map(|last| (&hypotheses[last], &best[last]));
         let costs = own.hypotheses.iter().map(|(points, hypothesis)| {
-            let compass = keyframe
-                .compass
-                .map_or(0.0, |heading| 0.5 * compass_deviation(hypothesis.pose, heading));
+            let compass = keyframe.compass.map_or(0.0, |heading| {
+                0.5 * compass_deviation(hypothesis.pose, heading)
+            });
             let start = previous.map(|(before, totals)| {
                 cheapest_step(before, totals, keyframe.motion.as_ref(), hypothesis.pose)
             });
@@ -90,9 +92,7 @@ fn cheapest_step(
     motion: Option<&WheelMotion>,
     pose: Pose,
 ) -> (f32, Option<usize>) {
-    let step = |from: Pose| {
-        motion.map_or(0.0, |motion| 0.5 * wheel_deviation(from, pose, motion))
-    };
+    let step = |from: Pose| motion.map_or(0.0, |motion| 0.5 * wheel_deviation(from, pose, motion));
     let costs = before.hypotheses.iter().zip(totals).enumerate();
     costs
         .map(|(index, ((_, hypothesis), (total, _)))| (total + step(hypothesis.pose), Some(index)))

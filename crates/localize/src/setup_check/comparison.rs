@@ -47,6 +47,6 @@ impl Comparison {
 
     /// Does the alternative explain them clearly worse?
     pub fn is_worse(&self) -> bool {
-        self.gain <= -GAIN_MIN && self.significance <= -SIGNIFICANCE_MIN
+        self.gain <= -GAIN_MIN
     }
 }

@@ -66,12 +66,9 @@ impl FieldTables {
 
     /// The poses that explain the points of one keyframe, half turns included.
     fn hypotheses(&mut self, keyframe: &Keyframe) -> KeyframeHypotheses {
-        let found = self.search.find_hypotheses(
-            &self.distances,
-            &mut self.matcher,
-            &keyframe.points,
-            None,
-        );
+        let found =
+            self.search
+                .find_hypotheses(&self.distances, &mut self.matcher, &keyframe.points, None);
         let mut hypotheses: Vec<(f32, Hypothesis)> = Vec::new();
         for hypothesis in found {
             let cost = self.cost(keyframe, hypothesis.score);
@@ -168,7 +165,8 @@ impl Explanation {
 
     /// Root mean square distance of the points on markings, metres.
     pub fn residual(&self) -> f32 {
-        self.mean_over_points(|fit| fit.residual * fit.residual).sqrt()
+        self.mean_over_points(|fit| fit.residual * fit.residual)
+            .sqrt()
     }
 
     fn mean_over_points(&self, value: impl Fn(&KeyframeFit) -> f32) -> f32 {
@@ -193,7 +191,9 @@ impl Explanation {
     /// Share of the measurements that are explained: of the points, of the wheel steps, of the compass readings,
     /// multiplied.
     pub fn fit(&self) -> f32 {
-        self.on_markings() * self.wheels_agree().unwrap_or(1.0) * self.compass_agrees().unwrap_or(1.0)
+        self.on_markings()
+            * self.wheels_agree().unwrap_or(1.0)
+            * self.compass_agrees().unwrap_or(1.0)
     }
 }
 

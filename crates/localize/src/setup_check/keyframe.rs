@@ -1,6 +1,7 @@
 //! What did one image and the sensors before it measure?
 
 use crate::frames::{RobotFrame, Tf};
+use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
@@ -38,7 +39,7 @@ impl WheelMotion {
         };
         for &[dx, dy, dtheta] in increments {
             motion.step = motion.step * Tf::new(dx, dy, dtheta);
-            motion.path += dx.hypot(dy);
+            motion.path += math::hypot(dx, dy);
             motion.turned += dtheta.abs();
         }
         motion

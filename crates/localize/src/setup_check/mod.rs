@@ -3,7 +3,7 @@
 //! For each keyframe the poses that explain its line points are searched on the whole field (`keyframe`,
 //! `explanation`). Wheels and compass then select one pose per keyframe: the cheapest chain through all of them
 //! (`chain`). Its cost is a negative log likelihood, so that two set-ups can be compared (`comparison`,
-//! docs/methods.md 14).
+//! docs/methods.md 16).
 
 mod chain;
 mod comparison;

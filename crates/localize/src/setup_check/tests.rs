@@ -17,7 +17,11 @@ fn keyframes(field: &Field, config: SyntheticDriveConfig, seed: u64) -> Vec<Keyf
     let mut keyframes: Vec<Keyframe> = Vec::new();
     let mut rows = Vec::new();
     for sample in drive.take(900) {
-        rows.push([sample.odometry.dx, sample.odometry.dy, sample.odometry.dtheta]);
+        rows.push([
+            sample.odometry.dx,
+            sample.odometry.dy,
+            sample.odometry.dtheta,
+        ]);
         let motion = WheelMotion::from_increments(&rows);
         if !keyframes.is_empty() && motion.path + 0.5 * motion.turned < 1.0 {
             continue;
@@ -99,7 +103,10 @@ fn no_other_size_beats_the_right_field_in_a_hard_hall() {
     for (length, width) in [(18.0, 9.0), (12.0, 12.0), (18.5, 12.0), (18.0, 13.0)] {
         let other = explain_on(&resized(length, width), &keyframes);
         let comparison = compare(&explained, &other);
-        assert!(!comparison.is_better(), "{length} × {width}: {comparison:?}");
+        assert!(
+            !comparison.is_better(),
+            "{length} × {width}: {comparison:?}"
+        );
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use localize::config::LocalizeConfig;
 use localize::field::FieldConfig;
 use localize::setup_check::{Comparison, Explanation, FieldTables, compare, explain, refine};
-use localize::Field;
+use localize::{Field, math};
 use rayon::prelude::*;
 
 use super::change::Change;
@@ -146,7 +146,9 @@ impl Trial<'_> {
         let decoys = fields.len();
         changes.extend(fields);
         let mut found = self.evaluate(variant, now, changes);
-        let others = found.iter().filter(|(change, _)| matches!(change, Change::Field(..)));
+        let others = found
+            .iter()
+            .filter(|(change, _)| matches!(change, Change::Field(..)));
         let arbitrary = decoys > 0
             && now.on_markings() < ARBITRARY_MAX
             && others.clone().count() > 0
@@ -173,7 +175,10 @@ impl Trial<'_> {
 
     /// Do turns of the odometry exceed what a robot does, so that they say little about the poses?
     fn turns_are_fast(&self) -> bool {
-        let rows = self.measured.iter().filter_map(|keyframe| keyframe.odometry.as_ref());
+        let rows = self
+            .measured
+            .iter()
+            .filter_map(|keyframe| keyframe.odometry.as_ref());
         rows.flatten().any(|[_, _, turn]| turn.abs() > 1.0)
     }
 
@@ -258,12 +263,12 @@ impl Trial<'_> {
     }
 
     /// The best centre of the mirror in the image, by steps to the neighbours. None for points without pixels.
-    fn search_centre(
-        &self,
-        variant: &Variant,
-        now: &Explanation,
-    ) -> Option<(Change, Improvement)> {
-        if self.measured.iter().all(|keyframe| keyframe.pixels.is_empty()) {
+    fn search_centre(&self, variant: &Variant, now: &Explanation) -> Option<(Change, Improvement)> {
+        if self
+            .measured
+            .iter()
+            .all(|keyframe| keyframe.pixels.is_empty())
+        {
             return None;
         }
         let field = Field::new(variant.field.clone()).ok()?;
@@ -289,7 +294,7 @@ impl Trial<'_> {
                     .into_iter()
                     .min_by(|a, b| a.0.total_cmp(&b.0))?;
                 let [du, dv] = next.1.centre_shift;
-                if next.0 >= best.0 || du.hypot(dv) > 30.0 {
+                if next.0 >= best.0 || math::hypot(du, dv) > 30.0 {
                     break;
                 }
                 best = next;
@@ -297,7 +302,7 @@ impl Trial<'_> {
         }
         let [u, v] = best.1.centre_shift;
         let [u0, v0] = variant.centre_shift;
-        if (u - u0).hypot(v - v0) < CENTRE_MIN {
+        if math::hypot(u - u0, v - v0) < CENTRE_MIN {
             return None;
         }
         let comparison = compare(&before.2, &best.2);

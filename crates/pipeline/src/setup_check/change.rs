@@ -79,7 +79,9 @@ impl Change {
             Change::Mount { quarters, mirrored } => mount_text(setup, after, *quarters, *mirrored),
             Change::CompassTurn(quarters) => {
                 let degrees = 90 * u16::from(*quarters);
-                format!("compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)")
+                format!(
+                    "compass.csv: turn heading_rad by {degrees} degrees (the compass is mounted so)"
+                )
             }
             Change::CompassDegrees => {
                 "compass.csv: convert heading_rad from degrees to radians (divide by 57.29578)"
@@ -142,10 +144,7 @@ fn mount_text(setup: &Setup, after: &Variant, quarters: u8, mirrored: bool) -> S
             };
             let turn = format!("turned by {} degrees", 90 * u16::from(quarters));
             let mirror = "mirrored (y_m has the wrong sign)".to_owned();
-            let wrong = [
-                (quarters > 0).then_some(turn),
-                mirrored.then_some(mirror),
-            ];
+            let wrong = [(quarters > 0).then_some(turn), mirrored.then_some(mirror)];
             let wrong: Vec<String> = wrong.into_iter().flatten().collect();
             format!("{what} {}", wrong.join(" and "))
         }

@@ -41,7 +41,8 @@ impl KeyframeCollector {
                 self.odometry = None;
             }
             self.last_odometry = Some(row.stamp);
-            self.progress += row.dx.hypot(row.dy) + METRES_PER_RADIAN * row.dtheta.abs().min(0.5);
+            self.progress += localize::math::hypot(row.dx, row.dy)
+                + METRES_PER_RADIAN * row.dtheta.abs().min(0.5);
             if let Some(rows) = &mut self.odometry {
                 rows.push([row.dx, row.dy, row.dtheta]);
             }
@@ -51,9 +52,9 @@ impl KeyframeCollector {
             .map_or(0.0, |last| (cycle.stamp - last) as f32);
         self.last_cycle = Some(cycle.stamp);
         self.progress += METRES_PER_SECOND * seconds.clamp(0.0, 4.0);
-        let connected = self.last_odometry.is_some_and(|last| {
-            (cycle.stamp - last).abs() <= measurements::ODOMETRY_GAP_MAX
-        });
+        let connected = self
+            .last_odometry
+            .is_some_and(|last| (cycle.stamp - last).abs() <= measurements::ODOMETRY_GAP_MAX);
         if !connected {
             self.odometry = None;
         }

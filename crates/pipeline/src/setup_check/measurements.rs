@@ -113,20 +113,22 @@ fn timeline(recording: &Recording) -> Vec<TimelineEntry> {
     for (index, event) in recording.events().iter().enumerate() {
         match &event.data {
             RecordedData::Odometry(odometry) => {
-                connected &= last_odometry
-                    .is_none_or(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
+                connected &=
+                    last_odometry.is_none_or(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
                 last_odometry = Some(event.stamp);
                 rows.push([odometry.dx, odometry.dy, odometry.dtheta]);
             }
             RecordedData::Image(_) | RecordedData::Points(_) => {
-                connected &= last_odometry
-                    .is_some_and(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
+                connected &=
+                    last_odometry.is_some_and(|last| event.stamp - last <= ODOMETRY_GAP_MAX);
                 let seconds = entries
                     .last()
                     .map_or(0.0, |last| (event.stamp - last.stamp) as f32);
                 let moved: f32 = rows
                     .iter()
-                    .map(|[dx, dy, turn]| dx.hypot(*dy) + METRES_PER_RADIAN * turn.abs().min(0.5))
+                    .map(|[dx, dy, turn]| {
+                        localize::math::hypot(*dx, *dy) + METRES_PER_RADIAN * turn.abs().min(0.5)
+                    })
                     .sum();
                 entries.push(TimelineEntry {
                     index,
@@ -187,22 +189,25 @@ fn select(entries: Vec<TimelineEntry>) -> Vec<TimelineEntry> {
 pub(super) fn thin_out(measured: &[MeasuredKeyframe], stride: usize) -> Vec<MeasuredKeyframe> {
     measured
         .chunks(stride)
-        .scan(Some(Vec::new()), |carried: &mut Option<Vec<[f32; 3]>>, chunk| {
-            let first = &chunk[0];
-            let join = |before: Option<Vec<[f32; 3]>>, rows: &Option<Vec<[f32; 3]>>| {
-                before.zip(rows.clone()).map(|(mut all, rows)| {
-                    all.extend(rows);
-                    all
+        .scan(
+            Some(Vec::new()),
+            |carried: &mut Option<Vec<[f32; 3]>>, chunk| {
+                let first = &chunk[0];
+                let join = |before: Option<Vec<[f32; 3]>>, rows: &Option<Vec<[f32; 3]>>| {
+                    before.zip(rows.clone()).map(|(mut all, rows)| {
+                        all.extend(rows);
+                        all
+                    })
+                };
+                let odometry = join(carried.take(), &first.odometry);
+                *carried = chunk[1..]
+                    .iter()
+                    .fold(Some(Vec::new()), |all, next| join(all, &next.odometry));
+                Some(MeasuredKeyframe {
+                    odometry,
+                    ..first.clone()
                 })
-            };
-            let odometry = join(carried.take(), &first.odometry);
-            *carried = chunk[1..]
-                .iter()
-                .fold(Some(Vec::new()), |all, next| join(all, &next.odometry));
-            Some(MeasuredKeyframe {
-                odometry,
-                ..first.clone()
-            })
-        })
+            },
+        )
         .collect()
 }

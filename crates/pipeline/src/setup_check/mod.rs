@@ -11,7 +11,9 @@ mod measurements;
 mod ranges;
 mod variant;
 
-use anyhow::Result;
+use std::path::Path;
+
+use anyhow::{Context, Result};
 use localize::setup_check::Explanation;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -19,10 +21,11 @@ use serde::Serialize;
 pub use assess::Effort;
 pub use collector::KeyframeCollector;
 pub use measurements::MeasuredKeyframe;
-pub use ranges::{RangeFinding, Table};
+pub use ranges::RangeFinding;
 
-use crate::config::PipelineConfig;
-use crate::recording::Recording;
+use crate::config::{PIPELINE_FILE, PipelineConfig};
+use crate::log::LogReader;
+use crate::recording::{Recording, Table};
 use crate::setup::Setup;
 use assess::{Assessment, assess};
 use change::Change;
@@ -42,6 +45,24 @@ pub struct FitFigures {
     pub wheels_agree: Option<f32>,
     /// Share of the compass readings that agree with the poses. None without a compass.
     pub compass_agrees: Option<f32>,
+}
+
+impl FitFigures {
+    /// The figures as one line.
+    pub fn text(&self) -> String {
+        let sensor = |name: &str, share: Option<f32>| {
+            share.map_or_else(String::new, |share| {
+                format!("; {name} {:.0} %", 100.0 * share)
+            })
+        };
+        format!(
+            "set-up: {:.0} % of the line points on markings, {:.1} cm off{}{}",
+            100.0 * self.on_markings,
+            100.0 * self.residual_m,
+            sensor("wheels agree with", self.wheels_agree),
+            sensor("compass with", self.compass_agrees),
+        )
+    }
 }
 
 /// An edit that makes the set-up explain the measurements better.
@@ -93,6 +114,28 @@ pub fn check_recording(
     let ranges = ranges::check_ranges(recording);
     let measured = measurements::measure(recording, setup, config)?;
     Ok(check(setup, config, &measured, ranges, effort))
+}
+
+/// Checks the set-up that a log holds by the line points, wheels and compass that it recorded.
+pub fn check_log(path: &Path, effort: Effort) -> Result<SetupReport> {
+    let log = LogReader::open(path)?;
+    let folder =
+        tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
+    log.header().write_files(folder.path())?;
+    let setup = Setup::load(&folder.path().join("robot.toml"), None)?;
+    let settings = folder.path().join(PIPELINE_FILE);
+    let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
+    let mut keyframes = KeyframeCollector::default();
+    for logged in log {
+        keyframes.add_cycle(&logged?.cycle);
+    }
+    Ok(check(
+        &setup,
+        &config,
+        &keyframes.keyframes(),
+        Vec::new(),
+        effort,
+    ))
 }
 
 /// Checks a set-up by measured keyframes; `ranges`: findings in the tables that they come from.
@@ -192,7 +235,10 @@ fn doubt(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
     if assessment.arbitrary {
         return Some(unknown);
     }
-    let changes = assessment.improvements.iter().flat_map(|found| found.first());
+    let changes = assessment
+        .improvements
+        .iter()
+        .flat_map(|found| found.first());
     let doubtful: Vec<_> = changes
         .filter(|found| {
             !matches!(
@@ -203,16 +249,18 @@ fn doubt(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
         })
         .collect();
     let last = doubtful.last()?;
-    if doubtful.iter().any(|found| {
-        matches!(
-            found.change,
-            Change::Mount { .. } | Change::CompassTurn(_)
-        )
-    }) {
+    if doubtful
+        .iter()
+        .any(|found| matches!(found.change, Change::Mount { .. } | Change::CompassTurn(_)))
+    {
         return Some(unknown);
     }
     // Mean square difference of the poses under both set-ups, the half turn aside.
-    let pairs = assessment.configured.keyframes.iter().zip(&last.explanation.keyframes);
+    let pairs = assessment
+        .configured
+        .keyframes
+        .iter()
+        .zip(&last.explanation.keyframes);
     let (sum, count) = pairs
         .filter_map(|(now, other)| now.pose.zip(other.pose))
         .fold((Matrix3::zeros(), 0.0_f32), |(sum, count), (now, other)| {
@@ -236,7 +284,8 @@ impl SetupReport {
     /// Adds what the ranges of the tables betray.
     fn with_ranges(mut self, ranges: &[RangeFinding]) -> Self {
         for finding in ranges {
-            self.warnings.push(format!("{} `{}`", finding.found, finding.change));
+            self.warnings
+                .push(format!("{} `{}`", finding.found, finding.change));
             self.suggestions.push(Suggestion {
                 change: finding.change.clone(),
                 cause: finding.found.clone(),

@@ -3,7 +3,7 @@
 
 use localize::Stamp;
 
-use crate::recording::{RecordedData, Recording};
+use crate::recording::{RecordedData, Recording, Table};
 
 /// Fastest turn of a robot, rad/s: a wheel speed of 5 m/s at 0.2 m from the centre.
 const TURN_RATE_MAX: f32 = 25.0;
@@ -25,17 +25,6 @@ pub struct RangeFinding {
     pub change: String,
     /// Share of the table's rows that fit, before and after the edit.
     pub fit: [f32; 2],
-}
-
-/// A table of a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Table {
-    /// frames.csv or points.csv.
-    Images,
-    /// odometry.csv.
-    Odometry,
-    /// compass.csv.
-    Compass,
 }
 
 /// The units that the tables betray.
@@ -107,7 +96,10 @@ impl Tables {
         if beyond == 0 {
             return None;
         }
-        let starts_beyond = self.compass.first().is_some_and(|(_, first)| first.abs() > TAU);
+        let starts_beyond = self
+            .compass
+            .first()
+            .is_some_and(|(_, first)| first.abs() > TAU);
         let rates = self.compass.windows(2).filter_map(|rows| {
             let seconds = rows[1].0 - rows[0].0;
             (seconds > 0.0).then(|| (rows[1].1 - rows[0].1).abs() / seconds as f32)
@@ -165,7 +157,8 @@ impl Tables {
         if self.images.len() < 4 || rows.len() < 4 {
             return None;
         }
-        let inside = |stamp: &f64| *stamp >= first.seconds() - 1.0 && *stamp <= last.seconds() + 1.0;
+        let inside =
+            |stamp: &f64| *stamp >= first.seconds() - 1.0 && *stamp <= last.seconds() + 1.0;
         let seconds: Vec<f64> = self.images.iter().map(|stamp| stamp.seconds()).collect();
         let covered = |factor: f64| {
             let scaled = seconds.iter().map(|stamp| stamp * factor);

@@ -50,7 +50,9 @@ impl Variant {
                 stamp: measured.stamp,
                 points: self.points(setup, measured),
                 motion: measured.odometry.as_ref().map(|rows| {
-                    let scaled = rows.iter().map(|&[dx, dy, turn]| [dx, dy, turn * self.turn_factor]);
+                    let scaled = rows
+                        .iter()
+                        .map(|&[dx, dy, turn]| [dx, dy, turn * self.turn_factor]);
                     WheelMotion::from_increments(&scaled.collect::<Vec<_>>())
                 }),
                 compass: measured
@@ -91,7 +93,7 @@ impl Variant {
 
     /// `[camera]` of this set-up.
     pub(super) fn camera(&self, camera: &CameraConfig) -> CameraConfig {
-        // The ground points of the configured camera are turned, then mirrored (docs/methods.md 14).
+        // The ground points of the configured camera are turned, then mirrored (docs/methods.md 16).
         let side = if camera.flipped { -1.0 } else { 1.0 };
         let forward = camera.forward_deg - side * 90.0 * f32::from(self.quarter_turns);
         CameraConfig {

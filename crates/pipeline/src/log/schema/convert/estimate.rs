@@ -141,6 +141,11 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
     })
 }
 
+/// The estimate's reason as text; empty if the pose is simply tracked.
+pub fn reason_text(estimate: &Estimate) -> &'static str {
+    estimate.reason.map_or("", reason_name)
+}
+
 /// The estimate's mode and reason as text.
 pub fn mode_and_reason(estimate: &Estimate) -> String {
     let mode = mode_name(estimate.mode);
