@@ -63,6 +63,17 @@ impl<F> At<F> {
 }
 
 /// The rigid motion that takes coordinates of frame `B` to frame `A`: `a = a_from_b * b`.
+///
+/// ```
+/// use localize::{At, Pose};
+///
+/// // One metre left of the field's centre, looking along y; a ball 2 m ahead of the robot.
+/// let field_from_robot = Pose::new(0.0, 1.0, std::f32::consts::FRAC_PI_2);
+/// let ball = field_from_robot * At::new(2.0, 0.0);
+/// assert!(ball.distance_to(At::new(0.0, 3.0)) < 1e-6);
+/// let seen_again = field_from_robot.inverse() * ball;
+/// assert!(seen_again.distance_to(At::new(2.0, 0.0)) < 1e-6);
+/// ```
 #[derive(Debug, PartialEq)]
 pub struct Tf<A, B> {
     /// B's origin in A, metres.

@@ -10,6 +10,16 @@ use npyz::npz::{NpzArchive, NpzWriter};
 use npyz::{NpyFile, WriterBuilder};
 
 /// Pixel → ground point in the robot frame, for an upright robot.
+///
+/// ```
+/// use vision::GroundMap;
+///
+/// // Two pixels, 1 m ahead and 2 m ahead; ground between them is interpolated.
+/// let map = GroundMap { width_px: 2, height_px: 1, x: vec![1.0, 2.0], y: vec![0.0, 0.0] };
+/// assert_eq!(map.at(1, 0).map(|ground| ground.x), Some(2.0));
+/// assert_eq!(map.interpolate(0.25, 0.0).map(|ground| ground.x), Some(1.25));
+/// assert_eq!(map.at(2, 0), None);
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroundMap {
     /// Columns.
