@@ -475,3 +475,38 @@ impl GroundTruthScene<'_> {
         .is_some_and(|whole| visible > 0.5 * whole)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn robot(x: f32, std: f32) -> RobotDetection {
+        RobotDetection {
+            at: At::new(x, 0.0),
+            edge: At::new(x - 0.25, 0.0),
+            covariance: [std * std, 0.0, std * std],
+            width: 0.5,
+            marker: None,
+            score: 1.0,
+            position_px: [0.0, 0.0],
+        }
+    }
+
+    #[test]
+    fn one_detection_counts_for_one_robot() {
+        let truths = [At::new(2.0, 0.0), At::new(2.3, 0.0)];
+        let one = assign_robots(&[robot(2.2, 0.1)], &truths);
+        assert_eq!(one, [None, Some(0)]);
+        let two = assign_robots(&[robot(2.2, 0.1), robot(2.1, 0.1)], &truths);
+        assert_eq!(two, [Some(1), Some(0)]);
+    }
+
+    #[test]
+    fn detection_beyond_its_stated_error_is_of_no_robot() {
+        let truth = At::new(2.0, 0.0);
+        assert!(is_within_error(&robot(2.25, 0.1), truth));
+        assert!(!is_within_error(&robot(2.25, 0.05), truth));
+        // A large stated error does not make a detection half a metre off right.
+        assert!(!is_within_error(&robot(2.6, 5.0), truth));
+    }
+}

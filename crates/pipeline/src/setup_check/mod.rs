@@ -9,6 +9,8 @@ mod change;
 mod collector;
 mod measurements;
 mod ranges;
+#[cfg(test)]
+mod tests;
 mod variant;
 
 use std::path::Path;
