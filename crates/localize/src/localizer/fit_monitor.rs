@@ -26,6 +26,8 @@ const STEP_TURN: f32 = 0.3;
 /// Images, or steps of wheels and compass, before a figure can raise a doubt.
 const IMAGES_MIN: u32 = 60;
 const STEPS_MIN: u32 = 15;
+/// Steps before a figure is shown.
+const STEPS_SHOWN_MIN: u32 = 3;
 /// Agreement (1: equal, 0: unrelated, −1: opposite) below which the wheels contradict the poses: that of a camera turned
 /// by 90°, with a margin for what the filter takes from the wheels.
 const AGREEMENT_MIN: f32 = 0.2;
@@ -177,18 +179,21 @@ impl FitMonitor {
         (in_sight >= 8).then(|| seen as f32 / in_sight as f32)
     }
 
+    /// Agreement of the wheels with the poses' translation and rotation, the smaller one.
+    fn wheels(&self, count_min: u32) -> Option<f32> {
+        let means = [self.translation, self.rotation];
+        let known = means.iter().filter_map(|mean| mean.known(count_min));
+        known.reduce(f32::min)
+    }
+
     /// The figures.
     pub(super) fn fit(&self) -> Fit {
-        let wheels = [self.translation, self.rotation]
-            .iter()
-            .filter_map(|mean| mean.known(STEPS_MIN))
-            .reduce(f32::min);
         Fit {
             on_markings: self.on_markings.value,
             residual: self.squared_residual.value.max(0.0).sqrt(),
             markings_seen: self.seen.value,
-            wheels,
-            compass: self.compass.known(STEPS_MIN),
+            wheels: self.wheels(STEPS_SHOWN_MIN),
+            compass: self.compass.known(STEPS_SHOWN_MIN),
         }
     }
 
@@ -196,7 +201,7 @@ impl FitMonitor {
     ///
     /// A compass alone raises no doubt: magnets disturb it for seconds in right set-ups.
     pub(super) fn is_doubtful(&self, inlier_share_min: f32) -> bool {
-        let wheels = self.fit().wheels;
+        let wheels = self.wheels(STEPS_MIN);
         let points = self.on_markings.known(IMAGES_MIN);
         wheels.is_some_and(|agreement| agreement < AGREEMENT_MIN)
             || points.is_some_and(|share| share < inlier_share_min)

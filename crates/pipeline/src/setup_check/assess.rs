@@ -50,13 +50,13 @@ pub(super) struct Assessment {
 /// Most changes on top of each other.
 const CHANGES_MAX: usize = 3;
 /// Keyframes for the first selection of a field's size; the best sizes are then compared on all.
-const SCAN_KEYFRAMES: usize = 16;
+const SCAN_KEYFRAMES: usize = 12;
 /// Steps of a field's size, metres: half of the first is within the matcher's reach.
 const SIZE_STEPS: [f32; 3] = [0.5, 0.2, 0.05];
 /// Range of a field's size against the configured one.
 const SIZE_RANGE: (f32, f32) = (0.5, 2.0);
 /// Share of points above which no other field can be much better.
-const POINTS_FINE: f32 = 0.96;
+const POINTS_FINE: f32 = 0.93;
 /// Share of wheel steps or compass readings above which they agree.
 const SENSORS_FINE: f32 = 0.9;
 /// Steps of the mirror's centre, pixels.
@@ -138,27 +138,25 @@ impl Trial<'_> {
         if full || !sensors_fine || self.turns_are_fast() {
             changes.extend([Change::CompassDegrees, Change::TurnDegrees]);
         }
-        let fields = if full || !points_fine {
-            shipped_fields(variant)
-        } else {
-            Vec::new()
-        };
-        let decoys = fields.len();
-        changes.extend(fields);
-        let mut found = self.evaluate(variant, now, changes);
-        let others = found
-            .iter()
-            .filter(|(change, _)| matches!(change, Change::Field(..)));
-        let arbitrary = decoys > 0
-            && now.on_markings() < ARBITRARY_MAX
-            && others.clone().count() > 0
-            && others
-                .clone()
-                .any(|(_, improvement)| !improvement.comparison.is_worse());
-        if full || !points_fine {
+        // Cheap, since the poses are known: a shifted centre takes points off the markings, too.
+        let mut found: Vec<(Change, Improvement)> =
+            self.search_centre(variant, now).into_iter().collect();
+        let centre_explains = found.iter().any(|(_, improvement)| {
+            improvement.comparison.is_better()
+                && improvement.explanation.on_markings() >= POINTS_FINE
+        });
+        let other_fields = full || !(points_fine || centre_explains);
+        if other_fields {
+            changes.extend(shipped_fields(variant));
+        }
+        found.extend(self.evaluate(variant, now, changes));
+        let arbitrary = now.on_markings() < ARBITRARY_MAX
+            && found.iter().any(|(change, improvement)| {
+                matches!(change, Change::Field(..)) && !improvement.comparison.is_worse()
+            });
+        if other_fields {
             found.extend(self.search_size(variant, now));
         }
-        found.extend(self.search_centre(variant, now));
         let mut better: Vec<Improvement> = found
             .into_iter()
             .map(|(_, improvement)| improvement)

@@ -202,7 +202,7 @@ pub(super) fn thin_out(measured: &[MeasuredKeyframe], stride: usize) -> Vec<Meas
                 let odometry = join(carried.take(), &first.odometry);
                 *carried = chunk[1..]
                     .iter()
-                    .fold(Some(Vec::new()), |all, next| join(all, &next.odometry));
+                    .try_fold(Vec::new(), |all, next| join(Some(all), &next.odometry));
                 Some(MeasuredKeyframe {
                     odometry,
                     ..first.clone()

@@ -274,11 +274,19 @@ fn doubt(setup: &Setup, assessment: &Assessment) -> Option<Matrix3<f32>> {
                 .unwrap_or_default();
             (sum + offset * offset.transpose(), count + 1.0)
         });
+    // Under a wrong size the poses may cling to either end.
+    let (now, other) = (&setup.field.config, &last.after.field);
+    let resized = Vector3::new(
+        0.5 * (now.length - other.length),
+        0.5 * (now.width - other.width),
+        0.0,
+    );
     let floor = match last.change {
         Change::Centre(_) => Vector3::zeros(),
         _ => Vector3::new(DOUBT_STD.0, DOUBT_STD.0, DOUBT_STD.1),
     };
-    let floor = Matrix3::from_diagonal(&floor.component_mul(&floor));
+    let floor = floor.component_mul(&floor) + resized.component_mul(&resized);
+    let floor = Matrix3::from_diagonal(&floor);
     Some(sum / count.max(1.0) + floor)
 }
 

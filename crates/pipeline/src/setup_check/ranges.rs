@@ -179,12 +179,12 @@ impl Tables {
         });
         let best = factors
             .map(|unit| (covered(unit.0), unit))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
             .filter(|(share, (factor, ..))| {
                 // Both must last about as long, or images divided by a thousand would fit any table.
                 let ratio = (last_image - first_image) * factor / (last - first).max(1e-9);
                 *share >= COVERED_MIN.max(2.0 * now) && (0.5..=2.0).contains(&ratio)
-            });
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0));
         let span = format!(
             "{images}: {:.0} % of its stamps ({:.1} to {:.1} s) lie within those of {name} ({:.1} to {:.1} s)",
             100.0 * now,
