@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 from setup_mistakes import MISTAKES, make_folder
 
 ROOT = Path(__file__).parents[1]
@@ -28,7 +29,7 @@ EDITS = {
 
 def run(*arguments: str | Path) -> tuple[dict[str, Any], str]:
     """The JSON result and what went to standard error."""
-    command = [PROGRAM, *map(str, arguments), "--json"]
+    command = [str(PROGRAM), *map(str, arguments), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
     return json.loads(done.stdout), done.stderr
 
