@@ -45,6 +45,8 @@ pub mod filter;
 pub mod estimate;
 pub mod localizer;
 
+pub mod setup_check;
+
 pub mod team;
 pub mod world;
 

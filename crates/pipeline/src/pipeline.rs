@@ -54,6 +54,8 @@ pub struct Pipeline {
     last_image: Option<Stamp>,
     last_pose: Option<StampedPose>,
     notice: Option<String>,
+    /// Covariance added to each pose, if the set-up is known to be wrong.
+    doubt: Option<Matrix3<f32>>,
 }
 
 /// The pose of the latest image, from which another pipeline can start.
@@ -120,12 +122,18 @@ impl Pipeline {
             last_image: None,
             last_pose: None,
             notice,
+            doubt: None,
         })
     }
 
     /// What a user should know about the construction: a scan map that was built, or could not be stored.
     pub fn notice(&self) -> Option<&str> {
         self.notice.as_deref()
+    }
+
+    /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
+    pub fn doubt_setup(&mut self, covariance: Matrix3<f32>) {
+        self.doubt = Some(covariance);
     }
 
     /// Number of distinct pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
@@ -173,7 +181,10 @@ impl Pipeline {
         inputs.image = features.image;
         self.add_inputs(&inputs);
         self.localizer.add_goals(stamp, &features.goals);
-        let estimate = self.localizer.process_points(stamp, &features.line_points);
+        let mut estimate = self.localizer.process_points(stamp, &features.line_points);
+        if let Some(covariance) = &self.doubt {
+            estimate.doubt_setup(covariance);
+        }
         let observations = features
             .detections
             .as_ref()

@@ -70,6 +70,13 @@ impl Setup {
     }
 }
 
+impl Setup {
+    /// True if the ground map was calibrated, so that centre, forward direction and flip of the camera do not matter.
+    pub fn is_calibrated(&self) -> bool {
+        self.robot.map.is_some() || self.robot.mirror.is_none()
+    }
+}
+
 /// Height of the viewpoint, metres: the mirror's height at the mean of its inner and outer radius.
 fn profile_viewpoint_height(profile: &Profile) -> f32 {
     let (inner, outer) = profile.radii();

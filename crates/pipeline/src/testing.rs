@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use std::path::{Path, PathBuf};
 
-use localize::estimate::{Estimate, Mode, Reason};
+use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::frames::At;
 use localize::global_search::branch_and_bound::Hypothesis;
 use localize::omni::Twist;
@@ -271,6 +271,13 @@ impl RandomValues {
             collision: number.is_multiple_of(2),
             gyro_bias: self.value(),
             latency: self.value(),
+            fit: Fit {
+                on_markings: self.value(),
+                residual: self.value(),
+                markings_seen: self.value(),
+                wheels: (!lost).then(|| self.value()),
+                compass: lost.then(|| self.value()),
+            },
             runners_up: vec![Hypothesis {
                 pose: self.pose(),
                 covariance: self.matrix(),

@@ -28,6 +28,7 @@ use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Cycle, Pipeline, PipelineConfig};
 
 /// Capacity of the queue of device events: more than a second of every device.
@@ -45,6 +46,7 @@ const POSE_QUEUE_CAPACITY: usize = 300;
 /// A run with everything that it needs.
 pub(super) struct RunLoop {
     robot: RobotFolder,
+    config: PipelineConfig,
     pipeline: Pipeline,
     log: Option<LogRotation>,
     pose_writer: Option<PoseWriter>,
@@ -90,6 +92,7 @@ impl RunLoop {
         let pose_writer = args.out.as_deref().map(PoseWriter::start).transpose()?;
         Ok(RunLoop {
             robot,
+            config,
             pipeline,
             log,
             pose_writer,
@@ -151,7 +154,16 @@ impl RunLoop {
             }
             finished.summary
         });
+        // The wheels have stopped: the trials of other set-ups take seconds.
+        let setup = setup_check::check(
+            &self.robot.setup,
+            &self.config,
+            &state.keyframes.keyframes(),
+            Vec::new(),
+            Effort::Brief,
+        );
         Ok(status.into_report(RunOutcome {
+            warnings: setup.warnings,
             dropped: events.drop_counts(),
             samples_refused: state.samples_refused,
             wheels_stopped,
@@ -219,6 +231,7 @@ impl RunLoop {
         self.arbiter.set_pose(cycle.stamp, cycle.estimate.pose);
         let published = hw::now();
         status.count_cycle(&cycle, received, published);
+        state.keyframes.add_cycle(&cycle);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
         if let Some(poses) = &self.pose_writer {
@@ -278,6 +291,8 @@ struct RunState {
     notices: OperatorNotices,
     /// Samples with values that are not finite.
     samples_refused: u64,
+    /// For the check of the set-up at the end.
+    keyframes: KeyframeCollector,
 }
 
 impl RunState {
@@ -287,6 +302,7 @@ impl RunState {
             last_image: hw::now(),
             notices: OperatorNotices::default(),
             samples_refused: 0,
+            keyframes: KeyframeCollector::default(),
         }
     }
 

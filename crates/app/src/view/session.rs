@@ -13,6 +13,7 @@ use super::calibration_state::CalibrationState;
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
 use super::settings_state::SettingsState;
+use super::setup_job::SetupCheck;
 use super::source::decoded_cycle::DecodedCycle;
 use super::source::inbox::CycleInbox;
 use super::source::live::LiveSource;
@@ -97,6 +98,8 @@ pub(crate) struct Session {
     pub(crate) mask: Option<Arc<Vec<bool>>>,
     /// Counts changes of settings, colour table and mask.
     pub(crate) revision: u64,
+    /// Check of the log's set-up.
+    pub(crate) setup_check: SetupCheck,
     metrics_reader: Option<MetricsReader>,
 }
 
@@ -121,6 +124,7 @@ impl Default for Session {
             colour_table: None,
             mask: None,
             revision: 0,
+            setup_check: SetupCheck::default(),
             metrics_reader: None,
         }
     }

@@ -7,6 +7,7 @@
 mod candidates;
 mod field_half;
 mod global_check;
+mod fit_monitor;
 mod global_localization;
 mod match_figures;
 mod measurements;
@@ -40,6 +41,7 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
+use fit_monitor::FitMonitor;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
 use state::{GlobalCheck, State};
@@ -114,6 +116,7 @@ pub struct Localizer {
     global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
     mean_inlier_share: f32,
+    fit_monitor: FitMonitor,
 }
 
 /// What odometry changes, at the time of one image.
@@ -191,6 +194,7 @@ impl Localizer {
             coloured_goals: ColouredGoals::new(field),
             pending_goals: None,
             mean_inlier_share: 0.0,
+            fit_monitor: FitMonitor::new(field),
             out_of_order_count: 0,
             snapshot: None,
             buffered: Vec::new(),
@@ -278,15 +282,32 @@ impl Localizer {
                 *value += mean;
             }
         }
+        self.measure_fit(&mut estimate, &points);
         self.take_snapshot();
         for measurement in later {
             self.receive(measurement);
         }
-        Estimate {
+        let mut estimate = Estimate {
             stamp,
             line_points: points.len(),
             ..self.predict_estimate_to(stamp, estimate)
+        };
+        if self
+            .fit_monitor
+            .is_doubtful(self.config.mode.inlier_share_min)
+        {
+            estimate.doubt_setup(&self.uniform_covariance);
         }
+        estimate
+    }
+
+    /// Adds the image to the figures of the fit.
+    fn measure_fit(&mut self, estimate: &mut Estimate, points: &[LinePoint]) {
+        let heading = self
+            .heading_prior(estimate.stamp)
+            .map(|prior| prior.heading);
+        self.fit_monitor.add_image(estimate, points, heading);
+        estimate.fit = self.fit_monitor.fit();
     }
 
     /// Predicts an estimate from the exposure to the image's stamp.

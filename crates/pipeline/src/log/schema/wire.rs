@@ -129,6 +129,24 @@ pub(crate) struct Estimate {
     pub(crate) gyro_bias: f32,
     #[prost(float, required)]
     pub(crate) latency: f32,
+    /// Absent in logs of earlier versions.
+    #[prost(message, optional)]
+    pub(crate) fit: Option<Fit>,
+}
+
+/// `localize::estimate::Fit`: how well the set-up fits the last seconds.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct Fit {
+    #[prost(float, required)]
+    pub(crate) on_markings: f32,
+    #[prost(float, required)]
+    pub(crate) residual: f32,
+    #[prost(float, required)]
+    pub(crate) markings_seen: f32,
+    #[prost(float, optional)]
+    pub(crate) wheels: Option<f32>,
+    #[prost(float, optional)]
+    pub(crate) compass: Option<f32>,
 }
 
 /// True poses and positions, field frame, metres.

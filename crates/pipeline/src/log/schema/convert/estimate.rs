@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use localize::Stamp;
-use localize::estimate::{Estimate, Mode, Reason};
+use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::global_search::branch_and_bound::Hypothesis;
 use localize::omni::Twist;
 
@@ -21,6 +21,7 @@ names!(reason_name, reason_named: Reason {
     Ambiguous = "ambiguous",
     OutOfOrder = "out of order" | "from the past",
     Searching = "searching",
+    DoubtfulSetup = "doubtful set-up",
 });
 pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
     let Estimate {
@@ -39,6 +40,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         collision,
         gyro_bias,
         latency,
+        fit,
         runners_up,
     } = estimate;
     wire::Estimate {
@@ -58,6 +60,13 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         collision: *collision,
         gyro_bias: *gyro_bias,
         latency: *latency,
+        fit: Some(wire::Fit {
+            on_markings: fit.on_markings,
+            residual: fit.residual,
+            markings_seen: fit.markings_seen,
+            wheels: fit.wheels,
+            compass: fit.compass,
+        }),
     }
 }
 
@@ -89,6 +98,13 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
         collision: estimate.collision,
         gyro_bias: estimate.gyro_bias,
         latency: estimate.latency,
+        fit: estimate.fit.map_or_else(Fit::default, |fit| Fit {
+            on_markings: fit.on_markings,
+            residual: fit.residual,
+            markings_seen: fit.markings_seen,
+            wheels: fit.wheels,
+            compass: fit.compass,
+        }),
     })
 }
 
@@ -123,6 +139,11 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
         residual: hypothesis.residual,
         tilt: pair(&hypothesis.lean)?,
     })
+}
+
+/// The estimate's reason as text; empty if the pose is simply tracked.
+pub fn reason_text(estimate: &Estimate) -> &'static str {
+    estimate.reason.map_or("", reason_name)
 }
 
 /// The estimate's mode and reason as text.
