@@ -4,6 +4,7 @@ use nalgebra::Matrix3;
 
 use crate::frames::Pose;
 use crate::global_search::branch_and_bound::Hypothesis;
+use crate::map_correction::MapCorrectionEstimate;
 use crate::omni::Twist;
 use crate::stamp::Stamp;
 
@@ -37,6 +38,8 @@ pub enum Reason {
     NoMatch,
     /// Several poses explain the points, see `runners_up`.
     Ambiguous,
+    /// Another mounting of camera and mirror explains the points better: the map's correction begins anew.
+    CameraKnocked,
     /// The image is older than the filter and was not used.
     OutOfOrder,
     /// The set-up (field, camera mount, units) contradicts the measurements, see `fit`.
@@ -94,6 +97,8 @@ pub struct Estimate {
     pub latency: f32,
     /// How well the set-up fits.
     pub fit: Fit,
+    /// What is known about the ground map's errors. None if the correction is switched off.
+    pub map_correction: Option<MapCorrectionEstimate>,
     /// Alternative poses that explain the points, with their probabilities. Excludes `pose`.
     pub runners_up: Vec<Hypothesis>,
 }

@@ -42,6 +42,8 @@ pub mod global_search;
 
 pub mod filter;
 
+pub mod map_correction;
+
 pub mod estimate;
 pub mod localizer;
 

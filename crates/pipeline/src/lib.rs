@@ -14,6 +14,7 @@ pub mod setup;
 pub mod recording;
 pub mod simulation;
 
+pub mod corrected_map;
 pub mod cycle;
 pub mod observations;
 pub mod pipeline;

@@ -5,6 +5,7 @@ use std::time::Instant;
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
+use localize::map_correction::{MapBasis, MapCorrection};
 
 use localize::localizer::Localizer;
 use localize::sample::{GoalObservation, LinePoint};
@@ -14,10 +15,12 @@ use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 use vision::exposure::{AutoExposure, ExposureStatus};
 use vision::objects::goals::GoalKind;
+use vision::optics::map_basis;
 use vision::process::{Detections, Vision};
 
 use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
+use crate::observations::{correct_goals, object_observations};
 use crate::paths;
 use crate::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use crate::scan_map_cache::{self, CacheStatus};
@@ -111,7 +114,9 @@ impl Pipeline {
         if let (Some(detector), Some(colours)) = (&mut detector, &setup.colours) {
             detector.set_colour_table(colours.clone());
         }
-        let (localizer, notice) = build_localizer(setup, localize);
+        let basis = map_basis(setup, &localize)?;
+        let (mut localizer, notice) = build_localizer(setup, localize);
+        localizer.set_map_basis(basis);
         Ok(Pipeline {
             vision: detector,
             exposure,
@@ -157,6 +162,11 @@ impl Pipeline {
         self.localizer.particles()
     }
 
+    /// What was learned about the ground map. None if the correction is switched off.
+    pub fn map_correction(&self) -> Option<&MapCorrection> {
+        self.localizer.map_correction()
+    }
+
     /// Takes a sample; an image ends a cycle.
     pub fn process_sample(&mut self, sample: Sample) -> Option<Cycle> {
         match sample {
@@ -180,7 +190,8 @@ impl Pipeline {
         let started = Instant::now();
         inputs.image = features.image;
         self.add_inputs(&inputs);
-        self.localizer.add_goals(stamp, &features.goals);
+        let goals = correct_goals(features.goals, self.localizer.map_correction());
+        self.localizer.add_goals(stamp, &goals);
         let mut estimate = self.localizer.process_points(stamp, &features.line_points);
         if let Some(covariance) = &self.doubt {
             estimate.doubt_setup(covariance);
@@ -188,7 +199,7 @@ impl Pipeline {
         let observations = features
             .detections
             .as_ref()
-            .map(crate::observations::object_observations);
+            .map(|detections| object_observations(detections, self.localizer.map_correction()));
         let world = self.world.update(stamp, observations.as_ref(), &estimate);
         let team = self.team.update(stamp, &world, &estimate);
         // For the next image: this image's estimate is final already.
@@ -294,6 +305,19 @@ impl Features {
             ..Features::default()
         }
     }
+}
+
+/// The possible errors of the setup's ground map. None without a camera.
+fn map_basis(setup: &Setup, config: &LocalizeConfig) -> Result<Option<MapBasis>> {
+    let Some((camera, map)) = setup.camera.as_ref() else {
+        return Ok(None);
+    };
+    let (height, config) = (config.matching.viewpoint_height, &config.map_correction);
+    let basis = match &setup.traced_mirror {
+        Some(profile) => map_basis::basis_from_profile(camera, profile, height, config)?,
+        None => map_basis::basis_from_map(camera, map, height, config),
+    };
+    Ok(Some(basis))
 }
 
 /// A localizer on the setup's field, and a notice about its scan map, which comes from the cache folder if possible.

@@ -13,6 +13,7 @@ use sim::scenario::Scenario;
 use vision::config::ObjectConfig;
 
 use crate::config::PipelineConfig;
+use crate::corrected_map;
 use crate::cycle::Cycle;
 use crate::log::{LogConfig, Recorder, start_log};
 use crate::multi_robot::{MultiRobotSimulation, RobotSummary};
@@ -305,6 +306,8 @@ pub struct RecordingOptions {
     pub folder: PathBuf,
     /// A calibrated map in place of the robot's own.
     pub map: Option<PathBuf>,
+    /// File for the ground map with what was learned about its errors.
+    pub save_map: Option<PathBuf>,
     /// Settings of the pipeline.
     pub config: PipelineConfig,
     /// Standard deviation of line points that come without one, metres.
@@ -338,6 +341,7 @@ pub struct RecordingRun {
     recording: Recording,
     pipeline: Pipeline,
     report: SetupReport,
+    save_map: Option<PathBuf>,
 }
 
 impl RecordingRun {
@@ -362,6 +366,7 @@ impl RecordingRun {
             recording,
             pipeline,
             report,
+            save_map: options.save_map.clone(),
         })
     }
 
@@ -382,6 +387,7 @@ impl RecordingRun {
             recording,
             mut pipeline,
             report,
+            save_map,
         } = self;
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
@@ -409,6 +415,9 @@ impl RecordingRun {
                 };
                 detections.add_image(found, &scene);
             }
+        }
+        if let Some(path) = save_map {
+            corrected_map::save(&setup, &pipeline, &path)?;
         }
         let summary = statistics.summary();
         let coverage = pipeline.scan_coverage();

@@ -25,6 +25,8 @@ pub struct Setup {
     pub mask: Option<Vec<bool>>,
     /// Height of the mirror above the ground, metres, if its profile is known.
     pub viewpoint_height: Option<f32>,
+    /// The mirror whose ideal mount gave the ground map. None for a calibrated map.
+    pub traced_mirror: Option<Profile>,
 }
 
 impl Setup {
@@ -51,8 +53,8 @@ impl Setup {
             )),
             None => None,
         };
-        let viewpoint_height = match &robot.mirror {
-            Some(mirror) => Some(profile_viewpoint_height(&Profile::load(&mirror.profile)?)),
+        let profile = match &robot.mirror {
+            Some(mirror) => Some(Profile::load(&mirror.profile)?),
             None => None,
         };
         let mask = match (&robot.mask, &robot.camera) {
@@ -65,7 +67,8 @@ impl Setup {
             robot,
             field,
             camera,
-            viewpoint_height,
+            viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
+            traced_mirror: profile.filter(|profile| is_traced(camera.as_ref(), profile)),
         })
     }
 }
@@ -75,6 +78,23 @@ impl Setup {
     pub fn is_calibrated(&self) -> bool {
         self.robot.map.is_some() || self.robot.mirror.is_none()
     }
+}
+
+/// Is the ground map that of the mirror as designed? Logs store such a map beside the profile.
+fn is_traced(camera: Option<&(CameraConfig, Arc<GroundMap>)>, profile: &Profile) -> bool {
+    let Some((camera, map)) = camera else {
+        return false;
+    };
+    let bits = |values: &[f32]| {
+        values
+            .iter()
+            .map(|value| value.to_bits())
+            .collect::<Vec<_>>()
+    };
+    optics::trace_rays(camera, profile, &Mount::default()).is_ok_and(|rays| {
+        let traced = rays.ground_map();
+        bits(&traced.x) == bits(&map.x) && bits(&traced.y) == bits(&map.y)
+    })
 }
 
 /// Height of the viewpoint, metres: the mirror's height at the mean of its inner and outer radius.
@@ -113,7 +133,10 @@ fn load_ground_map(
         .map(PathBuf::from)
         .or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
     let (map, source) = match (calibrated, &robot.mirror) {
-        (Some(file), _) => (GroundMap::load(&file)?, file),
+        (Some(file), _) => (
+            GroundMap::load_for_camera(&file, [camera.width_px, camera.height_px])?,
+            file,
+        ),
         (None, Some(mirror)) => {
             let profile = Profile::load(&mirror.profile)?;
             let rays = optics::trace_rays(camera, &profile, &Mount::default())

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::frames::At;
 use localize::global_search::branch_and_bound::Hypothesis;
+use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
 use localize::robot::CameraSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
@@ -278,6 +279,19 @@ impl RandomValues {
                 wheels: (!lost).then(|| self.value()),
                 compass: lost.then(|| self.value()),
             },
+            map_correction: number.is_multiple_of(2).then(|| MapCorrectionEstimate {
+                terms: [TermKind::MirrorTiltX, TermKind::Range(3)]
+                    .map(|kind| TermEstimate {
+                        kind,
+                        value: self.value(),
+                        std: self.value(),
+                    })
+                    .into(),
+                images: 7,
+                knocks: 1,
+                displacement_at_3_m: self.value(),
+                displacement_std_at_3_m: self.value(),
+            }),
             runners_up: vec![Hypothesis {
                 pose: self.pose(),
                 covariance: self.matrix(),

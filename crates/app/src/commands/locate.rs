@@ -32,6 +32,9 @@ pub(crate) struct Args {
     /// Also write ball, robots and goals: stamp_s,kind,x_m,y_m,std_m,score in the robot frame.
     #[arg(long, value_name = "FILE")]
     seen: Option<PathBuf>,
+    /// Write the ground map with what was learned about its errors (npz).
+    #[arg(long, value_name = "MAP.npz")]
+    save_map: Option<PathBuf>,
     /// Localization method: the default, or that of a paper (lima2001, minho2016, nubot2013).
     #[arg(long, value_name = "NAME", value_parser = localize::presets::PRESETS, default_value = "default")]
     preset: String,
@@ -57,10 +60,12 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         Some(&*out),
         args.points.as_deref(),
         args.seen.as_deref(),
+        args.save_map.as_deref(),
     ])?;
     let run = RecordingRun::open(&RecordingOptions {
         folder: args.dir.clone(),
         map: args.map.clone(),
+        save_map: args.save_map.clone(),
         config: PipelineConfig::load(&args.preset, args.config.as_deref())?,
         external_point_std: EXTERNAL_POINT_STD,
     })?;

@@ -88,12 +88,13 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             whole,
         });
     }
-    let (mut failure, mut nothing_verified) = (None, false);
+    let (mut failure, mut nothing_verified) = (None, None);
     if args.verify || args.export.is_none() {
         let log = LogReader::open(&args.log)?;
         if let Some(note) = log.header().version_mismatch() {
             eprintln!("{}: {note}", args.log.display());
         }
+        let continued = log.header().continues.clone();
         let (report, warnings) =
             verify_log(log).with_context(|| format!("cannot verify {}", args.log.display()))?;
         if !json {
@@ -112,17 +113,22 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             whole: report.end == LogEnd::Complete,
         });
         failure = report.first_difference;
-        nothing_verified = report.cycles == 0;
+        nothing_verified = (report.cycles == 0).then_some(match continued {
+            Some(earlier) => format!(
+                "it continues {earlier} after a full disk, and replay would need the state at the end of that log. \
+                 Verify the first log of the run"
+            ),
+            None => "no cycle could be computed again (expected at least one)".to_owned(),
+        });
     }
     if json {
         println!("{}", serde_json::to_string(&summary)?);
     }
     match failure {
-        None if nothing_verified => bail!(
-            "{}: no cycle could be verified (expected at least one)",
-            args.log.display()
-        ),
-        None => Ok(()),
+        None => match nothing_verified {
+            Some(reason) => bail!("{}: nothing is verified: {reason}", args.log.display()),
+            None => Ok(()),
+        },
         Some(Difference {
             stamp,
             quantity,

@@ -1,6 +1,6 @@
 //! What happens between start and stop? Samples of devices go through the pipeline; the wheels stop before anything else ends.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -24,6 +24,7 @@ use super::teleop;
 use crate::memory::{self, RUN_RETAINED_BYTES};
 use crate::stream::StreamPreamble;
 use pipeline::config::PIPELINE_FILE;
+use pipeline::corrected_map;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
@@ -57,6 +58,7 @@ pub(super) struct RunLoop {
     teleop: bool,
     realtime: Option<i32>,
     duration: f64,
+    save_map: Option<PathBuf>,
 }
 
 impl RunLoop {
@@ -103,6 +105,7 @@ impl RunLoop {
             teleop: args.teleop,
             realtime: args.realtime,
             duration: args.duration.unwrap_or(f64::INFINITY),
+            save_map: args.save_map.clone(),
         })
     }
 
@@ -143,6 +146,13 @@ impl RunLoop {
         if let Some(thread) = motion_thread {
             // A panic has been reported, and the wheels have stopped.
             let _ended = thread.join();
+        }
+        if let Some(path) = &self.save_map {
+            let saved = corrected_map::save(&self.robot.setup, &self.pipeline, path);
+            status.print_line(&match saved {
+                Ok(()) => format!("corrected map: {}", path.display()),
+                Err(error) => format!("cannot write {}: {error:#}", path.display()),
+            });
         }
         if let Some(error) = self.pose_writer.and_then(PoseWriter::finish) {
             status.report_log_change(&error);

@@ -27,6 +27,12 @@ const MESSAGE_DATA: u8 = 1;
 pub(crate) struct StreamClient {
     socket: WebSocket<TcpStream>,
     address: String,
+    messages: StreamMessages,
+}
+
+/// The messages of a live stream, as a client reads them: which channels there are, and the cycles assembled from them.
+#[derive(Default)]
+pub struct StreamMessages {
     /// By subscription id.
     topics: HashMap<u32, SubscribedTopic>,
     assembler: CycleAssembler,
@@ -34,7 +40,7 @@ pub(crate) struct StreamClient {
 
 /// A received event.
 #[derive(Debug)]
-pub(crate) enum StreamEvent {
+pub enum StreamEvent {
     /// The header of a log of this run. Comes first, and again whenever another viewer subscribes.
     Header(Box<Header>),
     /// A cycle, with its encoded image if the stream carries images.
@@ -83,8 +89,7 @@ impl StreamClient {
         Ok(StreamClient {
             socket,
             address: host_port.to_owned(),
-            topics: HashMap::new(),
-            assembler: CycleAssembler::default(),
+            messages: StreamMessages::default(),
         })
     }
 
@@ -99,8 +104,8 @@ impl StreamClient {
             let left = left.max(Duration::from_millis(1));
             self.socket.get_ref().set_read_timeout(Some(left))?;
             let event = match self.socket.read() {
-                Ok(Message::Text(text)) => self.handle_text(&text).map(|()| None),
-                Ok(Message::Binary(bytes)) => self.handle_binary(&bytes),
+                Ok(Message::Text(text)) => self.subscribe(&text).map(|()| None),
+                Ok(Message::Binary(bytes)) => self.messages.read_binary(&bytes, &self.address),
                 Ok(Message::Close(_)) => Err(anyhow!("the stream has ended")),
                 Ok(_) => Ok(None),
                 Err(tungstenite::Error::Io(error))
@@ -119,12 +124,21 @@ impl StreamClient {
         }
     }
 
-    /// Subscribes to the topics of a cycle when the server advertises its channels.
-    fn handle_text(&mut self, text: &str) -> Result<()> {
+    fn subscribe(&mut self, text: &str) -> Result<()> {
+        if let Some(request) = self.messages.read_text(text)? {
+            self.socket.send(Message::text(request))?;
+        }
+        Ok(())
+    }
+}
+
+impl StreamMessages {
+    /// The request that subscribes to the topics of a cycle, when the server advertises its channels.
+    pub fn read_text(&mut self, text: &str) -> Result<Option<String>> {
         let message: ServerMessage =
             serde_json::from_str(text).context("not a message of Foxglove's protocol")?;
         if message.op != "advertise" {
-            return Ok(());
+            return Ok(None);
         }
         let mut subscriptions = Vec::new();
         for AdvertisedChannel { id, topic } in message.channels {
@@ -140,12 +154,11 @@ impl StreamClient {
             op: "subscribe",
             subscriptions,
         };
-        self.socket
-            .send(Message::text(serde_json::to_string(&subscribe)?))?;
-        Ok(())
+        Ok(Some(serde_json::to_string(&subscribe)?))
     }
 
-    fn handle_binary(&mut self, bytes: &[u8]) -> Result<Option<StreamEvent>> {
+    /// The event of a binary message, if it completes one. `address` names the sender in errors.
+    pub fn read_binary(&mut self, bytes: &[u8], address: &str) -> Result<Option<StreamEvent>> {
         let Some((&MESSAGE_DATA, rest)) = bytes.split_first() else {
             return Ok(None);
         };
@@ -158,7 +171,7 @@ impl StreamClient {
         Ok(match self.topics.get(&u32::from_le_bytes(*id)) {
             Some(SubscribedTopic::About) => {
                 let about = wire::About::decode(data)?;
-                let header = Header::from_message(about, Path::new(&self.address))?;
+                let header = Header::from_message(about, Path::new(address))?;
                 Some(StreamEvent::Header(Box::new(header)))
             }
             Some(SubscribedTopic::Log(topic)) => self

@@ -8,6 +8,7 @@ mod server;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use client::{StreamClient, StreamEvent};
+pub(crate) use client::StreamClient;
+pub use client::{StreamEvent, StreamMessages};
 pub(crate) use config::StreamConfig;
 pub(crate) use server::{StreamPreamble, StreamServer};

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::Result;
+use localize::map_correction::MapCorrectionEstimate;
 use localize::robot::BaseConfig;
 use localize::{At, FieldFrame, RobotFrame};
 use vision::colour::colour_table::ColourTable;
@@ -394,6 +395,11 @@ impl Session {
         if let Some(worker) = self.source.simulation() {
             worker.request(SourceRequest::SetSpeed(self.playback.speed));
         }
+    }
+
+    /// What localization had learned about the ground map in the shown cycle.
+    pub(crate) fn map_correction(&self) -> Option<&MapCorrectionEstimate> {
+        self.shown.as_ref()?.cycle.estimate.map_correction.as_ref()
     }
 
     /// The shown cycle's time, seconds.

@@ -6,9 +6,10 @@
 
 mod candidates;
 mod field_half;
-mod global_check;
 mod fit_monitor;
+mod global_check;
 mod global_localization;
+mod map_learning;
 mod match_figures;
 mod measurements;
 mod motion_inputs;
@@ -33,6 +34,7 @@ use crate::frames::Pose;
 use crate::global_search::branch_and_bound::BranchAndBound;
 use crate::global_search::scan_map::ScanMap;
 use crate::global_search::{GlobalSearch, GlobalSearchMethod};
+use crate::map_correction::MapCorrection;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::omni::Twist;
@@ -117,6 +119,10 @@ pub struct Localizer {
     /// Smoothed over about a second of tracked images.
     mean_inlier_share: f32,
     fit_monitor: FitMonitor,
+    /// None: the map counts as exact.
+    map_correction: Option<Box<MapCorrection>>,
+    /// Consecutive images that fit nowhere on the field.
+    lost_images: u32,
 }
 
 /// What odometry changes, at the time of one image.
@@ -168,7 +174,9 @@ impl Localizer {
         );
         let (half_x, half_y) = field.carpet_half_extent();
         let heading_variance = std::f32::consts::PI * std::f32::consts::PI / 3.0;
-        Localizer {
+        let mut localizer = Localizer {
+            map_correction: None,
+            lost_images: 0,
             matcher: Matcher::new(config.matching.clone()),
             distance_field: distances,
             search,
@@ -199,7 +207,9 @@ impl Localizer {
             snapshot: None,
             buffered: Vec::new(),
             config,
-        }
+        };
+        localizer.set_map_basis(None);
+        localizer
     }
 
     /// The scan map, if the configuration needs one.
@@ -267,10 +277,19 @@ impl Localizer {
         let elapsed = self.filter_stamp.seconds_until(exposed);
         self.filter_stamp = exposed;
         self.particles_stamp = self.particles_stamp.max(exposed);
+        self.correct_map(&mut points);
         let imu_tilt = self.compensate_tilt(exposed, &mut points);
         let mut estimate = match std::mem::take(&mut self.state) {
-            State::Lost => self.localize_globally(exposed, &points, Candidates::default()),
-            State::Ambiguous(candidates) => self.localize_globally(exposed, &points, candidates),
+            State::Lost => {
+                let estimate = self.localize_globally(exposed, &points, Candidates::default());
+                self.restart_map(exposed, &points, &estimate);
+                estimate
+            }
+            State::Ambiguous(candidates) => {
+                let estimate = self.localize_globally(exposed, &points, candidates);
+                self.restart_map(exposed, &points, &estimate);
+                estimate
+            }
             State::Tracking(track) => self.track(exposed, &points, track, None),
             State::Suspect(track, suspicion) => {
                 self.track(exposed, &points, track, Some(suspicion))
@@ -292,6 +311,7 @@ impl Localizer {
             line_points: points.len(),
             ..self.predict_estimate_to(stamp, estimate)
         };
+        self.add_map_uncertainty(&mut estimate);
         if self
             .fit_monitor
             .is_doubtful(self.config.mode.inlier_share_min)

@@ -45,6 +45,8 @@ impl EstimateParts<'_> {
             gyro_bias: filter.map_or(0.0, PoseFilter::gyro_bias),
             latency: filter.map_or(0.0, PoseFilter::latency),
             fit: Fit::default(),
+            // `process_points` fills it in.
+            map_correction: None,
             runners_up: self.runners_up,
         }
     }

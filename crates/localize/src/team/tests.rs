@@ -54,6 +54,7 @@ fn estimate(half_known: bool) -> Estimate {
         gyro_bias: 0.0,
         latency: 0.0,
         fit: Default::default(),
+        map_correction: None,
         runners_up: Vec::new(),
     }
 }

@@ -7,6 +7,7 @@ mod export;
 mod fallback;
 mod header;
 mod index;
+mod limits;
 mod mcap_records;
 mod note_queue;
 pub mod publisher;

@@ -207,6 +207,7 @@ fn scenario(
         film: Default::default(),
         light: Default::default(),
         kidnaps: Vec::new(),
+        knocks: Vec::new(),
         pushes,
         occlusions: Vec::new(),
         faults: Vec::new(),

@@ -132,6 +132,8 @@ pub(crate) struct Estimate {
     /// Absent in logs of earlier versions.
     #[prost(message, optional)]
     pub(crate) fit: Option<Fit>,
+    #[prost(message, optional)]
+    pub(crate) map_correction: Option<MapCorrection>,
 }
 
 /// `localize::estimate::Fit`: how well the set-up fits the last seconds.
@@ -147,6 +149,30 @@ pub(crate) struct Fit {
     pub(crate) wheels: Option<f32>,
     #[prost(float, optional)]
     pub(crate) compass: Option<f32>,
+}
+
+/// `localize::map_correction::MapCorrectionEstimate`: what is known about the ground map's errors.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct MapCorrection {
+    /// Unknowns: mirror tilt x …
+    #[prost(string, repeated)]
+    pub(crate) names: Vec<String>,
+    /// Radians, metres, or relative.
+    #[prost(float, repeated)]
+    pub(crate) values: Vec<f32>,
+    /// Standard deviations.
+    #[prost(float, repeated)]
+    pub(crate) stds: Vec<f32>,
+    /// Independent images used.
+    #[prost(uint32)]
+    pub(crate) images: u32,
+    #[prost(uint32)]
+    pub(crate) knocks: u32,
+    /// Root mean square displacement of points 3 m away, metres.
+    #[prost(float, required)]
+    pub(crate) displacement_at_3_m: f32,
+    #[prost(float, required)]
+    pub(crate) displacement_std_at_3_m: f32,
 }
 
 /// True poses and positions, field frame, metres.
