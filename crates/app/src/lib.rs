@@ -24,4 +24,4 @@ mod progress;
 mod python;
 
 pub use cli::run;
-pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand};
+pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand, RobotIdentity};

@@ -2,6 +2,7 @@
 
 use localize::Stamp;
 use localize::estimate::Estimate;
+use localize::robot::CameraSetting;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
 use localize::team::{TeamReport, TeamView};
 use localize::world::WorldView;
@@ -52,6 +53,8 @@ pub struct Inputs {
     pub truth: Option<GroundTruth>,
     /// The image, if there is one.
     pub image: Option<SourceImage>,
+    /// Exposure and gain with which the image was taken, if the camera reports them.
+    pub setting: Option<CameraSetting>,
 }
 
 /// Durations of the stages: the only part of a cycle that differs from run to run.

@@ -7,6 +7,7 @@ use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
 
 use localize::localizer::Localizer;
+use localize::robot::CameraSetting;
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
 use localize::world::WorldModel;
@@ -167,10 +168,11 @@ impl Pipeline {
         let stamp = image.stamp;
         let started = Instant::now();
         let mut inputs = std::mem::take(&mut self.inputs);
-        let features = self.extract_features(stamp, image.content);
+        let features = self.extract_features(stamp, image.content, image.setting);
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
         inputs.image = features.image;
+        inputs.setting = image.setting;
         self.add_inputs(&inputs);
         self.localizer.add_goals(stamp, &features.goals);
         let estimate = self.localizer.process_points(stamp, &features.line_points);
@@ -204,11 +206,16 @@ impl Pipeline {
         }
     }
 
-    fn extract_features(&mut self, stamp: Stamp, content: ImageContent) -> Features {
+    fn extract_features(
+        &mut self,
+        stamp: Stamp,
+        content: ImageContent,
+        setting: Option<CameraSetting>,
+    ) -> Features {
         match content {
             ImageContent::Pixels(image) => {
                 let control = self.exposure.as_mut();
-                let exposure = control.and_then(|control| control.process(&image.view()));
+                let exposure = control.and_then(|control| control.process(&image.view(), setting));
                 let light_jumped = exposure.is_some_and(|status| status.light_jumped);
                 let features = match self.run_vision(stamp, &image, light_jumped) {
                     Ok(detections) => Features::from_detections(detections),

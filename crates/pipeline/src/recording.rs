@@ -181,7 +181,11 @@ impl Iterator for Recording {
                 Err(error) => ImageContent::Unreadable(error.to_string()),
             },
         };
-        Some(Sample::Image(CameraImage { stamp, content }))
+        Some(Sample::Image(CameraImage {
+            stamp,
+            setting: None,
+            content,
+        }))
     }
 }
 

@@ -124,6 +124,10 @@ impl RandomValues {
                 robot_headings: Vec::new(),
             }),
             image: None,
+            setting: Some(CameraSetting {
+                exposure: self.value(),
+                gain: self.value(),
+            }),
         }
     }
 

@@ -15,9 +15,9 @@ use anyhow::{Context, Result};
 use localize::Stamp;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand};
+pub(crate) use commands::{CommandConfig, CommandListener, RemoteCommand, RobotIdentity};
 pub(crate) use pipeline::datagram::TeamLinkConfig;
-pub(crate) use state_sender::{OutputConfig, StateSender};
+pub(crate) use state_sender::{CommandStatus, OutputConfig, StateSender};
 pub(crate) use team::TeamTransport;
 
 use crate::stream::{self, StreamConfig, StreamPreamble};
@@ -63,12 +63,28 @@ impl NetworkConfig {
     fn check(&self) -> Result<()> {
         if let Some(commands) = &self.commands {
             commands.address()?;
-            commands::CommandFilter::new(commands)?;
+            let robot = self.robot_number();
+            commands::CommandFilter::new(commands, RobotIdentity { robot, boot: 1 })?;
+            let differs = self.outputs.iter().find(|output| output.robot != robot);
+            if let Some(differs) = differs.filter(|_| commands.key.is_some()) {
+                anyhow::bail!(
+                    "[[outputs]] robot = {} and robot = {robot} differ, but commands under a key name one robot. Make them equal",
+                    differs.robot
+                );
+            }
         }
         if let Some(team) = &self.team {
             team.address()?;
         }
         Ok(())
+    }
+
+    /// Number of this robot: that of its state output, else that in the team, else 1.
+    fn robot_number(&self) -> u32 {
+        let output = self.outputs.first().map(|output| output.robot);
+        output
+            .or(self.team.as_ref().map(|team| team.robot))
+            .unwrap_or(1)
     }
 
     /// Starts the configured threads on the cycles of `feed`.
@@ -85,14 +101,33 @@ impl NetworkConfig {
     ) -> Result<Network> {
         let stream = |config| stream::StreamServer::start(feed, preamble, config);
         let team = |config| TeamTransport::join(feed, config, session, clock);
-        let listen = |config| CommandListener::listen(config, execute);
+        let identity = RobotIdentity {
+            robot: self.robot_number(),
+            boot: random_boot_number()?,
+        };
+        let listen = |config| CommandListener::listen(config, identity, execute);
+        let commands = self.commands.as_ref().map(listen).transpose()?;
+        let status = commands.as_ref().map(|commands| CommandStatus {
+            identity,
+            listener: commands.shared(),
+        });
         Ok(Network {
-            commands: self.commands.as_ref().map(listen).transpose()?,
+            commands,
             team: self.team.as_ref().map(team).transpose()?,
             _stream: self.stream.as_ref().map(stream).transpose()?,
             _state_sender: (!self.outputs.is_empty())
-                .then(|| StateSender::start(feed, &self.outputs))
+                .then(|| StateSender::start(feed, &self.outputs, status))
                 .transpose()?,
         })
     }
+}
+
+/// A number of this start that nobody can guess: 1 to 2⁵³, which every JSON reader keeps exactly.
+fn random_boot_number() -> Result<u64> {
+    use std::io::Read;
+    let mut bytes = [0; 8];
+    std::fs::File::open("/dev/urandom")
+        .and_then(|mut file| file.read_exact(&mut bytes))
+        .context("cannot read /dev/urandom")?;
+    Ok((u64::from_le_bytes(bytes) >> 11) + 1)
 }

@@ -9,6 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
+use hw::StampedSocket;
 use localize::Stamp;
 use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
@@ -45,7 +46,6 @@ impl TeamTransport {
         let link = Arc::new(Mutex::new(TeamLink::new(config, session)?));
         let receiver = open_multicast_socket(group, config.interface)
             .with_context(|| format!("[team] cannot join {group} on {}", config.interface))?;
-        receiver.set_read_timeout(Some(POLL_PERIOD))?;
         let sender = TeamSender {
             socket: receiver.try_clone()?,
             group,
@@ -60,9 +60,10 @@ impl TeamTransport {
             stop_requested: stop_requested.clone(),
             threads: Vec::new(),
         };
+        let mut receiver = StampedSocket::new(receiver)?;
         let (receiving, stop, time) = (link.clone(), stop_requested.clone(), clock.clone());
         transport.spawn("team receive", move || {
-            receive_loop(&receiver, &receiving, &queue, &stop, time);
+            receive_loop(&mut receiver, &receiving, &queue, &stop, time);
         })?;
         let cycles = feed.subscribe(1);
         transport.spawn("team send", move || {
@@ -120,7 +121,7 @@ fn open_multicast_socket(group: SocketAddrV4, interface: Ipv4Addr) -> Result<Udp
 }
 
 fn receive_loop(
-    socket: &UdpSocket,
+    socket: &mut StampedSocket,
     link: &Mutex<TeamLink>,
     reports: &SyncSender<TeamReport>,
     stop: &AtomicBool,
@@ -128,11 +129,11 @@ fn receive_loop(
 ) {
     let mut datagram = [0; MAX_DATAGRAM_BYTES];
     while !stop.load(Ordering::Relaxed) {
-        // A timeout, or a network that is down for a while: neither ends the thread.
-        let Ok(length) = socket.recv(&mut datagram) else {
+        let Some(received) = socket.receive(&mut datagram, POLL_PERIOD) else {
             continue;
         };
-        let report = lock(link).receive(&datagram[..length], clock());
+        let age = hw::now() - received.arrival;
+        let report = lock(link).receive(&datagram[..received.length], clock() + -age);
         if let Ok(report) = report {
             // If the pipeline does not take reports, new ones are dropped.
             let _ = reports.try_send(report);

@@ -4,8 +4,7 @@ use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Result, ensure};
-use hw::base::{Kick, MotionCommand};
-use localize::Stamp;
+use hw::base::{CommandTally, Kick, MotionCommand};
 use localize::omni::Twist;
 use localize::team::TeamReport;
 
@@ -66,8 +65,7 @@ impl RunNetwork {
         let session = since.map_or(0, |since| since.as_nanos() as u64);
         let arbiter = arbiter.clone();
         // The reason of a rejection is not reported: the sender sees that the wheels do not turn.
-        let execute =
-            move |command: RemoteCommand| execute_command(&arbiter, command, hw::now()).is_ok();
+        let execute = move |command: RemoteCommand| execute_command(&arbiter, command).is_ok();
         let network = config.start(feed, preamble, session, hw::now, execute)?;
         Ok(RunNetwork { network })
     }
@@ -81,21 +79,29 @@ impl RunNetwork {
     }
 
     /// Counts of remote commands. None if remote commands are not configured.
-    pub(super) fn command_counts(&self) -> Option<CommandCounts> {
-        self.network
-            .commands
-            .as_ref()
-            .map(|commands| commands.counts())
+    ///
+    /// `tally`: what the base took of them.
+    pub(super) fn command_counts(&self, tally: &CommandTally) -> Option<CommandCounts> {
+        let commands = self.network.commands.as_ref()?;
+        Some(CommandCounts {
+            sent: tally.sent(),
+            obeyed: tally.confirmed(),
+            ..commands.counts()
+        })
+    }
+
+    /// Messages for the operator since the last call.
+    pub(super) fn take_notices(&self) -> Vec<String> {
+        let commands = self.network.commands.iter();
+        commands
+            .flat_map(|commands| commands.take_notices())
+            .collect()
     }
 }
 
-/// Executes another program's command received at `now`.
-fn execute_command(
-    arbiter: &CommandArbiter,
-    command: RemoteCommand,
-    now: Stamp,
-) -> Result<(), CommandError> {
-    let deadline = now + command.valid_for.as_secs_f64();
+/// Executes another program's command until its deadline.
+fn execute_command(arbiter: &CommandArbiter, command: RemoteCommand) -> Result<(), CommandError> {
+    let deadline = command.deadline;
     if let Some(kick) = command.kick {
         let kick = Kick {
             speed: kick.speed,

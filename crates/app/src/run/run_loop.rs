@@ -8,8 +8,9 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use hw::camera::CapturedImage;
-use hw::{BaseDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
+use hw::{BaseDriver, CameraDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
 use localize::Stamp;
+use localize::robot::{CameraControl, CameraSetting};
 
 use super::arguments::Args;
 use super::command_arbiter::CommandArbiter;
@@ -29,6 +30,7 @@ use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use pipeline::{Cycle, Pipeline, PipelineConfig};
+use vision::exposure::ExposureCommand;
 
 /// Capacity of the queue of device events: more than a second of every device.
 const EVENT_QUEUE_CAPACITY: usize = 1024;
@@ -122,18 +124,24 @@ impl RunLoop {
             .attach_base(devices.base.as_ref().map(BaseDriver::handle));
         let motion_thread = self.start_motion_thread(stop)?;
         status.print_line(&start_message(&self.robot.hardware, self.teleop));
+        let exposure = ExposureControl::start(&devices, self.robot.setup.robot.exposure);
         let mut state = RunState::new();
         while !stop.is_raised() && status.elapsed() < self.duration {
             if let Some(event) = events.pop_timeout(EVENT_TIMEOUT) {
                 self.handle_event(event, &mut state, &mut status);
             }
+            exposure.command_camera(&mut state);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
+            }
+            for text in self.network.take_notices() {
+                status.print_line(&text);
+                self.write_note(&text);
             }
             status.update_status_line(state.last_cycle.as_deref(), || devices.health());
         }
         let wheels_stopped = self.arbiter.close(STOP_TIMEOUT);
-        let commands = self.network.command_counts();
+        let commands = self.network.command_counts(self.arbiter.program_tally());
         stop.raise();
         let health = devices.health();
         drop(devices);
@@ -217,6 +225,7 @@ impl RunLoop {
             return;
         };
         self.arbiter.set_pose(cycle.stamp, cycle.estimate.pose);
+        state.camera_command = cycle.camera_command().or(state.camera_command.take());
         let published = hw::now();
         status.count_cycle(&cycle, received, published);
         let cycle = Arc::new(cycle);
@@ -237,6 +246,34 @@ impl RunLoop {
     fn write_note(&self, text: &str) {
         if let Some(log) = &self.log {
             log.write_note(hw::now(), text);
+        }
+    }
+}
+
+/// Passes the commands of the exposure control to the camera.
+struct ExposureControl<'a> {
+    camera: Option<(&'a CameraDriver, CameraControl)>,
+}
+
+impl<'a> ExposureControl<'a> {
+    /// Sets the camera to the first setting of robot.toml's `[exposure]`. Without it the camera is not controlled.
+    fn start(devices: &'a Devices, control: Option<CameraControl>) -> Self {
+        let camera = devices.camera.as_ref().zip(control);
+        if let Some((camera, control)) = &camera {
+            let first = CameraSetting {
+                exposure: control.exposure,
+                gain: control.gain,
+            };
+            camera.set_exposure(first, control.delay_frames);
+        }
+        ExposureControl { camera }
+    }
+
+    fn command_camera(&self, state: &mut RunState) {
+        if let (Some(command), Some((camera, control))) =
+            (state.camera_command.take(), &self.camera)
+        {
+            camera.set_exposure(command.setting, control.delay_frames);
         }
     }
 }
@@ -273,6 +310,8 @@ fn start_message(hardware: &HardwareConfig, teleop: bool) -> String {
 /// State of the loop between events.
 struct RunState {
     last_cycle: Option<Arc<Cycle>>,
+    /// Command for the camera that was not sent yet.
+    camera_command: Option<ExposureCommand>,
     /// Time of the last image, or of the last cycle in place of one.
     last_image: Stamp,
     notices: OperatorNotices,
@@ -284,6 +323,7 @@ impl RunState {
     fn new() -> Self {
         RunState {
             last_cycle: None,
+            camera_command: None,
             last_image: hw::now(),
             notices: OperatorNotices::default(),
             samples_refused: 0,
@@ -292,14 +332,18 @@ impl RunState {
 
     fn camera_image(&mut self, image: CapturedImage) -> CameraImage {
         self.last_image = hw::now();
-        let stamp = image.stamp;
+        let (stamp, setting) = (image.stamp, image.setting);
         // An old image does not show the current pose.
         let content = if image.repeated {
             ImageContent::Unreadable("the camera repeats its image".to_owned())
         } else {
             ImageContent::Pixels(SourceImage::Raw(raw_image(image)))
         };
-        CameraImage { stamp, content }
+        CameraImage {
+            stamp,
+            setting,
+            content,
+        }
     }
 
     /// An empty image in place of a missing one, so that odometry predicts the pose. None before the timeout.
@@ -310,6 +354,7 @@ impl RunState {
         self.last_image = now;
         Some(CameraImage {
             stamp: now,
+            setting: None,
             content: ImageContent::Unreadable("no image from the camera".to_owned()),
         })
     }

@@ -355,8 +355,8 @@ impl RunReport {
         if let Some(commands) = &self.commands {
             let refused: u64 = commands.refused.values().sum();
             println!(
-                "remote commands: {} executed, {} overruled, {refused} rejected",
-                commands.obeyed, commands.overruled
+                "remote commands: {} accepted, {} sent, {} confirmed by the base, {} overruled, {refused} rejected",
+                commands.accepted, commands.sent, commands.obeyed, commands.overruled
             );
         }
         for file in self.log.iter().flat_map(|log| &log.files) {

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use hw::config::Bus;
 use sim::Sim;
 
+use super::devices::EXPOSURE_UNIT;
 use super::options::Options;
 use super::vescs::NODES;
 
@@ -28,6 +29,20 @@ pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()>
         Ok(())
     };
     absolute(&mut robot.field)?;
+    // A camera counts its exposure in seconds, the simulator in multiples of its default.
+    if let Some(control) = &mut robot.exposure {
+        let sensor = sim.image_sensor();
+        (control.exposure, control.gain) = (sensor.exposure, sensor.gain);
+        for exposure in [
+            &mut control.exposure,
+            &mut control.exposure_min,
+            &mut control.exposure_max,
+            &mut control.path_slope,
+            &mut control.path_offset,
+        ] {
+            *exposure *= EXPOSURE_UNIT;
+        }
+    }
     robot
         .mirror
         .as_mut()

@@ -267,6 +267,7 @@ impl LoggedCycle {
         };
         samples.push(Sample::Image(CameraImage {
             stamp: self.cycle.stamp,
+            setting: self.cycle.inputs.setting,
             content,
         }));
         Ok(samples)

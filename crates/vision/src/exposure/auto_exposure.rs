@@ -36,6 +36,10 @@ pub struct AutoExposure {
     levels: Vec<u8>,
 }
 
+/// Images after the usual delay of a command until what the camera reports is taken as its result.
+const ARRIVAL_FRAMES_MAX: u64 = 8;
+/// Smallest change of the logarithm of the light that is taken as a new setting, not as rounding by the camera.
+const REPORTED_CHANGE_MIN: f32 = 0.02;
 /// Initial `response`, between a linear camera and the usual gamma, so that the first step overshoots with neither.
 const INITIAL_RESPONSE: f32 = 0.65;
 /// Pixels read of the centre and of the scene: enough for statistics, read in 20 µs.
@@ -120,27 +124,45 @@ impl AutoExposure {
 
     /// Call with every image, in order; measures every `check_every`-th, and more often during a search.
     ///
-    /// None if the image was not measured or has another size.
-    pub fn process(&mut self, image: &ImageView<'_>) -> Option<ExposureStatus> {
+    /// `reported`: the setting with which the image was taken, if the camera reports it. Without it, a command takes
+    /// effect after the camera's usual delay. None if the image was not measured or has another size.
+    pub fn process(
+        &mut self,
+        image: &ImageView<'_>,
+        reported: Option<CameraSetting>,
+    ) -> Option<ExposureStatus> {
         let image_index = self.image_index;
         self.image_index += 1;
+        let reported = reported.filter(|setting| {
+            let light = self.camera.map(|control| control.light(*setting));
+            light.is_some_and(|light| light.is_finite() && light > 0.0)
+        });
         let arrived = self
             .pending
-            .filter(|(command, _)| image_index >= command.from_frame);
+            .filter(|(command, _)| self.has_arrived(command, image_index, reported));
         let waiting = self.pending.is_some() && arrived.is_none();
+        // Someone else set the camera, or it starts with another setting.
+        let other_setting = reported.filter(|reported| {
+            self.pending.is_none() && self.light_ratio(*reported).ln().abs() > REPORTED_CHANGE_MIN
+        });
         let searching = self.camera.is_some() && self.reference_level.is_none();
         let due = image_index.is_multiple_of(self.config.check_every.max(1));
-        if !self.config.enabled || waiting || !(due || searching || arrived.is_some()) {
+        let changed = arrived.is_some() || other_setting.is_some();
+        if !self.config.enabled || waiting || !(due || searching || changed) {
             return None;
         }
         let level = self.level(image)?;
         let mut light_jumped = false;
-        if let (Some((command, before)), Some(control)) = (arrived, &self.camera) {
-            let ratio = control.light(command.setting) / control.light(self.setting);
+        if let Some((command, before)) = arrived {
+            let setting = reported.unwrap_or(command.setting);
+            let ratio = self.light_ratio(setting);
             light_jumped = ratio.ln().abs() > self.config.brightness_change_min;
-            self.setting = command.setting;
+            self.setting = setting;
             self.update_response(before, level, ratio);
             self.pending = None;
+        } else if let Some(setting) = other_setting {
+            light_jumped = self.light_ratio(setting).ln().abs() > self.config.brightness_change_min;
+            self.setting = setting;
         }
         let histogram = Histogram::from_pixels(image, &self.scene_pixels);
         let mut status = ExposureStatus {
@@ -170,6 +192,30 @@ impl AutoExposure {
             }
         }
         Some(status)
+    }
+
+    /// Light of a setting over that of the present one; 1 without control.
+    fn light_ratio(&self, setting: CameraSetting) -> f32 {
+        self.camera.map_or(1.0, |control| {
+            control.light(setting) / control.light(self.setting)
+        })
+    }
+
+    /// True if an image was taken with the commanded setting: its reported one is nearer to the command than to the
+    /// setting before. A camera that never gets there is limited; what it reports is then taken as the result.
+    fn has_arrived(
+        &self,
+        command: &ExposureCommand,
+        image_index: u64,
+        reported: Option<CameraSetting>,
+    ) -> bool {
+        let Some(reported) = reported else {
+            return image_index >= command.from_frame;
+        };
+        let taken = self.light_ratio(reported).ln();
+        let commanded = self.light_ratio(command.setting).ln();
+        (taken - commanded).abs() < taken.abs()
+            || image_index >= command.from_frame + ARRIVAL_FRAMES_MAX
     }
 
     /// Interquartile mean of the centre's brightness, of 255: robust to objects that cross it.

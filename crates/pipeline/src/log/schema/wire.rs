@@ -187,6 +187,11 @@ pub(crate) struct Cycle {
     pub(crate) world: WorldView,
     #[prost(message, required)]
     pub(crate) team: TeamView,
+    /// Exposure and gain that the camera reported with the image.
+    #[prost(float, optional)]
+    pub(crate) reported_exposure: Option<f32>,
+    #[prost(float, optional)]
+    pub(crate) reported_gain: Option<f32>,
 }
 
 /// An input file of a run, under its name in a recording folder.
