@@ -36,8 +36,8 @@ def wait_for(path: Path) -> None:
         time.sleep(0.02)
 
 
-def hardware(folder: Path, *more: object) -> subprocess.Popen[str]:
-    process = start("sim", SCENARIO, "--hardware", folder, "--duration", 120, "--json", *more)
+def hardware(folder: Path, *more: object, scenario: Path = SCENARIO) -> subprocess.Popen[str]:
+    process = start("sim", scenario, "--hardware", folder, "--duration", 120, "--json", *more)
     wait_for(folder / "hardware.toml")
     return process
 

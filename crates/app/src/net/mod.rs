@@ -44,7 +44,7 @@ pub(crate) struct Network {
     /// Team messages: the received reports are samples for the pipeline.
     pub team: Option<TeamTransport>,
     /// The live stream, kept until the end.
-    _stream: Option<stream::StreamServer>,
+    pub stream: Option<stream::StreamServer>,
     /// The state output, kept until the end.
     _state_sender: Option<StateSender>,
 }
@@ -75,6 +75,9 @@ impl NetworkConfig {
         }
         if let Some(team) = &self.team {
             team.address()?;
+        }
+        if let Some(stream) = &self.stream {
+            stream.check()?;
         }
         Ok(())
     }
@@ -114,7 +117,7 @@ impl NetworkConfig {
         Ok(Network {
             commands,
             team: self.team.as_ref().map(team).transpose()?,
-            _stream: self.stream.as_ref().map(stream).transpose()?,
+            stream: self.stream.as_ref().map(stream).transpose()?,
             _state_sender: (!self.outputs.is_empty())
                 .then(|| StateSender::start(feed, &self.outputs, status))
                 .transpose()?,

@@ -93,8 +93,10 @@ impl RunNetwork {
     /// Messages for the operator since the last call.
     pub(super) fn take_notices(&self) -> Vec<String> {
         let commands = self.network.commands.iter();
+        let stream = self.network.stream.iter();
         commands
             .flat_map(|commands| commands.take_notices())
+            .chain(stream.flat_map(|stream| stream.take_notices()))
             .collect()
     }
 }

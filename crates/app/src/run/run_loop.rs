@@ -38,6 +38,8 @@ const EVENT_QUEUE_CAPACITY: usize = 1024;
 const EVENT_TIMEOUT: Duration = Duration::from_millis(20);
 /// Without an image for this time the pipeline runs a cycle without one, seconds: six images at 30 Hz.
 const IMAGE_TIMEOUT: f64 = 0.2;
+/// Smallest step of the wall clock that is reported, seconds.
+const WALL_CLOCK_STEP_MIN: f64 = 0.1;
 /// Time for the bus to take the last stop command.
 const STOP_TIMEOUT: Duration = Duration::from_millis(300);
 
@@ -133,6 +135,13 @@ impl RunLoop {
             exposure.command_camera(&mut state);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
+            }
+            if let Some(step) = state.wall_clock_step() {
+                let text = format!(
+                    "the wall clock was set by {step:+.3} s: the times of the log go on by the clock of its start"
+                );
+                status.print_line(&text);
+                self.write_note(&text);
             }
             for text in self.network.take_notices() {
                 status.print_line(&text);
@@ -283,6 +292,7 @@ fn header(robot: &RobotFolder, config: &PipelineConfig) -> Result<Header> {
     let setup = &robot.setup;
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new(&format!("run {}", robot.folder.display()), None)
+        .with_clock_offset_ns(hw::realtime_offset_ns())
         .with_robot(&setup.robot, map, setup.colours.as_ref())?
         .with_file(PIPELINE_FILE, toml::to_string(config)?)
         .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
@@ -315,6 +325,8 @@ struct RunState {
     /// Time of the last image, or of the last cycle in place of one.
     last_image: Stamp,
     notices: OperatorNotices,
+    /// Wall-clock time at the zero of the stamps, nanoseconds.
+    clock_offset_ns: i64,
     /// Samples with values that are not finite.
     samples_refused: u64,
 }
@@ -326,8 +338,18 @@ impl RunState {
             camera_command: None,
             last_image: hw::now(),
             notices: OperatorNotices::default(),
+            clock_offset_ns: hw::realtime_offset_ns(),
             samples_refused: 0,
         }
+    }
+
+    /// Seconds by which the wall clock was set since the last call, if it was.
+    fn wall_clock_step(&mut self) -> Option<f64> {
+        let offset_ns = hw::realtime_offset_ns();
+        let step = (offset_ns - self.clock_offset_ns) as f64 * 1e-9;
+        // Slewing by NTP is followed silently.
+        self.clock_offset_ns = offset_ns;
+        (step.abs() > WALL_CLOCK_STEP_MIN).then_some(step)
     }
 
     fn camera_image(&mut self, image: CapturedImage) -> CameraImage {

@@ -1,7 +1,12 @@
 //! Where is the live stream offered, and with which images?
 
+use std::time::Duration;
+
+use anyhow::{Result, ensure};
 use pipeline::log::ImageCompression;
 use serde::{Deserialize, Serialize};
+
+use super::guard::GuardLimits;
 
 /// Address of the stream and format of its images.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -17,6 +22,50 @@ pub(crate) struct StreamConfig {
     pub jpeg_quality: u8,
     /// Message queue of each viewer; when it is full, the oldest are dropped.
     pub backlog: usize,
+    /// Viewers at the same time.
+    pub connections: usize,
+    /// Viewers at the same time from one address.
+    pub connections_per_address: usize,
+    /// A viewer that takes nothing for this time is dropped, seconds.
+    pub stall: f64,
+    /// Web pages that may connect, with or without a port; "*" for all. Programs that are no browser need no entry.
+    pub origins: Vec<String>,
+}
+
+impl StreamConfig {
+    /// Checks the values. An error names the key.
+    pub(crate) fn check(&self) -> Result<()> {
+        ensure!(
+            (1..=100).contains(&self.jpeg_quality),
+            "[stream] invalid jpeg_quality: {} (expected 1 to 100)",
+            self.jpeg_quality
+        );
+        for (key, value, most) in [
+            ("backlog", self.backlog, 100_000),
+            ("connections", self.connections, 256),
+            ("connections_per_address", self.connections_per_address, 256),
+        ] {
+            ensure!(
+                (1..=most).contains(&value),
+                "[stream] invalid {key}: {value} (expected 1 to {most})"
+            );
+        }
+        ensure!(
+            (0.1..=3600.0).contains(&self.stall),
+            "[stream] invalid stall: {} (expected 0.1 to 3600)",
+            self.stall
+        );
+        Ok(())
+    }
+
+    pub(super) fn limits(&self) -> GuardLimits {
+        GuardLimits {
+            connections: self.connections,
+            connections_per_address: self.connections_per_address,
+            stall: Duration::from_secs_f64(self.stall),
+            origins: self.origins.clone(),
+        }
+    }
 }
 
 impl Default for StreamConfig {
@@ -30,6 +79,17 @@ impl Default for StreamConfig {
             jpeg_quality: 80,
             // Half a second of all topics at 30 Hz.
             backlog: 256,
+            connections: 16,
+            connections_per_address: 8,
+            stall: 5.0,
+            origins: [
+                "https://app.foxglove.dev",
+                "http://localhost",
+                "http://127.0.0.1",
+                "file://",
+            ]
+            .map(str::to_owned)
+            .to_vec(),
         }
     }
 }

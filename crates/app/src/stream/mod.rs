@@ -4,6 +4,9 @@
 
 mod client;
 mod config;
+mod frame_meter;
+mod guard;
+mod handshake_request;
 mod server;
 #[cfg(test)]
 mod tests;

@@ -37,6 +37,10 @@ pub struct Header {
     pub seed: Option<u64>,
     /// Compression of the images.
     pub images: ImageCompression,
+    /// Wall-clock time since 1970 at the zero of the stamps, nanoseconds: added to a stamp it gives its log time.
+    ///
+    /// 0 in simulations and in logs of versions up to 0.2.0.
+    pub clock_offset_ns: i64,
     /// Files of the run by their names in a recording folder: robot.toml, field.toml, map.npz, mirror.csv, …
     ///
     /// robot.toml refers to the others by these names, so that they work in any folder.
@@ -51,8 +55,15 @@ impl Header {
             source: source.to_owned(),
             seed,
             images: ImageCompression::Png,
+            clock_offset_ns: 0,
             files: BTreeMap::new(),
         }
+    }
+
+    /// Sets the wall-clock time at the zero of the stamps.
+    pub fn with_clock_offset_ns(mut self, clock_offset_ns: i64) -> Self {
+        self.clock_offset_ns = clock_offset_ns;
+        self
     }
 
     /// Adds a file.
@@ -177,6 +188,7 @@ impl Header {
             ("source", self.source.clone()),
             ("seed", seed),
             ("images", self.images.name().to_owned()),
+            ("clock_offset_ns", self.clock_offset_ns.to_string()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into()
@@ -200,6 +212,7 @@ impl Header {
         }
         let seed = value("seed")?;
         let images = value("images")?;
+        let clock_offset = values.get("clock_offset_ns").map_or("0", String::as_str);
         Ok(Header {
             version: version.clone(),
             source: value("source")?.clone(),
@@ -215,6 +228,12 @@ impl Header {
             images: ImageCompression::from_name(images).with_context(|| {
                 format!(
                     "{}: unknown image compression: {images:?} (expected png, jpeg or none)",
+                    path.display()
+                )
+            })?,
+            clock_offset_ns: clock_offset.parse().with_context(|| {
+                format!(
+                    "{}: invalid clock_offset_ns: {clock_offset:?} (expected a whole number)",
                     path.display()
                 )
             })?,
