@@ -70,6 +70,13 @@ impl PipelineConfig {
         })
     }
 
+    /// Reads all settings of a log (TOML).
+    pub fn parse(text: &str) -> Result<Self> {
+        let config: PipelineConfig = toml::from_str(text).context("settings")?;
+        config.check()?;
+        Ok(config)
+    }
+
     /// Refuses values that cannot work, and names the first.
     pub fn check(&self) -> Result<(), SettingError> {
         self.vision.check()?;

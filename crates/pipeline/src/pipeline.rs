@@ -1,5 +1,6 @@
 //! How does a sample become a pose? The stages in order, one cycle per image, live, simulated or replayed alike.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -143,6 +144,18 @@ impl Pipeline {
             self.localizer
                 .set_pose(last.stamp, last.pose, &last.covariance);
         }
+        if let (Some(exposure), Some(before)) = (&mut self.exposure, &other.exposure) {
+            exposure.continue_from(before);
+        }
+    }
+
+    /// Goes on with a pipeline of other settings from the next cycle on; `settings`: all of them (TOML), for the log.
+    ///
+    /// Replay does the same at the same cycle, so its bits are equal.
+    pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
+        next.warm_start_from(self);
+        next.inputs.settings = Some(settings);
+        *self = next;
     }
 
     /// Particles of the global search; empty if its method has none.
@@ -159,6 +172,7 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
+            Sample::Settings(settings) => self.inputs.settings = Some(settings),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -248,7 +262,7 @@ impl Pipeline {
                 Sample::TeamReport(report) => self.team.receive(&report),
                 Sample::Imu(imu) => self.localizer.add_imu(&imu),
                 Sample::Command(command) => self.localizer.add_command(&command),
-                Sample::GroundTruth(_) | Sample::Image(_) => {}
+                Sample::GroundTruth(_) | Sample::Settings(_) | Sample::Image(_) => {}
             }
         }
     }

@@ -43,6 +43,8 @@ pub enum Sample {
     TeamReport(TeamReport),
     /// Ground truth, for scoring. No stage reads it.
     GroundTruth(GroundTruth),
+    /// Settings (TOML) that were changed during the run and hold from the next cycle on. Who owns the pipeline replaces it.
+    Settings(Arc<str>),
     /// An image. It completes a cycle.
     Image(CameraImage),
 }

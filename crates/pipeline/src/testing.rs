@@ -128,6 +128,7 @@ impl RandomValues {
                 exposure: self.value(),
                 gain: self.value(),
             }),
+            settings: None,
         }
     }
 

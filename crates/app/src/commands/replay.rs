@@ -129,7 +129,7 @@ fn verify_log(log: LogReader) -> Result<VerificationReport> {
     let folder =
         tempfile::tempdir().context("cannot make a temporary folder for the log's files")?;
     log.header().write_files(folder.path())?;
-    let mut pipeline = load_pipeline(folder.path()).map_err(|error| {
+    let (setup, mut pipeline) = load_pipeline(folder.path()).map_err(|error| {
         // The files are in the log; the temporary folder means nothing to the user.
         let unpacked = format!("{}/", folder.path().display());
         anyhow!(format!("{error:#}").replace(&unpacked, "the log's "))
@@ -138,21 +138,35 @@ fn verify_log(log: LogReader) -> Result<VerificationReport> {
         eprintln!("{notice}");
     }
     let bar = crate::progress::bar(0, "cycles");
+    let mut invalid_settings = None;
     let report = log::verify(log, |sample| {
+        if let Sample::Settings(settings) = sample {
+            let next =
+                PipelineConfig::parse(&settings).and_then(|config| Pipeline::new(&setup, &config));
+            match next {
+                Ok(next) => pipeline.replace_by(next, settings),
+                Err(error) => invalid_settings = Some(error),
+            }
+            return None;
+        }
         let cycle = pipeline.process_sample(sample);
         bar.inc(u64::from(cycle.is_some()));
         cycle
     });
     bar.finish_and_clear();
-    report
+    match invalid_settings {
+        Some(error) => Err(error.context("the settings that were changed during the run")),
+        None => report,
+    }
 }
 
 /// A pipeline from the files of a log.
-fn load_pipeline(folder: &Path) -> Result<Pipeline> {
+fn load_pipeline(folder: &Path) -> Result<(Setup, Pipeline)> {
     let setup = Setup::load(&folder.join("robot.toml"), None)?;
     let settings = folder.join(PIPELINE_FILE);
     let config = PipelineConfig::load("default", settings.exists().then_some(&*settings))?;
-    Pipeline::new(&setup, &config)
+    let pipeline = Pipeline::new(&setup, &config)?;
+    Ok((setup, pipeline))
 }
 
 fn print(report: &VerificationReport) {

@@ -20,6 +20,7 @@ pub(crate) use pipeline::datagram::TeamLinkConfig;
 pub(crate) use state_sender::{CommandStatus, OutputConfig, StateSender};
 pub(crate) use team::TeamTransport;
 
+use crate::run::tuning::TuningDesk;
 use crate::stream::{self, StreamConfig, StreamPreamble};
 use pipeline::feed::Feed;
 
@@ -92,17 +93,17 @@ impl NetworkConfig {
 
     /// Starts the configured threads on the cycles of `feed`.
     ///
-    /// `session`: must increase with each start (nanoseconds since 1970). `clock`: current time in the clock of the samples.
+    /// `tuning`: changes settings, if the stream's viewers may. `session`: must increase with each start (nanoseconds since 1970). `clock`: current time in the clock of the samples.
     /// `execute`: executes a remote command; false if it is overruled.
     pub(crate) fn start(
         &self,
         feed: &Feed,
-        preamble: StreamPreamble<'_>,
+        (preamble, tuning): (StreamPreamble<'_>, Option<TuningDesk>),
         session: u64,
         clock: impl Fn() -> Stamp + Clone + Send + 'static,
         execute: impl FnMut(RemoteCommand) -> bool + Send + 'static,
     ) -> Result<Network> {
-        let stream = |config| stream::StreamServer::start(feed, preamble, config);
+        let stream = |config| stream::StreamServer::start(feed, preamble, tuning.clone(), config);
         let team = |config| TeamTransport::join(feed, config, session, clock);
         let identity = RobotIdentity {
             robot: self.robot_number(),

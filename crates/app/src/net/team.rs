@@ -15,7 +15,7 @@ use localize::team::TeamReport;
 use socket2::{Domain, Protocol, Socket, Type};
 
 use super::polling::POLL_PERIOD;
-use pipeline::datagram::{TeamLink, TeamLinkConfig};
+use pipeline::datagram::{TeamClock, TeamLink, TeamLinkConfig};
 use pipeline::feed::{Feed, RecvError, Subscription};
 
 /// Capacity of the queue of reports for the pipeline: a second of five team-mates.
@@ -26,7 +26,6 @@ const MAX_DATAGRAM_BYTES: usize = 4096;
 /// Sends and receives team messages. Dropping it ends the threads.
 pub(crate) struct TeamTransport {
     reports: Receiver<TeamReport>,
-    #[cfg(test)]
     link: Arc<Mutex<TeamLink>>,
     stop_requested: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
@@ -55,7 +54,6 @@ impl TeamTransport {
         let (queue, reports) = sync_channel(MAX_PENDING_REPORTS);
         let mut transport = TeamTransport {
             reports,
-            #[cfg(test)]
             link: link.clone(),
             stop_requested: stop_requested.clone(),
             threads: Vec::new(),
@@ -83,6 +81,11 @@ impl TeamTransport {
     /// Reports of team-mates received since the last call; samples for the pipeline.
     pub(crate) fn received_reports(&self) -> impl Iterator<Item = TeamReport> {
         self.reports.try_iter()
+    }
+
+    /// The clocks of the team-mates.
+    pub(crate) fn clocks(&self) -> Vec<TeamClock> {
+        lock(&self.link).team_clocks()
     }
 
     /// The next report; None after the timeout.

@@ -13,6 +13,7 @@ pub(crate) mod status;
 pub(crate) mod stderr_writer;
 pub(crate) mod stop_flag;
 pub(crate) mod teleop;
+pub(crate) mod tuning;
 
 use anyhow::Result;
 use serde::Serialize;

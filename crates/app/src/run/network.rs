@@ -9,9 +9,11 @@ use localize::omni::Twist;
 use localize::team::TeamReport;
 
 use super::command_arbiter::{CommandArbiter, CommandError, CommandSource};
+use super::tuning::TuningDesk;
 use crate::net::commands::CommandCounts;
 use crate::net::{Network, NetworkConfig, RemoteCommand};
 use crate::stream::{StreamConfig, StreamPreamble};
+use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 
 /// The network configuration in the robot's folder.
@@ -59,6 +61,7 @@ impl RunNetwork {
         config: &NetworkConfig,
         feed: &Feed,
         preamble: StreamPreamble<'_>,
+        tuning: Option<TuningDesk>,
         arbiter: &CommandArbiter,
     ) -> Result<Self> {
         let since = SystemTime::now().duration_since(UNIX_EPOCH);
@@ -66,7 +69,7 @@ impl RunNetwork {
         let arbiter = arbiter.clone();
         // The reason of a rejection is not reported: the sender sees that the wheels do not turn.
         let execute = move |command: RemoteCommand| execute_command(&arbiter, command).is_ok();
-        let network = config.start(feed, preamble, session, hw::now, execute)?;
+        let network = config.start(feed, (preamble, tuning), session, hw::now, execute)?;
         Ok(RunNetwork { network })
     }
 
@@ -76,6 +79,14 @@ impl RunNetwork {
             .team
             .iter()
             .flat_map(crate::net::TeamTransport::received_reports)
+    }
+
+    /// The clocks of the team-mates. None if there is no team.
+    pub(super) fn team_clocks(&self) -> Option<Vec<TeamClock>> {
+        self.network
+            .team
+            .as_ref()
+            .map(crate::net::TeamTransport::clocks)
     }
 
     /// Counts of remote commands. None if remote commands are not configured.

@@ -22,9 +22,11 @@ use super::robot_folder::RobotFolder;
 use super::status::{OperatorNotices, RunOutcome, RunReport, RunStatus};
 use super::stop_flag::StopFlag;
 use super::teleop;
+use super::tuning::Tuning;
 use crate::memory::{self, RUN_RETAINED_BYTES};
-use crate::stream::StreamPreamble;
+use crate::stream::{StreamConfig, StreamPreamble};
 use pipeline::config::PIPELINE_FILE;
+use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
@@ -38,6 +40,8 @@ const EVENT_QUEUE_CAPACITY: usize = 1024;
 const EVENT_TIMEOUT: Duration = Duration::from_millis(20);
 /// Without an image for this time the pipeline runs a cycle without one, seconds: six images at 30 Hz.
 const IMAGE_TIMEOUT: f64 = 0.2;
+/// Time between notes about the clocks of team-mates, seconds.
+const CLOCK_NOTE_PERIOD: f64 = 30.0;
 /// Smallest step of the wall clock that is reported, seconds.
 const WALL_CLOCK_STEP_MIN: f64 = 0.1;
 /// Time for the bus to take the last stop command.
@@ -55,6 +59,7 @@ pub(super) struct RunLoop {
     feed: Feed,
     arbiter: CommandArbiter,
     network: RunNetwork,
+    tuning: Option<Tuning>,
     patrol: Option<Patrol>,
     teleop: bool,
     realtime: Option<i32>,
@@ -90,7 +95,16 @@ impl RunLoop {
             header: &header,
             field,
         };
-        let network = RunNetwork::start(&network_config, &feed, preamble, &arbiter)?;
+        let start_tuning = |stream: &StreamConfig| {
+            Tuning::start(robot.setup.clone(), &config, stream.key.as_deref())
+        };
+        let tuned = network_config
+            .stream
+            .as_ref()
+            .filter(|stream| stream.tuning);
+        let tuning = tuned.map(start_tuning).transpose()?;
+        let desk = tuning.as_ref().map(Tuning::desk);
+        let network = RunNetwork::start(&network_config, &feed, preamble, desk, &arbiter)?;
         let pose_writer = args.out.as_deref().map(PoseWriter::start).transpose()?;
         Ok(RunLoop {
             robot,
@@ -100,6 +114,7 @@ impl RunLoop {
             feed,
             arbiter,
             network,
+            tuning,
             patrol,
             teleop: args.teleop,
             realtime: args.realtime,
@@ -133,6 +148,7 @@ impl RunLoop {
                 self.handle_event(event, &mut state, &mut status);
             }
             exposure.command_camera(&mut state);
+            self.take_tuned_pipeline(&mut status);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
             }
@@ -143,6 +159,11 @@ impl RunLoop {
                 status.print_line(&text);
                 self.write_note(&text);
             }
+            if state.is_clock_note_due(hw::now()) {
+                for clock in self.network.team_clocks().into_iter().flatten() {
+                    self.write_note(&clock_note(clock));
+                }
+            }
             for text in self.network.take_notices() {
                 status.print_line(&text);
                 self.write_note(&text);
@@ -151,6 +172,7 @@ impl RunLoop {
         }
         let wheels_stopped = self.arbiter.close(STOP_TIMEOUT);
         let commands = self.network.command_counts(self.arbiter.program_tally());
+        let team = self.network.team_clocks();
         stop.raise();
         let health = devices.health();
         drop(devices);
@@ -173,6 +195,7 @@ impl RunLoop {
             samples_refused: state.samples_refused,
             wheels_stopped,
             commands,
+            team,
             devices: health,
             log,
         }))
@@ -252,11 +275,34 @@ impl RunLoop {
         state.last_cycle = Some(cycle);
     }
 
+    /// Goes on with changed settings, if their pipeline is ready.
+    fn take_tuned_pipeline(&mut self, status: &mut RunStatus) {
+        let prepared = self.tuning.as_ref().and_then(Tuning::take_prepared);
+        let Some(prepared) = prepared else { return };
+        self.pipeline
+            .replace_by(prepared.pipeline, prepared.settings.into());
+        let text = format!("settings changed over the stream: {}", prepared.changes);
+        status.report_settings(&text);
+        self.write_note(&text);
+    }
+
     fn write_note(&self, text: &str) {
         if let Some(log) = &self.log {
             log.write_note(hw::now(), text);
         }
     }
+}
+
+fn clock_note(clock: TeamClock) -> String {
+    let TeamClock {
+        robot,
+        clock_offset_ns,
+        clock_uncertainty_ns,
+    } = clock;
+    let uncertainty = clock_uncertainty_ns.map_or("unknown".to_owned(), |bound| bound.to_string());
+    format!(
+        "clock of robot {robot}: own minus its {clock_offset_ns} ns, uncertainty {uncertainty} ns"
+    )
 }
 
 /// Passes the commands of the exposure control to the camera.
@@ -327,6 +373,7 @@ struct RunState {
     notices: OperatorNotices,
     /// Wall-clock time at the zero of the stamps, nanoseconds.
     clock_offset_ns: i64,
+    next_clock_note: Stamp,
     /// Samples with values that are not finite.
     samples_refused: u64,
 }
@@ -339,8 +386,17 @@ impl RunState {
             last_image: hw::now(),
             notices: OperatorNotices::default(),
             clock_offset_ns: hw::realtime_offset_ns(),
+            next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
         }
+    }
+
+    fn is_clock_note_due(&mut self, now: Stamp) -> bool {
+        let is_due = now > self.next_clock_note;
+        if is_due {
+            self.next_clock_note = now + CLOCK_NOTE_PERIOD;
+        }
+        is_due
     }
 
     /// Seconds by which the wall clock was set since the last call, if it was.
@@ -391,9 +447,11 @@ fn is_finite(sample: &Sample) -> bool {
             .iter()
             .chain(&imu.rate)
             .all(|value| value.is_finite()),
-        Sample::Command(_) | Sample::TeamReport(_) | Sample::GroundTruth(_) | Sample::Image(_) => {
-            true
-        }
+        Sample::Command(_)
+        | Sample::TeamReport(_)
+        | Sample::GroundTruth(_)
+        | Sample::Settings(_)
+        | Sample::Image(_) => true,
     }
 }
 

@@ -1,8 +1,10 @@
 //! Where is the live stream offered, and with which images?
 
+use std::net::IpAddr;
 use std::time::Duration;
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
+use pipeline::datagram::authentication::MacKey;
 use pipeline::log::ImageCompression;
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +32,10 @@ pub(crate) struct StreamConfig {
     pub stall: f64,
     /// Web pages that may connect, with or without a port; "*" for all. Programs that are no browser need no entry.
     pub origins: Vec<String>,
+    /// Viewers may change settings while the robot plays. On other addresses than the loopback this needs a key.
+    pub tuning: bool,
+    /// Phrase under which viewers seal their changes.
+    pub key: Option<String>,
 }
 
 impl StreamConfig {
@@ -49,6 +55,18 @@ impl StreamConfig {
                 (1..=most).contains(&value),
                 "[stream] invalid {key}: {value} (expected 1 to {most})"
             );
+        }
+        let is_loopback = self
+            .bind
+            .parse::<IpAddr>()
+            .map_or(self.bind == "localhost", |address| address.is_loopback());
+        ensure!(
+            !self.tuning || is_loopback || self.key.is_some(),
+            "[stream] bind = {:?} lets other machines change settings without authentication: set a key",
+            self.bind
+        );
+        if let Some(key) = &self.key {
+            MacKey::new(key).context("[stream]")?;
         }
         ensure!(
             (0.1..=3600.0).contains(&self.stall),
@@ -90,6 +108,8 @@ impl Default for StreamConfig {
             ]
             .map(str::to_owned)
             .to_vec(),
+            tuning: false,
+            key: None,
         }
     }
 }

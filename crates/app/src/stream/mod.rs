@@ -7,6 +7,7 @@ mod config;
 mod frame_meter;
 mod guard;
 mod handshake_request;
+mod parameters;
 mod server;
 #[cfg(test)]
 mod tests;

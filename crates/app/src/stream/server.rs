@@ -13,6 +13,8 @@ use localize::{Field, Stamp};
 
 use super::config::StreamConfig;
 use super::guard::{Guard, GuardedServer};
+use super::parameters::{SettingsHandler, all_parameters};
+use crate::run::tuning::TuningDesk;
 use pipeline::feed::{Feed, RecvError, Subscription};
 use pipeline::log::Header;
 use pipeline::log::publisher::CyclePublisher;
@@ -48,6 +50,7 @@ impl StreamServer {
     pub(crate) fn start(
         feed: &Feed,
         preamble: StreamPreamble<'_>,
+        tuning: Option<TuningDesk>,
         config: &StreamConfig,
     ) -> Result<Self> {
         config.check()?;
@@ -62,7 +65,7 @@ impl StreamServer {
         );
         let about = CustomChannel::new(&context, ABOUT_TOPIC)?;
         let new_viewers = Arc::new(Mutex::new(Vec::new()));
-        let server = FoxgloveServer::start(&context, config.backlog, &new_viewers)
+        let server = FoxgloveServer::start(&context, config.backlog, &new_viewers, tuning.clone())
             .context("[stream] cannot start the server")?;
         let server = Arc::new(Mutex::new(server));
         let guard = Guard::start(
@@ -80,6 +83,8 @@ impl StreamServer {
             field: field.clone(),
             new_viewers,
             stop_requested: stop_requested.clone(),
+            tuning: tuning.map(|desk| (desk, 0)),
+            server: server.clone(),
             _context: context,
         };
         let thread = std::thread::Builder::new()
@@ -158,6 +163,7 @@ struct FoxgloveServer {
     context: Arc<Context>,
     backlog: usize,
     new_viewers: Arc<Mutex<Vec<NewViewer>>>,
+    tuning: Option<TuningDesk>,
     handle: Option<WebSocketServerHandle>,
 }
 
@@ -166,11 +172,13 @@ impl FoxgloveServer {
         context: &Arc<Context>,
         backlog: usize,
         new_viewers: &Arc<Mutex<Vec<NewViewer>>>,
+        tuning: Option<TuningDesk>,
     ) -> Result<Self> {
         let mut server = FoxgloveServer {
             context: context.clone(),
             backlog,
             new_viewers: new_viewers.clone(),
+            tuning,
             handle: None,
         };
         server.restart()?;
@@ -179,14 +187,16 @@ impl FoxgloveServer {
 
     fn restart(&mut self) -> Result<()> {
         self.stop();
-        let handle = WebSocketServer::new()
+        let mut server = WebSocketServer::new()
             .name(PROJECT_NAME)
             .bind("127.0.0.1", 0)
             .message_backlog_size(self.backlog)
             .listener(Arc::new(SubscribeListener(self.new_viewers.clone())))
-            .context(&self.context)
-            .start_blocking()?;
-        self.handle = Some(handle);
+            .context(&self.context);
+        if let Some(desk) = &self.tuning {
+            server = server.parameter_handler(Arc::new(SettingsHandler(desk.clone())));
+        }
+        self.handle = Some(server.start_blocking()?);
         Ok(())
     }
 
@@ -228,6 +238,9 @@ struct StreamWorker {
     field: Field,
     new_viewers: Arc<Mutex<Vec<NewViewer>>>,
     stop_requested: Arc<AtomicBool>,
+    /// The settings, and the revision that viewers have.
+    tuning: Option<(TuningDesk, u64)>,
+    server: Arc<Mutex<FoxgloveServer>>,
     /// Connects channels and viewers; must live as long as the thread.
     _context: Arc<Context>,
 }
@@ -250,6 +263,7 @@ impl StreamWorker {
                     NewTopic::Field => self.messages.publish_field(&self.field, stamp, sink),
                 }
             }
+            self.publish_settings();
             match next {
                 Ok(((index, cycle), dropped)) => {
                     if let Err(error) = self.messages.publish_cycle(index, &cycle) {
@@ -260,6 +274,21 @@ impl StreamWorker {
                 Err(RecvError::Timeout) => {}
                 Err(RecvError::Closed) => return,
             }
+        }
+    }
+}
+
+impl StreamWorker {
+    /// Sends the settings to the viewers that follow them, if they have changed.
+    fn publish_settings(&mut self) {
+        let Some((desk, known)) = &mut self.tuning else {
+            return;
+        };
+        let revision = desk.view().revision;
+        if std::mem::replace(known, revision) != revision
+            && let Some(handle) = &lock(&self.server).handle
+        {
+            handle.publish_parameter_values(all_parameters(desk));
         }
     }
 }

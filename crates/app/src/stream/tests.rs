@@ -24,7 +24,7 @@ fn server(feed: &Feed) -> StreamServer {
         header: &header,
         field: &field(),
     };
-    StreamServer::start(feed, preamble, &config).expect("a server")
+    StreamServer::start(feed, preamble, None, &config).expect("a server")
 }
 
 fn client(server: &StreamServer) -> StreamClient {

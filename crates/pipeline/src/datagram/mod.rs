@@ -8,7 +8,7 @@ mod peer_clock;
 mod team_link;
 
 pub use peer_clock::PeerClock;
-pub use team_link::{TeamLink, TeamLinkCounts};
+pub use team_link::{TeamClock, TeamLink, TeamLinkCounts};
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};

@@ -30,6 +30,18 @@ pub struct TeamLinkCounts {
     pub refused: BTreeMap<RejectReason, u64>,
 }
 
+/// The clock of a teammate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+pub struct TeamClock {
+    /// Number of the teammate.
+    pub robot: u32,
+    /// Own clock minus the teammate's, nanoseconds.
+    pub clock_offset_ns: i64,
+    /// Bound of the error: half the shortest round trip. None while the teammate does not receive this robot: then the
+    /// delay of its messages is unknown.
+    pub clock_uncertainty_ns: Option<i64>,
+}
+
 /// One robot's end of the team communication.
 #[derive(Debug)]
 pub struct TeamLink {
@@ -114,6 +126,18 @@ impl TeamLink {
     /// Counts of datagrams.
     pub fn counts(&self) -> &TeamLinkCounts {
         &self.counts
+    }
+
+    /// The clocks of all teammates that were received, in the order of their numbers.
+    pub fn team_clocks(&self) -> Vec<TeamClock> {
+        let clock = |(robot, peer): (&u32, &Peer)| {
+            Some(TeamClock {
+                robot: *robot,
+                clock_offset_ns: peer.clock.offset_ns()?,
+                clock_uncertainty_ns: peer.clock.round_trip_ns().map(|round_trip| round_trip / 2),
+            })
+        };
+        self.peers.iter().filter_map(clock).collect()
     }
 
     /// Clock of a teammate.

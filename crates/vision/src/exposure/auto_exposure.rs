@@ -122,6 +122,19 @@ impl AutoExposure {
         })
     }
 
+    /// Takes over what another control knows about the camera, so that settings can change without a search.
+    pub fn continue_from(&mut self, other: &AutoExposure) {
+        self.image_index = other.image_index;
+        self.setting = other.setting;
+        self.pending = other.pending;
+        self.reference_level = other.reference_level;
+        self.search_steps = other.search_steps;
+        self.target_level = other.target_level;
+        self.last_step = other.last_step;
+        self.response = other.response;
+        self.warned = other.warned;
+    }
+
     /// Call with every image, in order; measures every `check_every`-th, and more often during a search.
     ///
     /// `reported`: the setting with which the image was taken, if the camera reports it. Without it, a command takes

@@ -192,6 +192,9 @@ pub(crate) struct Cycle {
     pub(crate) reported_exposure: Option<f32>,
     #[prost(float, optional)]
     pub(crate) reported_gain: Option<f32>,
+    /// All settings, if they were changed and hold from this cycle on.
+    #[prost(string, optional)]
+    pub(crate) settings: Option<String>,
 }
 
 /// An input file of a run, under its name in a recording folder.

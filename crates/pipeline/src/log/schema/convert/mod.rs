@@ -53,6 +53,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         truth,
         image: _,
         setting,
+        settings,
     } = inputs;
     wire::Cycle {
         index,
@@ -75,6 +76,7 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         team: team_to_wire(team),
         reported_exposure: setting.map(|setting| setting.exposure),
         reported_gain: setting.map(|setting| setting.gain),
+        settings: settings.as_ref().map(|settings| settings.to_string()),
     }
 }
 
@@ -120,6 +122,7 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
             truth: cycle.truth.map(ground_truth_from_wire).transpose()?,
             image: None,
             setting: sensors::camera_setting(cycle.reported_exposure, cycle.reported_gain),
+            settings: cycle.settings.map(Into::into),
         },
         detections: cycle.seen.map(detections_from_wire).transpose()?,
         line_points: line_points_from_wire(cycle.points)?,
