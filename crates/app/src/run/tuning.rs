@@ -18,17 +18,17 @@ const REVOKE_KEY: &str = "revoke";
 const LISTED_CHANGES: usize = 8;
 
 /// A pipeline with other settings, ready for the next cycle.
-pub(super) struct PreparedPipeline {
-    pub(super) pipeline: Pipeline,
+pub(crate) struct PreparedPipeline {
+    pub(crate) pipeline: Pipeline,
     /// All its settings (TOML), for the log.
-    pub(super) settings: String,
+    pub(crate) settings: String,
     /// What has changed, for the operator.
-    pub(super) changes: String,
+    pub(crate) changes: String,
     config: PipelineConfig,
 }
 
 /// The run's side of the tuning.
-pub(super) struct Tuning {
+pub(crate) struct Tuning {
     desk: TuningDesk,
     prepared: Receiver<PreparedPipeline>,
 }
@@ -71,7 +71,7 @@ pub(crate) struct TuningView {
 
 impl Tuning {
     /// Starts the thread that builds pipelines. `key`: the phrase under which changes are accepted; None accepts all.
-    pub(super) fn start(setup: Setup, config: &PipelineConfig, key: Option<&str>) -> Result<Self> {
+    pub(crate) fn start(setup: Setup, config: &PipelineConfig, key: Option<&str>) -> Result<Self> {
         let shared = Arc::new(Mutex::new(TuningState {
             initial: config.clone(),
             current: config.clone(),
@@ -111,12 +111,12 @@ impl Tuning {
     }
 
     /// The stream's side.
-    pub(super) fn desk(&self) -> TuningDesk {
+    pub(crate) fn desk(&self) -> TuningDesk {
         self.desk.clone()
     }
 
     /// A pipeline with new settings, if one is ready. It counts as in use from now on.
-    pub(super) fn take_prepared(&self) -> Option<PreparedPipeline> {
+    pub(crate) fn take_prepared(&self) -> Option<PreparedPipeline> {
         let prepared = self.prepared.try_recv().ok()?;
         let mut state = lock(&self.desk.shared);
         state.current = prepared.config.clone();

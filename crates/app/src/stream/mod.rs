@@ -14,4 +14,5 @@ mod tests;
 
 pub(crate) use client::{StreamClient, StreamEvent};
 pub(crate) use config::StreamConfig;
+pub(crate) use parameters::{MESSAGE, NONCE};
 pub(crate) use server::{StreamPreamble, StreamServer};

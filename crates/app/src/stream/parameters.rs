@@ -10,9 +10,9 @@ use foxglove::websocket::{
 use crate::run::tuning::{TuningDesk, flatten};
 
 /// Number that the next seal must contain.
-pub(super) const NONCE: &str = "tuning.nonce";
+pub(crate) const NONCE: &str = "tuning.nonce";
 /// Result of the last change.
-pub(super) const MESSAGE: &str = "tuning.message";
+pub(crate) const MESSAGE: &str = "tuning.message";
 /// Changes (TOML), all at once. `revoke = true` returns to the settings of the start first.
 pub(super) const OVERLAY: &str = "tuning.overlay";
 /// The overlay's seal under the key.

@@ -30,6 +30,8 @@ pub(crate) struct ParametersPanel {
     only_changed: bool,
     /// Path of the overlay file.
     file: String,
+    /// Phrase under which a robot accepts changes.
+    key: String,
     /// Result of the last edit, save or load; true if it succeeded.
     message: Option<(bool, String)>,
 }
@@ -45,6 +47,7 @@ impl Default for ParametersPanel {
             filter: String::new(),
             only_changed: false,
             file: "overlay.toml".to_owned(),
+            key: String::new(),
             message: None,
         }
     }
@@ -82,6 +85,7 @@ impl ParametersPanel {
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.sync_with_session(session);
         self.actions(ui, session);
+        self.robot_actions(ui, session);
         if let Some((ok, text)) = &self.message {
             ui.colored_label(
                 if *ok {
@@ -151,6 +155,42 @@ impl ParametersPanel {
                 }
             }
         });
+    }
+
+    /// Sends the edited settings to a robot that plays, or returns it to those of its start.
+    fn robot_actions(&mut self, ui: &mut Ui, session: &mut Session) {
+        let Some(remote) = session.source.remote_settings() else {
+            return;
+        };
+        let status = remote.status();
+        if !status.available {
+            ui.weak("This robot accepts no changes: set tuning = true in [stream] of its network.toml");
+            return;
+        }
+        let mut revoked = false;
+        ui.horizontal_wrapped(|ui| {
+            if status.needs_key {
+                let edit = egui::TextEdit::singleline(&mut self.key).password(true);
+                ui.add(edit.desired_width(140.0))
+                    .with_accessible_label("Key");
+            }
+            // Relative to the start, so that the result does not depend on what others have changed meanwhile.
+            let start = "revoke = true\n";
+            let hint = "The robot takes the settings of this panel between two images, and logs them";
+            if ui.button("Send to robot").on_hover_text(hint).clicked() {
+                let overlay = settings::diff_overlay(&session.source_config, &self.config);
+                remote.change(format!("{start}{overlay}"), &self.key);
+            }
+            let hint = "The robot returns to the settings of its start";
+            if ui.button("Revoke").on_hover_text(hint).clicked() {
+                remote.change(start.to_owned(), &self.key);
+                revoked = true;
+            }
+        });
+        ui.label(status.message);
+        if revoked {
+            self.apply_config(session, session.source_config.clone());
+        }
     }
 
     fn save_overlay(&self) -> (bool, String) {
