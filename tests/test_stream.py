@@ -1,4 +1,4 @@
-"""Does the live stream of a running robot survive what strangers do to it? Its connections are limited in number, time and size."""
+"""Does the live stream survive what strangers do to it? Its connections are limited in number, time and size."""
 
 import base64
 import json
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
 from test_robot import StateOutput, ended, free_port, hardware, start, states  # noqa: F401
 
 TIMEOUT_S = 60.0

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use pipeline::config::PIPELINE_FILE;
 use pipeline::log::{self, Difference, LogEnd, LogReader, VerificationReport};
+use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pipeline::{Pipeline, PipelineConfig};
 

@@ -65,8 +65,6 @@ pub(crate) struct TuningView {
     pub(crate) message: String,
     /// A change needs a seal.
     pub(crate) is_sealed: bool,
-    /// Increases with every change.
-    pub(crate) revision: u64,
 }
 
 impl Tuning {
@@ -135,8 +133,12 @@ impl TuningDesk {
             nonce: state.nonce.clone(),
             message: state.message.clone(),
             is_sealed: self.key.is_some(),
-            revision: state.revision,
         }
+    }
+
+    /// Increases with every change and every rejection.
+    pub(crate) fn revision(&self) -> u64 {
+        lock(&self.shared).revision
     }
 
     /// Requests a change by an overlay (TOML). `seal`: from [`seal`], if there is a key.

@@ -100,14 +100,12 @@ impl Default for StreamConfig {
             connections: 16,
             connections_per_address: 8,
             stall: 5.0,
-            origins: [
-                "https://app.foxglove.dev",
-                "http://localhost",
-                "http://127.0.0.1",
-                "file://",
-            ]
-            .map(str::to_owned)
-            .to_vec(),
+            origins: vec![
+                "https://app.foxglove.dev".to_owned(),
+                "http://localhost".to_owned(),
+                "http://127.0.0.1".to_owned(),
+                "file://".to_owned(),
+            ],
             tuning: false,
             key: None,
         }

@@ -284,7 +284,7 @@ impl StreamWorker {
         let Some((desk, known)) = &mut self.tuning else {
             return;
         };
-        let revision = desk.view().revision;
+        let revision = desk.revision();
         if std::mem::replace(known, revision) != revision
             && let Some(handle) = &lock(&self.server).handle
         {

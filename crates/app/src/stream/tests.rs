@@ -105,8 +105,8 @@ fn misbehaving_clients_do_not_block_the_feed() {
 #[test]
 fn client_changes_settings_under_the_key() {
     let key = "a phrase of the team";
-    let robot = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../samples/sequence/robot.toml");
+    let robot =
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../samples/sequence/robot.toml");
     let setup = pipeline::setup::Setup::load(&robot, None).expect("a setup");
     let config = pipeline::PipelineConfig::default();
     let tuning = Tuning::start(setup, &config, Some(key)).expect("started");
@@ -131,7 +131,10 @@ fn client_changes_settings_under_the_key() {
     let nonce = texts(&mut client).remove(super::NONCE).expect("a nonce");
     let overlay = "vision.scan.range_max = 7.0\n";
     client.change_settings(overlay, None).expect("sent");
-    while !texts(&mut client).get(super::MESSAGE).is_some_and(|text| text.contains("no seal")) {}
+    while !texts(&mut client)
+        .get(super::MESSAGE)
+        .is_some_and(|text| text.contains("no seal"))
+    {}
     let seal = seal(key, &nonce, overlay).expect("sealed");
     client.change_settings(overlay, Some(&seal)).expect("sent");
     let started = Instant::now();
@@ -144,7 +147,10 @@ fn client_changes_settings_under_the_key() {
     };
     assert_eq!(prepared.changes, "vision.scan.range_max 9 → 7");
     assert!(prepared.settings.contains("range_max = 7.0"));
-    while !texts(&mut client).get(super::MESSAGE).is_some_and(|text| text.starts_with("changed")) {}
+    while !texts(&mut client)
+        .get(super::MESSAGE)
+        .is_some_and(|text| text.starts_with("changed"))
+    {}
 }
 
 #[test]

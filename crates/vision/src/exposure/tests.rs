@@ -134,7 +134,7 @@ fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
     let mut commands: Vec<(usize, ExposureCommand)> = Vec::new();
     let limit = 3.0 * control.light(auto_exposure.setting);
     let (mut levels, mut late_commands) = (Vec::new(), 0);
-    for index in 0..160 {
+    for index in 0..200 {
         for (_, command) in commands.iter().filter(|(at, _)| at + 5 == index) {
             setting = control.setting(control.light(command.setting).min(limit));
         }
@@ -145,7 +145,7 @@ fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
         let status = auto_exposure.process(&image.view(), Some(setting));
         if let Some(status) = status {
             assert_eq!(status.applied_setting, Some(setting), "image {index}");
-            late_commands += usize::from(index > 140 && status.command.is_some());
+            late_commands += usize::from(index > 180 && status.command.is_some());
             commands.extend(status.command.map(|command| (index, command)));
         }
     }

@@ -164,7 +164,9 @@ impl ParametersPanel {
         };
         let status = remote.status();
         if !status.available {
-            ui.weak("This robot accepts no changes: set tuning = true in [stream] of its network.toml");
+            ui.weak(
+                "This robot accepts no changes: set tuning = true in [stream] of its network.toml",
+            );
             return;
         }
         let mut revoked = false;
@@ -176,7 +178,8 @@ impl ParametersPanel {
             }
             // Relative to the start, so that the result does not depend on what others have changed meanwhile.
             let start = "revoke = true\n";
-            let hint = "The robot takes the settings of this panel between two images, and logs them";
+            let hint =
+                "The robot takes the settings of this panel between two images, and logs them";
             if ui.button("Send to robot").on_hover_text(hint).clicked() {
                 let overlay = settings::diff_overlay(&session.source_config, &self.config);
                 remote.change(format!("{start}{overlay}"), &self.key);
