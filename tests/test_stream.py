@@ -8,6 +8,7 @@ import socket
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -20,8 +21,11 @@ ABOUT = "/about"
 class Viewer:
     """A WebSocket client (RFC 6455), as small as the tests need."""
 
+    opened: ClassVar[list[socket.socket]] = []
+
     def __init__(self, port: int, origin: str | None = None) -> None:
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=TIMEOUT_S)
+        self.opened.append(self.socket)
         lines = ["GET / HTTP/1.1", f"Host: 127.0.0.1:{port}", "Upgrade: websocket", "Connection: Upgrade"]
         lines += ["Sec-WebSocket-Version: 13", "Sec-WebSocket-Protocol: foxglove.sdk.v1"]
         lines += [f"Sec-WebSocket-Key: {base64.b64encode(os.urandom(16)).decode()}"]
@@ -85,6 +89,11 @@ class Viewer:
             if opcode == 2 and payload[0] == 1:
                 return int.from_bytes(payload[1:5], "little")
 
+    @classmethod
+    def close_all(cls) -> None:
+        while cls.opened:
+            cls.opened.pop().close()
+
     def is_closed(self) -> bool:
         """Waits until the other side closes."""
         try:
@@ -104,6 +113,7 @@ def stream(tmp_path: Path, states: StateOutput) -> Iterator[int]:  # noqa: F811
     run = start("run", "--robot", tmp_path / "robot", "--network", states.network, "--json")
     states.wait(3)
     yield port
+    Viewer.close_all()
     states.wait(3)
     run.send_signal(signal.SIGTERM)
     assert ended(run)["frames"] > 0
@@ -115,9 +125,7 @@ def header_comes(port: int) -> bool:
     viewer = Viewer(port)
     channels = viewer.channels()
     viewer.subscribe(channels[ABOUT])
-    comes = viewer.data() == channels[ABOUT]
-    viewer.socket.close()
-    return comes
+    return viewer.data() == channels[ABOUT]
 
 
 def test_stream_survives_floods_long_messages_slow_requests_and_strange_pages(stream: int) -> None:

@@ -62,6 +62,7 @@ def test_settings_change_between_two_images_and_the_log_verifies(tmp_path: Path,
     tuner.change("revoke = true\n", KEY)
     tuner.wait_for_message("vision.scan.range_max 7.5 → 9")
     states.wait(20)
+    Viewer.close_all()
     run.send_signal(signal.SIGTERM)
     report = ended(run)
     sim.send_signal(signal.SIGTERM)
