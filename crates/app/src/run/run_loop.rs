@@ -340,7 +340,7 @@ fn header(robot: &RobotFolder, config: &PipelineConfig) -> Result<Header> {
     let header = Header::new(&format!("run {}", robot.folder.display()), None)
         .with_clock_offset_ns(hw::realtime_offset_ns())
         .with_robot(&setup.robot, map, setup.colours.as_ref())?
-        .with_file(PIPELINE_FILE, toml::to_string(config)?)
+        .with_file(PIPELINE_FILE, config.to_table()?.to_string())
         .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
     Ok(header)
 }

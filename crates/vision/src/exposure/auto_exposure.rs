@@ -1,6 +1,7 @@
 //! Checks brightness and applies commands image by image; selects the pixels to measure.
 
 use localize::config::SettingError;
+use localize::math;
 use localize::robot::{CameraConfig, CameraControl, CameraSetting};
 
 use crate::config::AutoExposureConfig;
@@ -60,7 +61,7 @@ impl AutoExposure {
         let [cu, cv] = camera.centre_px;
         let own =
             |column: usize, row: usize| mask.is_some_and(|mask| !mask[row * map.width_px + column]);
-        let radius = |column: usize, row: usize| (column as f32 - cu).hypot(row as f32 - cv);
+        let radius = |column: usize, row: usize| math::hypot(column as f32 - cu, row as f32 - cv);
         let mut rim = 0.0f32;
         let (mut near, mut scene) = (Vec::new(), Vec::new());
         for row in 0..map.height_px {
@@ -156,7 +157,7 @@ impl AutoExposure {
         let waiting = self.pending.is_some() && arrived.is_none();
         // Someone else set the camera, or it starts with another setting.
         let other_setting = reported.filter(|reported| {
-            self.pending.is_none() && self.light_ratio(*reported).ln().abs() > REPORTED_CHANGE_MIN
+            self.pending.is_none() && math::ln(self.light_ratio(*reported)).abs() > REPORTED_CHANGE_MIN
         });
         let searching = self.camera.is_some() && self.reference_level.is_none();
         let due = image_index.is_multiple_of(self.config.check_every.max(1));
@@ -169,12 +170,12 @@ impl AutoExposure {
         if let Some((command, before)) = arrived {
             let setting = reported.unwrap_or(command.setting);
             let ratio = self.light_ratio(setting);
-            light_jumped = ratio.ln().abs() > self.config.brightness_change_min;
+            light_jumped = math::ln(ratio).abs() > self.config.brightness_change_min;
             self.setting = setting;
             self.update_response(before, level, ratio);
             self.pending = None;
         } else if let Some(setting) = other_setting {
-            light_jumped = self.light_ratio(setting).ln().abs() > self.config.brightness_change_min;
+            light_jumped = math::ln(self.light_ratio(setting)).abs() > self.config.brightness_change_min;
             self.setting = setting;
         }
         let histogram = Histogram::from_pixels(image, &self.scene_pixels);
@@ -189,7 +190,7 @@ impl AutoExposure {
         };
         let change = self
             .reference_level
-            .map(|reference| (level.max(1.0) / reference).ln());
+            .map(|reference| math::ln(level.max(1.0) / reference));
         let changed = change.is_none_or(|change| change.abs() > self.config.brightness_change_min);
         match self.camera {
             Some(control) if changed => {
@@ -225,8 +226,8 @@ impl AutoExposure {
         let Some(reported) = reported else {
             return image_index >= command.from_frame;
         };
-        let taken = self.light_ratio(reported).ln();
-        let commanded = self.light_ratio(command.setting).ln();
+        let taken = math::ln(self.light_ratio(reported));
+        let commanded = math::ln(self.light_ratio(command.setting));
         (taken - commanded).abs() < taken.abs()
             || image_index >= command.from_frame + ARRIVAL_FRAMES_MAX
     }
