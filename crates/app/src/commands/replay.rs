@@ -147,8 +147,12 @@ fn verify_log(log: LogReader) -> Result<VerificationReport> {
     let mut invalid_settings = None;
     let report = log::verify(log, |sample| {
         if let Sample::Settings(settings) = sample {
-            let next =
-                PipelineConfig::parse(&settings).and_then(|config| Pipeline::new(&setup, &config));
+            let next = PipelineConfig::parse(&settings)
+                .map_err(anyhow::Error::from)
+                .and_then(|config| {
+                    config.check()?;
+                    Pipeline::new(&setup, &config)
+                });
             match next {
                 Ok(next) => pipeline.replace_by(next, settings),
                 Err(error) => invalid_settings = Some(error),

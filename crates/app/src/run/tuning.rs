@@ -240,7 +240,7 @@ fn prepare(
 
 /// The changed settings: `vision.scan.range_max 9 → 7`.
 fn describe_changes(before: &PipelineConfig, after: &PipelineConfig) -> Result<String> {
-    let [before, after] = [before, after].map(toml::Table::try_from);
+    let [before, after] = [before, after].map(PipelineConfig::to_table);
     let [before, after] = [flatten(&before?), flatten(&after?)];
     let names: std::collections::BTreeSet<&String> = before.keys().chain(after.keys()).collect();
     let text = |value: Option<&toml::Value>| match value {

@@ -1,7 +1,5 @@
 //! How do viewers change settings? Foxglove's parameters: one for each setting, and an overlay with its seal.
 
-use std::collections::BTreeMap;
-
 use foxglove::websocket::{
     AnyClient, GetParametersResponder, Parameter, ParameterHandler, ParameterType, ParameterValue,
     SetParametersResponder,
@@ -56,7 +54,7 @@ impl ParameterHandler for SettingsHandler {
 
 fn request_change(desk: &TuningDesk, parameters: Vec<Parameter>) -> anyhow::Result<()> {
     let (mut overlay, mut seal) = (String::new(), None);
-    let settings = flatten(&toml::Table::try_from(desk.view().config)?);
+    let settings = flatten(&desk.view().config.to_table()?);
     for Parameter { name, value, .. } in parameters {
         match (name.as_str(), value) {
             (OVERLAY, Some(ParameterValue::String(text))) => overlay += &text,
@@ -86,8 +84,8 @@ pub(super) fn all_parameters(desk: &TuningDesk) -> Vec<Parameter> {
     if view.is_sealed {
         parameters.push(text(NONCE, &view.nonce));
     }
-    let settings: BTreeMap<String, toml::Value> = toml::Table::try_from(&view.config)
-        .map_or_else(|_| BTreeMap::new(), |table| flatten(&table));
+    // A table of settings that were accepted is always made.
+    let settings = flatten(&view.config.to_table().unwrap_or_default());
     for (name, value) in settings {
         let Some(value) = parameter_value(&value) else {
             continue;

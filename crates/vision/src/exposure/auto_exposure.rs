@@ -157,7 +157,8 @@ impl AutoExposure {
         let waiting = self.pending.is_some() && arrived.is_none();
         // Someone else set the camera, or it starts with another setting.
         let other_setting = reported.filter(|reported| {
-            self.pending.is_none() && math::ln(self.light_ratio(*reported)).abs() > REPORTED_CHANGE_MIN
+            self.pending.is_none()
+                && math::ln(self.light_ratio(*reported)).abs() > REPORTED_CHANGE_MIN
         });
         let searching = self.camera.is_some() && self.reference_level.is_none();
         let due = image_index.is_multiple_of(self.config.check_every.max(1));
@@ -175,7 +176,8 @@ impl AutoExposure {
             self.update_response(before, level, ratio);
             self.pending = None;
         } else if let Some(setting) = other_setting {
-            light_jumped = math::ln(self.light_ratio(setting)).abs() > self.config.brightness_change_min;
+            light_jumped =
+                math::ln(self.light_ratio(setting)).abs() > self.config.brightness_change_min;
             self.setting = setting;
         }
         let histogram = Histogram::from_pixels(image, &self.scene_pixels);
