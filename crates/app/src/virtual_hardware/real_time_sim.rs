@@ -64,16 +64,6 @@ impl RealTimeSim {
                 if !own_path {
                     sim.set_command(Some(*lock(&state.commanded_twist)));
                 }
-                if let Some(CameraSetting { exposure, gain }) =
-                    lock(&state.commanded_setting).take()
-                {
-                    let sensor = FilmConfig {
-                        exposure,
-                        gain,
-                        ..*sim.image_sensor()
-                    };
-                    sim.set_image_sensor(sensor);
-                }
                 let sample = sim.next_sample();
                 let mut at = zero + sample.stamp().seconds();
                 let late = hw::now() - at;
@@ -92,6 +82,10 @@ impl RealTimeSim {
                     exposure: sensor.exposure,
                     gain: sensor.gain,
                 };
+                // The image was rendered with this setting. No other image is waiting, so a new one counts from the next.
+                if matches!(sample, SimSample::Image(_)) {
+                    apply_command(&mut sim, lock(&state.commanded_setting).take());
+                }
                 if deliver
                     .send(ScheduledSample {
                         setting,
@@ -147,6 +141,18 @@ impl RealTimeSim {
             Err(RecvTimeoutError::Timeout) => anyhow::bail!("the simulation delivers no samples"),
             Err(RecvTimeoutError::Disconnected) => Ok(None),
         }
+    }
+}
+
+/// Sets exposure and gain of the simulated camera.
+fn apply_command(sim: &mut Sim, command: Option<CameraSetting>) {
+    if let Some(CameraSetting { exposure, gain }) = command {
+        let sensor = FilmConfig {
+            exposure,
+            gain,
+            ..*sim.image_sensor()
+        };
+        sim.set_image_sensor(sensor);
     }
 }
 

@@ -7,6 +7,7 @@ use localize::robot::{CameraConfig, CameraControl, CameraSetting};
 use crate::config::AutoExposureConfig;
 use crate::error::VisionError;
 use crate::exposure::histogram::Histogram;
+use crate::exposure::search::VALID_LEVELS;
 use crate::exposure::{ExposureCommand, ExposureStatus};
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
@@ -39,6 +40,10 @@ pub struct AutoExposure {
 
 /// Images after the usual delay of a command until what the camera reports is taken as its result.
 const ARRIVAL_FRAMES_MAX: u64 = 8;
+/// Commands with a smaller change of the logarithm of the light are not checked: a change of the light could hide them.
+const CHECKED_CHANGE_MIN: f32 = 0.5;
+/// Smallest effect of a command on the logarithm of the level, per change of the light: half of the flattest response.
+const EFFECT_MIN: f32 = 0.17;
 /// Smallest change of the logarithm of the light that is taken as a new setting, not as rounding by the camera.
 const REPORTED_CHANGE_MIN: f32 = 0.02;
 /// Initial `response`, between a linear camera and the usual gamma, so that the first step overshoots with neither.
@@ -171,6 +176,10 @@ impl AutoExposure {
         if let Some((command, before)) = arrived {
             let setting = reported.unwrap_or(command.setting);
             let ratio = self.light_ratio(setting);
+            let is_last_chance = image_index >= command.from_frame + ARRIVAL_FRAMES_MAX;
+            if !is_last_chance && !shows_effect(before, level, ratio) {
+                return None;
+            }
             light_jumped = math::ln(ratio).abs() > self.config.brightness_change_min;
             self.setting = setting;
             self.update_response(before, level, ratio);
@@ -253,6 +262,15 @@ impl AutoExposure {
         let sum: u32 = middle.iter().map(|&level| u32::from(level)).sum();
         Some(sum as f32 / middle.len().max(1) as f32)
     }
+}
+
+/// False if a large command should have changed the level and has not: the image was taken before it took effect, whatever
+/// the camera's delay or report. Without this the control would answer a missing effect by an even larger command.
+fn shows_effect(before: f32, level: f32, ratio: f32) -> bool {
+    let (commanded, observed) = (math::ln(ratio), math::ln(level.max(1.0) / before.max(1.0)));
+    let is_small = commanded.abs() < CHECKED_CHANGE_MIN;
+    let is_clipped = !VALID_LEVELS.contains(&before);
+    is_small || is_clipped || observed * commanded.signum() > EFFECT_MIN * commanded.abs()
 }
 
 /// Every n-th pixel, so that at least `count_min` remain.

@@ -12,7 +12,7 @@ const RESPONSE_RANGE: std::ops::RangeInclusive<f32> = 0.35..=1.1;
 /// The search ends after this many commands, since the light keeps changing.
 const SEARCH_STEPS_MAX: u32 = 8;
 /// Levels outside this range are too clipped to estimate the response.
-const VALID_LEVELS: std::ops::RangeInclusive<f32> = 6.0..=235.0;
+pub(super) const VALID_LEVELS: std::ops::RangeInclusive<f32> = 6.0..=235.0;
 
 impl AutoExposure {
     /// One iteration of the search. None if the present setting is the best by this image's histogram.

@@ -158,6 +158,39 @@ fn reported_settings_replace_assumed_delays_limits_and_starting_values() {
 }
 
 #[test]
+fn settings_that_are_reported_too_early_do_not_make_the_control_run_away() {
+    let control = control();
+    let config = AutoExposureConfig::default();
+    for images_early in [1, 2, 4] {
+        let mut auto_exposure =
+            AutoExposure::new(&map(), &camera(), None, Some(control), &config).expect("a control");
+        let (mut reported, mut in_force) = (auto_exposure.setting, auto_exposure.setting);
+        let mut changes: Vec<(usize, ExposureCommand)> = Vec::new();
+        let mut lights = Vec::new();
+        for index in 0..120 {
+            for (at, command) in &changes {
+                if at + 1 == index {
+                    reported = command.setting;
+                }
+                if at + 1 + images_early == index {
+                    in_force = command.setting;
+                }
+            }
+            let taken = control.light(in_force) * if index < 60 { 1.0 } else { 0.25 };
+            lights.push(taken);
+            let image = synthetic_image(taken, 0.45, index);
+            let status = auto_exposure.process(&image.view(), Some(reported));
+            let command = status.and_then(|status| status.command);
+            changes.extend(command.map(|command| (index, command)));
+        }
+        let worst = lights[..59].iter().chain(&lights[90..]);
+        let worst = worst.fold(0.0f32, |worst, light| worst.max(light / lights[59]));
+        assert!(worst < 1.6, "{images_early} images early: {lights:?}");
+        assert!((lights[119] / lights[59]).ln().abs() < 0.35, "{lights:?}");
+    }
+}
+
+#[test]
 fn exposure_is_constant_under_constant_light() {
     let (lights, _) = simulate_exposure(0.45, 200, |_| 1.0);
     assert!(
