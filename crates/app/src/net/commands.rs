@@ -13,8 +13,8 @@ use localize::Stamp;
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use super::address::resolve;
 use super::polling::POLL_PERIOD;
-use super::state_sender::resolve;
 use pipeline::datagram::authentication::{MacKey, RejectReason, ReplayGuard, verify_mac};
 use pipeline::datagram::message::{Command, Drive, Kick, VERSION};
 

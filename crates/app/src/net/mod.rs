@@ -2,6 +2,7 @@
 //!
 //! `docs/network.md` describes the messages, `docs/network.proto` their encoding.
 
+mod address;
 pub(crate) mod commands;
 mod polling;
 pub(crate) mod state_sender;

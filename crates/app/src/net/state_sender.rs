@@ -1,6 +1,6 @@
 //! How do other programs get the robot's state? A thread sends a datagram per cycle to each address.
 
-use std::net::{SocketAddr, ToSocketAddrs, UdpSocket};
+use std::net::{SocketAddr, UdpSocket};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -9,6 +9,7 @@ use anyhow::{Context, Result};
 use prost::Message;
 use serde::{Deserialize, Serialize};
 
+use super::address::resolve;
 use super::commands::{ListenerState, RobotIdentity};
 use super::polling::POLL_PERIOD;
 use pipeline::datagram::message::State;
@@ -140,14 +141,6 @@ fn send_states(
             let _sent = socket.send_to(&datagram, address);
         }
     }
-}
-
-/// The first address of `host:port`.
-pub(crate) fn resolve(name: &str) -> Result<SocketAddr> {
-    name.to_socket_addrs()
-        .context("invalid address (expected host:port)")?
-        .next()
-        .context("unknown host")
 }
 
 /// A socket to send from.

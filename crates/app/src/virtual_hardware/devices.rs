@@ -15,14 +15,12 @@ use super::faults::{FaultInterval, FaultPlan, HardwareFault, HardwareFaultKind};
 use super::inertial::{ImuEncoder, ImuFault};
 use super::options::Options;
 use super::real_time_sim::ScheduledSample;
-use super::robot_folder;
+use super::robot_folder::{self, EXPOSURE_UNIT};
 use super::serial_port::VirtualSerialPort;
 use pipeline::csv_table::{CsvWriter, format_seconds};
 
 /// Initial value of the wheel counters: they overflow in every run, after five revolutions of a wheel.
 const INITIAL_COUNT: u32 = 0u32.wrapping_sub(20_000);
-/// Exposure of the virtual camera at the simulator's exposure 1, seconds.
-pub(super) const EXPOSURE_UNIT: f32 = 0.01;
 /// Limits of the virtual camera, unit of the simulator.
 const EXPOSURE_MIN: f32 = 0.01;
 const EXPOSURE_MAX: f32 = 10.0;

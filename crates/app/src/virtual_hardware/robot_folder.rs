@@ -6,7 +6,6 @@ use anyhow::{Context, Result};
 use hw::config::Bus;
 use sim::Sim;
 
-use super::devices::EXPOSURE_UNIT;
 use super::options::Options;
 use super::vescs::NODES;
 
@@ -15,6 +14,9 @@ pub(super) const BASE: &str = "base";
 pub(super) const WIT: &str = "wit";
 pub(super) const BNO085: &str = "bno085";
 pub(super) const CAMERA: &str = "camera";
+
+/// Exposure of the virtual camera at the simulator's exposure 1, seconds.
+pub(super) const EXPOSURE_UNIT: f32 = 0.01;
 
 /// Writes robot.toml and hardware.toml into the folder of the devices.
 pub(super) fn write_robot_folder(sim: &Sim, options: &Options<'_>) -> Result<()> {

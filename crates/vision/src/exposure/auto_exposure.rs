@@ -7,7 +7,6 @@ use localize::robot::{CameraConfig, CameraControl, CameraSetting};
 use crate::config::AutoExposureConfig;
 use crate::error::VisionError;
 use crate::exposure::histogram::Histogram;
-use crate::exposure::search::VALID_LEVELS;
 use crate::exposure::{ExposureCommand, ExposureStatus};
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
@@ -40,6 +39,8 @@ pub struct AutoExposure {
 
 /// Images after the usual delay of a command until what the camera reports is taken as its result.
 const ARRIVAL_FRAMES_MAX: u64 = 8;
+/// Levels outside this range are too clipped to estimate the response.
+pub(super) const VALID_LEVELS: std::ops::RangeInclusive<f32> = 6.0..=235.0;
 /// Commands with a smaller change of the logarithm of the light are not checked: a change of the light could hide them.
 const CHECKED_CHANGE_MIN: f32 = 0.5;
 /// Smallest effect of a command on the logarithm of the level, per change of the light: half of the flattest response.
