@@ -2,6 +2,7 @@
 
 mod arguments;
 pub(crate) mod command_arbiter;
+mod exposure_control;
 pub(crate) mod latency;
 pub(crate) mod log_rotation;
 pub(crate) mod network;

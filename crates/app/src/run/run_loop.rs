@@ -8,12 +8,12 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use hw::camera::CapturedImage;
-use hw::{BaseDriver, CameraDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
+use hw::{BaseDriver, DeviceEvent, Devices, EventQueue, HardwareConfig};
 use localize::Stamp;
-use localize::robot::{CameraControl, CameraSetting};
 
 use super::arguments::Args;
 use super::command_arbiter::CommandArbiter;
+use super::exposure_control::ExposureControl;
 use super::log_rotation::LogRotation;
 use super::network::{self, RunNetwork};
 use super::patrol::Patrol;
@@ -147,7 +147,7 @@ impl RunLoop {
             if let Some(event) = events.pop_timeout(EVENT_TIMEOUT) {
                 self.handle_event(event, &mut state, &mut status);
             }
-            exposure.command_camera(&mut state);
+            exposure.command_camera(state.camera_command.take());
             self.take_tuned_pipeline(&mut status);
             if let Some(image) = state.missing_image(hw::now()) {
                 self.process_sample(Sample::Image(image), &mut state, &mut status);
@@ -303,34 +303,6 @@ fn clock_note(clock: TeamClock) -> String {
     format!(
         "clock of robot {robot}: own minus its {clock_offset_ns} ns, uncertainty {uncertainty} ns"
     )
-}
-
-/// Passes the commands of the exposure control to the camera.
-struct ExposureControl<'a> {
-    camera: Option<(&'a CameraDriver, CameraControl)>,
-}
-
-impl<'a> ExposureControl<'a> {
-    /// Sets the camera to the first setting of robot.toml's `[exposure]`. Without it the camera is not controlled.
-    fn start(devices: &'a Devices, control: Option<CameraControl>) -> Self {
-        let camera = devices.camera.as_ref().zip(control);
-        if let Some((camera, control)) = &camera {
-            let first = CameraSetting {
-                exposure: control.exposure,
-                gain: control.gain,
-            };
-            camera.set_exposure(first, control.delay_frames);
-        }
-        ExposureControl { camera }
-    }
-
-    fn command_camera(&self, state: &mut RunState) {
-        if let (Some(command), Some((camera, control))) =
-            (state.camera_command.take(), &self.camera)
-        {
-            camera.set_exposure(command.setting, control.delay_frames);
-        }
-    }
 }
 
 /// Header of log and stream: the run's configuration.
