@@ -1,5 +1,6 @@
 //! How does a sample become a pose? The stages in order, one cycle per image, live, simulated or replayed alike.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
@@ -8,6 +9,7 @@ use localize::field::GoalColour;
 use localize::map_correction::{MapBasis, MapCorrection};
 
 use localize::localizer::Localizer;
+use localize::robot::CameraSetting;
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
 use localize::world::WorldModel;
@@ -155,6 +157,18 @@ impl Pipeline {
             self.localizer
                 .set_pose(last.stamp, last.pose, &last.covariance);
         }
+        if let (Some(exposure), Some(before)) = (&mut self.exposure, &other.exposure) {
+            exposure.continue_from(before);
+        }
+    }
+
+    /// Goes on with a pipeline of other settings from the next cycle on; `settings`: all of them (TOML), for the log.
+    ///
+    /// Replay does the same at the same cycle, so its bits are equal.
+    pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
+        next.warm_start_from(self);
+        next.inputs.settings = Some(settings);
+        *self = next;
     }
 
     /// Particles of the global search; empty if its method has none.
@@ -176,6 +190,7 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
+            Sample::Settings(settings) => self.inputs.settings = Some(settings),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -185,10 +200,11 @@ impl Pipeline {
         let stamp = image.stamp;
         let started = Instant::now();
         let mut inputs = std::mem::take(&mut self.inputs);
-        let features = self.extract_features(stamp, image.content);
+        let features = self.extract_features(stamp, image.content, image.setting);
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
         inputs.image = features.image;
+        inputs.setting = image.setting;
         self.add_inputs(&inputs);
         let goals = correct_goals(features.goals, self.localizer.map_correction());
         self.localizer.add_goals(stamp, &goals);
@@ -226,11 +242,16 @@ impl Pipeline {
         }
     }
 
-    fn extract_features(&mut self, stamp: Stamp, content: ImageContent) -> Features {
+    fn extract_features(
+        &mut self,
+        stamp: Stamp,
+        content: ImageContent,
+        setting: Option<CameraSetting>,
+    ) -> Features {
         match content {
             ImageContent::Pixels(image) => {
                 let control = self.exposure.as_mut();
-                let exposure = control.and_then(|control| control.process(&image.view()));
+                let exposure = control.and_then(|control| control.process(&image.view(), setting));
                 let light_jumped = exposure.is_some_and(|status| status.light_jumped);
                 let features = match self.run_vision(stamp, &image, light_jumped) {
                     Ok(detections) => Features::from_detections(detections),
@@ -263,7 +284,7 @@ impl Pipeline {
                 Sample::TeamReport(report) => self.team.receive(&report),
                 Sample::Imu(imu) => self.localizer.add_imu(&imu),
                 Sample::Command(command) => self.localizer.add_command(&command),
-                Sample::GroundTruth(_) | Sample::Image(_) => {}
+                Sample::GroundTruth(_) | Sample::Settings(_) | Sample::Image(_) => {}
             }
         }
     }

@@ -208,7 +208,11 @@ impl Iterator for Recording {
                 Err(error) => ImageContent::Unreadable(error.to_string()),
             },
         };
-        Some(Sample::Image(CameraImage { stamp, content }))
+        Some(Sample::Image(CameraImage {
+            stamp,
+            setting: None,
+            content,
+        }))
     }
 }
 

@@ -12,6 +12,7 @@ use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::{GroundMap, Mount, Profile, optics};
 
 /// A robot and its field, loaded and validated.
+#[derive(Clone)]
 pub struct Setup {
     /// Contents of the robot file.
     pub robot: RobotConfig,

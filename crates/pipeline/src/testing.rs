@@ -125,6 +125,11 @@ impl RandomValues {
                 robot_headings: Vec::new(),
             }),
             image: None,
+            setting: Some(CameraSetting {
+                exposure: self.value(),
+                gain: self.value(),
+            }),
+            settings: None,
         }
     }
 

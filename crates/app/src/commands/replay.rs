@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use pipeline::config::PIPELINE_FILE;
 use pipeline::log::{self, Difference, LogEnd, LogReader, VerificationReport};
+use pipeline::sample::Sample;
 use pipeline::setup::Setup;
 use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Pipeline, PipelineConfig};
@@ -157,7 +158,21 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
     }
     let bar = crate::progress::bar(0, "cycles");
     let mut keyframes = KeyframeCollector::default();
+    let mut invalid_settings = None;
     let report = log::verify(log, |sample| {
+        if let Sample::Settings(settings) = sample {
+            let next = PipelineConfig::parse(&settings)
+                .map_err(anyhow::Error::from)
+                .and_then(|config| {
+                    config.check()?;
+                    Pipeline::new(&setup, &config)
+                });
+            match next {
+                Ok(next) => pipeline.replace_by(next, settings),
+                Err(error) => invalid_settings = Some(error),
+            }
+            return None;
+        }
         let cycle = pipeline.process_sample(sample);
         if let Some(cycle) = &cycle {
             keyframes.add_cycle(cycle);
@@ -173,6 +188,9 @@ fn verify_log(log: LogReader) -> Result<(VerificationReport, Vec<String>)> {
         Vec::new(),
         Effort::Brief,
     );
+    if let Some(error) = invalid_settings {
+        return Err(error.context("the settings that were changed during the run"));
+    }
     Ok((report?, found.warnings))
 }
 

@@ -202,7 +202,8 @@ impl Session {
         let remote = remote::connect(address, inbox.clone())?;
         let mut warnings: Vec<String> = remote.header.version_mismatch().into_iter().collect();
         let recorded_config = parse_config(remote.header.files.get(PIPELINE_FILE), &mut warnings);
-        let live = LiveSource::new(inbox, None).with_guard(remote.guard, Some(remote.folder));
+        let mut live = LiveSource::new(inbox, None).with_guard(remote.guard, Some(remote.folder));
+        live.remote_settings = Some(remote.settings);
         let name = format!("{address}: {}", remote.header.source);
         Ok(Session {
             warnings,

@@ -40,6 +40,10 @@ pub struct Header {
     pub images: ImageCompression,
     /// Name of the log that this one continues after a full disk. Its first cycle needs the state at the end of that log.
     pub continues: Option<String>,
+    /// Wall-clock time since 1970 at the zero of the stamps, nanoseconds: added to a stamp it gives its log time.
+    ///
+    /// 0 in simulations and in logs of versions up to 0.2.0.
+    pub clock_offset_ns: i64,
     /// Files of the run by their names in a recording folder: robot.toml, field.toml, map.npz, mirror.csv, …
     ///
     /// robot.toml refers to the others by these names, so that they work in any folder.
@@ -55,6 +59,7 @@ impl Header {
             seed,
             images: ImageCompression::Png,
             continues: None,
+            clock_offset_ns: 0,
             files: BTreeMap::new(),
         }
     }
@@ -65,6 +70,12 @@ impl Header {
             continues: Some(previous.to_owned()),
             ..self
         }
+    }
+
+    /// Sets the wall-clock time at the zero of the stamps.
+    pub fn with_clock_offset_ns(mut self, clock_offset_ns: i64) -> Self {
+        self.clock_offset_ns = clock_offset_ns;
+        self
     }
 
     /// Adds a file.
@@ -254,6 +265,7 @@ impl Header {
             ("source", self.source.clone()),
             ("seed", seed),
             ("images", self.images.name().to_owned()),
+            ("clock_offset_ns", self.clock_offset_ns.to_string()),
         ]
         .into_iter()
         .chain(continues)
@@ -279,6 +291,7 @@ impl Header {
         }
         let seed = value("seed")?;
         let images = value("images")?;
+        let clock_offset = values.get("clock_offset_ns").map_or("0", String::as_str);
         Ok(Header {
             version: version.clone(),
             source: value("source")?.clone(),
@@ -298,6 +311,12 @@ impl Header {
                 )
             })?,
             continues: values.get("continues").cloned(),
+            clock_offset_ns: clock_offset.parse().with_context(|| {
+                format!(
+                    "{}: invalid clock_offset_ns: {clock_offset:?} (expected a whole number)",
+                    path.display()
+                )
+            })?,
             files: BTreeMap::new(),
         })
     }

@@ -231,6 +231,14 @@ pub(crate) struct Cycle {
     pub(crate) world: WorldView,
     #[prost(message, required)]
     pub(crate) team: TeamView,
+    /// Exposure and gain that the camera reported with the image.
+    #[prost(float, optional)]
+    pub(crate) reported_exposure: Option<f32>,
+    #[prost(float, optional)]
+    pub(crate) reported_gain: Option<f32>,
+    /// All settings, if they were changed and hold from this cycle on.
+    #[prost(string, optional)]
+    pub(crate) settings: Option<String>,
 }
 
 /// An input file of a run, under its name in a recording folder.

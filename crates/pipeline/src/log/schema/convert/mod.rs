@@ -52,6 +52,8 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         reports,
         truth,
         image: _,
+        setting,
+        settings,
     } = inputs;
     wire::Cycle {
         index,
@@ -72,6 +74,9 @@ pub(crate) fn cycle_to_wire(index: u64, cycle: &Cycle, image: &str) -> wire::Cyc
         reports: reports.iter().map(team::team_report_to_wire).collect(),
         world: world::world_to_wire(world),
         team: team_to_wire(team),
+        reported_exposure: setting.map(|setting| setting.exposure),
+        reported_gain: setting.map(|setting| setting.gain),
+        settings: settings.as_ref().map(|settings| settings.to_string()),
     }
 }
 
@@ -116,6 +121,8 @@ pub(crate) fn cycle_from_wire(cycle: wire::Cycle) -> Result<Cycle> {
                 .collect::<Result<_>>()?,
             truth: cycle.truth.map(ground_truth_from_wire).transpose()?,
             image: None,
+            setting: sensors::camera_setting(cycle.reported_exposure, cycle.reported_gain),
+            settings: cycle.settings.map(Into::into),
         },
         detections: cycle.seen.map(detections_from_wire).transpose()?,
         line_points: line_points_from_wire(cycle.points)?,
