@@ -122,6 +122,7 @@ impl RandomValues {
                 ball: Some(self.at()),
                 robots: vec![self.at()],
                 robot_headings: Vec::new(),
+                people: Vec::new(),
             }),
             image: None,
         }

@@ -8,6 +8,8 @@ pub mod image;
 
 pub mod optics;
 
+pub mod image_check;
+
 pub mod scan;
 
 pub mod colour;

@@ -41,6 +41,8 @@ pub struct GroundTruthScene<'a> {
     pub occluded_sectors: &'a [(f32, f32)],
     /// Ball and robots. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
+    /// People. A robot that is detected in their place is an obstacle in its place: neither found nor false.
+    pub people: &'a [At<FieldFrame>],
 }
 
 /// Detection results as `--json` prints them.
@@ -309,10 +311,12 @@ impl DetectionStatistics {
                 self.edges_correct += usize::from(near && correct);
             }
         }
+        let people = scene.people.iter().map(|at| scene.pose.inverse() * *at);
+        let obstacles: Vec<At<RobotFrame>> = truths.iter().copied().chain(people).collect();
         let false_robots = detections.robots.iter().filter(|robot| {
-            truths
+            obstacles
                 .iter()
-                .all(|truth| truth.distance_to(robot.at) > 2.0 * ROBOT_TOLERANCE)
+                .all(|obstacle| obstacle.distance_to(robot.at) > 2.0 * ROBOT_TOLERANCE)
         });
         for false_robot in false_robots {
             let range = false_robot.edge.distance();

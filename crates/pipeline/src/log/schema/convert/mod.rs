@@ -203,6 +203,7 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         ball,
         robots,
         robot_headings: _,
+        people: _,
     } = truth;
     wire::GroundTruth {
         stamp_ns: stamp.0,
@@ -233,5 +234,6 @@ fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
             .map(|(&x, &y)| At::new(x, y))
             .collect(),
         robot_headings: Vec::new(),
+        people: Vec::new(),
     })
 }
