@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use localize::Stamp;
+use localize::math;
 use localize::robot::CameraConfig;
 use vision::config::ImageCheckConfig;
 use vision::image_check::ImageCheck;
@@ -16,7 +17,7 @@ fn any_map(image: &Image) -> (GroundMap, CameraConfig) {
     let place = |pixel: usize| {
         let (column, row) = (pixel % width_px, pixel / width_px);
         let (du, dv) = (column as f32 - centre[0], row as f32 - centre[1]);
-        let ground = du.hypot(dv) < reach;
+        let ground = math::hypot(du, dv) < reach;
         if ground {
             (-dv / 50.0, -du / 50.0)
         } else {

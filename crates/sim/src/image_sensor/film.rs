@@ -53,7 +53,7 @@ impl Default for FilmConfig {
             vignetting: 0.45,
             full_well: 6000.0,
             read_noise: 15.0,
-            blur_px: 2.4,
+            blur_px: 2.6,
             defocus_px: 2.0,
             haze: 0.004,
             glare: 0.06,

@@ -256,8 +256,6 @@ impl Sim {
             }
         })?;
         let mut people_rng = rng_stream(5);
-        let people = People::new(&field, scenario.people, &mut people_rng);
-        let rocking = Rocking::new(scenario.rocking, start, &mut rng_stream(6));
         let imu = robot.imu.as_ref().map(|config| {
             (
                 ImuModel::new(config, &mut sensor_rng),
@@ -272,8 +270,8 @@ impl Sim {
         });
         Ok(Sim {
             world,
-            rocking,
-            people,
+            rocking: Rocking::new(scenario.rocking, start, &mut rng_stream(6)),
+            people: People::new(&field, scenario.people, &mut people_rng),
             people_rng,
             behaviour,
             follower: PathFollower::new(scenario.path.clone()),

@@ -108,7 +108,7 @@ impl ImageCheck {
             self.mounting.restart_run();
         }
         self.rows.read(image, follows);
-        let fault = self.fault_of_rows();
+        let fault = self.fault_of_rows(image);
         if fault.is_some() {
             return fault;
         }
@@ -116,7 +116,7 @@ impl ImageCheck {
         Some(ImageFault::Turned { turn_deg })
     }
 
-    fn fault_of_rows(&mut self) -> Option<ImageFault> {
+    fn fault_of_rows(&mut self, image: &ImageView<'_>) -> Option<ImageFault> {
         let config = &self.config;
         let rows = &mut self.rows;
         if rows.is_empty() {
@@ -144,7 +144,7 @@ impl ImageCheck {
             let (first, last) = (empty.first, empty.last);
             return Some(ImageFault::Incomplete { first, last });
         }
-        if let Some(row) = rows.seam(config.seam_ratio_min) {
+        if let Some(row) = rows.seam(image, config.seam_ratio_min) {
             return Some(ImageFault::Seam { row });
         }
         let contrast = rows.contrast();

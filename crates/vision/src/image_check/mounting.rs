@@ -2,6 +2,7 @@
 
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
+use localize::math;
 use localize::robot::CameraConfig;
 
 /// Angles and radii at which an image is read; a quarter turn is a whole number of angles.
@@ -45,7 +46,8 @@ impl MountingCheck {
             .map(|index| {
                 let angle = std::f32::consts::TAU * (index % ANGLES) as f32 / ANGLES as f32;
                 let radius = outer * RADII[index / ANGLES];
-                let at = [u + radius * angle.cos(), v - radius * angle.sin()].map(f32::round);
+                let (sin, cos) = math::sin_cos(angle);
+                let at = [u + radius * cos, v - radius * sin].map(f32::round);
                 let inside = (0.0..map.width_px as f32).contains(&at[0])
                     && (0.0..map.height_px as f32).contains(&at[1]);
                 inside.then(|| at.map(|pixel| pixel as u16))

@@ -11,6 +11,13 @@ const ROW_SAMPLES_MIN: usize = 12;
 /// Rows and samples of a part of the floor, whose mean brightness is compared with others.
 const PART_ROWS: usize = 12;
 const PART_SAMPLES: usize = 4;
+/// Difference of two rows over those of their neighbours from which a displacement is sought, largest displacement in
+/// pixels, and share of the difference that it leaves at most.
+const DISPLACED_RATIO: f32 = 1.35;
+const DISPLACEMENT_MAX: usize = 100;
+const DISPLACED_SHARE: f32 = 0.5;
+/// Mean difference below which two rows show nothing that could be displaced, brightness levels.
+const DISPLACED_LEVEL: f32 = 6.0;
 /// Differences below this are noise or compression, brightness levels.
 const SEAM_FLOOR: f32 = 3.0;
 
@@ -206,40 +213,75 @@ impl SampledRows {
         longest
     }
 
-    /// The row that differs from the one above by more than `ratio` times what its neighbours differ by.
+    /// The row that does not continue the one above.
     ///
-    /// Optics spread each edge over several rows. Only two images that were joined differ from one row to the next.
-    pub(super) fn seam(&mut self, ratio: f32) -> Option<usize> {
+    /// Optics spread each edge over several rows. Only parts of two images differ from one row to the next by `ratio`
+    /// times as much as the rows next to them, or continue each other better after a displacement.
+    pub(super) fn seam(&mut self, image: &ImageView<'_>, ratio: f32) -> Option<usize> {
         let mut differences = std::mem::take(&mut self.scratch);
         differences.clear();
-        let mut between = Vec::new();
         let rows: Vec<&SampledRow> = self.read_rows().collect();
         for pair in rows.windows(2) {
-            between.clear();
-            if pair[1].row != pair[0].row + self.row_step {
+            let [above, below] = [pair[0], pair[1]];
+            if below.row != above.row + self.row_step {
                 differences.push(f32::NAN);
                 continue;
             }
-            let [above, below] = [pair[0], pair[1]];
             let (upper, lower) = (
                 SampledRows::of(above, &self.samples),
                 SampledRows::of(below, &self.samples),
             );
+            let (mut sum, mut count) = (0u32, 0u32);
             for place in 0..upper.len() {
                 if above.ground[place] && below.ground[place] {
                     let levels = [upper[place], lower[place]].map(|of| self.brightness(of));
-                    between.push(f32::from(levels[0].abs_diff(levels[1])));
+                    sum += u32::from(levels[0].abs_diff(levels[1]));
+                    count += 1;
                 }
             }
-            differences.push(between.iter().sum::<f32>() / between.len() as f32);
+            differences.push(sum as f32 / count.max(1) as f32);
         }
-        let row = differences.windows(5).position(|around| {
+        let seam = differences.windows(5).enumerate().find(|(index, around)| {
             let beside = around[0].max(around[1]).max(around[3]).max(around[4]);
-            around[2] > ratio * beside.max(SEAM_FLOOR)
+            let least = beside.max(SEAM_FLOOR);
+            around[2] > ratio * least
+                || (around[2] > DISPLACED_RATIO * least
+                    && self.is_displaced(image, rows[index + 2]))
         });
-        let row = row.map(|index| rows[index + 3].row);
+        let row = seam.map(|(index, _)| rows[index + 3].row);
         self.scratch = differences;
         row
+    }
+
+    /// True if the row below one continues it much better when it is displaced.
+    fn is_displaced(&self, image: &ImageView<'_>, above: &SampledRow) -> bool {
+        let shown = |shown: &bool| *shown;
+        let (Some(first), Some(last)) = (
+            above.ground.iter().position(shown),
+            above.ground.iter().rposition(shown),
+        ) else {
+            return false;
+        };
+        let columns = first * COLUMN_STEP..last * COLUMN_STEP;
+        let [upper, lower]: [Vec<u8>; 2] = [above.row, above.row + self.row_step].map(|row| {
+            let level = |column| self.brightness(image.native_channels(column, row));
+            columns.clone().map(level).collect()
+        });
+        let most = DISPLACEMENT_MAX.min(upper.len() / 3);
+        // The difference over the same middle part of the upper row, for each displacement.
+        let difference = |shift: usize| -> u32 {
+            let middle = &upper[most..upper.len() - most];
+            let pairs = middle.iter().zip(&lower[shift..]).step_by(2);
+            pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).sum()
+        };
+        let in_place = difference(most);
+        let compared = (upper.len() - 2 * most).div_ceil(2);
+        if (in_place as f32) < DISPLACED_LEVEL * compared as f32 {
+            return false;
+        }
+        let away = (0..=2 * most).filter(|shift| shift.abs_diff(most) >= 3);
+        let best = away.map(difference).min().unwrap_or(u32::MAX);
+        (best as f32) < DISPLACED_SHARE * in_place as f32
     }
 
     /// Spread of the mean brightness over parts of the floor.
