@@ -16,6 +16,7 @@ use localize::world::WorldModel;
 use localize::{Pose, Stamp};
 use nalgebra::Matrix3;
 use vision::exposure::{AutoExposure, ExposureStatus};
+use vision::image_check::ImageCheck;
 use vision::objects::goals::GoalKind;
 use vision::optics::map_basis;
 use vision::process::{Detections, Vision};
@@ -51,6 +52,7 @@ use crate::setup::Setup;
 /// ```
 pub struct Pipeline {
     vision: Option<Vision>,
+    image_check: Option<ImageCheck>,
     exposure: Option<AutoExposure>,
     localizer: Localizer,
     world: WorldModel,
@@ -104,12 +106,15 @@ impl Pipeline {
             localize.compass.calibration = Some(calibration);
         }
         let world = WorldModel::new(world, localize.matching.viewpoint_height);
+        let mut image_check = None;
         let mut exposure = None;
         let mut detector = None;
         if let Some((camera, map)) = &setup.camera {
             let line_width = setup.field.config.line_width;
             let mask = setup.mask.as_deref();
             let (control, config) = (setup.robot.exposure, &vision.exposure);
+            let check = vision.image_check.clone();
+            image_check = Some(ImageCheck::new(map, camera, check));
             exposure = Some(AutoExposure::new(map, camera, mask, control, config)?);
             detector = Some(Vision::with_mask(map, camera, mask, line_width, vision)?);
         }
@@ -121,6 +126,7 @@ impl Pipeline {
         localizer.set_map_basis(basis);
         Ok(Pipeline {
             vision: detector,
+            image_check,
             exposure,
             localizer,
             world,
@@ -299,6 +305,10 @@ impl Pipeline {
         let Some(vision) = &mut self.vision else {
             return Err("an image, but robot.toml has no [camera]".to_owned());
         };
+        let check = self.image_check.as_mut();
+        if let Some(fault) = check.and_then(|check| check.check(stamp, &image.view())) {
+            return Err(fault.to_string());
+        }
         let last = self.last_image.replace(stamp);
         if light_jumped || last.is_some_and(|last| stamp - last > COLOUR_MODEL_MAX_GAP) {
             vision.reset_colour_model();

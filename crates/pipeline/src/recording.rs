@@ -312,6 +312,7 @@ fn read_truth(folder: &Path) -> Result<Vec<GroundTruth>> {
             ball: None,
             robots: Vec::new(),
             robot_headings: Vec::new(),
+            people: Vec::new(),
         });
     }
     truth.sort_by_key(|truth| truth.stamp);

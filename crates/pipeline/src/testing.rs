@@ -123,6 +123,7 @@ impl RandomValues {
                 ball: Some(self.at()),
                 robots: vec![self.at()],
                 robot_headings: Vec::new(),
+                people: Vec::new(),
             }),
             image: None,
             setting: Some(CameraSetting {

@@ -24,7 +24,27 @@ pub(super) fn translate_files(mut files: BTreeMap<String, Vec<u8>>) -> BTreeMap<
             .entry(PIPELINE_FILE.to_owned())
             .or_insert(settings.into_bytes());
     }
+    if let Some(settings) = files.get_mut(PIPELINE_FILE) {
+        let text = String::from_utf8_lossy(settings).into_owned();
+        *settings = without_later_stages(&text).into_bytes();
+    }
     files
+}
+
+/// Settings of a log, with the stages off that the version which wrote it did not have: its images were all processed.
+fn without_later_stages(settings: &str) -> String {
+    let Ok(mut table) = toml::from_str::<toml::Table>(settings) else {
+        return settings.to_owned();
+    };
+    let Some(toml::Value::Table(vision)) = table.get_mut("vision") else {
+        return settings.to_owned();
+    };
+    if vision.contains_key("image_check") {
+        return settings.to_owned();
+    }
+    let off = toml::Table::from_iter([("enabled".to_owned(), toml::Value::Boolean(false))]);
+    vision.insert("image_check".to_owned(), toml::Value::Table(off));
+    table.to_string()
 }
 
 /// Metadata and files at the start of a log.

@@ -43,6 +43,8 @@ pub struct GroundTruthScene<'a> {
     pub occluded_sectors: &'a [(f32, f32)],
     /// Ball and robots. None if they are unknown.
     pub objects: Option<&'a [GroundTruthObject]>,
+    /// People. A robot that is detected in their place is an obstacle in its place: neither found nor false.
+    pub people: &'a [At<FieldFrame>],
 }
 
 /// Detection results as `--json` prints them.
@@ -308,11 +310,13 @@ impl DetectionStatistics {
                 self.edges_correct += usize::from(near && correct);
             }
         }
+        let people = scene.people.iter().map(|at| scene.pose.inverse() * *at);
+        let obstacles: Vec<At<RobotFrame>> = truths.iter().copied().chain(people).collect();
         // A second detection of one robot lies within its stated error, so it is no false robot.
         let false_robots = detections
             .robots
             .iter()
-            .filter(|robot| !truths.iter().any(|truth| is_within_error(robot, *truth)));
+            .filter(|robot| !obstacles.iter().any(|truth| is_within_error(robot, *truth)));
         for false_robot in false_robots {
             let range = false_robot.edge.distance();
             self.summary.robots_false += usize::from(range <= 4.0);

@@ -206,6 +206,10 @@ fn scenario(
         focal_scale: 1.0,
         film: Default::default(),
         light: Default::default(),
+        hall: Default::default(),
+        people: Default::default(),
+        // Tilts of the course are added to the samples, of the same size for each speed.
+        rocking: crate::rocking::RockingConfig::upright(),
         kidnaps: Vec::new(),
         knocks: Vec::new(),
         pushes,

@@ -210,6 +210,7 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         ball,
         robots,
         robot_headings: _,
+        people: _,
     } = truth;
     wire::GroundTruth {
         stamp_ns: stamp.0,
@@ -240,5 +241,6 @@ fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
             .map(|(&x, &y)| At::new(x, y))
             .collect(),
         robot_headings: Vec::new(),
+        people: Vec::new(),
     })
 }
