@@ -20,6 +20,7 @@ use crate::pipeline::Pipeline;
 use crate::recording::Recording;
 use crate::score;
 use crate::score::detections::{DetectionStatistics, DetectionSummary, GroundTruthScene};
+use crate::score::object_labels::{LabelSummary, ObjectLabels};
 use crate::score::summary::{RunStatistics, Summary};
 use crate::setup::Setup;
 use crate::simulation::{Simulation, load_scenario_with_overrides};
@@ -282,6 +283,9 @@ pub struct RecordingSummary {
     /// Scores of the detections, where objects.csv and truth.csv say what was there.
     #[serde(rename = "eyes", skip_serializing_if = "Option::is_none")]
     pub detections: Option<DetectionSummary>,
+    /// Labelled objects found and missed, where object_labels.csv exists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub labelled_objects: Option<LabelSummary>,
 }
 
 /// A recording folder that is ready to be processed.
@@ -289,6 +293,7 @@ pub struct RecordingRun {
     setup: Setup,
     recording: Recording,
     pipeline: Pipeline,
+    labels: Option<ObjectLabels>,
 }
 
 impl RecordingRun {
@@ -302,6 +307,7 @@ impl RecordingRun {
             setup,
             recording,
             pipeline,
+            labels: ObjectLabels::read(&options.folder)?,
         })
     }
 
@@ -316,7 +322,9 @@ impl RecordingRun {
             setup,
             recording,
             mut pipeline,
+            labels,
         } = self;
+        let mut labelled_objects = labels.is_some().then(LabelSummary::default);
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
         let mut statistics = RunStatistics::default();
@@ -329,6 +337,11 @@ impl RecordingRun {
             let pose = cycle.estimate.pose;
             let error = pose.and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
             statistics.add_cycle(&cycle, error);
+            if let (Some(labels), Some(summary)) = (&labels, &mut labelled_objects)
+                && let (Some(found), Some((camera, _))) = (&cycle.detections, &setup.camera)
+            {
+                summary.add_image(labels, cycle.stamp, camera.width_px, found);
+            }
             if let (Some(found), Some((_, map))) = (&cycle.detections, &setup.camera)
                 && let Some(pose) = score::true_pose_at(&truth, cycle.stamp)
             {
@@ -350,6 +363,7 @@ impl RecordingRun {
             scan_pixels: coverage.map(|(pixels, _)| pixels),
             scan_share: coverage.map(|(_, share)| share),
             detections: detections.summary(),
+            labelled_objects,
             summary,
         })
     }
