@@ -2,6 +2,7 @@
 
 use localize::Pose;
 use localize::matching::distance_field::DistanceField;
+use localize::math;
 use nalgebra::{DMatrix, DVector};
 
 use crate::calibrate::map_correction::{BasisValues, MapCorrection, PARAMETER_COUNT, PriorTerm};
@@ -134,7 +135,7 @@ impl<'a> JointFit<'a> {
         for (number, image) in self.images.iter().enumerate() {
             let start = PARAMETER_COUNT + IMAGE_PARAMETERS * number;
             let [x, y, theta, a, b] = image.state;
-            let (sin, cos) = theta.sin_cos();
+            let (sin, cos) = math::sin_cos(theta);
             for point in image.points.iter().filter(|_| image.used) {
                 let (ground, by) = self.correction.jacobian(&point.basis, [a, b]);
                 let on_field = [
@@ -218,7 +219,7 @@ impl<'a> JointFit<'a> {
     /// Residual of an image at the present fit.
     pub(super) fn evaluate(&self, image: &FitImage) -> ImageFit {
         let [x, y, theta, a, b] = image.state;
-        let (sin, cos) = theta.sin_cos();
+        let (sin, cos) = math::sin_cos(theta);
         let (mut squares, mut inliers, mut relative) = (0.0, 0.0, 0.0);
         for point in &image.points {
             let [gx, gy] = self.correction.correct_point(&point.basis, [a, b]);
