@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::Result;
 use localize::estimate::{Estimate, Mode};
+use vision::objects::robots::ObstacleKind;
 
 use crate::csv_table::{CsvWriter, format_seconds};
 use crate::cycle::Cycle;
@@ -50,11 +51,15 @@ impl CsvOutputs {
             let ball = detections
                 .ball
                 .iter()
+                .chain(&detections.other_balls)
                 .map(|ball| ("ball", ball.at, ball.covariance, ball.score));
-            let robots = detections
-                .robots
-                .iter()
-                .map(|robot| ("robot", robot.at, robot.covariance, robot.score));
+            let robots = detections.robots.iter().map(|robot| {
+                let kind = match robot.kind {
+                    ObstacleKind::Robot => "robot",
+                    ObstacleKind::Person => "person",
+                };
+                (kind, robot.at, robot.covariance, robot.score)
+            });
             let goals = detections
                 .goals
                 .iter()

@@ -21,6 +21,7 @@ use crate::pipeline::Pipeline;
 use crate::recording::Recording;
 use crate::score;
 use crate::score::detections::{DetectionStatistics, DetectionSummary, GroundTruthScene};
+use crate::score::object_labels::{LabelSummary, ObjectLabels};
 use crate::score::summary::{RunStatistics, Summary};
 use crate::setup::Setup;
 use crate::setup_check::{self, Effort, FitFigures, KeyframeCollector, SetupReport};
@@ -333,6 +334,9 @@ pub struct RecordingSummary {
     /// Scores of the detections, where objects.csv and truth.csv say what was there.
     #[serde(rename = "eyes", skip_serializing_if = "Option::is_none")]
     pub detections: Option<DetectionSummary>,
+    /// Labelled objects found and missed, where object_labels.csv exists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub labelled_objects: Option<LabelSummary>,
 }
 
 /// A recording folder that is ready to be processed.
@@ -342,6 +346,7 @@ pub struct RecordingRun {
     pipeline: Pipeline,
     report: SetupReport,
     save_map: Option<PathBuf>,
+    labels: Option<ObjectLabels>,
 }
 
 impl RecordingRun {
@@ -367,6 +372,7 @@ impl RecordingRun {
             pipeline,
             report,
             save_map: options.save_map.clone(),
+            labels: ObjectLabels::read(&options.folder)?,
         })
     }
 
@@ -388,7 +394,9 @@ impl RecordingRun {
             mut pipeline,
             report,
             save_map,
+            labels,
         } = self;
+        let mut labelled_objects = labels.is_some().then(LabelSummary::default);
         let truth = recording.truth.clone();
         let objects = recording.objects.clone();
         let mut statistics = RunStatistics::default();
@@ -401,6 +409,11 @@ impl RecordingRun {
             let pose = cycle.estimate.pose;
             let error = pose.and_then(|pose| score::pose_error(&truth, cycle.stamp, pose));
             statistics.add_cycle(&cycle, error);
+            if let (Some(labels), Some(summary)) = (&labels, &mut labelled_objects)
+                && let (Some(found), Some((camera, _))) = (&cycle.detections, &setup.camera)
+            {
+                summary.add_image(labels, cycle.stamp, camera.width_px, found);
+            }
             if let (Some(found), Some((_, map))) = (&cycle.detections, &setup.camera)
                 && let Some(pose) = score::true_pose_at(&truth, cycle.stamp)
             {
@@ -428,6 +441,7 @@ impl RecordingRun {
             detections: detections.summary(),
             warnings: report.warnings,
             setup: report.figures,
+            labelled_objects,
             summary,
         })
     }

@@ -22,7 +22,8 @@ use vision::image::Image;
 use vision::lines::detection::{LinePointDetection, RejectedCandidate, RejectionReason};
 use vision::objects::ball::BallDetection;
 use vision::objects::goals::{GoalDetection, GoalKind};
-use vision::objects::robots::RobotDetection;
+use vision::objects::rejection::{ObjectRejection, RejectedObject};
+use vision::objects::robots::{ObstacleKind, RobotDetection};
 use vision::objects::virtual_sensors::{Bumper, VirtualSensorReadings};
 use vision::process::Detections;
 
@@ -168,6 +169,20 @@ impl RandomValues {
                 marker: number.is_multiple_of(2).then_some(TeamColour::Magenta),
                 score: self.value(),
                 position_px: self.values(),
+                kind: ObstacleKind::Person,
+            }],
+            rejected_objects: vec![RejectedObject {
+                position_px: self.values(),
+                reason: ObjectRejection::NotAnObstacle,
+                probability: self.value(),
+            }],
+            other_balls: vec![BallDetection {
+                at: self.at(),
+                covariance: self.values(),
+                on_ground: true,
+                score: self.value(),
+                position_px: self.values(),
+                pixels: 7,
             }],
             goals: vec![GoalDetection {
                 kind: GoalKind::Post,

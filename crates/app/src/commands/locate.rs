@@ -101,6 +101,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         if let Some(detections) = &result.detections {
             detections.print();
         }
+        if let Some(labelled) = &result.labelled_objects {
+            labelled.print();
+        }
         if let (Some(pixels), Some(share)) = (result.scan_pixels, result.scan_share) {
             println!(
                 "scan lines read {pixels} pixels, {:.1} % of the image",

@@ -8,7 +8,7 @@ use foxglove::Encode;
 use prost::bytes::Bytes;
 
 pub(crate) use super::wire_detections::{
-    Ball, Detections, Exposure, Goal, Robot, Robots, Sensors, Windows,
+    Ball, Detections, Exposure, Goal, RejectedObject, Robot, Robots, Sensors, Windows,
 };
 pub(crate) use super::wire_geometry::{LinePoints, Pose};
 pub(crate) use super::wire_world::{
