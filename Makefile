@@ -31,7 +31,7 @@ lint: setup
 	$(VENV)/bin/ruff check py tests
 	$(VENV)/bin/ruff format --check py tests
 	$(VENV)/bin/mypy
-	$(VENV)/bin/python tools/file_cycles crates/localize crates/vision crates/hw crates/sim crates/pipeline crates/app
+	$(VENV)/bin/python tools/file_cycles crates/localize crates/vision crates/hw crates/sim crates/pipeline crates/app py
 
 # API documentation of our own crates; a broken link is an error.
 doc: setup

@@ -12,10 +12,10 @@ use vision::calibrate::{
 };
 use vision::colour::colour_table::{ColourTable as Table, Label, TableKind};
 
-use crate::camera::Camera;
-use crate::detections::{ArrayImage, ColourTable, camera_or_from_map, parse_vision_config};
+use crate::camera::{Camera, camera_or_from_map};
+use crate::detections::{ArrayImage, ColourTable, parse_vision_config};
 use crate::errors;
-use crate::rays::GroundMap;
+use crate::ground_map::GroundMap;
 use crate::scene::Field;
 
 /// One image of a calibration: its number in the list, points, residual in pixels, and why it was left out, if it was.

@@ -7,8 +7,7 @@ use localize::robot::{RobotConfig, RobotConfigError};
 use pyo3::exceptions::{PyFileNotFoundError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::detections::camera_or_from_map;
-use crate::rays::GroundMap;
+use crate::ground_map::GroundMap;
 
 /// The number that was written: 0.6, not the 0.600000024 that 32 bits make of it.
 fn as_written(value: f32) -> f64 {
@@ -120,6 +119,18 @@ impl Camera {
     #[getter]
     fn outer_radius_px(&self) -> Option<f64> {
         self.0.outer_radius_px.map(as_written)
+    }
+}
+
+/// The camera as given, or as the map shows it.
+pub(crate) fn camera_or_from_map(
+    camera: Option<&Bound<'_, Camera>>,
+    map: &vision::GroundMap,
+) -> PyResult<CameraConfig> {
+    match camera {
+        Some(camera) => Ok(camera.get().0.clone()),
+        None => vision::optics::camera_from_map::camera_from_map(map)
+            .ok_or_else(|| PyValueError::new_err("the map shows too little ground")),
     }
 }
 

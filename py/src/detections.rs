@@ -13,9 +13,9 @@ use vision::image::{Image, ImageView, PixelFormat, rgb_to_yuv};
 use vision::lines::detection::RejectionReason;
 use vision::{Detections, VisionConfig};
 
-use crate::camera::Camera;
+use crate::camera::{Camera, camera_or_from_map};
 use crate::errors;
-use crate::rays::GroundMap;
+use crate::ground_map::GroundMap;
 
 /// An image as OpenCV reads it: rows × columns (grey) or rows × columns × 3 (blue, green, red), bytes.
 pub(crate) struct ArrayImage {
@@ -72,18 +72,6 @@ pub(crate) fn parse_vision_config(toml: Option<&str>) -> PyResult<VisionConfig> 
         || Ok(VisionConfig::default()),
         |text| toml::from_str(text).map_err(|error| PyValueError::new_err(error.to_string())),
     )
-}
-
-/// The camera as given, or as the map shows it.
-pub(crate) fn camera_or_from_map(
-    camera: Option<&Bound<'_, Camera>>,
-    map: &vision::GroundMap,
-) -> PyResult<localize::robot::CameraConfig> {
-    match camera {
-        Some(camera) => Ok(camera.get().0.clone()),
-        None => vision::optics::camera_from_map::camera_from_map(map)
-            .ok_or_else(|| PyValueError::new_err("the map shows too little ground")),
-    }
 }
 
 /// Vision of one camera: tables that are built once, and the colour model of the present light.

@@ -6,6 +6,7 @@ mod camera;
 mod detections;
 pub mod embedded;
 mod errors;
+mod ground_map;
 mod log;
 mod profile;
 mod rays;
@@ -21,7 +22,7 @@ pub fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<profile::Profile>()?;
     module.add_class::<camera::Camera>()?;
     module.add_class::<camera::Mount>()?;
-    module.add_class::<rays::GroundMap>()?;
+    module.add_class::<ground_map::GroundMap>()?;
     module.add_class::<scene::Field>()?;
     module.add_function(wrap_pyfunction!(rays::trace_rays, module)?)?;
     module.add_function(wrap_pyfunction!(rays::trace_points, module)?)?;

@@ -8,6 +8,8 @@ use std::ops::Mul;
 
 use nalgebra::Vector3;
 
+use crate::math;
+
 /// The field's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FieldFrame {}
@@ -46,21 +48,32 @@ impl<F> At<F> {
 
     /// Distance from the frame's origin.
     pub fn distance(self) -> f32 {
-        self.x.hypot(self.y)
+        math::hypot(self.x, self.y)
     }
 
     /// Distance between two points of one frame.
     pub fn distance_to(self, other: At<F>) -> f32 {
-        (self.x - other.x).hypot(self.y - other.y)
+        math::hypot(self.x - other.x, self.y - other.y)
     }
 
     /// Direction from the frame's origin, radians.
     pub fn bearing(self) -> f32 {
-        self.y.atan2(self.x)
+        math::atan2(self.y, self.x)
     }
 }
 
 /// The rigid motion that takes coordinates of frame `B` to frame `A`: `a = a_from_b * b`.
+///
+/// ```
+/// use localize::{At, Pose};
+///
+/// // One metre left of the field's centre, looking along y; a ball 2 m ahead of the robot.
+/// let field_from_robot = Pose::new(0.0, 1.0, std::f32::consts::FRAC_PI_2);
+/// let ball = field_from_robot * At::new(2.0, 0.0);
+/// assert!(ball.distance_to(At::new(0.0, 3.0)) < 1e-6);
+/// let seen_again = field_from_robot.inverse() * ball;
+/// assert!(seen_again.distance_to(At::new(2.0, 0.0)) < 1e-6);
+/// ```
 #[derive(Debug, PartialEq)]
 pub struct Tf<A, B> {
     /// B's origin in A, metres.
@@ -93,7 +106,7 @@ impl<A, B> Tf<A, B> {
 
     /// The motion that takes coordinates of A to B.
     pub fn inverse(self) -> Tf<B, A> {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         Tf::new(
             -cos * self.x - sin * self.y,
             sin * self.x - cos * self.y,
@@ -120,7 +133,7 @@ impl<A, B> Mul<At<B>> for Tf<A, B> {
     type Output = At<A>;
 
     fn mul(self, point: At<B>) -> At<A> {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         At::new(
             self.x + cos * point.x - sin * point.y,
             self.y + sin * point.x + cos * point.y,
@@ -132,7 +145,7 @@ impl<A, B, C> Mul<Tf<B, C>> for Tf<A, B> {
     type Output = Tf<A, C>;
 
     fn mul(self, other: Tf<B, C>) -> Tf<A, C> {
-        let (sin, cos) = self.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.theta);
         Tf::new(
             self.x + cos * other.x - sin * other.y,
             self.y + sin * other.x + cos * other.y,

@@ -12,8 +12,17 @@
 //!
 //! The feature `synthetic` adds generated drives and the experiments on them, for evaluation, benches and tests.
 
+#![cfg_attr(
+    test,
+    expect(
+        clippy::disallowed_methods,
+        reason = "tests may use the platform's elementary functions"
+    )
+)]
+
 pub mod fixed_array;
 pub mod frames;
+pub mod math;
 pub mod random;
 pub mod robot;
 pub mod sample;

@@ -6,6 +6,8 @@
 
 use nalgebra::{DMatrix, Matrix3};
 
+use crate::math;
+
 pub use crate::twist::Twist;
 
 /// Why a wheel layout is refused.
@@ -48,7 +50,7 @@ impl OmniKinematics {
         }
         // Columns in units of a wheel's rim: the conditioning does not depend on the robot's size.
         let rim = DMatrix::from_fn(angles.len(), 3, |wheel, axis| {
-            let (sin, cos) = f64::from(angles[wheel]).sin_cos();
+            let (sin, cos) = math::sin_cos(f64::from(angles[wheel]));
             [-sin, cos, 1.0][axis]
         });
         let normal: Matrix3<f64> = (rim.transpose() * &rim).fixed_view::<3, 3>(0, 0).into();

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::GoalColour;
 use crate::frames::{At, RobotFrame};
+use crate::math;
 use crate::stamp::Stamp;
 use crate::twist::Twist;
 
@@ -58,7 +59,7 @@ impl Compass {
     pub fn from_magnetic_field(stamp: Stamp, field: [f32; 2]) -> Self {
         Compass {
             stamp,
-            heading: -field[1].atan2(field[0]),
+            heading: -math::atan2(field[1], field[0]),
             magnetic_field: Some(field),
         }
     }

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::math;
 use crate::stamp::Stamp;
 
 /// Velocity of the robot, or its motion in a given time (robot frame).
@@ -35,9 +36,9 @@ impl Twist {
         let (along, across) = if self.theta.abs() < 1e-3 {
             (1.0 - self.theta * self.theta / 6.0, self.theta / 2.0)
         } else {
-            let half = (self.theta / 2.0).sin();
+            let half = math::sin(self.theta / 2.0);
             (
-                self.theta.sin() / self.theta,
+                math::sin(self.theta) / self.theta,
                 2.0 * half * half / self.theta,
             )
         };

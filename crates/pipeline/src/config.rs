@@ -62,12 +62,28 @@ impl PipelineConfig {
         let overlay: toml::Table = toml::from_str(&text).with_context(|| file.to_string())?;
         renamed_keys::refuse_renamed(&overlay, Some((path, &text)))?;
         // Alone first: an unknown key or a wrong type is named with its line.
-        toml::from_str::<PipelineConfig>(&text).with_context(|| file.to_string())?;
+        PipelineConfig::parse(&text).with_context(|| file.to_string())?;
         apply_overlay(&base, overlay).map_err(|error| {
             let key = error.downcast_ref().map(|SettingError { key, .. }| key);
             let place = key_location(path, &text, key.map_or("", String::as_str));
             anyhow!("{place}: {error:#}")
         })
+    }
+
+    /// Parses settings; values are not checked. Here, so that the parser of all settings is compiled once.
+    ///
+    /// # Errors
+    /// Invalid TOML, an unknown key, or a value of another type, with its line.
+    pub fn parse(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    /// All settings as a table.
+    ///
+    /// # Errors
+    /// A whole number above 2^63 - 1.
+    pub fn to_table(&self) -> Result<toml::Table, toml::ser::Error> {
+        toml::Table::try_from(self)
     }
 
     /// Refuses values that cannot work, and names the first.
@@ -82,7 +98,7 @@ impl PipelineConfig {
 /// Settings overridden by those of an overlay, checked.
 pub fn apply_overlay(base: &PipelineConfig, overlay: toml::Table) -> Result<PipelineConfig> {
     renamed_keys::refuse_renamed(&overlay, None)?;
-    let mut merged = toml::Table::try_from(base)?;
+    let mut merged = base.to_table()?;
     merge_tables(&mut merged, overlay);
     let config: PipelineConfig = merged.try_into()?;
     config.check()?;

@@ -1,5 +1,6 @@
 //! How does a ball decelerate? It slides, gains spin, then rolls; a hollow shell starts to roll at 3/5 of its speed.
 
+use localize::sensors::attitude::GRAVITY;
 use nalgebra::Vector2;
 
 /// Friction of a ball on the carpet; rapier does the rest of its motion.
@@ -11,7 +12,6 @@ pub(crate) struct BallFriction {
     pub(crate) rolling_deceleration: f32,
 }
 
-const GRAVITY: f32 = 9.81;
 /// Mass over (moment of inertia / radius²) of a thin shell: 1 / (2/3).
 const SHELL_INERTIA_RATIO: f32 = 1.5;
 /// Slip below which a ball rolls, m/s: friction removes about that much in a step of 2 ms.

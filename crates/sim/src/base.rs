@@ -3,6 +3,7 @@
 use localize::omni::{OmniError, OmniKinematics, Twist};
 use localize::robot::BaseConfig;
 use localize::sample::Odometry;
+use localize::sensors::attitude::GRAVITY;
 use localize::stamp::Stamp;
 use nalgebra::Vector3;
 
@@ -34,8 +35,6 @@ struct Wheel {
     angle: f64,
     counted: i64,
 }
-
-const GRAVITY: f32 = 9.81;
 
 impl SimBase {
     /// A base at rest (docs/methods.md 7.1). Fails for wheels that cannot drive in every direction.

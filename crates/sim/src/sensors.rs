@@ -4,11 +4,9 @@ use localize::frames::wrap_angle;
 use localize::random::standard_normal;
 use localize::robot::{CompassModelConfig, ImuConfig, IronConfig};
 use localize::sample::{Compass, Imu};
+use localize::sensors::attitude::GRAVITY;
 use localize::stamp::Stamp;
 use rand_chacha::ChaCha8Rng;
-
-/// Specific force of a robot at rest, m/s².
-const GRAVITY: f32 = 9.81;
 
 /// An inertial unit; its biases are drawn once, in `new`.
 #[derive(Debug, Clone)]

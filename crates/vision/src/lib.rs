@@ -2,6 +2,14 @@
 //!
 //! Modules are listed in the order in which data passes them.
 
+#![cfg_attr(
+    test,
+    expect(
+        clippy::disallowed_methods,
+        reason = "tests may use the platform's elementary functions"
+    )
+)]
+
 pub mod config;
 pub mod error;
 pub mod image;

@@ -2,6 +2,7 @@
 
 use localize::field::Marking;
 use localize::frames::{At, FieldFrame, Pose};
+use localize::math;
 use localize::world::TeamColour;
 
 use crate::colour::lookup_table::ColourClass;
@@ -75,7 +76,7 @@ pub fn draw_cross(image: &mut Image, [u, v]: [f32; 2], arm: i64, colour: Rgb) {
 pub fn draw_circle(image: &mut Image, [u, v]: [f32; 2], radius: f32, colour: Rgb) {
     let steps = (std::f32::consts::TAU * radius).ceil().max(8.0) as usize;
     for step in 0..steps {
-        let (sin, cos) = (std::f32::consts::TAU * step as f32 / steps as f32).sin_cos();
+        let (sin, cos) = math::sin_cos(std::f32::consts::TAU * step as f32 / steps as f32);
         let at = [u + radius * cos, v + radius * sin].map(|at| at.round() as i64);
         draw_pixel(image, at[0], at[1], colour);
     }
@@ -196,13 +197,13 @@ pub fn marking_distance(marking: &Marking, point: At<FieldFrame>) -> f32 {
             start,
             sweep,
         } => {
-            let angle = (point.y - centre.y).atan2(point.x - centre.x);
+            let angle = math::atan2(point.y - centre.y, point.x - centre.x);
             let turned = (angle - start).rem_euclid(std::f32::consts::TAU);
             if turned <= sweep {
                 return (point.distance_to(centre) - radius).abs();
             }
             let end = |angle: f32| {
-                let (sin, cos) = angle.sin_cos();
+                let (sin, cos) = math::sin_cos(angle);
                 point.distance_to(At::new(centre.x + radius * cos, centre.y + radius * sin))
             };
             end(start).min(end(start + sweep))
@@ -234,7 +235,7 @@ pub fn marking_points(markings: &[Marking], step: f32) -> Vec<At<FieldFrame>> {
             } => {
                 let count = (radius * sweep / step).ceil().max(1.0) as usize;
                 points.extend((0..=count).map(|index| {
-                    let (sin, cos) = (start + sweep * index as f32 / count as f32).sin_cos();
+                    let (sin, cos) = math::sin_cos(start + sweep * index as f32 / count as f32);
                     At::new(centre.x + radius * cos, centre.y + radius * sin)
                 }));
             }

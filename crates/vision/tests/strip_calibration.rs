@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use localize::math;
 use localize::robot::CameraConfig;
 use vision::calibrate::{Strip, StripImage, calibrate_strip, fit_mount};
 use vision::optics::ray_tracing::Tracer;
@@ -110,8 +111,8 @@ fn render_strip(
         let Some([x, y]) = *at else {
             return [20.0; 3];
         };
-        let along = x * direction.cos() + y * direction.sin();
-        let across = y * direction.cos() - x * direction.sin();
+        let along = x * math::cos(direction) + y * math::sin(direction);
+        let across = y * math::cos(direction) - x * math::sin(direction);
         let bar = (along - strip.first_edge) / strip.spacing;
         if across.abs() > strip.width / 2.0 || bar < 0.0 || bar >= strip.bars as f64 {
             return [90.0, 140.0, 100.0];

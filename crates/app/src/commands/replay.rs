@@ -85,7 +85,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             whole,
         });
     }
-    let mut failure = None;
+    let (mut failure, mut nothing_verified) = (None, false);
     if args.verify || args.export.is_none() {
         let log = LogReader::open(&args.log)?;
         if let Some(note) = log.header().version_mismatch() {
@@ -97,7 +97,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             print(&report);
         }
         summary.verified = Some(VerifyOutcome {
-            identical: report.different == 0,
+            identical: report.different == 0 && report.cycles > 0,
             cycles: report.cycles,
             vision_cycles: report.vision_cycles,
             different: report.different,
@@ -105,11 +105,16 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
             whole: report.end == LogEnd::Complete,
         });
         failure = report.first_difference;
+        nothing_verified = report.cycles == 0;
     }
     if json {
         println!("{}", serde_json::to_string(&summary)?);
     }
     match failure {
+        None if nothing_verified => bail!(
+            "{}: no cycle could be verified (expected at least one)",
+            args.log.display()
+        ),
         None => Ok(()),
         Some(Difference {
             stamp,
@@ -165,7 +170,9 @@ fn print(report: &VerificationReport) {
         end,
         ..
     } = report;
-    if *different == 0 {
+    if *cycles == 0 {
+        println!("no estimate could be computed again");
+    } else if *different == 0 {
         println!("{cycles} estimates computed again: bit-identical");
     } else {
         println!("{cycles} estimates computed again: {different} differ");

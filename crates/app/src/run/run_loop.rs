@@ -247,7 +247,7 @@ fn header(robot: &RobotFolder, config: &PipelineConfig) -> Result<Header> {
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
     let header = Header::new(&format!("run {}", robot.folder.display()), None)
         .with_robot(&setup.robot, map, setup.colours.as_ref())?
-        .with_file(PIPELINE_FILE, toml::to_string(config)?)
+        .with_file(PIPELINE_FILE, config.to_table()?.to_string())
         .with_file("hardware.toml", toml::to_string(&robot.hardware)?);
     Ok(header)
 }

@@ -32,7 +32,7 @@ pub(crate) struct PixelLabel {
 }
 
 /// The brush, its labels and its mask.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Brush {
     /// Selected tool.
     pub(crate) tool: Tool,
@@ -46,17 +46,25 @@ pub(crate) struct Brush {
     pub(crate) mask: Option<Vec<bool>>,
     /// Labels or mask changed since the session last took them over.
     pub(crate) dirty: bool,
+    /// A stroke is being painted.
+    pub(crate) painting: bool,
+}
+
+impl Default for Brush {
+    fn default() -> Self {
+        Brush {
+            tool: Tool::default(),
+            radius_px: 3,
+            labels: BTreeMap::new(),
+            labelled_images: Vec::new(),
+            mask: None,
+            dirty: false,
+            painting: false,
+        }
+    }
 }
 
 impl Brush {
-    /// A brush without labels and mask.
-    pub(crate) fn new() -> Self {
-        Brush {
-            radius_px: 3,
-            ..Brush::default()
-        }
-    }
-
     /// Paints a disc around a pixel of the image.
     pub(crate) fn paint(&mut self, stamp: Stamp, image: &Arc<Image>, at: egui::Vec2) {
         let (width, height) = (image.width_px as i32, image.height_px as i32);

@@ -7,6 +7,7 @@
 mod accessibility;
 mod brush;
 pub(crate) mod calibration_job;
+mod calibration_state;
 mod device_monitor;
 mod frame_rate;
 mod inverse_ground_map;
@@ -15,13 +16,17 @@ mod layout;
 mod palette;
 mod panels;
 mod panzoom;
+mod pixel_info;
 mod report;
+mod robot_folder;
 mod session;
 mod settings;
+mod settings_state;
 mod shell;
 mod shortcuts;
 mod source;
 mod static_scene;
+mod status_message;
 #[cfg(test)]
 mod tests;
 mod time_series;
@@ -109,8 +114,7 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
 pub(crate) fn show_recomputed(log: &Path) -> Result<()> {
     window::require_display()?;
     let mut session = Session::open(log)?;
-    let config = session.source_config.clone();
-    session.start_recompute(&config);
+    session.start_recompute();
     window::run_window(session, window::WindowOptions::default()).map(drop)
 }
 

@@ -5,6 +5,8 @@ use localize::estimate::Mode;
 use vision::colour::lookup_table::ColourClass;
 use vision::lines::detection::RejectionReason;
 
+use super::status_message::StatusMessage;
+
 pub(crate) const ORANGE: Color32 = Color32::from_rgb(230, 159, 0);
 pub(crate) const SKY: Color32 = Color32::from_rgb(86, 180, 233);
 pub(crate) const GREEN: Color32 = Color32::from_rgb(0, 158, 115);
@@ -70,4 +72,9 @@ pub(crate) fn mode_colour(mode: Mode) -> Color32 {
         Mode::Global => SKY,
         Mode::Lost => VERMILION,
     }
+}
+
+/// Colour of an action's outcome.
+pub(crate) fn message_colour(message: &StatusMessage) -> Color32 {
+    if message.ok { GREEN } else { VERMILION }
 }

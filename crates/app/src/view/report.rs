@@ -45,7 +45,6 @@ pub(crate) fn write_screenshot(picture: &ColorImage, path: &Path) -> Result<()> 
 pub(crate) fn write_report(
     folder: &Path,
     session: &Session,
-    config: &PipelineConfig,
     window: Option<&ColorImage>,
 ) -> Result<()> {
     std::fs::create_dir_all(folder)
@@ -62,7 +61,7 @@ pub(crate) fn write_report(
         image.save(&folder.join("camera.png"))?;
     }
     write("run.csv", run_csv(session))?;
-    let overlay = settings::diff_overlay(&PipelineConfig::default(), config);
+    let overlay = settings::diff_overlay(&PipelineConfig::default(), session.settings.config());
     write("overlay.toml", overlay.to_string())?;
     write("report.md", report_markdown(session)?)
 }

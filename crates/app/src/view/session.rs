@@ -5,11 +5,14 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use localize::robot::BaseConfig;
+use localize::{At, FieldFrame, RobotFrame};
 use vision::colour::colour_table::ColourTable;
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 
+use super::calibration_state::CalibrationState;
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
+use super::settings_state::SettingsState;
 use super::source::decoded_cycle::DecodedCycle;
 use super::source::inbox::CycleInbox;
 use super::source::live::LiveSource;
@@ -19,6 +22,7 @@ use super::source::recompute::Recompute;
 use super::source::sim_worker::{SimWorker, SourceRequest};
 use super::source::{Source, remote};
 use super::static_scene::StaticScene;
+use super::status_message::StatusMessage;
 use super::time_series::{CycleMetrics, TimeSeries};
 use pipeline::PipelineConfig;
 use pipeline::config::PIPELINE_FILE;
@@ -79,6 +83,10 @@ pub(crate) struct Session {
     pub(crate) last_error: Option<String>,
     /// The settings that the source runs with, or that the log was recorded with.
     pub(crate) source_config: PipelineConfig,
+    /// The settings in use.
+    pub(crate) settings: SettingsState,
+    /// Labels, mask and map calibration.
+    pub(crate) calibration: CalibrationState,
     /// State of the devices.
     pub(crate) devices: DeviceMonitor,
     /// The layers rendered last.
@@ -106,6 +114,8 @@ impl Default for Session {
             warnings: Vec::new(),
             last_error: None,
             source_config: PipelineConfig::default(),
+            settings: SettingsState::new(PipelineConfig::default()),
+            calibration: CalibrationState::default(),
             devices: DeviceMonitor::default(),
             rendered_layers: RenderedLayers::default(),
             colour_table: None,
@@ -159,6 +169,7 @@ impl Session {
             source: Source::Log(Box::new(player)),
             scene,
             warnings,
+            settings: SettingsState::new(recorded_config.clone()),
             source_config: recorded_config,
             metrics_reader: Some(metrics_reader),
             ..Session::default()
@@ -209,6 +220,7 @@ impl Session {
                 playing: true,
                 ..Playback::default()
             },
+            settings: SettingsState::new(recorded_config.clone()),
             source_config: recorded_config,
             ..Session::default()
         }
@@ -239,6 +251,7 @@ impl Session {
 
     /// Takes new data of all threads, and advances the playback by `passed` seconds; true if there is new data to draw.
     pub(crate) fn update(&mut self, passed: f64) -> bool {
+        self.update_calibration();
         let mut changed = false;
         let base = self.base_config();
         if let Some(metrics_reader) = &mut self.metrics_reader {
@@ -392,12 +405,91 @@ impl Session {
         self.marks.insert(place, Mark { time, text });
     }
 
-    /// Starts to recompute the log with other settings.
-    pub(crate) fn start_recompute(&mut self, config: &PipelineConfig) {
+    /// Takes over painted labels and mask once a stroke has ended, and polls the running calibration.
+    fn update_calibration(&mut self) {
+        if let Some(shown) = &self.shown {
+            self.calibration.collect_mask_image(&shown.cycle);
+        }
+        self.calibration.poll_job();
+        let brush = &mut self.calibration.brush;
+        // Learning a colour table is slow: wait until the stroke ends.
+        if brush.dirty && !brush.painting {
+            brush.dirty = false;
+            self.colour_table = brush.learn_colour_table().map(Arc::new);
+            self.mask = brush.mask.clone().map(Arc::new);
+            self.revision += 1;
+        }
+    }
+
+    /// Finds the mask of the robot's own parts in the collected images.
+    pub(crate) fn compute_mask(&mut self) {
+        self.calibration.compute_mask(self.scene.as_deref());
+    }
+
+    /// Uses other settings: in the simulation, which takes them between two cycles, and in the rendered layers.
+    pub(crate) fn apply_config(&mut self, config: PipelineConfig) {
+        self.settings.set_config(config);
+        self.revision += 1;
+        let config = Box::new(self.settings.config().clone());
+        if let Some(worker) = self.source.simulation() {
+            worker.request(SourceRequest::Configure(config));
+        }
+    }
+
+    /// Changes the settings if the result is valid; otherwise keeps them and states the error.
+    pub(crate) fn edit_config(&mut self, change: impl FnOnce(&mut PipelineConfig)) {
+        let mut config = self.settings.config().clone();
+        change(&mut config);
+        let checked = config.check().map(|()| config).map_err(Into::into);
+        self.apply_checked(checked);
+    }
+
+    /// Changes one setting if the value is valid; otherwise keeps the settings in use and states the error.
+    pub(crate) fn edit_setting(&mut self, path: &[String], value: toml::Value) {
+        let checked = self.settings.edit_value(path, value);
+        self.apply_checked(checked);
+    }
+
+    fn apply_checked(&mut self, checked: Result<PipelineConfig>) {
+        match checked {
+            Ok(config) => {
+                self.apply_config(config);
+                self.settings.message = None;
+            }
+            Err(error) => self.settings.message = Some(StatusMessage::from_result(Err(error))),
+        }
+    }
+
+    /// Uses the settings of a preset, with the overlay in a file.
+    pub(crate) fn load_config(&mut self, preset: &str, overlay: Option<&Path>) {
+        let loaded = PipelineConfig::load(preset, overlay).map(|config| {
+            self.apply_config(config);
+            match overlay {
+                Some(path) => format!("loaded {}", path.display()),
+                None => format!("loaded the preset {preset}"),
+            }
+        });
+        self.settings.message = Some(StatusMessage::from_result(loaded));
+    }
+
+    /// Writes the settings that differ from the defaults.
+    pub(crate) fn save_overlay(&mut self, path: &Path) {
+        let saved = self.settings.save_overlay(path);
+        self.settings.message = Some(StatusMessage::from_result(saved));
+    }
+
+    /// A ground point in the robot frame, metres, at the shown pose on the field.
+    pub(crate) fn to_field(&self, ground: Option<At<RobotFrame>>) -> Option<At<FieldFrame>> {
+        let pose = self.shown.as_ref()?.cycle.estimate.pose?;
+        Some(pose * ground?)
+    }
+
+    /// Starts to recompute the log with the settings in use.
+    pub(crate) fn start_recompute(&mut self) {
         let Some(path) = self.log_path() else {
             return;
         };
-        match Recompute::start(&path, config.clone()) {
+        match Recompute::start(&path, self.settings.config().clone()) {
             Ok(recompute) => self.recompute = Some(recompute),
             Err(error) => self.last_error = Some(format!("{error:#}")),
         }
@@ -416,16 +508,12 @@ impl Session {
     }
 
     /// The shown cycle as a job for the layer worker.
-    pub(crate) fn layer_job(
-        &self,
-        config: &PipelineConfig,
-        selection: LayerSelection,
-    ) -> Option<LayerJob> {
+    pub(crate) fn layer_job(&self, selection: LayerSelection) -> Option<LayerJob> {
         let (scene, shown) = (self.scene.as_ref()?, self.shown.as_ref()?);
         Some(LayerJob {
             scene: scene.clone(),
             cycle: shown.cycle.clone(),
-            vision: config.vision.clone(),
+            vision: self.settings.config().vision.clone(),
             colour_table: self.colour_table.clone(),
             mask: self.mask.clone().or_else(|| scene.mask.clone()),
             revision: self.revision,
@@ -446,7 +534,7 @@ fn parse_config(text: Option<&Vec<u8>>, warnings: &mut Vec<String>) -> PipelineC
         return PipelineConfig::default();
     };
     let text = String::from_utf8_lossy(text);
-    toml::from_str(&text).unwrap_or_else(|error: toml::de::Error| {
+    PipelineConfig::parse(&text).unwrap_or_else(|error| {
         warnings.push(format!(
             "cannot read the settings ({}): defaults are shown",
             error.message()

@@ -33,7 +33,7 @@ impl Setting {
 /// All settings of vision and localization, section by section.
 pub(crate) fn list_settings() -> Vec<Setting> {
     let schema = Json::from(schema_for!(PipelineConfig));
-    let defaults = toml::Table::try_from(PipelineConfig::default()).unwrap_or_default();
+    let defaults = PipelineConfig::default().to_table().unwrap_or_default();
     let mut settings = Vec::new();
     collect(&schema, &schema, &defaults, &mut Vec::new(), &mut settings);
     settings
@@ -84,7 +84,7 @@ pub(crate) fn remove(table: &mut toml::Table, path: &[String]) {
 
 /// The settings of `config` that differ from `base`, as an overlay for `--config`.
 pub(crate) fn diff_overlay(base: &PipelineConfig, config: &PipelineConfig) -> toml::Table {
-    let tables = [base, config].map(|config| toml::Table::try_from(config).unwrap_or_default());
+    let tables = [base, config].map(|config| config.to_table().unwrap_or_default());
     let mut overlay = toml::Table::new();
     for setting in list_settings() {
         let [before, after] = [&tables[0], &tables[1]].map(|table| get(table, &setting.path));
@@ -265,7 +265,7 @@ mod tests {
         let text = overlay.to_string();
         assert!(text.contains("range_max = 7.1\n"), "{text}");
         assert_eq!(text.matches('=').count(), 2, "{text}");
-        let back: PipelineConfig = toml::from_str(&text).expect("a configuration");
+        let back: PipelineConfig = PipelineConfig::parse(&text).expect("a configuration");
         assert_eq!(back.vision, config.vision);
         assert_eq!(back.localize, config.localize);
     }

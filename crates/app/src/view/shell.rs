@@ -56,7 +56,7 @@ pub(crate) struct View {
 impl View {
     /// Creates the window's content for a session.
     pub(crate) fn new(session: Session, layout: PanelLayout) -> Self {
-        let mut view = View {
+        View {
             session,
             panels: Panels::default(),
             tree: layout::build_tree(layout),
@@ -69,9 +69,7 @@ impl View {
             pending_screenshots: Vec::new(),
             screenshot_image: Arc::default(),
             status_message: None,
-        };
-        view.panels.parameters.sync_with_session(&view.session);
-        view
+        }
     }
 
     /// Rearranges the panels.
@@ -84,8 +82,10 @@ impl View {
     pub(crate) fn open(&mut self, path: &std::path::Path, ctx: &egui::Context) {
         match Session::open(path) {
             Ok(session) => {
+                // What the user has labelled outlives the source.
+                let calibration = std::mem::take(&mut self.session.calibration);
                 self.session = session;
-                self.panels.parameters.sync_with_session(&self.session);
+                self.session.calibration = calibration;
                 self.repaint_on_cycle(ctx);
             }
             Err(error) => self.session.last_error = Some(format!("{error:#}")),
@@ -114,6 +114,7 @@ impl View {
             .replace(now);
         let passed = last.map_or(0.0, |last| (now - last).as_secs_f64().min(0.5));
         self.frame_rate.record_frame(now);
+        self.session.calibration.brush.painting = ui.input(|input| input.pointer.any_down());
         self.session.update(passed);
         self.update_layers(ui.ctx());
         for action in shortcuts::pressed_actions(ui.ctx()) {
@@ -210,10 +211,7 @@ impl View {
         let Some(worker) = &mut self.layer_worker else {
             return;
         };
-        if let Some(job) = self
-            .session
-            .layer_job(self.panels.parameters.config(), selection)
-        {
+        if let Some(job) = self.session.layer_job(selection) {
             worker.submit(job);
         }
         if let Some(rendered) = worker.take_result() {
@@ -348,12 +346,9 @@ impl View {
         for target in std::mem::take(&mut self.pending_screenshots) {
             let result = match &target {
                 ScreenshotTarget::File(path) => report::write_screenshot(&image, path),
-                ScreenshotTarget::Report(folder) => report::write_report(
-                    folder,
-                    &self.session,
-                    self.panels.parameters.config(),
-                    Some(&image),
-                ),
+                ScreenshotTarget::Report(folder) => {
+                    report::write_report(folder, &self.session, Some(&image))
+                }
             };
             let (ScreenshotTarget::File(path) | ScreenshotTarget::Report(path)) = &target;
             match result {

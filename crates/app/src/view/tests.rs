@@ -196,16 +196,14 @@ fn changed_setting_is_marked_and_can_be_reset() {
     let mut config = PipelineConfig::default();
     config.vision.scan.range_max = 7.0;
     let view = harness.state_mut();
-    view.panels
-        .parameters
-        .apply_config(&mut view.session, config);
+    view.session.apply_config(config);
     harness.get_by_label("Only what differs").click();
     harness.run_steps(2);
     harness.get_by_label("range_max");
     assert!(harness.query_by_label("spiral_turns").is_none());
     harness.get_by_label("Default").click();
     harness.run_steps(2);
-    let config = harness.state().panels.parameters.config();
+    let config = harness.state().session.settings.config();
     assert_eq!(config.vision.scan.range_max, 9.0);
     assert!(harness.query_by_label("range_max").is_none());
 }
@@ -226,9 +224,7 @@ fn recompute_with_recorded_settings_reproduces_the_poses() {
     let mut config = PipelineConfig::default();
     config.vision.scan.range_max = 4.0;
     let view = harness.state_mut();
-    view.panels
-        .parameters
-        .apply_config(&mut view.session, config);
+    view.session.apply_config(config);
     harness.run_steps(2);
     harness.get_by_label("Recompute log").click();
     harness.run_steps(1);

@@ -6,6 +6,7 @@
 use crate::field::{Field, GoalColour};
 use crate::frames::{At, FieldFrame, Pose, RobotFrame};
 use crate::global_search::branch_and_bound::half_turn;
+use crate::math;
 use crate::sample::GoalObservation;
 
 /// Limit of the squared deviation of a goal, in standard deviations. Beyond it the colour is that of another object.
@@ -35,7 +36,7 @@ impl ColouredGoals {
         };
         ColouredGoals {
             goals,
-            position_std: (goal.width / 4.0).hypot(goal.depth / 2.0),
+            position_std: math::hypot(goal.width / 4.0, goal.depth / 2.0),
         }
     }
 
@@ -71,7 +72,7 @@ pub(crate) fn colour_at(at: At<RobotFrame>, observed: &[GoalObservation]) -> Opt
     let covers = |goal: &&GoalObservation| {
         let (bearing, range) = (goal.at.bearing(), goal.at.distance());
         let deviation = crate::frames::wrap_angle(at.bearing() - bearing).abs();
-        deviation <= (0.5 * goal.width).atan2(range) && at.distance() >= range - 2.0 * goal.std
+        deviation <= math::atan2(0.5 * goal.width, range) && at.distance() >= range - 2.0 * goal.std
     };
     observed.iter().find(covers).map(|goal| goal.colour)
 }

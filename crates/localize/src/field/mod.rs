@@ -41,6 +41,19 @@ pub enum Marking {
 }
 
 /// A field with its markings as centre lines, whatever its file measures to.
+///
+/// ```
+/// # fn main() -> Result<(), localize::field::FieldError> {
+/// use std::path::Path;
+///
+/// let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields/msl_18x12.toml");
+/// let field = localize::Field::load(&config)?;
+/// // The file's 18 m end at the outer edges of the lines, which are 0.125 m wide.
+/// assert_eq!((field.length, field.width), (17.875, 11.875));
+/// assert_eq!(localize::Field::new(field.config.clone())?, field);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     /// Content of the file.

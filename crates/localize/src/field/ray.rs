@@ -1,6 +1,7 @@
 //! At which distances does a ray over the field cross the markings?
 
 use super::Marking;
+use crate::math;
 
 /// Distances (metres, unsorted) at which a ray crosses marking centre lines; `direction` is a unit vector, field frame.
 pub(crate) fn intersect_ray(
@@ -43,7 +44,7 @@ fn intersect_marking(marking: &Marking, [x, y]: [f32; 2], [ux, uy]: [f32; 2], hi
                 return;
             }
             for along in [-half - square.sqrt(), -half + square.sqrt()] {
-                let angle = (cy + along * uy).atan2(cx + along * ux) - start;
+                let angle = math::atan2(cy + along * uy, cx + along * ux) - start;
                 if along > 0.0 && angle.rem_euclid(std::f32::consts::TAU) <= sweep {
                     hits.push(along);
                 }

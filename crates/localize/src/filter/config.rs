@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::math;
 use crate::sensors::collision::CollisionConfig;
 
 /// Kind of pose filter.
@@ -154,7 +155,7 @@ pub(super) struct WheelNoise {
 impl FilterConfig {
     /// Noise of the wheels over a motion (metres, metres, radians) of `seconds`, without slip (docs/methods.md 8.5).
     pub(super) fn wheel_noise(&self, [dx, dy, dtheta]: [f32; 3], seconds: f32) -> WheelNoise {
-        let length = dx.hypot(dy);
+        let length = math::hypot(dx, dy);
         WheelNoise {
             position: self.odometry_noise_per_metre * self.odometry_noise_per_metre * length
                 + self.odometry_drift * self.odometry_drift * seconds,

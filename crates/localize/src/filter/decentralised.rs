@@ -10,6 +10,7 @@ use super::config::WheelNoise;
 use super::pose_gaussian::{PoseMeasurement, retract};
 use super::{FilterConfig, PredictionInput, WheelIncrement};
 use crate::frames::{Pose, RobotFrame, Tf, wrap_angle};
+use crate::math;
 use crate::omni::Twist;
 use crate::sensors::collision::CollisionDetector;
 
@@ -271,7 +272,7 @@ impl DecentralisedFilter {
     fn command_covariance(&self, config: &FilterConfig) -> Matrix3<f32> {
         let noise = &config.decentralised;
         let translation =
-            noise.command_noise * self.commanded_motion.x.hypot(self.commanded_motion.y);
+            noise.command_noise * math::hypot(self.commanded_motion.x, self.commanded_motion.y);
         let rotation = noise.command_noise * self.commanded_motion.theta;
         let position =
             translation * translation + noise.command_drift * noise.command_drift * self.elapsed;
@@ -320,6 +321,6 @@ impl DecentralisedFilter {
 /// Motion on an arc, approximated by its chord at half the rotation.
 fn chord(motion: Twist) -> Motion {
     let Twist { x, y, theta } = motion;
-    let (sin, cos) = (0.5 * theta).sin_cos();
+    let (sin, cos) = math::sin_cos(0.5 * theta);
     Motion::new(cos * x - sin * y, sin * x + cos * y, theta)
 }

@@ -15,6 +15,7 @@ use nalgebra::Matrix3;
 
 use crate::frames::Pose;
 use crate::matching::{Match, Matrix5, PosePrior};
+use crate::math;
 use crate::omni::Twist;
 
 use decentralised::DecentralisedFilter;
@@ -114,7 +115,9 @@ impl PoseFilter {
         let p = self.covariance();
         let mean = 0.5 * (p[(0, 0)] + p[(1, 1)]);
         let half_difference = 0.5 * (p[(0, 0)] - p[(1, 1)]);
-        (mean + half_difference.hypot(p[(0, 1)])).max(0.0).sqrt()
+        (mean + math::hypot(half_difference, p[(0, 1)]))
+            .max(0.0)
+            .sqrt()
     }
 
     /// Standard deviation of the heading, radians.

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::math;
 use crate::sample::LinePoint;
 
 /// Settings of the histograms.
@@ -74,10 +75,10 @@ pub fn histogram_peak(points: &[LinePoint], heading: f32, config: &HeadingHistog
     let bins = (2.0 * config.range_max / config.bin_width) as usize + 2;
     let mut along = vec![0.0_f32; bins];
     let mut across = vec![0.0_f32; bins];
-    let (sin, cos) = heading.sin_cos();
+    let (sin, cos) = math::sin_cos(heading);
     for point in points {
         let (x, y) = (point.at.x, point.at.y);
-        if x.hypot(y) >= config.range_max {
+        if math::hypot(x, y) >= config.range_max {
             continue;
         }
         for (histogram, value) in [

@@ -12,6 +12,7 @@ use crate::field::Field;
 use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::HeadingPrior;
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::random::standard_normal;
 use crate::sample::LinePoint;
 
@@ -175,11 +176,11 @@ impl MonteCarlo {
     /// Motion model P(l | l′, a): moves each particle by odometry (dx, dy, dθ in the robot frame) with its own error.
     pub fn predict(&mut self, motion: [f32; 3]) {
         let [dx, dy, dtheta] = motion;
-        let noise = self.config.motion_noise * (dx.hypot(dy) + dtheta.abs());
+        let noise = self.config.motion_noise * (math::hypot(dx, dy) + dtheta.abs());
         for particle in &mut self.particles {
             let mut error = || noise * standard_normal(&mut self.rng);
             let (mx, my, mt) = (dx + error(), dy + error(), dtheta + error());
-            let (sin, cos) = (particle.theta + 0.5 * mt).sin_cos();
+            let (sin, cos) = math::sin_cos(particle.theta + 0.5 * mt);
             *particle = Pose::new(
                 particle.x + cos * mx - sin * my,
                 particle.y + sin * mx + cos * my,
@@ -209,7 +210,7 @@ impl MonteCarlo {
         for particles in self.particles.chunks(LANES) {
             let [mut cos, mut sin, mut x0, mut y0] = [[0.0_f32; LANES]; 4];
             for (k, particle) in particles.iter().enumerate() {
-                (sin[k], cos[k]) = particle.theta.sin_cos();
+                (sin[k], cos[k]) = math::sin_cos(particle.theta);
                 x0[k] = (particle.x + self.half_x) * per_cell + 1.0;
                 y0[k] = (particle.y + self.half_y) * per_cell + 1.0;
             }
@@ -238,7 +239,7 @@ impl MonteCarlo {
         let effective = |power: f32, logs: &[f32]| {
             let (mut sum, mut squares) = (0.0, 0.0);
             for log in logs {
-                let weight = ((log - log_max) * power).exp();
+                let weight = math::exp((log - log_max) * power);
                 sum += weight;
                 squares += weight * weight;
             }
@@ -252,7 +253,7 @@ impl MonteCarlo {
             power *= 0.6;
         }
         for log in &mut self.weights {
-            *log = ((*log - log_max) * power).exp();
+            *log = math::exp((*log - log_max) * power);
         }
     }
 
@@ -295,11 +296,11 @@ impl MonteCarlo {
         for particle in &self.particles {
             x += particle.x * per_particle;
             y += particle.y * per_particle;
-            let (s, c) = particle.theta.sin_cos();
+            let (s, c) = math::sin_cos(particle.theta);
             sin += s * per_particle;
             cos += c * per_particle;
         }
-        let mean = Pose::new(x, y, sin.atan2(cos));
+        let mean = Pose::new(x, y, math::atan2(sin, cos));
         let (mut position, mut heading) = (0.0, 0.0);
         for particle in &self.particles {
             position += ((particle.x - x).powi(2) + (particle.y - y).powi(2)) * per_particle;

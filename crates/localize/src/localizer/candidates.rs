@@ -8,6 +8,7 @@ use crate::frames::{Pose, wrap_angle};
 use crate::global_search::branch_and_bound::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::sample::{GoalObservation, LinePoint};
 
 /// Maximum number of hypotheses.
@@ -151,9 +152,9 @@ impl Candidates {
             candidate.log_weight -= top;
         }
         let weights = self.candidates.iter().map(|candidate| candidate.log_weight);
-        let total: f32 = weights.map(f32::exp).sum();
+        let total: f32 = weights.map(math::exp).sum();
         for candidate in &mut self.candidates {
-            candidate.hypothesis.probability = candidate.log_weight.exp() / total;
+            candidate.hypothesis.probability = math::exp(candidate.log_weight) / total;
         }
     }
 }

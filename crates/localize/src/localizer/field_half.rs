@@ -3,6 +3,7 @@
 
 use crate::config::CompassConfig;
 use crate::frames::wrap_angle;
+use crate::math;
 use crate::stamp::Stamp;
 
 /// Log odds of the field half of the tracked pose.
@@ -129,7 +130,7 @@ impl CompassMonitor {
         self.stamp = stamp;
         let relative = wrap_angle(deviation - self.reference_deviation);
         // Smoothing removes the noise. The deviation of a stuck compass remains.
-        let share = 1.0 - (-seconds / config.smoothing_time).exp();
+        let share = 1.0 - math::exp(-seconds / config.smoothing_time);
         self.smoothed_deviation += share * wrap_angle(relative - self.smoothed_deviation);
         self.count += 1.0;
         self.mean_deviation += wrap_angle(relative - self.mean_deviation) / self.count;

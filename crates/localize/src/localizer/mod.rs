@@ -44,6 +44,34 @@ use state::State;
 use tilt_bias::TiltBias;
 
 /// Localizes one robot on one field.
+///
+/// Wheels and line points enter in the order in which they arrive.
+///
+/// ```
+/// # fn main() -> Result<(), localize::field::FieldError> {
+/// use std::path::Path;
+///
+/// use localize::omni::Twist;
+/// use localize::sample::LinePoint;
+/// use localize::{At, Field, LocalizeConfig, Localizer, Mode, Pose, Stamp};
+/// use nalgebra::Matrix3;
+///
+/// let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/fields/msl_18x12.toml");
+/// let mut localizer = Localizer::new(&Field::load(&config)?, LocalizeConfig::default());
+/// localizer.set_pose(Stamp(0), Pose::new(0.1, 0.0, 0.0), &(Matrix3::identity() * 0.01));
+///
+/// // The robot stands at (0, 0) and sees the halfway line on both sides, and the centre circle of 2 m ahead.
+/// let point = |x, y| LinePoint { at: At::new(x, y), std_radial: 0.02, std_tangential: 0.02 };
+/// let mut points: Vec<LinePoint> = (10..40).flat_map(|i| [point(0.0, 0.1 * i as f32), point(0.0, -0.1 * i as f32)]).collect();
+/// points.extend((-10..=10).map(|i| 0.05 * i as f32).map(|a| point(1.94 * a.cos(), 1.94 * a.sin())));
+///
+/// localizer.add_odometry(&Twist::default().integrate(Stamp(20_000_000), 0.0));
+/// let estimate = localizer.process_points(Stamp(33_000_000), &points);
+/// assert_ne!(estimate.mode, Mode::Lost);
+/// assert!(estimate.pose.is_some_and(|pose| pose.x.abs() < 0.03));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Localizer {
     config: LocalizeConfig,

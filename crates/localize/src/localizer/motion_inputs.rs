@@ -1,6 +1,7 @@
 //! Motion measurements: turns samples of inertial unit, wheels and commands into the inputs of the pose filters.
 
 use crate::filter::{ImuInterval, PredictionInput, WheelIncrement};
+use crate::math;
 use crate::omni::Twist;
 use crate::sample::{Imu, Odometry, VelocityCommand};
 use crate::sensors::attitude::{Attitude, AttitudeConfig};
@@ -217,7 +218,10 @@ impl MotionInputs {
             config,
         );
         let acceleration = self.attitude.remove_gravity(imu.acceleration);
-        let excess = (acceleration[0] - commanded[0]).hypot(acceleration[1] - commanded[1]);
+        let excess = math::hypot(
+            acceleration[0] - commanded[0],
+            acceleration[1] - commanded[1],
+        );
         let excess_max = if self.command.is_some() {
             collision.shock_acceleration
         } else {
@@ -270,7 +274,7 @@ impl MotionInputs {
         };
         let current = self.achievable_twist;
         let (dx, dy) = (command.x - current.x, command.y - current.y);
-        let change = dx.hypot(dy);
+        let change = math::hypot(dx, dy);
         let change_max = config.motor_acceleration_max * seconds;
         let share = if change > change_max {
             change_max / change

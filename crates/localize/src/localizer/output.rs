@@ -9,6 +9,7 @@ use super::state::Track;
 use crate::estimate::{Estimate, Mode, Reason};
 use crate::filter::PoseFilter;
 use crate::global_search::branch_and_bound::Hypothesis;
+use crate::math;
 use crate::stamp::Stamp;
 
 /// What distinguishes the estimates of the states.
@@ -147,6 +148,6 @@ fn half_turn_hypothesis(track: &Track, figures: MatchFigures) -> Hypothesis {
         residual: figures.residual,
         tilt: figures.tilt,
         // Without compass readings the log odds are 0, so both halves are equally probable.
-        probability: 1.0 / (1.0 + track.half_evidence.log_odds().exp()),
+        probability: 1.0 / (1.0 + math::exp(track.half_evidence.log_odds())),
     }
 }

@@ -16,6 +16,7 @@ use crate::global_search::branch_and_bound::Hypothesis;
 use crate::global_search::heading_histogram::histogram_heading;
 use crate::global_search::scan_map::CellMatch;
 use crate::matching::Match;
+use crate::math;
 use crate::sample::LinePoint;
 use crate::stamp::Stamp;
 
@@ -174,7 +175,7 @@ impl Localizer {
         );
         let offset = free.pose.difference(filter.pose());
         if (free.score - matched.score) * points.len() as f32 > self.score_margin(points.len())
-            && offset[0].hypot(offset[1]) < 2.0 * mode.unreported_motion_max
+            && math::hypot(offset[0], offset[1]) < 2.0 * mode.unreported_motion_max
         {
             let information = prior.information.fixed_view::<3, 3>(0, 0);
             filter.inflate_covariance(offset.dot(&(information * offset)));

@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::field::{Field, Marking};
+use crate::math;
 
 /// Layout of the distance field.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -134,7 +135,7 @@ fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
     match *marking {
         Marking::Line { from, to } => {
             let (ux, uy) = (to.x - from.x, to.y - from.y);
-            let length = ux.hypot(uy);
+            let length = math::hypot(ux, uy);
             if length == 0.0 {
                 return tangent_to_point(x - from.x, y - from.y);
             }
@@ -159,7 +160,7 @@ fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
             sweep,
         } => {
             let (dx, dy) = (x - centre.x, y - centre.y);
-            let turned = (dy.atan2(dx) - start).rem_euclid(std::f32::consts::TAU);
+            let turned = (math::atan2(dy, dx) - start).rem_euclid(std::f32::consts::TAU);
             if turned <= sweep {
                 let out = tangent_to_point(dx, dy);
                 Cell {
@@ -168,7 +169,10 @@ fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
                 }
             } else {
                 let end = |angle: f32| {
-                    tangent_to_point(dx - radius * angle.cos(), dy - radius * angle.sin())
+                    tangent_to_point(
+                        dx - radius * math::cos(angle),
+                        dy - radius * math::sin(angle),
+                    )
                 };
                 let (first, last) = (end(start), end(start + sweep));
                 if first.signed_distance < last.signed_distance {
@@ -185,7 +189,7 @@ fn tangent_to_marking(marking: &Marking, x: f32, y: f32) -> Cell {
 
 /// Tangent at (dx, dy) from a point marking: distance to the point.
 fn tangent_to_point(dx: f32, dy: f32) -> Cell {
-    let distance = dx.hypot(dy);
+    let distance = math::hypot(dx, dy);
     if distance < 1e-6 {
         return Cell {
             signed_distance: 0.0,

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::sample::LinePoint;
 use crate::tilt;
 
@@ -322,7 +323,7 @@ impl Matcher {
         state: &Vector5,
         kernel_factor: f32,
     ) -> NormalEquations {
-        let (sin, cos) = state[2].sin_cos();
+        let (sin, cos) = math::sin_cos(state[2]);
         let (a, b) = (state[3], state[4]);
         let height = self.config.viewpoint_height;
         let inverse_height = 1.0 / height;

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::math;
+
 /// `[camera]` of robot.toml.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -105,7 +107,7 @@ impl CameraConfig {
     ///
     /// Row-major 2 × 2 orthogonal matrix; its determinant is −1 for an unflipped mount, since v points down.
     pub fn image_from_robot(&self) -> [[f32; 2]; 2] {
-        let (sin, cos) = self.forward_deg.to_radians().sin_cos();
+        let (sin, cos) = math::sin_cos(self.forward_deg.to_radians());
         let side = if self.flipped { -1.0 } else { 1.0 };
         // Forward is (cos, sin) in (right, up). Left is 90° from it, in the opposite direction if flipped.
         [[cos, -side * sin], [-sin, -side * cos]]
@@ -120,7 +122,7 @@ impl CameraConfig {
 
     /// True if the pixel is inside the mirror's rim.
     pub fn is_inside_mirror(&self, u: f32, v: f32) -> bool {
-        let radius = (u - self.centre_px[0]).hypot(v - self.centre_px[1]);
+        let radius = math::hypot(u - self.centre_px[0], v - self.centre_px[1]);
         self.outer_radius_px.is_none_or(|rim| radius <= rim)
     }
 }

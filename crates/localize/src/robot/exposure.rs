@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::math;
+
 /// A camera's exposure and gain, in the camera's units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct CameraSetting {
@@ -100,7 +102,7 @@ impl CameraControl {
     /// Factor of brightness of a gain.
     pub fn gain_factor(&self, gain: f32) -> f32 {
         if self.gain_db_per_unit > 0.0 {
-            10f32.powf(gain * self.gain_db_per_unit / 20.0)
+            math::powf(10f32, gain * self.gain_db_per_unit / 20.0)
         } else {
             gain
         }

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::frames::wrap_angle;
+use crate::math;
 use crate::stamp::Stamp;
 
 /// Standard gravity, m/s².
@@ -133,9 +134,9 @@ impl Attitude {
     pub fn roll_pitch_yaw(&self) -> [f32; 3] {
         let m = &self.earth_from_robot;
         [
-            m[(2, 1)].atan2(m[(2, 2)]),
-            -m[(2, 0)].clamp(-1.0, 1.0).asin(),
-            m[(1, 0)].atan2(m[(0, 0)]),
+            math::atan2(m[(2, 1)], m[(2, 2)]),
+            -math::asin(m[(2, 0)].clamp(-1.0, 1.0)),
+            math::atan2(m[(1, 0)], m[(0, 0)]),
         ]
     }
 
@@ -166,7 +167,7 @@ impl Attitude {
             force[1] - wheel_acceleration[1],
             force[2],
         );
-        let share = 1.0 - (-seconds / FORCE_SMOOTHING_TIME).exp();
+        let share = 1.0 - math::exp(-seconds / FORCE_SMOOTHING_TIME);
         self.smoothed_force = match self.aligned_for {
             Some(_) => self.smoothed_force + (force - self.smoothed_force) * share,
             None => force,
@@ -215,7 +216,7 @@ impl Attitude {
         let left = up.cross(&ahead);
         // Rows: the earth's axes (rotated back by the yaw) in the robot frame.
         let level = Matrix3::from_rows(&[ahead.transpose(), left.transpose(), up.transpose()]);
-        let (sin, cos) = yaw.sin_cos();
+        let (sin, cos) = math::sin_cos(yaw);
         let rotation = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         self.earth_from_robot = rotation * level;
         self.aligned_for = Some(0.0);
@@ -259,7 +260,7 @@ impl Attitude {
         };
         let seconds = (stamp - compass.stamp).clamp(0.0, 1.0) as f32;
         compass.stamp = stamp;
-        let share = 1.0 - (-seconds / COMPASS_SMOOTHING_TIME).exp();
+        let share = 1.0 - math::exp(-seconds / COMPASS_SMOOTHING_TIME);
         compass.deviation += share * wrap_angle(deviation - compass.deviation);
         let disturbed = compass.deviation.abs() > config.compass_disturbance_deg.to_radians();
         if disturbed {
@@ -286,7 +287,7 @@ impl Attitude {
     }
 
     fn rotate_yaw(&mut self, angle: f32) {
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = math::sin_cos(angle);
         let rotation = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
         self.earth_from_robot = rotation * self.earth_from_robot;
     }

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::frames::wrap_angle;
+use crate::math;
 
 /// Maps a magnetometer's ellipse to a circle, and its direction to a heading.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -39,8 +40,8 @@ impl CompassCalibration {
         let [x, y] = [field[0] - self.hard[0], field[1] - self.hard[1]];
         let [along, across] = self.soft.map(|row| row[0] * x + row[1] * y);
         MagneticHeading {
-            heading: wrap_angle(self.north_deg.to_radians() - across.atan2(along)),
-            relative_strength: along.hypot(across) / self.radius,
+            heading: wrap_angle(self.north_deg.to_radians() - math::atan2(across, along)),
+            relative_strength: math::hypot(along, across) / self.radius,
         }
     }
 }
@@ -128,7 +129,7 @@ pub fn fit_calibration(readings: &[[f32; 2]]) -> Result<CompassFit, CompassError
     let calibration = ellipse.calibration();
     let raw_error = kept.iter().map(|reading| {
         let (x, y) = (reading.x as f32, reading.y as f32);
-        wrap_angle(calibration.heading([x, y]).heading + y.atan2(x)).abs()
+        wrap_angle(calibration.heading([x, y]).heading + math::atan2(y, x)).abs()
     });
     Ok(CompassFit {
         calibration,
@@ -203,7 +204,7 @@ impl Ellipse {
             .iter()
             .map(|point| {
                 let mapped = self.shape_root * (point - self.centre);
-                mapped.y.atan2(mapped.x)
+                math::atan2(mapped.y, mapped.x)
             })
             .collect();
         directions.sort_by(f64::total_cmp);

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::field::Field;
 use crate::field::ray::intersect_ray;
 use crate::frames::{At, Pose, wrap_angle};
+use crate::math;
 use crate::random::standard_normal;
 use crate::sample::{Compass, LinePoint, Odometry};
 use crate::stamp::Stamp;
@@ -123,7 +124,7 @@ impl<R: Rng> SyntheticDrive<R> {
     fn step(&mut self) -> [f32; 3] {
         let dt = 1.0 / self.config.frame_rate;
         // A Gauss-Markov process of the velocity with a correlation time of 1 s, reflected near the edge.
-        let decay = (-dt).exp();
+        let decay = math::exp(-dt);
         let excitation = (1.0 - decay * decay).sqrt();
         let (half_x, half_y) = (self.field.length / 2.0, self.field.width / 2.0);
         let stds = [self.config.speed, self.config.speed, self.config.yaw_rate];
@@ -142,7 +143,7 @@ impl<R: Rng> SyntheticDrive<R> {
             self.pose.theta + yaw_rate * dt,
         );
         // In the robot frame at the start, as odometry reports it.
-        let (sin, cos) = self.pose.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(self.pose.theta);
         let motion = [
             (cos * vx + sin * vy) * dt,
             (cos * vy - sin * vx) * dt,
@@ -213,7 +214,7 @@ pub fn simulate_line_points(
             continue;
         }
         let bearing = turn_share * std::f32::consts::TAU;
-        let (sin, cos) = (pose.theta + bearing).sin_cos();
+        let (sin, cos) = math::sin_cos(pose.theta + bearing);
         intersect_ray(&field.markings, [pose.x, pose.y], [cos, sin], &mut hits);
         hits.retain(|&range| range > config.range_min && range < config.range_max);
         hits.sort_by(f32::total_cmp);
@@ -229,7 +230,7 @@ pub fn simulate_line_points(
                     std * standard_normal(rng),
                 )
             };
-            let (sin, cos) = bearing.sin_cos();
+            let (sin, cos) = math::sin_cos(bearing);
             points.push(LinePoint {
                 at: At::new(along * cos - across * sin, along * sin + across * cos),
                 std_radial: std,

@@ -16,6 +16,7 @@ use crate::global_search::{GlobalSearch, SearchInput};
 use crate::localizer::Localizer;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::random::standard_normal;
 use crate::synthetic::drive::{
     SyntheticDrive, SyntheticDriveConfig, random_pose, simulate_line_points,
@@ -71,7 +72,7 @@ pub fn evaluate_tracking(
             };
             let off = pose.difference(frame.true_pose);
             score.undetected_failures +=
-                usize::from(estimate.mode == Mode::Tracking && off[0].hypot(off[1]) >= 0.5);
+                usize::from(estimate.mode == Mode::Tracking && math::hypot(off[0], off[1]) >= 0.5);
             for (i, value) in [off[0], off[1], off[2].to_degrees()]
                 .into_iter()
                 .enumerate()
@@ -160,7 +161,7 @@ pub fn evaluate_global_search(
 
 fn is_correct(pose: Pose, truth: Pose) -> bool {
     let off = pose.difference(truth);
-    off[0].hypot(off[1]) < 0.25 && off[2].abs() < 5.0_f32.to_radians()
+    math::hypot(off[0], off[1]) < 0.25 && off[2].abs() < 5.0_f32.to_radians()
 }
 
 /// Detection of and recovery from kidnaps.
@@ -196,7 +197,7 @@ pub fn evaluate_kidnaps(
             let estimate = localizer.process_points(frame.stamp, &frame.points);
             let is_correct = estimate.pose.is_some_and(|pose| {
                 let off = pose.difference(frame.true_pose);
-                off[0].hypot(off[1]) < 0.15 && off[2].abs() < 3.0_f32.to_radians()
+                math::hypot(off[0], off[1]) < 0.15 && off[2].abs() < 3.0_f32.to_radians()
             });
             if estimate.mode != Mode::Tracking || is_correct {
                 detected_at = detected_at.or(Some(k));

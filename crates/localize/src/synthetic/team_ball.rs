@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::estimate::{Estimate, Mode};
 use crate::frames::{At, FieldFrame, Pose};
+use crate::math;
 use crate::random::standard_normal;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
@@ -95,7 +96,7 @@ impl GaussMarkov {
     }
 
     fn step(&mut self, rng: &mut impl Rng) -> f32 {
-        let decay = (-1.0 / (RATE * self.time_constant)).exp();
+        let decay = math::exp(-1.0 / (RATE * self.time_constant));
         self.value = decay * self.value + (1.0 - decay * decay).sqrt() * standard_normal(rng);
         self.value
     }
@@ -244,7 +245,7 @@ impl RollingBall {
 /// Robots stand on a circle of 5.5 m around the centre and rotate in place.
 fn new_robot(i: usize, rng: &mut impl Rng) -> ExperimentRobot {
     let angle = std::f32::consts::TAU * (i as f32 + 0.3 * rng.random::<f32>()) / ROBOTS as f32;
-    let (sin, cos) = angle.sin_cos();
+    let (sin, cos) = math::sin_cos(angle);
     let number = i as u32 + 1;
     let time_constants = [
         TILT_CORRELATION_TIME,

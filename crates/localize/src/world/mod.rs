@@ -22,6 +22,7 @@ use track::Track;
 
 use crate::estimate::Estimate;
 use crate::frames::{At, FieldFrame, Pose, RobotFrame, Tf};
+use crate::math;
 use crate::sample::Odometry;
 use crate::stamp::Stamp;
 use crate::tilt::ground_from_map;
@@ -435,7 +436,7 @@ impl OutputTransform {
 }
 
 fn rotation(theta: f32) -> Matrix2<f32> {
-    let (sin, cos) = theta.sin_cos();
+    let (sin, cos) = math::sin_cos(theta);
     Matrix2::new(cos, -sin, sin, cos)
 }
 

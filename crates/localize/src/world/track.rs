@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use super::config::ObjectConfig;
 use super::observation::{Measurement, OdometryFrame, TeamColour};
 use crate::frames::At;
+use crate::math;
 use crate::stamp::Stamp;
 
 /// Position and velocity (x, y, vx, vy): metres, m/s.
@@ -114,7 +115,7 @@ impl Track {
         };
         Gating {
             mahalanobis_squared: (innovation.transpose() * inverse * innovation).x,
-            log_determinant: covariance.determinant().max(f32::MIN_POSITIVE).ln(),
+            log_determinant: math::ln(covariance.determinant().max(f32::MIN_POSITIVE)),
         }
     }
 

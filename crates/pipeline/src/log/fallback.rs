@@ -6,6 +6,7 @@ use anyhow::Result;
 use foxglove::messages::{PointCloud, Pose as StockPose, PoseInFrame};
 use localize::Stamp;
 use localize::frames::At;
+use localize::math;
 use localize::sample::LinePoint;
 use prost::Message;
 
@@ -121,7 +122,7 @@ fn planar_pose(pose: &StockPose) -> Option<wire::Pose> {
     Some(wire::Pose {
         x: at.x as f32,
         y: at.y as f32,
-        theta: (2.0 * rotation.z.atan2(rotation.w)) as f32,
+        theta: (2.0 * math::atan2(rotation.z, rotation.w)) as f32,
     })
 }
 

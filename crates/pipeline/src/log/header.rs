@@ -111,16 +111,27 @@ impl Header {
     pub fn version_mismatch(&self) -> Option<String> {
         let version = env!("CARGO_PKG_VERSION");
         (self.version != version).then(|| {
-            format!(
-                "written by mirrorball {}, this is {version}: recomputed values may differ{}",
-                self.version,
-                if self.has_comparable_world() {
-                    ""
-                } else {
-                    " (world and team are not compared: their tilt correction has changed)"
-                }
-            )
+            let mut warning = format!(
+                "written by mirrorball {}, this is {version}: recomputed values may differ",
+                self.version
+            );
+            if !self.has_portable_functions() {
+                warning += " (from the last bit on: before 0.3.0 sine, logarithm and the like came from the platform)";
+            }
+            if !self.has_comparable_world() {
+                warning += " (world and team are not compared: their tilt correction has changed)";
+            }
+            warning
         })
+    }
+
+    /// True if the log's elementary functions are those of `localize::math`, which no platform changes.
+    ///
+    /// Logs before 0.3.0 hold the last bits of the library on the machine that wrote them.
+    fn has_portable_functions(&self) -> bool {
+        !["0.1.", "0.2."]
+            .iter()
+            .any(|old| self.version.starts_with(old))
     }
 
     /// Writes the files to a folder.

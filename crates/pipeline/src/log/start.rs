@@ -22,9 +22,9 @@ pub fn start_log(
     log_config: &LogConfig,
 ) -> Result<Recorder> {
     let map = setup.camera.as_ref().map(|(_, map)| &**map);
-    let settings = toml::to_string(config).context("cannot write the settings")?;
+    let settings = config.to_table().context("cannot write the settings")?;
     let header = Header::new(source, seed)
         .with_robot(&setup.robot, map, setup.colours.as_ref())?
-        .with_file(PIPELINE_FILE, settings);
+        .with_file(PIPELINE_FILE, settings.to_string());
     Recorder::create(path, &header, &setup.field, Pace::Lockstep, log_config)
 }

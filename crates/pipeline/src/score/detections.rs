@@ -3,6 +3,7 @@
 //! Points are compared after correction by the tilt that matching estimated for the image.
 
 use localize::frames::{At, FieldFrame, RobotFrame};
+use localize::math;
 use localize::tilt::ground_from_map;
 use localize::{Field, Pose};
 use serde::Serialize;
@@ -399,7 +400,7 @@ impl GroundTruthScene<'_> {
     /// True if a robot or a covered sector occludes this point.
     fn is_occluded(&self, at: At<RobotFrame>) -> bool {
         let range = at.distance();
-        let covered = visibility::is_in_sectors(at.y.atan2(at.x), self.occluded_sectors);
+        let covered = visibility::is_in_sectors(math::atan2(at.y, at.x), self.occluded_sectors);
         covered
             || self
                 .known_objects()

@@ -5,6 +5,7 @@ pub mod summary;
 pub mod visibility;
 
 use localize::frames::wrap_angle;
+use localize::math;
 use localize::{Pose, Stamp};
 use serde::Serialize;
 
@@ -32,7 +33,7 @@ pub fn pose_error(truth: &[GroundTruth], stamp: Stamp, estimate: Pose) -> Option
     let true_pose = true_pose_at(truth, stamp)?;
     let (x, y) = (estimate.x - true_pose.x, estimate.y - true_pose.y);
     Some(PoseError {
-        position: x.hypot(y),
+        position: math::hypot(x, y),
         x,
         y,
         heading: wrap_angle(estimate.theta - true_pose.theta),

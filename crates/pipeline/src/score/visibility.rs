@@ -5,6 +5,7 @@
 use std::f32::consts::TAU;
 
 use localize::frames::{At, RobotFrame, wrap_angle};
+use localize::math;
 
 /// Number of directions. Their spacing, 0.25°, is 2 cm at 4 m.
 const DIRECTIONS: usize = 1440;
@@ -47,7 +48,7 @@ impl Body {
                 (half2 >= 0.0 && along > 0.0).then(|| (along - half2.sqrt()).max(0.0))
             }
             BodyOutline::Square(half, heading) => {
-                let (sin, cos) = heading.sin_cos();
+                let (sin, cos) = math::sin_cos(heading);
                 let in_body = |x: f32, y: f32| [cos * x + sin * y, cos * y - sin * x];
                 let (to, towards) = (in_body(self.at.x, self.at.y), in_body(x, y));
                 let (mut enters, mut leaves) = (0.0f32, f32::INFINITY);
@@ -70,7 +71,7 @@ pub fn body_visibilities(bodies: &[Body], covered: &[(f32, f32)]) -> Vec<Visibil
     let mut nearest = vec![f32::INFINITY; bodies.len()];
     for direction in 0..DIRECTIONS {
         let angle = TAU * direction as f32 / DIRECTIONS as f32;
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = math::sin_cos(angle);
         let ranges: Vec<f32> = bodies
             .iter()
             .map(|body| body.ray_distance([cos, sin]).unwrap_or(f32::INFINITY))

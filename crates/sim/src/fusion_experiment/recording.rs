@@ -4,6 +4,7 @@ use localize::frames::{At, Pose, wrap_angle};
 use localize::random::standard_normal;
 use localize::robot::RobotConfig;
 use localize::sample::{Compass, Imu, LinePoint, Odometry, VelocityCommand};
+use localize::sensors::attitude::GRAVITY;
 use localize::synthetic::drive::{SyntheticDriveConfig, simulate_line_points};
 use localize::tilt::map_from_ground;
 use localize::{Field, Stamp};
@@ -27,7 +28,6 @@ const VISION_LOSS_PERIOD: f64 = 8.0;
 /// Standard deviation of the tilt (radians) and its correlation time (seconds).
 const TILT_STD: f32 = 0.45 * std::f32::consts::PI / 180.0;
 const TILT_CORRELATION_TIME: f32 = 0.4;
-const GRAVITY: f32 = 9.81;
 
 /// One measurement of the robot.
 #[derive(Debug, Clone)]

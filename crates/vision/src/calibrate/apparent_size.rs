@@ -10,6 +10,7 @@ use crate::config::VisionConfig;
 use crate::optics::ground_map::GroundMap;
 use crate::optics::image_polar::azimuth;
 use crate::process::{Detections, Vision};
+use localize::math;
 use localize::robot::CameraConfig;
 
 /// Sizes at one distance; predictions by the map are without blur.
@@ -175,7 +176,7 @@ fn measure_line_widths(
             });
         let Some((_, next)) = next else { continue };
         let (dx, dy) = (next.point.at.x - at.x, next.point.at.y - at.y);
-        let length = dx.hypot(dy);
+        let length = math::hypot(dx, dy);
         if length > 3.0 * step * distance / CROSSING_SINE_MIN || length <= 0.0 {
             continue;
         }

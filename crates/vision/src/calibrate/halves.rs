@@ -1,6 +1,7 @@
 //! Do two halves of the images give the same map? Only then do the images decide it.
 
 use localize::Field;
+use localize::math;
 use localize::robot::CameraConfig;
 
 use crate::calibrate::lines::{IMAGES_MIN, LinesCalibration, NamedImage, refine_map};
@@ -51,7 +52,10 @@ pub(super) fn compare_halves(
     let apart: Vec<(f64, f64)> = ground_pairs(&even, &odd)
         .map(|[p, q]| {
             let moved = transform.apply(p);
-            (p[0].hypot(p[1]), (moved[0] - q[0]).hypot(moved[1] - q[1]))
+            (
+                math::hypot(p[0], p[1]),
+                math::hypot(moved[0] - q[0], moved[1] - q[1]),
+            )
         })
         .collect();
     let median = |from: f64, to: f64| {

@@ -1,6 +1,7 @@
 //! Joint robust least squares of the map correction and all image poses, from line points to markings.
 
 use localize::matching::distance_field::{DistanceField, DistanceFieldConfig};
+use localize::math;
 use localize::{Field, Pose};
 use nalgebra::{DMatrix, DVector};
 
@@ -176,7 +177,7 @@ impl<'a, M: MapModel> JointFit<'a, M> {
         for (number, image) in self.images.iter().enumerate() {
             let start = map_parameters + IMAGE_PARAMETERS * number;
             let [x, y, theta, a, b] = image.state;
-            let (sin, cos) = theta.sin_cos();
+            let (sin, cos) = math::sin_cos(theta);
             for point in image.points.iter().filter(|_| image.used) {
                 by_map.clear();
                 let (ground, by_tilt) = self.model.linearize(point, [a, b], &mut by_map);
@@ -198,7 +199,7 @@ impl<'a, M: MapModel> JointFit<'a, M> {
                 let (rx, ry) = (cos * nx + sin * ny, cos * ny - sin * nx);
                 let along_normal = |[gx, gy]: [f64; 2]| rx * gx + ry * gy;
                 // Geman and McClure's weight (c²/(c² + t²))², over the point's own variance.
-                let scale = metres + relative * ground[0].hypot(ground[1]);
+                let scale = metres + relative * math::hypot(ground[0], ground[1]);
                 let c2 = scale * scale + 9.0 * variance;
                 let weight =
                     (c2 / (c2 + distance * distance)).powi(2) / (variance + 0.01 * scale * scale);
@@ -271,7 +272,7 @@ impl<'a, M: MapModel> JointFit<'a, M> {
     /// Residual of an image at the present fit.
     pub(super) fn evaluate(&self, image: &FitImage<M::Point>) -> ImageFit {
         let [x, y, theta, a, b] = image.state;
-        let (sin, cos) = theta.sin_cos();
+        let (sin, cos) = math::sin_cos(theta);
         let (mut squares, mut inliers, mut relative, mut on_field) = (0.0, 0.0, 0.0, 0.0);
         for point in &image.points {
             let [gx, gy] = self.model.ground(point, [a, b]);

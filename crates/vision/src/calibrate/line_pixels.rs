@@ -3,6 +3,7 @@
 //! The detector runs with a generic map: range grows exponentially with image radius, as in most mirrors of the league.
 //! Only the positions in the image are used. Widths are hardly limited, since the map is a guess.
 
+use localize::math;
 use localize::robot::CameraConfig;
 use rayon::prelude::*;
 
@@ -90,9 +91,9 @@ fn generic_map(camera: &CameraConfig) -> GroundMap {
     for (row, column) in (0..height_px).flat_map(|v| (0..width_px).map(move |u| (v, u))) {
         let (u, v) = (column as f32, row as f32);
         let [x, y] = camera.robot_direction_px(u, v);
-        let radius = x.hypot(y).max(1e-3);
+        let radius = math::hypot(x, y).max(1e-3);
         let range = if camera.is_inside_mirror(u, v) {
-            RANGE_INNER * (GROWTH * radius / rim).exp()
+            RANGE_INNER * math::exp(GROWTH * radius / rim)
         } else {
             f32::NAN
         };

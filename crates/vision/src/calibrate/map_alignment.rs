@@ -1,6 +1,7 @@
 //! The shift and rotation between two maps: the robot frame of a calibration from lines is arbitrary.
 
 use localize::Pose;
+use localize::math;
 
 use crate::optics::ground_map::GroundMap;
 
@@ -20,7 +21,7 @@ impl PlanarTransform {
     pub(super) fn between(from: &GroundMap, to: &GroundMap) -> Self {
         let pairs: Vec<[[f64; 2]; 2]> = ground_pairs(from, to).collect();
         // An error of a map grows with the range.
-        let weight = |[p, _]: &[[f64; 2]; 2]| 1.0 / (0.05 + 0.02 * p[0].hypot(p[1])).powi(2);
+        let weight = |[p, _]: &[[f64; 2]; 2]| 1.0 / (0.05 + 0.02 * math::hypot(p[0], p[1])).powi(2);
         let sum: f64 = pairs.iter().map(weight).sum::<f64>().max(1e-9);
         let mean = |which: usize, axis: usize| {
             let parts = pairs.iter().map(|pair| weight(pair) * pair[which][axis]);
@@ -34,7 +35,7 @@ impl PlanarTransform {
             along += weight(pair) * (px * qx + py * qy);
             across += weight(pair) * (px * qy - py * qx);
         }
-        let (sin, cos) = across.atan2(along).sin_cos();
+        let (sin, cos) = math::sin_cos(math::atan2(across, along));
         PlanarTransform {
             sin,
             cos,
@@ -62,8 +63,8 @@ impl PlanarTransform {
 
     /// The pose of the moved robot frame for the same ground points: pose ∘ transform⁻¹.
     pub(super) fn apply_to_pose(&self, pose: Pose) -> Pose {
-        let theta = f64::from(pose.theta) - self.sin.atan2(self.cos);
-        let (sin, cos) = theta.sin_cos();
+        let theta = f64::from(pose.theta) - math::atan2(self.sin, self.cos);
+        let (sin, cos) = math::sin_cos(theta);
         let [x, y] = self.shift;
         Pose::new(
             (f64::from(pose.x) - cos * x + sin * y) as f32,
@@ -81,7 +82,7 @@ pub(super) fn ground_pairs<'a>(
     (0..a.x.len())
         .map(|i| [[a.x[i], a.y[i]], [b.x[i], b.y[i]]].map(|at| at.map(f64::from)))
         .filter(|[p, q]| p.iter().chain(q).all(|value| value.is_finite()))
-        .filter(|[p, _]| p[0].hypot(p[1]) < RANGE_MAX)
+        .filter(|[p, _]| math::hypot(p[0], p[1]) < RANGE_MAX)
 }
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! Smooth correction of a ground map: range, bearing and tilt, with few parameters.
 
+use localize::math;
+
 use crate::calibrate::joint_fit::{MapModel, PriorTerm, tilt_ground_point};
 use crate::optics::ground_map::GroundMap;
 
@@ -56,10 +58,10 @@ pub(super) struct BasisValues {
 
 impl BasisValues {
     pub(super) fn new([x, y]: [f64; 2]) -> Self {
-        let (range, bearing) = (x.hypot(y), y.atan2(x));
-        let place = (range.asinh() / KNOT_STEP).min((SPLINE_COUNT - 3) as f64 - 1e-9);
+        let (range, bearing) = (math::hypot(x, y), math::atan2(y, x));
+        let place = (math::asinh(range) / KNOT_STEP).min((SPLINE_COUNT - 3) as f64 - 1e-9);
         let (first, t) = (place as usize, place.fract());
-        let (s, c) = bearing.sin_cos();
+        let (s, c) = math::sin_cos(bearing);
         BasisValues {
             range,
             bearing,
@@ -101,8 +103,8 @@ impl MapCorrection {
         let mut correction = MapCorrection::identity(height);
         for k in 0..SPLINE_COUNT {
             // Centre of a cubic B-spline's support.
-            let range = ((k as f64 - 1.0) * KNOT_STEP).sinh().clamp(0.3, 12.0);
-            correction.parameters[k] = scale.ln() + power * range.ln();
+            let range = math::sinh((k as f64 - 1.0) * KNOT_STEP).clamp(0.3, 12.0);
+            correction.parameters[k] = math::ln(scale) + power * math::ln(range);
         }
         correction
     }
@@ -128,8 +130,8 @@ impl MapCorrection {
         [shift, rotation]: [f64; 2],
         image_tilt: [f64; 2],
     ) -> [f64; 2] {
-        let range = basis.range * shift.exp();
-        let (sin, cos) = (basis.bearing + rotation).sin_cos();
+        let range = basis.range * math::exp(shift);
+        let (sin, cos) = math::sin_cos(basis.bearing + rotation);
         let tilt = [0, 1].map(|i| self.parameters[TILT_INDEX + i] + image_tilt[i]);
         tilt_ground_point([range * cos, range * sin], tilt, self.viewpoint_height)
     }

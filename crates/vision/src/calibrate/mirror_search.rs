@@ -7,6 +7,7 @@
 use localize::frames::At;
 use localize::global_search::branch_and_bound::{BranchAndBound, BranchAndBoundConfig};
 use localize::matching::{MatchConfig, Matcher};
+use localize::math;
 use localize::sample::LinePoint;
 use localize::{Field, Pose};
 use rayon::prelude::*;
@@ -148,11 +149,11 @@ impl<'a> MirrorSearch<'a> {
             .filter_map(|point| {
                 let (ground, footprint) = model.ground_and_footprint(point, [0.0; 2])?;
                 let [x, y] = ground.map(|axis| axis as f32);
-                let range = ground[0].hypot(ground[1]);
+                let range = math::hypot(ground[0], ground[1]);
                 (range < RANGE_MAX).then(|| LinePoint {
                     at: At::new(x, y),
-                    std_radial: footprint[0].hypot(tolerance * range) as f32,
-                    std_tangential: footprint[1].hypot(tolerance * range) as f32,
+                    std_radial: math::hypot(footprint[0], tolerance * range) as f32,
+                    std_tangential: math::hypot(footprint[1], tolerance * range) as f32,
                 })
             })
             .collect();
@@ -173,7 +174,7 @@ impl<'a> MirrorSearch<'a> {
 
     /// Σ t²/(t² + d²) with a tolerance t relative to the range.
     fn score(&self, points: &[LinePoint], pose: Pose, tolerance: f64) -> f64 {
-        let (sin, cos) = pose.theta.sin_cos();
+        let (sin, cos) = math::sin_cos(pose.theta);
         let score = points.iter().map(|point| {
             let (x, y) = (
                 pose.x + cos * point.at.x - sin * point.at.y,
@@ -258,7 +259,9 @@ fn family() -> impl Iterator<Item = RadialFunction> {
 /// Image radii between which most points lie (5 and 95 %), pixels.
 pub(super) fn radii_px(images: &[SearchImage]) -> [f64; 2] {
     let points = images.iter().flat_map(|image| &image.points);
-    let mut radii: Vec<f64> = points.map(|point| point.0[0].hypot(point.0[1])).collect();
+    let mut radii: Vec<f64> = points
+        .map(|point| math::hypot(point.0[0], point.0[1]))
+        .collect();
     radii.sort_by(f64::total_cmp);
     let quantile = |share: f64| {
         let index = (share * radii.len().saturating_sub(1) as f64) as usize;

@@ -1,5 +1,6 @@
 //! Fits the mount of a mirror with known profile: tilt, offset and focal length by least squares.
 
+use localize::math;
 use nalgebra::{SMatrix, SVector};
 
 use crate::calibrate::{CalibrationError, Correspondence};
@@ -98,7 +99,7 @@ pub fn fit_mount(
                 .at_height(0.0)?;
             let dx = f64::from(ground.x) - point.ground[0];
             let dy = f64::from(ground.y) - point.ground[1];
-            Some(dx.hypot(dy))
+            Some(math::hypot(dx, dy))
         })
         .collect();
     let rms_px = reprojection_residuals(&camera, profile, points, &mount)?;

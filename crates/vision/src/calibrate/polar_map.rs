@@ -4,6 +4,7 @@
 //! deviation are trigonometric polynomials of the bearing, which averages noise. The distance is a monotone cubic of the
 //! radius, which cannot oscillate between rings.
 
+use localize::math;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -34,7 +35,7 @@ impl FourierSeries {
     }
 
     pub(super) fn evaluate(&self, angle: f64) -> f64 {
-        let (sin, cos) = angle.sin_cos();
+        let (sin, cos) = math::sin_cos(angle);
         let (mut s, mut c) = (0.0, 1.0);
         let mut sum = self.coefficients[0];
         for pair in self.coefficients[1..].chunks_exact(2) {
@@ -49,8 +50,8 @@ fn fourier_basis(angle: f64, column: usize) -> f64 {
     let harmonic = column.div_ceil(2) as f64;
     match column {
         0 => 1.0,
-        odd if odd % 2 == 1 => (harmonic * angle).cos(),
-        _ => (harmonic * angle).sin(),
+        odd if odd % 2 == 1 => math::cos(harmonic * angle),
+        _ => math::sin(harmonic * angle),
     }
 }
 
@@ -101,11 +102,13 @@ impl PolarMap {
             .map(|(u, v)| {
                 let [x, y] = camera.robot_direction_px(u as f32, v as f32).map(f64::from);
                 let inside = camera.is_inside_mirror(u as f32, v as f32);
-                let ground = self.ground_at(x.hypot(y), y.atan2(x)).filter(|_| inside);
+                let ground = self
+                    .ground_at(math::hypot(x, y), math::atan2(y, x))
+                    .filter(|_| inside);
                 ground.map_or([f32::NAN; 2], |[distance, bearing]| {
                     [
-                        (distance * bearing.cos()) as f32,
-                        (distance * bearing.sin()) as f32,
+                        (distance * math::cos(bearing)) as f32,
+                        (distance * math::sin(bearing)) as f32,
                     ]
                 })
             })

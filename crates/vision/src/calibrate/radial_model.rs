@@ -6,6 +6,7 @@
 
 use crate::calibrate::joint_fit::{MapModel, PriorTerm, tilt_ground_point};
 use crate::optics::ground_map::GroundMap;
+use localize::math;
 use localize::robot::CameraConfig;
 
 /// A member of the family: r(x) = near·x / (1 − (x / horizon)^power), x the image radius over the rim's radius.
@@ -24,13 +25,13 @@ pub(super) struct RadialFunction {
 impl RadialFunction {
     /// Log range and its derivative by x; infinite at and beyond the horizon.
     fn log_range(&self, x: f64) -> [f64; 2] {
-        let part = (x / self.horizon).powf(self.power);
+        let part = math::powf(x / self.horizon, self.power);
         if part >= 0.99 {
             return [f64::INFINITY; 2];
         }
         let x = x.max(1e-3);
         [
-            (self.near * x / (1.0 - part)).ln(),
+            math::ln(self.near * x / (1.0 - part)),
             1.0 / x + self.power * part / (x * (1.0 - part)),
         ]
     }
@@ -129,13 +130,13 @@ impl RadialModel {
 
     fn radial_point(&self, point: &PixelPoint) -> RadialPoint {
         let [x, y] = [0, 1].map(|i| point.0[i] - self.parameters[i]);
-        let radius_px = x.hypot(y).max(1e-3);
+        let radius_px = math::hypot(x, y).max(1e-3);
         let part = radius_px / self.rim_px;
         let (first, splines, slopes) = basis(part);
         let here = &self.parameters[SPLINE_START + first..SPLINE_START + first + 4];
         let sum = |basis: &[f64; 4]| here.iter().zip(basis).map(|(c, b)| c * b).sum::<f64>();
         let [log_range, log_slope] = self.function.log_range(part);
-        let range = (log_range + sum(&splines)).exp();
+        let range = math::exp(log_range + sum(&splines));
         RadialPoint {
             direction: [x / radius_px, y / radius_px],
             radius_px,
@@ -209,7 +210,7 @@ impl RadialModel {
             bound(slopes, scale, 1.0 - part * log_slope, BOUND_STD);
             for (place, least) in RANGES_MIN {
                 if (part - place).abs() < 0.5 / (4 * INTERVALS) as f64 {
-                    bound(splines, 1.0, least.ln() - log_range, BOUND_STD);
+                    bound(splines, 1.0, math::ln(least) - log_range, BOUND_STD);
                 }
             }
         }
@@ -231,8 +232,8 @@ impl RadialModel {
         let reaches = RANGES_MIN
             .iter()
             .all(|&(share, least)| at(share * self.rim_px).range >= 0.8 * least);
-        u.hypot(v) <= CENTRE_OFFSET_MAX * self.rim_px
-            && a.hypot(b).to_degrees() <= TILT_MAX_DEG
+        math::hypot(u, v) <= CENTRE_OFFSET_MAX * self.rim_px
+            && math::hypot(a, b).to_degrees() <= TILT_MAX_DEG
             && grows
             && reaches
     }
@@ -245,7 +246,7 @@ impl RadialModel {
                 let at = PixelPoint([share * model.rim_px + u, v]);
                 model.radial_point(&at).range
             };
-            (range(self) / range(other)).ln().abs() < 0.1
+            math::ln(range(self) / range(other)).abs() < 0.1
         })
     }
 
@@ -277,7 +278,7 @@ impl RadialModel {
             let Some((ground, _)) = self.ground_and_footprint(&point, [0.0; 2]) else {
                 continue;
             };
-            if ground[0].hypot(ground[1]) <= range_max {
+            if math::hypot(ground[0], ground[1]) <= range_max {
                 let index = row * width_px + column;
                 map.x[index] = ground[0] as f32;
                 map.y[index] = ground[1] as f32;

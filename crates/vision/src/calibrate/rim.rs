@@ -4,6 +4,7 @@
 //! pictures separates the two better than any single picture. Corners of the image often show the only arcs of the rim.
 
 use crate::image::Image;
+use localize::math;
 
 /// The mirror's rim in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,7 +88,7 @@ pub fn find_rim(images: &[&Image]) -> Result<Rim, RimError> {
         .filter(|at| {
             inliers
                 .iter()
-                .any(|edge| (edge[0] - at[0]).hypot(edge[1] - at[1]) < 2.0 * TOLERANCE_PX)
+                .any(|edge| math::hypot(edge[0] - at[0], edge[1] - at[1]) < 2.0 * TOLERANCE_PX)
         })
         .count();
     let [u, v, radius] = circle;
@@ -141,7 +142,8 @@ fn border_edges(brightest: &[f32], [width, height]: [usize; 2]) -> Vec<[f32; 2]>
     let centre = [(width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0];
     let mut edges = Vec::new();
     for direction in 0..DIRECTIONS {
-        let (sin, cos) = (std::f32::consts::TAU * direction as f32 / DIRECTIONS as f32).sin_cos();
+        let (sin, cos) =
+            math::sin_cos(std::f32::consts::TAU * direction as f32 / DIRECTIONS as f32);
         let at = |radius: f32| {
             let (u, v) = (centre[0] + radius * cos, centre[1] + radius * sin);
             let inside =
@@ -219,7 +221,7 @@ fn circle_through([a, b, c]: [[f32; 2]; 3]) -> Option<[f32; 3]> {
         (cy * b2 - by * c2) / twice_area,
         (bx * c2 - cx * b2) / twice_area,
     );
-    Some([a[0] + x, a[1] + y, x.hypot(y)])
+    Some([a[0] + x, a[1] + y, math::hypot(x, y)])
 }
 
 /// Least squares circle, by Gauss-Newton on the distances.
@@ -229,7 +231,7 @@ fn fit_circle(points: &[[f32; 2]]) -> Option<[f32; 3]> {
     let start = [mean(0), mean(1)];
     let radius = points
         .iter()
-        .map(|p| (p[0] - start[0]).hypot(p[1] - start[1]))
+        .map(|p| math::hypot(p[0] - start[0], p[1] - start[1]))
         .sum::<f32>()
         / points.len() as f32;
     let mut circle = Vector3::new(start[0], start[1], radius);
@@ -238,7 +240,7 @@ fn fit_circle(points: &[[f32; 2]]) -> Option<[f32; 3]> {
         let mut gradient = Vector3::<f32>::zeros();
         for point in points {
             let (du, dv) = (point[0] - circle[0], point[1] - circle[1]);
-            let range = du.hypot(dv).max(1e-3);
+            let range = math::hypot(du, dv).max(1e-3);
             let row = Vector3::new(-du / range, -dv / range, -1.0);
             normal += row * row.transpose();
             gradient += row * (range - circle[2]);
@@ -256,13 +258,14 @@ fn fit_circle(points: &[[f32; 2]]) -> Option<[f32; 3]> {
 }
 
 fn distance([u, v, radius]: [f32; 3], point: [f32; 2]) -> f32 {
-    (point[0] - u).hypot(point[1] - v) - radius
+    math::hypot(point[0] - u, point[1] - v) - radius
 }
 
 /// Points of the circle, half a degree apart.
 fn circle_points([u, v, radius]: [f32; 3]) -> impl Iterator<Item = [f32; 2]> {
     (0..DIRECTIONS).map(move |direction| {
-        let (sin, cos) = (std::f32::consts::TAU * direction as f32 / DIRECTIONS as f32).sin_cos();
+        let (sin, cos) =
+            math::sin_cos(std::f32::consts::TAU * direction as f32 / DIRECTIONS as f32);
         [u + radius * cos, v + radius * sin]
     })
 }

@@ -2,6 +2,7 @@
 //!
 //! nubot2013 3.2 (Voigtländer): no symmetry and no profile of the mirror is assumed, so a tilted mirror calibrates too.
 
+use localize::math;
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::polar_map::{FourierSeries, PolarMap};
@@ -297,14 +298,20 @@ fn build_calibration(
             points.extend(edges.iter().map(|edge| {
                 let angle = image.direction + edge.deviation;
                 let [[ux, uy], [vx, vy]] = camera.image_from_robot().map(|row| row.map(f64::from));
-                let (cos, sin) = (edge.radius * angle.cos(), edge.radius * angle.sin());
+                let (cos, sin) = (
+                    edge.radius * math::cos(angle),
+                    edge.radius * math::sin(angle),
+                );
                 let reach = distance(edge.edge_index);
                 Correspondence {
                     position_px: [
                         f64::from(camera.centre_px[0]) + ux * cos + uy * sin,
                         f64::from(camera.centre_px[1]) + vx * cos + vy * sin,
                     ],
-                    ground: [reach * image.direction.cos(), reach * image.direction.sin()],
+                    ground: [
+                        reach * math::cos(image.direction),
+                        reach * math::sin(image.direction),
+                    ],
                 }
             }));
         }

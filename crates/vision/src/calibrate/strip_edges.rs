@@ -1,6 +1,7 @@
 //! Detects the strip's edges in one image, along its middle, which may deviate from its nominal direction.
 
 use crate::image::Image;
+use localize::math;
 use localize::robot::CameraConfig;
 
 /// One edge of the strip in the image, about the mirror's axis.
@@ -76,7 +77,7 @@ impl StripEdgeDetector<'_> {
     fn brightness(&self, radius: f64, deviation: f64) -> Option<f64> {
         let angle = self.direction + deviation;
         let [[ux, uy], [vx, vy]] = self.camera.image_from_robot().map(|row| row.map(f64::from));
-        let (cos, sin) = (angle.cos(), angle.sin());
+        let (cos, sin) = (math::cos(angle), math::sin(angle));
         let u = f64::from(self.camera.centre_px[0]) + radius * (ux * cos + uy * sin);
         let v = f64::from(self.camera.centre_px[1]) + radius * (vx * cos + vy * sin);
         if !(u >= 0.0 && v >= 0.0) {
@@ -184,7 +185,7 @@ impl StripEdgeDetector<'_> {
             let radius = (inner.radius + outer.radius) / 2.0;
             let expected = bend[0] + bend[1] * radius;
             // Half of the strip's width as an angle; the search covers about twice that.
-            let half = (self.width / 2.0 / distance).atan();
+            let half = math::atan(self.width / 2.0 / distance);
             let steps = (2.2 * half * radius / PROFILE_STEP_PX).ceil() as i64;
             let reach = 0.25 * (outer.radius - inner.radius);
             let across: Vec<Option<f64>> = (-steps..=steps)

@@ -4,6 +4,8 @@
 //! are smoothed towards their medians. They stay within a brightness factor and a chroma deviation of the learned
 //! colours. So goals, shirts or lamps cannot make them drift away; a very different light is learned anew instead.
 
+use localize::math;
+
 use crate::colour::carpet_model::{CarpetModel, median_colour};
 use crate::config::ColourAdaptationConfig;
 use crate::image::ImageView;
@@ -109,7 +111,7 @@ impl ColourAdaptation {
         let off = |a: [f32; 3], b: [f32; 3]| {
             (0..3)
                 .filter(|&i| a[i].max(b[i]) < SATURATED_LEVEL)
-                .map(|i| (a[i].max(1.0) / b[i].max(1.0)).ln().abs())
+                .map(|i| math::ln(a[i].max(1.0) / b[i].max(1.0)).abs())
                 .fold(0.0, f32::max)
         };
         let rebuild = off(self.carpet, model.carpet) > config.rebuild_threshold

@@ -4,6 +4,8 @@
 //! the lamp's colour. So carpet and lines lie in the plane spanned by carpet and white (dichromatic reflection), and
 //! objects of other colours do not.
 
+use localize::math;
+
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ColourConfig;
 
@@ -157,9 +159,12 @@ impl CarpetModel {
         if share >= least && off.abs() <= slack {
             return ColourClass::CARPET;
         }
-        let saturation = share.hypot(off) * self.chroma;
+        let saturation = math::hypot(share, off) * self.chroma;
         // Noise of a dark grey pixel must not pass for a colour either.
-        if saturation < 0.35 || share.hypot(off) < 0.6 || share.hypot(off) < 4.0 * noise {
+        if saturation < 0.35
+            || math::hypot(share, off) < 0.6
+            || math::hypot(share, off) < 4.0 * noise
+        {
             return match relative {
                 _ if bright => ColourClass::WHITE,
                 r if r < 0.5 => ColourClass::BLACK,
@@ -184,7 +189,7 @@ impl CarpetModel {
 /// A colour's hue, degrees from red over green to blue.
 fn hue_deg([r, g, b]: [f32; 3]) -> f32 {
     let (x, y) = (r - 0.5 * (g + b), 0.866_025_4 * (g - b));
-    y.atan2(x).to_degrees().rem_euclid(360.0)
+    math::atan2(y, x).to_degrees().rem_euclid(360.0)
 }
 
 /// Class of a saturated pixel by its hue.

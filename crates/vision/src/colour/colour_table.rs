@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use localize::math;
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
@@ -313,7 +314,7 @@ fn fit_gaussian(class: u8, members: &[Vector3<f64>], kind: TableKind) -> Option<
         class,
         mean,
         information: covariance.try_inverse()?,
-        log_determinant: covariance.determinant().ln(),
+        log_determinant: math::ln(covariance.determinant()),
     })
 }
 

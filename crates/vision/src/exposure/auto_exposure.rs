@@ -1,6 +1,7 @@
 //! Checks brightness and applies commands image by image; selects the pixels to measure.
 
 use localize::config::SettingError;
+use localize::math;
 use localize::robot::{CameraConfig, CameraControl, CameraSetting};
 
 use crate::config::AutoExposureConfig;
@@ -56,7 +57,7 @@ impl AutoExposure {
         let [cu, cv] = camera.centre_px;
         let own =
             |column: usize, row: usize| mask.is_some_and(|mask| !mask[row * map.width_px + column]);
-        let radius = |column: usize, row: usize| (column as f32 - cu).hypot(row as f32 - cv);
+        let radius = |column: usize, row: usize| math::hypot(column as f32 - cu, row as f32 - cv);
         let mut rim = 0.0f32;
         let (mut near, mut scene) = (Vec::new(), Vec::new());
         for row in 0..map.height_px {
@@ -137,7 +138,7 @@ impl AutoExposure {
         let mut light_jumped = false;
         if let (Some((command, before)), Some(control)) = (arrived, &self.camera) {
             let ratio = control.light(command.setting) / control.light(self.setting);
-            light_jumped = ratio.ln().abs() > self.config.brightness_change_min;
+            light_jumped = math::ln(ratio).abs() > self.config.brightness_change_min;
             self.setting = command.setting;
             self.update_response(before, level, ratio);
             self.pending = None;
@@ -154,7 +155,7 @@ impl AutoExposure {
         };
         let change = self
             .reference_level
-            .map(|reference| (level.max(1.0) / reference).ln());
+            .map(|reference| math::ln(level.max(1.0) / reference));
         let changed = change.is_none_or(|change| change.abs() > self.config.brightness_change_min);
         match self.camera {
             Some(control) if changed => {

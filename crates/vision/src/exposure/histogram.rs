@@ -1,5 +1,7 @@
 //! Predicts the entropy at another exposure by stretching an image's histograms.
 
+use localize::math;
+
 use crate::image::ImageView;
 
 /// Histograms of red, green and blue.
@@ -60,7 +62,7 @@ impl Histogram {
             .filter(|count| **count > 0.0)
             .map(|count| {
                 let share = count / self.total;
-                -share * share.log2()
+                -share * math::log2(share)
             })
             .sum()
     }
@@ -79,7 +81,7 @@ impl Histogram {
                 if falls > 2 {
                     break;
                 }
-                let scale = (sign * step as f32 / STEPS_PER_STOP).exp2();
+                let scale = math::exp2(sign * step as f32 / STEPS_PER_STOP);
                 let entropy = self.entropy(scale);
                 falls = if entropy > highest { 0 } else { falls + 1 };
                 highest = highest.max(entropy);

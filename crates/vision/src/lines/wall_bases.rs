@@ -5,6 +5,7 @@
 //! wall has only one.
 
 use localize::frames::At;
+use localize::math;
 use localize::sample::LinePoint;
 
 use crate::colour::lookup_table::ColourClass;
@@ -131,7 +132,7 @@ impl ClassifiedScanLine<'_> {
         }
         let [ax, ay] = self.samples[start].ground;
         let [bx, by] = self.samples[end].ground;
-        (bx - ax).hypot(by - ay)
+        math::hypot(bx - ax, by - ay)
     }
 
     fn interpolate_point(

@@ -4,6 +4,7 @@
 //! tan φ = d/(H − r) and sin δ = r/√(d² + (H − r)²). The map gives each pixel's ground point and so its angle.
 
 use localize::frames::{At, RobotFrame};
+use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
@@ -168,7 +169,7 @@ impl BallDetector<'_> {
             y += ground.y / range;
             ranges.push(range);
         }
-        let length = x.hypot(y);
+        let length = math::hypot(x, y);
         if ranges.len() * 3 < region.len() || length <= 0.0 {
             return None;
         }
@@ -178,21 +179,21 @@ impl BallDetector<'_> {
         let outliers = ranges.len() / 50;
         let mut angle = |rank: usize| {
             let (_, range, _) = ranges.select_nth_unstable_by(rank, f32::total_cmp);
-            (*range / height).atan()
+            math::atan(*range / height)
         };
         let near = angle(outliers);
         let far = angle(mapped - 1 - outliers);
         // If the horizon or an occluder cuts the ball, only its near edge is reliable; otherwise its middle is used.
         let whole = mapped == region.len();
         let centre_height = height - config.ball_radius;
-        let half = |range: f32| (config.ball_radius / range.hypot(centre_height)).asin();
+        let half = |range: f32| math::asin(config.ball_radius / math::hypot(range, centre_height));
         let mut middle = (near + far) / 2.0;
         if !whole {
             for _ in 0..4 {
-                middle = near + half(centre_height * middle.tan());
+                middle = near + half(centre_height * math::tan(middle));
             }
         }
-        let range = centre_height * middle.tan();
+        let range = centre_height * math::tan(middle);
         if !(range.is_finite() && range > 0.0 && range <= config.ball_range_max) {
             return None;
         }
@@ -213,7 +214,7 @@ impl BallDetector<'_> {
         if !self.is_surrounded_by_carpet([u, v], region.len()) {
             return None;
         }
-        let far_footprint = height / middle.cos().powi(2) * half_expected;
+        let far_footprint = height / math::cos(middle).powi(2) * half_expected;
         let along = 0.02 + 0.25 * far_footprint * (1.0 - part.min(1.0)) + 0.05 * far_footprint;
         let across = 0.01 + 0.01 * range;
         Some(BallDetection {
@@ -244,10 +245,11 @@ impl BallDetector<'_> {
         };
         let [mut carpet, mut other, mut near_carpet, mut near_other] = [0u32; 4];
         let [towards_u, towards_v] = [self.centre_px[0] - u, self.centre_px[1] - v];
-        let away = towards_u.hypot(towards_v).max(1.0);
+        let away = math::hypot(towards_u, towards_v).max(1.0);
         for direction in 0..SURROUND_DIRECTIONS {
-            let (sin, cos) =
-                (std::f32::consts::TAU * direction as f32 / SURROUND_DIRECTIONS as f32).sin_cos();
+            let (sin, cos) = math::sin_cos(
+                std::f32::consts::TAU * direction as f32 / SURROUND_DIRECTIONS as f32,
+            );
             let mut length = 0.0;
             while length <= reach && class(length, cos, sin) == Some(ColourClass::BALL) {
                 length += 1.0;
@@ -298,13 +300,13 @@ pub(crate) fn expected_ball_pixels(
     [u, v]: [f32; 2],
 ) -> Option<f32> {
     let height = config.viewpoint_height;
-    let half = (config.ball_radius / range.hypot(height - config.ball_radius)).asin();
+    let half = math::asin(config.ball_radius / math::hypot(range, height - config.ball_radius));
     let (column, row) = (u.round() as usize, v.round() as usize);
     let footprint = pixel_footprint(map, column, row)?;
     let ground = map.at(column, row)?.distance();
-    let angle = (ground / height).atan();
-    let radial_angle = footprint.radial * angle.cos().powi(2) / height;
-    let tangential_angle = footprint.tangential / ground * angle.sin();
+    let angle = math::atan(ground / height);
+    let radial_angle = footprint.radial * math::cos(angle).powi(2) / height;
+    let tangential_angle = footprint.tangential / ground * math::sin(angle);
     Some(std::f32::consts::PI * half * half / (radial_angle * tangential_angle))
 }
 

@@ -1,6 +1,7 @@
 //! Goal detection: coloured walls beyond the carpet's boundary, and white posts.
 
 use localize::frames::{At, RobotFrame};
+use localize::math;
 
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectConfig;
@@ -127,10 +128,10 @@ fn build_goal(
     let [x, y] = ends.iter().fold([0.0, 0.0], |[x, y], end| {
         [x + end[0] / count, y + end[1] / count]
     });
-    let range = x.hypot(y);
+    let range = math::hypot(x, y);
     let ray_angle = std::f32::consts::TAU / share.len() as f32;
     let width = match (ends.first(), ends.last()) {
-        (Some(a), Some(b)) => (a[0] - b[0]).hypot(a[1] - b[1]) + ray_angle * range,
+        (Some(a), Some(b)) => math::hypot(a[0] - b[0], a[1] - b[1]) + ray_angle * range,
         _ => return None,
     };
     match kind {

@@ -1,5 +1,7 @@
 //! Refines an obstacle's ground contact pixel by pixel around the ray that found it.
 
+use localize::math;
+
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
@@ -36,7 +38,7 @@ impl GroundContactSearch<'_> {
     /// Nearest end of the floor around a pixel, up to one ray angle (radians) to both sides.
     pub(crate) fn find_nearest(&self, [u, v]: [f32; 2], ray_angle: f32) -> Option<GroundContact> {
         let (across, up) = (u - self.centre_px[0], self.centre_px[1] - v);
-        let (angle, radius) = (up.atan2(across), across.hypot(up));
+        let (angle, radius) = (math::atan2(up, across), math::hypot(across, up));
         let step = ray_angle / f32::from(DIRECTIONS_PER_RAY);
         (-DIRECTIONS_PER_RAY..=DIRECTIONS_PER_RAY)
             .filter_map(|step_index| {
@@ -47,7 +49,7 @@ impl GroundContactSearch<'_> {
 
     /// End of the floor in one direction. None if it does not end within the search radius.
     fn find_in_direction(&self, angle: f32, radius: f32) -> Option<GroundContact> {
-        let azimuth = angle.sin_cos();
+        let azimuth = math::sin_cos(angle);
         let mut pixels = [[0.0; 2]; SEARCH_SAMPLES];
         let mut levels = [0.0; SEARCH_SAMPLES];
         let (mut carpet_sum, mut carpet_count) = (0.0, 0.0);

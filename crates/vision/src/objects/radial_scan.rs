@@ -9,6 +9,7 @@ use crate::config::ObjectConfig;
 use crate::image::ImageView;
 use crate::optics::ground_map::GroundMap;
 use crate::optics::image_polar::nearest_pixel;
+use localize::math;
 use localize::robot::CameraConfig;
 
 /// A sample of a ray.
@@ -61,7 +62,7 @@ impl RadialScan {
         let (width, height) = (map.width_px as f32, map.height_px as f32);
         let (mut samples, mut starts) = (Vec::new(), vec![0]);
         for ray in 0..config.ray_count {
-            let azimuth = (TAU * ray as f32 / config.ray_count as f32).sin_cos();
+            let azimuth = math::sin_cos(TAU * ray as f32 / config.ray_count as f32);
             for step in (0..).step_by(config.ray_step_px) {
                 let [u, v] = nearest_pixel(camera.centre_px, step as f32, azimuth);
                 let inside = u >= 0.0 && v >= 0.0 && u < width && v < height;

@@ -1,5 +1,7 @@
 //! Obstacle at the carpet's end of each ray; rods and cables are skipped.
 
+use localize::math;
+
 use crate::colour::lookup_table::ColourClass;
 use crate::config::ObjectConfig;
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
@@ -147,7 +149,7 @@ fn build_ray_obstacle(
         same.count() as u32
     };
     let [x, y] = rays.samples[first].ground;
-    let length = x.hypot(y);
+    let length = math::hypot(x, y);
     RayObstacle {
         range,
         smoothed_range: range,

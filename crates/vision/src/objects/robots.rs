@@ -3,6 +3,7 @@
 //! lima2001 section 3: the first obstacle in each direction; a robot's base is where its ray leaves the carpet.
 
 use localize::frames::{At, RobotFrame};
+use localize::math;
 use localize::world::TeamColour;
 
 use crate::config::ObjectConfig;
@@ -158,7 +159,7 @@ fn build_robot(
         x += member.direction[0];
         y += member.direction[1];
     }
-    let length = x.hypot(y);
+    let length = math::hypot(x, y);
     let [x, y] = [x / length, y / length];
     let (cyan, magenta) = members.iter().fold((0, 0), |(c, m), obstacle| {
         (c + obstacle.cyan, m + obstacle.magenta)

@@ -4,6 +4,7 @@
 //! Regions are configured in image coordinates; the others are derived from the ground map, for any mirror.
 
 use localize::frames::At;
+use localize::math;
 
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::{ImageRect, VirtualSensorConfig};
@@ -291,7 +292,7 @@ struct Layout<'a> {
 impl Layout<'_> {
     /// Pixel nearest to a ground point; None if it is off by more than a tenth of the range.
     fn nearest_pixel(&self, angle: f32, range: f32) -> Option<[f32; 2]> {
-        let ground = At::new(range * angle.cos(), range * angle.sin());
+        let ground = At::new(range * math::cos(angle), range * math::sin(angle));
         self.map.nearest_pixel(ground, 0.1 * range)
     }
 
@@ -301,7 +302,7 @@ impl Layout<'_> {
         let [near, far] =
             [range - 0.5 * size, range + 0.5 * size].map(|at| self.nearest_pixel(angle, at));
         let (near, far) = (near.unwrap_or(middle), far?);
-        let along = (far[0] - near[0]).hypot(far[1] - near[1]);
+        let along = math::hypot(far[0] - near[0], far[1] - near[1]);
         Some(ImageRect::square(middle, along.max(3.0)))
     }
 
@@ -324,7 +325,7 @@ impl Layout<'_> {
         GOALS_DEG
             .iter()
             .map(|degrees| {
-                let (sin, cos) = degrees.to_radians().sin_cos();
+                let (sin, cos) = math::sin_cos(degrees.to_radians());
                 let direction = [xu * cos + yu * sin, xv * cos + yv * sin];
                 let middle = [
                     cu + 0.75 * rim * direction[0],

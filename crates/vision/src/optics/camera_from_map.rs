@@ -1,5 +1,6 @@
 //! Recovers the camera of a calibrated map: axis, forward direction and handedness.
 
+use localize::math;
 use localize::robot::CameraConfig;
 use nalgebra::{Matrix3, Vector3};
 
@@ -9,7 +10,9 @@ use crate::optics::ground_map::GroundMap;
 ///
 /// None if the map shows too little ground. The rim radius is that of the outermost mapped pixel.
 pub fn camera_from_map(map: &GroundMap) -> Option<CameraConfig> {
-    let mut ranges: Vec<f32> = ground(map).map(|(_, at)| at[0].hypot(at[1])).collect();
+    let mut ranges: Vec<f32> = ground(map)
+        .map(|(_, at)| math::hypot(at[0], at[1]))
+        .collect();
     if ranges.len() < 100 {
         return None;
     }
@@ -18,7 +21,7 @@ pub fn camera_from_map(map: &GroundMap) -> Option<CameraConfig> {
     // Near the axis the ground is nearly a rotated, scaled image: x ≈ a·(u, v) + b, solved by least squares.
     let mut normal = Matrix3::<f64>::zeros();
     let mut sides = [Vector3::<f64>::zeros(); 2];
-    for (pixel, at) in ground(map).filter(|(_, at)| at[0].hypot(at[1]) <= near) {
+    for (pixel, at) in ground(map).filter(|(_, at)| math::hypot(at[0], at[1]) <= near) {
         let row = Vector3::new(f64::from(pixel[0]), f64::from(pixel[1]), 1.0);
         normal += row * row.transpose();
         for axis in 0..2 {
@@ -36,7 +39,7 @@ pub fn camera_from_map(map: &GroundMap) -> Option<CameraConfig> {
         ((x[2] * y[0] - x[0] * y[2]) / determinant) as f32,
     ];
     let rim = ground(map)
-        .map(|([u, v], _)| (u - centre_px[0]).hypot(v - centre_px[1]))
+        .map(|([u, v], _)| math::hypot(u - centre_px[0], v - centre_px[1]))
         .fold(0.0, f32::max);
     Some(CameraConfig {
         width_px: map.width_px,
@@ -44,7 +47,7 @@ pub fn camera_from_map(map: &GroundMap) -> Option<CameraConfig> {
         focal_px: None,
         centre_px,
         height: None,
-        forward_deg: (-x[1]).atan2(x[0]).to_degrees() as f32,
+        forward_deg: math::atan2(-x[1], x[0]).to_degrees() as f32,
         // v points down: an unflipped mount has its determinant negative.
         flipped: determinant > 0.0,
         outer_radius_px: Some(rim),

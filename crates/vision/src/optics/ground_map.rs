@@ -5,10 +5,21 @@ use std::io::{BufReader, BufWriter, Cursor, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use localize::frames::{At, RobotFrame};
+use localize::math;
 use npyz::npz::{NpzArchive, NpzWriter};
 use npyz::{NpyFile, WriterBuilder};
 
 /// Pixel → ground point in the robot frame, for an upright robot.
+///
+/// ```
+/// use vision::GroundMap;
+///
+/// // Two pixels, 1 m ahead and 2 m ahead; ground between them is interpolated.
+/// let map = GroundMap { width_px: 2, height_px: 1, x: vec![1.0, 2.0], y: vec![0.0, 0.0] };
+/// assert_eq!(map.at(1, 0).map(|ground| ground.x), Some(2.0));
+/// assert_eq!(map.interpolate(0.25, 0.0).map(|ground| ground.x), Some(1.25));
+/// assert_eq!(map.at(2, 0), None);
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct GroundMap {
     /// Columns.
@@ -45,7 +56,7 @@ pub enum GroundMapError {
 impl GroundMap {
     /// Distance of the nearest ground that the map shows, metres; infinite if it shows none.
     pub(crate) fn nearest_ground(&self) -> f32 {
-        let ranges = self.x.iter().zip(&self.y).map(|(x, y)| x.hypot(*y));
+        let ranges = self.x.iter().zip(&self.y).map(|(x, y)| math::hypot(*x, *y));
         ranges.fold(f32::INFINITY, f32::min)
     }
 
@@ -90,7 +101,7 @@ impl GroundMap {
                 let Some(here) = self.at(column, row) else {
                     continue;
                 };
-                let distance = (here.x - ground.x).hypot(here.y - ground.y);
+                let distance = math::hypot(here.x - ground.x, here.y - ground.y);
                 if distance < nearest {
                     (nearest, pixel) = (distance, Some([column as f32, row as f32]));
                 }

@@ -1,8 +1,10 @@
 //! Polar coordinates in the image about the mirror's axis: radius in pixels, azimuth from image right towards image up.
 
+use localize::math;
+
 /// Azimuth of a pixel, radians in (−π, π].
 pub(crate) fn azimuth([cu, cv]: [f32; 2], [u, v]: [f32; 2]) -> f32 {
-    (cv - v).atan2(u - cu)
+    math::atan2(cv - v, u - cu)
 }
 
 /// The pixel (column, row, rounded to its centre) at a radius in pixels; `sin` and `cos` of its azimuth.

@@ -3,6 +3,20 @@
 use std::path::{Path, PathBuf};
 
 /// A mirror of revolution about the camera's axis: height above the ground over radius.
+///
+/// ```
+/// # fn main() -> Result<(), vision::optics::mirror::ProfileError> {
+/// use vision::Profile;
+///
+/// // A cone: 1 cm higher for each centimetre of radius.
+/// let radius: Vec<f64> = (0..10).map(|i| 0.01 * f64::from(i)).collect();
+/// let height = radius.iter().map(|r| 0.7 + r).collect();
+/// let cone = Profile::new(radius, height)?;
+/// let (height, slope) = cone.height_and_slope(0.055);
+/// assert!((height - 0.755).abs() < 1e-9 && (slope - 1.0).abs() < 1e-9);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     radius: Vec<f64>,

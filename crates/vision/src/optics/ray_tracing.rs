@@ -1,6 +1,7 @@
 //! Traces each pixel's ray through pinhole, mirror and mount by the exact law of reflection (docs/methods.md 2.5; tilt: 3.2).
 
 use localize::frames::{At, RobotFrame};
+use localize::math;
 use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
@@ -229,7 +230,7 @@ impl<'a> Tracer<'a> {
         let mut meeting_point = None;
         for _ in 0..50 {
             let point = start + distance * step;
-            let radius = point.x.hypot(point.y);
+            let radius = math::hypot(point.x, point.y);
             let (height, slope) = profile_at(radius);
             let outward = if radius > 0.0 {
                 (point.x * step.x + point.y * step.y) / radius
@@ -248,7 +249,7 @@ impl<'a> Tracer<'a> {
             }
         }
         let point = meeting_point?;
-        let radius = point.x.hypot(point.y);
+        let radius = math::hypot(point.x, point.y);
         let (innermost, outermost) = self.profile.radii();
         if radius > outermost || (innermost > 0.0 && radius < innermost) {
             return None;

@@ -7,6 +7,7 @@ use std::f32::consts::TAU;
 use crate::config::ScanConfig;
 use crate::optics::ground_map::GroundMap;
 use crate::optics::image_polar::{azimuth, nearest_pixel};
+use localize::math;
 use localize::robot::CameraConfig;
 
 /// Kind of a scan line.
@@ -97,7 +98,7 @@ impl ScanPattern {
         };
         let (width, height) = (map.width_px as f32, map.height_px as f32);
         let [cu, cv] = camera.centre_px;
-        let corner = cu.max(width - cu).hypot(cv.max(height - cv));
+        let corner = math::hypot(cu.max(width - cu), cv.max(height - cv));
         let rim = camera.outer_radius_px.unwrap_or(corner).min(corner);
         for line in 0..config.radial_lines {
             let angle = TAU * line as f32 / config.radial_lines as f32;
@@ -168,7 +169,7 @@ impl Builder<'_> {
         let mut last = None;
         for step in 0..=length_px as usize {
             let (radius, angle) = place(step as f32);
-            let [u, v] = nearest_pixel(self.camera.centre_px, radius, angle.sin_cos());
+            let [u, v] = nearest_pixel(self.camera.centre_px, radius, math::sin_cos(angle));
             if last == Some((u, v)) {
                 continue;
             }
@@ -189,7 +190,7 @@ impl Builder<'_> {
             let radius = step as f32;
             let visible = (0..DIRECTIONS).any(|direction| {
                 let angle = TAU * direction as f32 / DIRECTIONS as f32;
-                let [u, v] = nearest_pixel(self.camera.centre_px, radius, angle.sin_cos());
+                let [u, v] = nearest_pixel(self.camera.centre_px, radius, math::sin_cos(angle));
                 self.sample(u, v).is_some()
             });
             if visible {
@@ -314,7 +315,7 @@ impl SpiralLength {
         lengths.push(0.0);
         for index in 0..steps {
             let middle = (index as f32 + 0.5) * step;
-            length += step * (1.0f32).hypot(sweep * middle / rim);
+            length += step * math::hypot(1.0f32, sweep * middle / rim);
             lengths.push(length);
         }
         SpiralLength { rim, lengths }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
+use localize::math;
 use serde::Serialize;
 use vision::calibrate::find_rim;
 use vision::image::Image;
@@ -83,7 +84,7 @@ pub(super) fn run(args: &RimArgs, json: bool) -> Result<()> {
     if let Some(path) = &args.picture {
         let mut picture = first.clone();
         for step in 0..3600 {
-            let (sin, cos) = (std::f32::consts::TAU * step as f32 / 3600.0).sin_cos();
+            let (sin, cos) = math::sin_cos(std::f32::consts::TAU * step as f32 / 3600.0);
             let (u, v) = (u + rim.radius_px * cos, v + rim.radius_px * sin);
             overlay::draw_pixel(
                 &mut picture,

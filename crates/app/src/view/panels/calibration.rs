@@ -1,44 +1,27 @@
 //! Calibration panel: colour labels, mask, virtual sensor windows, ground map calibration and its residuals.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
 use eframe::egui::{self, RichText, Ui};
 use egui_plot::{Bar, BarChart, Plot};
-use vision::calibrate::calibrate_mask;
 use vision::colour::lookup_table::{CLASS_NAMES, ColourClass};
 use vision::config::ImageRect;
-use vision::image::Image;
 
-use super::parameters::ParametersPanel;
 use crate::view::accessibility::AccessibleLabel;
-use crate::view::brush::{Brush, Tool};
-use crate::view::calibration_job::{CalibrationJob, CalibrationMethod, MapCalibration};
+use crate::view::brush::Tool;
+use crate::view::calibration_job::CalibrationMethod;
+use crate::view::calibration_state::CalibrationState;
 use crate::view::palette;
+use crate::view::robot_folder::write_robot_folder;
 use crate::view::session::Session;
-use crate::view::settings;
-use crate::view::source::decoded_cycle::rgb_image;
-use pipeline::config::PIPELINE_FILE;
-use pipeline::log::Header;
-
-/// Images for the mask at most; when exceeded, every other one is dropped.
-const MASK_IMAGES: usize = 60;
+use crate::view::status_message::StatusMessage;
 
 /// State of the panel.
 pub(crate) struct CalibrationPanel {
     method: CalibrationMethod,
     dir: String,
     map_path: String,
-    job: Option<CalibrationJob>,
-    result: Option<MapCalibration>,
     output_dir: String,
-    /// Images collected for the mask.
-    mask_images: Vec<Image>,
-    collecting: bool,
-    last_collected: Option<localize::Stamp>,
-    /// Result of the last action; true if it succeeded.
-    message: Option<(bool, String)>,
 }
 
 impl Default for CalibrationPanel {
@@ -47,42 +30,29 @@ impl Default for CalibrationPanel {
             method: CalibrationMethod::default(),
             dir: "samples/calibration".to_owned(),
             map_path: "map.npz".to_owned(),
-            job: None,
-            result: None,
             output_dir: "calibrated".to_owned(),
-            mask_images: Vec::new(),
-            collecting: false,
-            last_collected: None,
-            message: None,
         }
     }
 }
 
 impl CalibrationPanel {
     /// Draws the panel.
-    pub(crate) fn show(
-        &mut self,
-        ui: &mut Ui,
-        session: &mut Session,
-        brush: &mut Brush,
-        parameters: &mut ParametersPanel,
-    ) {
-        self.collect_mask_image(session);
+    pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            if let Some((ok, text)) = &self.message {
-                ui.colored_label(if *ok { palette::GREEN } else { palette::VERMILION }, text);
+            if let Some(message) = &session.calibration.message {
+                ui.colored_label(palette::message_colour(message), &message.text);
             }
             egui::CollapsingHeader::new("Colours")
                 .default_open(true)
-                .show(ui, |ui| colours(ui, session, brush));
+                .show(ui, |ui| colours(ui, session));
             egui::CollapsingHeader::new("Mask")
                 .default_open(true)
-                .show(ui, |ui| self.mask(ui, session, brush));
+                .show(ui, |ui| mask(ui, session));
             egui::CollapsingHeader::new("Windows of the virtual sensors")
-                .show(ui, |ui| virtual_sensor_section(ui, session, parameters));
+                .show(ui, |ui| virtual_sensor_section(ui, session));
             egui::CollapsingHeader::new("Map")
                 .default_open(true)
-                .show(ui, |ui| self.map(ui));
+                .show(ui, |ui| self.map(ui, &mut session.calibration));
             egui::CollapsingHeader::new("Write the configuration")
                 .default_open(true)
                 .show(ui, |ui| {
@@ -90,88 +60,16 @@ impl CalibrationPanel {
                     ui.horizontal(|ui| {
                         ui.add(egui::TextEdit::singleline(&mut self.output_dir).desired_width(180.0)).with_accessible_label("Folder to write");
                         if ui.button("Write").clicked() {
-                            let result = self.write_robot_folder(session, brush, parameters);
-                            self.set_message(result.map(|()| format!("wrote {}", self.output_dir)));
+                            let result = write_robot_folder(session, Path::new(&self.output_dir));
+                            let result = result.map(|()| format!("wrote {}", self.output_dir));
+                            session.calibration.message = Some(StatusMessage::from_result(result));
                         }
                     });
                 });
         });
-        // Learning a colour table is slow: wait until the stroke ends.
-        if brush.dirty && !ui.input(|input| input.pointer.any_down()) {
-            apply_labels(session, brush);
-        }
     }
 
-    fn set_message(&mut self, result: Result<String>) {
-        self.message = Some(match result {
-            Ok(text) => (true, text),
-            Err(error) => (false, format!("{error:#}")),
-        });
-    }
-
-    fn mask(&mut self, ui: &mut Ui, session: &mut Session, brush: &mut Brush) {
-        // Painting starts from the robot's own mask.
-        if brush.mask.is_none()
-            && let Some(scene) = &session.scene
-        {
-            brush.mask = scene.mask.as_deref().cloned();
-        }
-        ui.horizontal_wrapped(|ui| {
-            ui.selectable_value(&mut brush.tool, Tool::Mask, "Paint own parts");
-            ui.selectable_value(&mut brush.tool, Tool::EraseMask, "Erase");
-            if ui.button("Clear mask").clicked() {
-                (brush.mask, brush.dirty) = (None, true);
-            }
-            let masked = brush
-                .mask
-                .iter()
-                .flatten()
-                .filter(|&&visible| !visible)
-                .count();
-            ui.label(format!(
-                "{masked} pixels masked (shown by the camera layer Mask)"
-            ));
-        });
-        ui.label("Or rotate the robot in place, and find the pixels that do not change:");
-        ui.horizontal(|ui| {
-            ui.toggle_value(&mut self.collecting, "Collect images");
-            ui.label(format!("{} images", self.mask_images.len()));
-            if ui.button("Compute mask").clicked() {
-                let mask = find_mask(session, &self.mask_images);
-                self.set_message(mask.map(|mask| {
-                    let own = mask.iter().filter(|&&visible| !visible).count();
-                    (brush.mask, brush.dirty) = (Some(mask), true);
-                    format!("{own} pixels masked")
-                }));
-            }
-            if ui.button("Discard images").clicked() {
-                self.mask_images.clear();
-            }
-        });
-    }
-
-    /// Adds the shown image while collecting; halves the images when there are too many.
-    fn collect_mask_image(&mut self, session: &Session) {
-        let Some(now) = session.shown.as_ref().filter(|_| self.collecting) else {
-            return;
-        };
-        let (stamp, image) = (now.cycle.stamp, rgb_image(&now.cycle));
-        if self.last_collected == Some(stamp) {
-            return;
-        }
-        self.last_collected = Some(stamp);
-        self.mask_images
-            .extend(image.map(|image| (**image).clone()));
-        if self.mask_images.len() > MASK_IMAGES {
-            let mut number = 0;
-            self.mask_images.retain(|_| {
-                number += 1;
-                number % 2 == 1
-            });
-        }
-    }
-
-    fn map(&mut self, ui: &mut Ui) {
+    fn map(&mut self, ui: &mut Ui, calibration: &mut CalibrationState) {
         ui.horizontal_wrapped(|ui| {
             for (method, name) in [
                 (CalibrationMethod::Strip, "Bar strip"),
@@ -192,100 +90,56 @@ impl CalibrationPanel {
             ui.add(egui::TextEdit::singleline(&mut self.map_path).desired_width(120.0))
                 .with_accessible_label("map");
         });
-        let idle = self.job.is_none();
+        let idle = !calibration.is_running();
         let button = egui::Button::new(if idle { "Calibrate" } else { "Calibrating…" });
         if ui.add_enabled(idle, button).clicked() {
-            let (dir, out) = (PathBuf::from(&self.dir), PathBuf::from(&self.map_path));
-            match CalibrationJob::start(self.method, dir, out) {
-                Ok(job) => self.job = Some(job),
-                Err(error) => self.set_message(Err(error.into())),
-            }
+            calibration.start_map(self.method, (&self.dir).into(), (&self.map_path).into());
         }
-        if let Some(result) = self.job.as_ref().and_then(CalibrationJob::poll) {
-            self.job = None;
-            match result {
-                Ok(calibration) => {
-                    self.message =
-                        Some((true, format!("wrote map {}", calibration.0.map.display())));
-                    self.result = Some(calibration);
-                }
-                Err(error) => self.set_message(Err(error)),
-            }
-        }
-        if self.job.is_some() {
+        if !idle {
             ui.spinner();
         }
-        if let Some((outcome, images)) = &self.result {
+        if let Some((outcome, images)) = &calibration.result {
             show_residuals(ui, outcome, images);
         }
     }
-
-    fn write_robot_folder(
-        &self,
-        session: &Session,
-        brush: &Brush,
-        parameters: &ParametersPanel,
-    ) -> Result<()> {
-        let dir = Path::new(&self.output_dir);
-        std::fs::create_dir_all(dir).with_context(|| format!("cannot create {}", dir.display()))?;
-        let scene = session
-            .scene
-            .as_ref()
-            .context("no robot configuration to write")?;
-        let mut map = scene.camera.as_ref().map(|camera| (*camera.map).clone());
-        if let (Some(map), Some(mask)) = (&mut map, &brush.mask) {
-            ensure!(
-                mask.len() == map.x.len(),
-                "mask and ground map differ in size"
-            );
-            for (pixel, visible) in mask.iter().enumerate() {
-                if !visible {
-                    (map.x[pixel], map.y[pixel]) = (f32::NAN, f32::NAN);
-                }
-            }
-        }
-        let table = session
-            .colour_table
-            .as_deref()
-            .or(scene.colour_table.as_ref());
-        let header = Header::new("view", None).with_robot(&scene.robot, map.as_ref(), table)?;
-        let overlay = settings::diff_overlay(&Default::default(), parameters.config());
-        header
-            .with_file(PIPELINE_FILE, overlay.to_string())
-            .write_files(dir)?;
-        if !brush.labels.is_empty() {
-            write_labels(dir, brush)?;
-        }
-        Ok(())
-    }
 }
 
-/// Writes the labels as `labels.csv`, with their images.
-fn write_labels(dir: &Path, brush: &Brush) -> Result<()> {
-    for (number, (_, image)) in brush.labelled_images.iter().enumerate() {
-        image.save(&dir.join(format!("label_{number}.png")))?;
+/// Draws the mask tools.
+fn mask(ui: &mut Ui, session: &mut Session) {
+    let own_mask = session.scene.as_ref().and_then(|scene| scene.mask.clone());
+    let calibration = &mut session.calibration;
+    calibration.begin_mask(own_mask.as_ref());
+    let brush = &mut calibration.brush;
+    ui.horizontal_wrapped(|ui| {
+        ui.selectable_value(&mut brush.tool, Tool::Mask, "Paint own parts");
+        ui.selectable_value(&mut brush.tool, Tool::EraseMask, "Erase");
+        if ui.button("Clear mask").clicked() {
+            (brush.mask, brush.dirty) = (None, true);
+        }
+        let visible = brush.mask.iter().flatten();
+        let masked = visible.filter(|&&visible| !visible).count();
+        ui.label(format!(
+            "{masked} pixels masked (shown by the camera layer Mask)"
+        ));
+    });
+    ui.label("Or rotate the robot in place, and find the pixels that do not change:");
+    let mut compute = false;
+    ui.horizontal(|ui| {
+        ui.toggle_value(&mut calibration.collecting, "Collect images");
+        ui.label(format!("{} images", calibration.mask_images.len()));
+        compute = ui.button("Compute mask").clicked();
+        if ui.button("Discard images").clicked() {
+            calibration.mask_images.clear();
+        }
+    });
+    if compute {
+        session.compute_mask();
     }
-    let mut text = "file,u,v,class\n".to_owned();
-    for ((stamp, [u, v]), label) in &brush.labels {
-        let place = brush
-            .labelled_images
-            .iter()
-            .position(|(labelled, _)| labelled == stamp);
-        let Some(number) = place else { continue };
-        text += &format!("label_{number}.png,{u},{v},{}\n", CLASS_NAMES[label.class]);
-    }
-    let path = dir.join("labels.csv");
-    std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-}
-
-fn find_mask(session: &Session, images: &[Image]) -> Result<Vec<bool>> {
-    let scene = session.scene.as_ref().context("no camera")?;
-    let camera = scene.camera.as_ref().context("no camera")?;
-    Ok(calibrate_mask(&camera.config, images)?)
 }
 
 /// Draws the class tools and the label counts.
-fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
+fn colours(ui: &mut Ui, session: &mut Session) {
+    let brush = &mut session.calibration.brush;
     ui.label("Choose a class and paint on the camera image. The layer Classes shows the result.");
     ui.horizontal_wrapped(|ui| {
         ui.selectable_value(&mut brush.tool, Tool::Pan, "Pan");
@@ -340,7 +194,7 @@ fn colours(ui: &mut Ui, session: &Session, brush: &mut Brush) {
 }
 
 /// Edits the windows of the virtual sensors. Windows that are not set are laid out by the ground map.
-fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut ParametersPanel) {
+fn virtual_sensor_section(ui: &mut Ui, session: &mut Session) {
     let layout = session
         .rendered_layers
         .virtual_sensors
@@ -353,7 +207,7 @@ fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut P
                 let named = layout.iter().filter(|(name, _)| *name == kind);
                 named.map(|(_, window)| *window).collect()
             };
-            parameters.edit_config(session, |config| {
+            session.edit_config(|config| {
                 let windows = &mut config.vision.virtual_sensors;
                 (windows.bumpers, windows.goals) = (of("bumper"), of("goal"));
                 windows.ball = of("ball").first().copied();
@@ -362,7 +216,7 @@ fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut P
             });
         }
         if ui.button("Reset layout").clicked() {
-            parameters.edit_config(session, |config| {
+            session.edit_config(|config| {
                 let windows = &mut config.vision.virtual_sensors;
                 (windows.bumpers, windows.goals) = (Vec::new(), Vec::new());
                 (windows.ball, windows.kick, windows.lens) = (None, None, None);
@@ -372,7 +226,7 @@ fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut P
     if layout.is_empty() {
         ui.weak("Switch on the camera layer Windows to compute the layout.");
     }
-    let mut windows = parameters.config().vision.virtual_sensors.clone();
+    let mut windows = session.settings.config().vision.virtual_sensors.clone();
     let mut changed = false;
     let single = [
         ("ball", windows.ball.as_mut()),
@@ -403,16 +257,8 @@ fn virtual_sensor_section(ui: &mut Ui, session: &mut Session, parameters: &mut P
         }
     });
     if changed {
-        parameters.edit_config(session, |config| config.vision.virtual_sensors = windows);
+        session.edit_config(|config| config.vision.virtual_sensors = windows);
     }
-}
-
-/// Applies labels and mask to the session once a stroke has ended.
-fn apply_labels(session: &mut Session, brush: &mut Brush) {
-    brush.dirty = false;
-    session.colour_table = brush.learn_colour_table().map(Arc::new);
-    session.mask = brush.mask.clone().map(Arc::new);
-    session.revision += 1;
 }
 
 fn show_residuals(

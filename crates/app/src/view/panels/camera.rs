@@ -7,13 +7,14 @@ use eframe::egui::{
     TextureOptions, Ui, Vec2,
 };
 use localize::Stamp;
-use vision::image::{Image, rgb_to_yuv};
+use vision::image::Image;
 
 use super::camera_drawing::{self, CameraCanvas};
 use super::camera_layers::CameraLayers;
-use crate::view::brush::{Brush, Tool};
-use crate::view::layer_worker::{BIRDS_EYE_HALF_EXTENT, BIRDS_EYE_SIDE_PX, LayerSelection};
+use crate::view::brush::Tool;
+use crate::view::layer_worker::{BIRDS_EYE_SIDE_PX, LayerSelection};
 use crate::view::panzoom::{PanZoom, ScreenTransform, fill_around};
+use crate::view::pixel_info::PixelInfo;
 use crate::view::session::Session;
 use crate::view::source::decoded_cycle::rgb_image;
 use crate::view::static_scene::StaticScene;
@@ -75,7 +76,7 @@ impl CameraPanel {
     }
 
     /// Draws the panel.
-    pub(crate) fn show(&mut self, ui: &mut Ui, session: &Session, brush: &mut Brush) {
+    pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
         self.switches(ui);
         let Some(now) = &session.shown else {
             ui.weak("No cycle yet.");
@@ -110,7 +111,7 @@ impl CameraPanel {
             (ui.available_height() - line).max(1.0),
         );
         let (response, painter) = ui.allocate_painter(area, Sense::click_and_drag());
-        let painting = brush.tool != Tool::Pan && !self.birds_eye;
+        let painting = session.calibration.brush.tool != Tool::Pan && !self.birds_eye;
         let transform = self.pan_zoom.handle_input(ui, &response, size, !painting);
         let painter = painter.with_clip_rect(response.rect);
         let covered = if image.is_some() && self.layers.image && !self.birds_eye {
@@ -148,22 +149,31 @@ impl CameraPanel {
                 Color32::WHITE,
             );
         }
-        if painting
-            && (response.dragged() || response.clicked())
-            && let (Some(pointer), Some(image)) = (response.interact_pointer_pos(), &image)
-        {
-            brush.paint(cycle.stamp, image, transform.to_picture(pointer));
-        }
+        let pointer = response.interact_pointer_pos();
+        let stroke = pointer
+            .filter(|_| painting && (response.dragged() || response.clicked()))
+            .zip(image.clone().map(|image| (cycle.stamp, image)));
         if let Some(pointer) = response.hover_pos() {
             if painting {
-                let radius = (f32::from(brush.radius_px) + 0.5) * transform.scale;
+                let radius_px = f32::from(session.calibration.brush.radius_px);
+                let radius = (radius_px + 0.5) * transform.scale;
                 painter.circle_stroke(pointer, radius, (1.0, Color32::WHITE));
             }
-            self.show_pixel_info(ui, session, image.as_deref(), transform.to_picture(pointer));
+            let at = transform.to_picture(pointer);
+            let info = if self.birds_eye {
+                PixelInfo::of_birds_eye(session, at.x, at.y)
+            } else {
+                PixelInfo::of_image(session, image.as_deref(), at.x, at.y)
+            };
+            ui.label(RichText::new(info.text()).monospace());
         } else {
             ui.weak(
                 "Point at a pixel to inspect it. Scroll zooms, drag pans, double-click resets.",
             );
+        }
+        if let Some((pointer, (stamp, image))) = stroke {
+            let at = transform.to_picture(pointer);
+            session.calibration.brush.paint(stamp, &image, at);
         }
     }
 
@@ -254,56 +264,6 @@ impl CameraPanel {
         let id = handle.id();
         self.image = Some((stamp, handle));
         id
-    }
-
-    /// Shows a pixel's colour, class and ground point.
-    fn show_pixel_info(&self, ui: &mut Ui, session: &Session, image: Option<&Image>, at: Vec2) {
-        let (Some(scene), Some(now)) = (&session.scene, &session.shown) else {
-            return;
-        };
-        let mut parts = Vec::new();
-        let ground = if self.birds_eye {
-            let step = 2.0 * BIRDS_EYE_HALF_EXTENT / BIRDS_EYE_SIDE_PX as f32;
-            Some(localize::At::new(
-                BIRDS_EYE_HALF_EXTENT - at.y * step,
-                BIRDS_EYE_HALF_EXTENT - at.x * step,
-            ))
-        } else {
-            let (column, row) = (at.x.floor(), at.y.floor());
-            let inside = column >= 0.0 && row >= 0.0;
-            if let Some(image) = image.filter(|_| inside)
-                && (column as usize) < image.width_px
-                && (row as usize) < image.height_px
-            {
-                let (u, v) = (column as usize, row as usize);
-                let rgb = image.view().rgb(u, v);
-                let [y, cb, cr] = rgb_to_yuv(rgb);
-                parts.push(format!("({u}, {v})  YUV {y} {cb} {cr}  RGB {rgb:?}"));
-                if let Some(class) = session.class_at(u, v) {
-                    parts.push(class.to_owned());
-                }
-            }
-            let camera = scene.camera.as_ref();
-            camera
-                .and_then(|camera| inside.then(|| camera.map.at(column as usize, row as usize))?)
-        };
-        match ground {
-            Some(ground) => {
-                parts.push(format!(
-                    "ground {:.2}, {:.2} m, {:.2} m away at {:.0}°",
-                    ground.x,
-                    ground.y,
-                    ground.distance(),
-                    ground.bearing().to_degrees()
-                ));
-                if let Some(pose) = now.cycle.estimate.pose {
-                    let at = pose * ground;
-                    parts.push(format!("field {:.2}, {:.2} m", at.x, at.y));
-                }
-            }
-            None => parts.push("no ground".to_owned()),
-        }
-        ui.label(RichText::new(parts.join("   ")).monospace());
     }
 }
 

@@ -15,7 +15,6 @@ pub(crate) mod timeline;
 use eframe::egui::{Ui, WidgetText};
 use serde::{Deserialize, Serialize};
 
-use super::brush::Brush;
 use super::session::Session;
 
 /// A panel of the view.
@@ -68,6 +67,7 @@ impl Pane {
 }
 
 /// State of all panels.
+#[derive(Default)]
 pub(crate) struct Panels {
     pub(crate) camera: camera::CameraPanel,
     pub(crate) field: field::FieldPanel,
@@ -76,22 +76,6 @@ pub(crate) struct Panels {
     pub(crate) simulator: simulator::SimulatorPanel,
     pub(crate) calibration: calibration::CalibrationPanel,
     pub(crate) parameters: parameters::ParametersPanel,
-    pub(crate) brush: Brush,
-}
-
-impl Default for Panels {
-    fn default() -> Self {
-        Panels {
-            camera: camera::CameraPanel::default(),
-            field: field::FieldPanel::default(),
-            plots: plots::PlotsPanel::default(),
-            timeline: timeline::TimelinePanel::default(),
-            simulator: simulator::SimulatorPanel::default(),
-            calibration: calibration::CalibrationPanel::default(),
-            parameters: parameters::ParametersPanel::default(),
-            brush: Brush::new(),
-        }
-    }
 }
 
 /// Draws the panels in their tiles.
@@ -111,16 +95,12 @@ impl egui_tiles::Behavior<Pane> for PaneBehavior<'_> {
         eframe::egui::Frame::new()
             .inner_margin(4)
             .show(ui, |ui| match pane {
-                Pane::Camera => panels.camera.show(ui, session, &mut panels.brush),
+                Pane::Camera => panels.camera.show(ui, session),
                 Pane::Field => panels.field.show(ui, session),
                 Pane::Plots => panels.plots.show(ui, session),
                 Pane::Timeline => panels.timeline.show(ui, session),
                 Pane::Simulator => panels.simulator.show(ui, session),
-                Pane::Calibration => {
-                    panels
-                        .calibration
-                        .show(ui, session, &mut panels.brush, &mut panels.parameters);
-                }
+                Pane::Calibration => panels.calibration.show(ui, session),
                 Pane::Parameters => panels.parameters.show(ui, session),
                 Pane::Health => health::show(ui, session),
             });

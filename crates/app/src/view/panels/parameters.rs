@@ -2,95 +2,43 @@
 
 use std::path::Path;
 
-use anyhow::Context;
 use eframe::egui::{self, Color32, RichText, Ui};
 
 use crate::view::accessibility::AccessibleLabel;
 use crate::view::palette;
 use crate::view::session::Session;
 use crate::view::settings::{self, Setting};
-use crate::view::source::sim_worker::SourceRequest;
-use pipeline::PipelineConfig;
+use crate::view::settings_state::SettingsState;
 
 /// Width of the name column, points.
 const NAME_WIDTH: f32 = 170.0;
 
 /// State of the panel.
 pub(crate) struct ParametersPanel {
-    all: Vec<Setting>,
-    /// Settings in use: for the simulation, the rendered layers, and a recomputed log.
-    config: PipelineConfig,
-    /// Edited settings, perhaps invalid.
-    edited_table: toml::Table,
-    /// Title of the source that the settings belong to.
-    source_name: Option<String>,
     /// Show only settings whose name or description contains this text.
     filter: String,
     /// Show only settings that differ from the default.
     only_changed: bool,
     /// Path of the overlay file.
     file: String,
-    /// Result of the last edit, save or load; true if it succeeded.
-    message: Option<(bool, String)>,
 }
 
 impl Default for ParametersPanel {
     fn default() -> Self {
-        let config = PipelineConfig::default();
         ParametersPanel {
-            all: settings::list_settings(),
-            edited_table: toml::Table::try_from(&config).unwrap_or_default(),
-            config,
-            source_name: None,
             filter: String::new(),
             only_changed: false,
             file: "overlay.toml".to_owned(),
-            message: None,
         }
     }
 }
 
 impl ParametersPanel {
-    /// The settings in use.
-    pub(crate) fn config(&self) -> &PipelineConfig {
-        &self.config
-    }
-
-    /// Takes over the settings of a newly opened source.
-    pub(crate) fn sync_with_session(&mut self, session: &Session) {
-        if self.source_name.as_ref() != Some(&session.title) {
-            self.source_name = Some(session.title.clone());
-            self.set_config(session.source_config.clone());
-        }
-    }
-
-    fn set_config(&mut self, config: PipelineConfig) {
-        self.edited_table = toml::Table::try_from(&config).unwrap_or_default();
-        self.config = config;
-    }
-
-    /// Applies settings to the simulation, which takes them between two cycles, and to the rendered layers.
-    pub(crate) fn apply_config(&mut self, session: &mut Session, config: PipelineConfig) {
-        self.set_config(config);
-        session.revision += 1;
-        if let Some(worker) = session.source.simulation() {
-            worker.request(SourceRequest::Configure(Box::new(self.config.clone())));
-        }
-    }
-
     /// Draws the panel.
     pub(crate) fn show(&mut self, ui: &mut Ui, session: &mut Session) {
-        self.sync_with_session(session);
         self.actions(ui, session);
-        if let Some((ok, text)) = &self.message {
-            ui.colored_label(
-                if *ok {
-                    palette::GREEN
-                } else {
-                    palette::VERMILION
-                },
-                text,
-            );
+        if let Some(message) = &session.settings.message {
+            ui.colored_label(palette::message_colour(message), &message.text);
         }
         if let Some(worker) = session.source.simulation()
             && let Some(error) = worker.status().error
@@ -106,9 +54,9 @@ impl ParametersPanel {
         let mut changed = None;
         egui::ScrollArea::vertical()
             .auto_shrink(false)
-            .show(ui, |ui| changed = self.table(ui));
+            .show(ui, |ui| changed = self.table(ui, &session.settings));
         if let Some((path, value)) = changed {
-            self.set_value(session, &path, value);
+            session.edit_setting(&path, value);
         }
     }
 
@@ -117,10 +65,7 @@ impl ParametersPanel {
             ui.menu_button("Preset", |ui| {
                 for name in localize::presets::PRESETS {
                     if ui.button(name).clicked() {
-                        match PipelineConfig::preset(name) {
-                            Ok(config) => self.apply_config(session, config),
-                            Err(error) => self.message = Some((false, format!("{error:#}"))),
-                        }
+                        session.load_config(name, None);
                     }
                 }
             });
@@ -128,10 +73,10 @@ impl ParametersPanel {
                 let hint =
                     "Recomputes the whole log with these settings, for comparison with the recorded run";
                 if ui.button("Recompute log").on_hover_text(hint).clicked() {
-                    session.start_recompute(&self.config);
+                    session.start_recompute();
                 }
                 if ui.button("As recorded").clicked() {
-                    self.apply_config(session, session.source_config.clone());
+                    session.apply_config(session.source_config.clone());
                 }
             }
             ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(140.0))
@@ -139,84 +84,26 @@ impl ParametersPanel {
             let hint =
                 "Writes the settings that differ from the defaults, for --config of run, sim and locate";
             if ui.button("Save overlay").on_hover_text(hint).clicked() {
-                self.message = Some(self.save_overlay());
+                session.save_overlay(Path::new(&self.file));
             }
             if ui.button("Load overlay").clicked() {
-                match PipelineConfig::load("default", Some(Path::new(&self.file))) {
-                    Ok(config) => {
-                        self.apply_config(session, config);
-                        self.message = Some((true, format!("loaded {}", self.file)));
-                    }
-                    Err(error) => self.message = Some((false, format!("{error:#}"))),
-                }
+                session.load_config("default", Some(Path::new(&self.file)));
             }
         });
     }
 
-    fn save_overlay(&self) -> (bool, String) {
-        let overlay = settings::diff_overlay(&PipelineConfig::default(), &self.config);
-        let count = self
-            .all
-            .iter()
-            .filter(|setting| settings::get(&overlay, &setting.path).is_some())
-            .count();
-        match std::fs::write(&self.file, overlay.to_string()) {
-            Ok(()) => (true, format!("wrote {count} settings to {}", self.file)),
-            Err(error) => (false, format!("cannot write {}: {error}", self.file)),
-        }
-    }
-
-    /// Changes settings on behalf of another panel; errors are shown in this panel.
-    pub(crate) fn edit_config(
-        &mut self,
-        session: &mut Session,
-        change: impl FnOnce(&mut PipelineConfig),
-    ) {
-        let mut config = self.config.clone();
-        change(&mut config);
-        match config.check() {
-            Ok(()) => self.apply_config(session, config),
-            Err(error) => self.message = Some((false, error.to_string())),
-        }
-    }
-
-    /// Applies a value if it is valid; otherwise shows the error.
-    fn set_value(&mut self, session: &mut Session, path: &[String], value: toml::Value) {
-        match value.as_str() {
-            Some(settings::NOT_SET) => settings::remove(&mut self.edited_table, path),
-            _ => settings::set(&mut self.edited_table, path, value),
-        }
-        let result = self
-            .edited_table
-            .clone()
-            .try_into::<PipelineConfig>()
-            .map_err(anyhow::Error::from)
-            .and_then(|config| {
-                config.check()?;
-                Ok(config)
-            })
-            .with_context(|| format!("invalid value for {}", path.join(".")));
-        match result {
-            Ok(config) => {
-                self.apply_config(session, config);
-                self.message = None;
-            }
-            Err(error) => self.message = Some((false, format!("{error:#}"))),
-        }
-    }
-
     /// Draws the rows; returns the changed setting.
-    fn table(&self, ui: &mut Ui) -> Option<(Vec<String>, toml::Value)> {
+    fn table(&self, ui: &mut Ui, state: &SettingsState) -> Option<(Vec<String>, toml::Value)> {
         let filter = self.filter.to_lowercase();
         let mut changed = None;
         let mut section = String::new();
-        for setting in &self.all {
+        for setting in state.all() {
             let name = setting.name();
             let matches = filter.is_empty()
                 || name.to_lowercase().contains(&filter)
                 || setting.help.to_lowercase().contains(&filter);
             let unset = toml::Value::from(settings::NOT_SET);
-            let value = settings::get(&self.edited_table, &setting.path).unwrap_or(&unset);
+            let value = settings::get(state.edited_table(), &setting.path).unwrap_or(&unset);
             let differs = settings::round_to_f32(value) != setting.default;
             if !matches || (self.only_changed && !differs) {
                 continue;

@@ -12,6 +12,7 @@ use crate::filter::pose_gaussian::{PosePosterior, systematic_covariance};
 use crate::filter::{FilterConfig, TiltPrior};
 use crate::frames::wrap_angle;
 use crate::matching::{Matrix5, PARAMETERS};
+use crate::math;
 
 /// Range of the learned noise factor (variance).
 const NOISE_FACTOR_RANGE: (f32, f32) = (0.05, 20.0);
@@ -36,7 +37,7 @@ impl JointFilter {
 
     /// Velocity in the field frame.
     fn field_velocity(&self) -> Vector3<f32> {
-        let (sin, cos) = self.state[POSE + 2].sin_cos();
+        let (sin, cos) = math::sin_cos(self.state[POSE + 2]);
         let (vx, vy) = (self.state[TWIST], self.state[TWIST + 1]);
         Vector3::new(
             cos * vx - sin * vy,
@@ -140,7 +141,7 @@ impl JointFilter {
         let squared = innovation.dot(&(information * innovation));
         let expected = 3.0 - (information * posterior.covariance.fixed_view::<3, 3>(0, 0)).trace();
         self.wheel_noise_factor = (self.wheel_noise_factor
-            * (config.noise_adaptation_rate * (squared - expected).clamp(-3.0, 9.0)).exp())
+            * math::exp(config.noise_adaptation_rate * (squared - expected).clamp(-3.0, 9.0)))
         .clamp(NOISE_FACTOR_RANGE.0, NOISE_FACTOR_RANGE.1);
     }
 }

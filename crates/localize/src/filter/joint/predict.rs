@@ -8,6 +8,7 @@ use super::state::{
 };
 use crate::filter::{FilterConfig, ImuInterval, PredictionInput};
 use crate::frames::wrap_angle;
+use crate::math;
 use crate::sensors::attitude::GRAVITY;
 
 /// Time constant with which slip ends once the wheels grip, seconds: a few encoder periods.
@@ -88,8 +89,8 @@ impl JointFilter {
         });
         let angle = (s[GYRO_SCALE] * imu.rate[2] - s[GYRO_BIAS + 2]) * dt;
         s[YAW_RATE] = s[GYRO_SCALE] * imu.yaw_rate - s[GYRO_BIAS + 2];
-        let (sin, cos) = angle.sin_cos();
-        let (half_sin, half_cos) = (0.5 * angle).sin_cos();
+        let (sin, cos) = math::sin_cos(angle);
+        let (half_sin, half_cos) = math::sin_cos(0.5 * angle);
         let (vx, vy) = (s[TWIST], s[TWIST + 1]);
         let half_dt_squared = 0.5 * dt * dt;
         let translation = [
@@ -271,13 +272,15 @@ impl JointFilter {
         dt: f32,
         config: &FilterConfig,
     ) -> SlipModel {
-        let share = 1.0 - (-dt / ACCELERATION_SMOOTHING_TIME).exp();
+        let share = 1.0 - math::exp(-dt / ACCELERATION_SMOOTHING_TIME);
         for (smoothed, value) in self.smoothed_acceleration.iter_mut().zip(acceleration) {
             *smoothed += share * (value - *smoothed);
         }
         let [x, y] = self.smoothed_acceleration;
-        let sliding = (x.hypot(y) / config.slip_acceleration).min(1.0).powi(2);
-        let decay = (-dt * (1.0 - sliding) / SLIP_DECAY_TIME).exp();
+        let sliding = (math::hypot(x, y) / config.slip_acceleration)
+            .min(1.0)
+            .powi(2);
+        let decay = math::exp(-dt * (1.0 - sliding) / SLIP_DECAY_TIME);
         for slip in &mut self.state[SLIP..SLIP + 3] {
             *slip *= decay;
         }
@@ -293,7 +296,7 @@ impl JointFilter {
         lead: f32,
         angle: f32,
     ) -> PlanarStep {
-        let (sin, cos) = (self.state[frame + 2] + lead).sin_cos();
+        let (sin, cos) = math::sin_cos(self.state[frame + 2] + lead);
         let dx = cos * translation[0] - sin * translation[1];
         let dy = sin * translation[0] + cos * translation[1];
         self.state[frame] += dx;

@@ -7,6 +7,7 @@ use super::state::{
     YAW_RATE,
 };
 use crate::filter::{FilterConfig, ImuInterval, PredictionInput};
+use crate::math;
 
 /// Random walk of the slip velocity while the wheels slide: m/s (each axis) and rad/s per square root of a second.
 /// Motors pull 2 m/s² harder than the carpet holds, on wheels 0.2 m from the centre.
@@ -56,7 +57,7 @@ impl JointFilter {
         let (shock_variance, heading_variance) = if input.shock {
             let range = 2.0 * (imu.yaw_rate - imu.rate[2]) * dt;
             (
-                (SHOCK_ERROR_SHARE * x.hypot(y)).powi(2),
+                (SHOCK_ERROR_SHARE * math::hypot(x, y)).powi(2),
                 range * range / 12.0,
             )
         } else {

@@ -4,6 +4,7 @@ use super::JointFilter;
 use super::state::{ODOMETRY_SCALES, ROW_STRIDE, SLIP, WHEEL_INCREMENT};
 use crate::filter::config::WheelNoise;
 use crate::filter::{FilterConfig, WheelIncrement};
+use crate::math;
 use crate::sensors::collision::{Measured, WheelMismatch};
 
 /// Share of rolling noise in the wheels' noise. The rest is slip, which has its own state with an inertial unit.
@@ -89,7 +90,7 @@ impl JointFilter {
         let std = |variance: f32| variance.max(0.0).sqrt() * per_second;
         WheelMismatch {
             speed: Measured {
-                value: innovation[0].hypot(innovation[1]) * per_second,
+                value: math::hypot(innovation[0], innovation[1]) * per_second,
                 std: std(variance(0) + variance(1)),
             },
             yaw_rate: Measured {

@@ -4,6 +4,7 @@ use super::{BranchAndBound, HeadingPrior, Hypothesis, half_turn};
 use crate::frames::{Pose, wrap_angle};
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::sample::LinePoint;
 
 /// A hypothesis and its cost, a negative log likelihood.
@@ -123,11 +124,14 @@ fn screen(
 /// Probabilities from costs; `ranked` is sorted by cost, ascending.
 fn normalise_probabilities(ranked: Vec<RankedHypothesis>) -> Vec<Hypothesis> {
     let cost_min = ranked.first().map_or(0.0, |best| best.cost);
-    let total: f32 = ranked.iter().map(|each| (cost_min - each.cost).exp()).sum();
+    let total: f32 = ranked
+        .iter()
+        .map(|each| math::exp(cost_min - each.cost))
+        .sum();
     ranked
         .into_iter()
         .map(|RankedHypothesis { cost, hypothesis }| Hypothesis {
-            probability: (cost_min - cost).exp() / total,
+            probability: math::exp(cost_min - cost) / total,
             ..hypothesis
         })
         .collect()

@@ -6,6 +6,7 @@
 use super::BranchAndBoundConfig;
 use crate::field::Field;
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::sample::LinePoint;
 
 /// Side of a block in cells.
@@ -117,7 +118,7 @@ impl ScoreTables {
         heading: f32,
         offsets: &mut Vec<(u32, u32)>,
     ) {
-        let (sin, cos) = heading.sin_cos();
+        let (sin, cos) = math::sin_cos(heading);
         let edge = (self.padding * BLOCK) as f32;
         offsets.extend(points.iter().map(|point| {
             let x = (cos * point.at.x - sin * point.at.y) * self.per_cell;

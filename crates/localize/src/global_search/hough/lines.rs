@@ -1,6 +1,7 @@
 //! On which straight lines do the points lie? Steps 2, 3 and 7 of lima2001 4.1.
 
 use super::{Hough, HoughConfig, HoughLine, LineOffset};
+use crate::math;
 
 impl Hough {
     /// Step 2: ρ = x cos φ + y sin φ (eq. 4) for every point and angle.
@@ -104,7 +105,7 @@ fn vote_row(
     half: usize,
     config: &HoughConfig,
 ) {
-    let (sin, cos) = direction.sin_cos();
+    let (sin, cos) = math::sin_cos(direction);
     let per_pixel = 1.0 / config.pixel_size;
     let half_width = config.vote_half_width_px;
     for [x, y] in points {

@@ -8,6 +8,7 @@ use super::config::{DISTANCE_STEPS, NO_HIT, ScanMapConfig};
 use crate::field::Field;
 use crate::field::ray::intersect_ray;
 use crate::matching::distance_field::DistanceField;
+use crate::math;
 use crate::sample::LinePoint;
 
 /// Radial lines (every 5°), distances per line, spirals per direction (every 10°).
@@ -60,7 +61,7 @@ pub(super) fn scan_field(
     let mut scan = [NO_HIT; LAYERS];
     let mut hits = Vec::new();
     for radial in 0..RADIALS {
-        let (sin, cos) = (radial as f32 / RADIALS as f32 * TAU).sin_cos();
+        let (sin, cos) = math::sin_cos(radial as f32 / RADIALS as f32 * TAU);
         intersect_ray(&field.markings, [x, y], [cos, sin], &mut hits);
         hits.retain(|&hit| hit > config.range_min && hit < config.range_max);
         hits.sort_by(f32::total_cmp);
@@ -74,7 +75,7 @@ pub(super) fn scan_field(
         // No marking is nearer than the distance field states, so that the step along the spiral can be that long.
         let mut range = config.range_min;
         while range < config.range_max {
-            let (sin, cos) = (start + turn * (range - config.range_min)).sin_cos();
+            let (sin, cos) = math::sin_cos(start + turn * (range - config.range_min));
             let at = distances.nearest(x + range * cos, y + range * sin);
             let free = at.signed_distance.abs();
             if free < 0.03 {

@@ -8,6 +8,7 @@ use foxglove::messages::{
 };
 use localize::field::Marking;
 use localize::frames::{At, FieldFrame};
+use localize::math;
 use localize::sample::LinePoint;
 use localize::world::{TeamColour, TrackedObject};
 use localize::{Field, Pose, Stamp};
@@ -268,7 +269,7 @@ fn sample_centre_line(marking: &Marking) -> Vec<At<FieldFrame>> {
 }
 
 fn on_circle(centre: At<FieldFrame>, radius: f32, angle: f32) -> At<FieldFrame> {
-    let (sin, cos) = angle.sin_cos();
+    let (sin, cos) = math::sin_cos(angle);
     At::new(centre.x + radius * cos, centre.y + radius * sin)
 }
 
@@ -308,7 +309,7 @@ fn upright<F>(at: At<F>, height: f32) -> Option<foxglove::messages::Pose> {
 }
 
 fn yaw_quaternion(theta: f32) -> Quaternion {
-    let (z, w) = (f64::from(theta) / 2.0).sin_cos();
+    let (z, w) = math::sin_cos(f64::from(theta) / 2.0);
     Quaternion {
         x: 0.0,
         y: 0.0,

@@ -1,0 +1,92 @@
+//! The ground map in Python: two arrays of metres, read, written and converted.
+
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::errors;
+
+/// Pixel → ground point in the robot frame, as calibration and tracing make it.
+#[pyclass(frozen, module = "mirrorball._core")]
+pub(crate) struct GroundMap {
+    /// Forward, metres: rows × columns, NaN where no ground is seen.
+    #[pyo3(get)]
+    x_m: Py<PyArray2<f32>>,
+    /// To the left, metres: rows × columns, NaN where no ground is seen.
+    #[pyo3(get)]
+    y_m: Py<PyArray2<f32>>,
+}
+
+impl GroundMap {
+    pub(crate) fn of(py: Python<'_>, map: vision::GroundMap) -> PyResult<Self> {
+        let shape = [map.height_px, map.width_px];
+        Ok(GroundMap {
+            x_m: map.x.into_pyarray(py).reshape(shape)?.unbind(),
+            y_m: map.y.into_pyarray(py).reshape(shape)?.unbind(),
+        })
+    }
+
+    /// The map as vision measures with it.
+    pub(crate) fn to_rust(&self, py: Python<'_>) -> PyResult<vision::GroundMap> {
+        let values = |array: &Py<PyArray2<f32>>| -> (Vec<f32>, (usize, usize)) {
+            let array = array.bind(py).readonly();
+            let view = array.as_array();
+            (view.iter().copied().collect(), view.dim())
+        };
+        let (x, (height_px, width_px)) = values(&self.x_m);
+        let (y, shape) = values(&self.y_m);
+        if shape != (height_px, width_px) {
+            return Err(PyValueError::new_err("x_m and y_m have different shapes"));
+        }
+        Ok(vision::GroundMap {
+            width_px,
+            height_px,
+            x,
+            y,
+        })
+    }
+}
+
+#[pymethods]
+impl GroundMap {
+    /// Reads `x_m` and `y_m` from an npz archive.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let map = py
+            .detach(|| vision::GroundMap::load(&path))
+            .map_err(|error| errors::map(&error))?;
+        GroundMap::of(py, map)
+    }
+
+    /// From two arrays of metres, rows × columns, NaN where no ground is seen.
+    #[new]
+    #[pyo3(signature = (*, x_m, y_m))]
+    fn new(
+        py: Python<'_>,
+        x_m: PyReadonlyArray2<'_, f32>,
+        y_m: PyReadonlyArray2<'_, f32>,
+    ) -> PyResult<Self> {
+        let shape = x_m.as_array().dim();
+        if shape != y_m.as_array().dim() {
+            let message = format!("x_m is {shape:?} but y_m {:?}", y_m.as_array().dim());
+            return Err(PyValueError::new_err(message));
+        }
+        let values = |array: &PyReadonlyArray2<'_, f32>| array.as_array().iter().copied().collect();
+        let map = vision::GroundMap {
+            width_px: shape.1,
+            height_px: shape.0,
+            x: values(&x_m),
+            y: values(&y_m),
+        };
+        GroundMap::of(py, map)
+    }
+
+    /// Writes the npz archive that `mirrorball locate --map` reads.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let map = self.to_rust(py)?;
+        py.detach(|| map.save(&path))
+            .map_err(|error| errors::map(&error))
+    }
+}
