@@ -228,7 +228,7 @@ fn shrink_camera(robot: &mut RobotConfig) {
         scaled(&mut camera.focal_px);
         scaled(&mut camera.outer_radius_px);
         let middle = (SIDE_PX as f32 - 1.0) / 2.0;
-        camera.centre_px = [middle, middle];
+        camera.centre_px = Some([middle, middle]);
     }
 }
 

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use localize::field::{Field, FieldError};
 use localize::frames::Pose;
 use localize::omni::{OmniError, Twist};
-use localize::robot::{CameraConfig, RobotConfig};
+use localize::robot::{CameraConfig, CameraSection, RobotConfig};
 use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 use localize::stamp::Stamp;
 use rand::SeedableRng;
@@ -212,7 +212,11 @@ impl Sim {
             path: scenario.robot.clone(),
             what,
         };
-        let camera = robot.camera.as_ref().ok_or_else(|| missing("[camera]"))?;
+        let camera = robot
+            .camera
+            .as_ref()
+            .and_then(CameraSection::camera)
+            .ok_or_else(|| missing("[camera] with centre_px"))?;
         let mirror = robot.mirror.as_ref().ok_or_else(|| missing("[mirror]"))?;
         let profile = Profile::load(&mirror.profile)?;
         let (base, body) = (
