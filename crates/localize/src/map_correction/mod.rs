@@ -6,15 +6,21 @@
 //! standard deviations and, through the image's geometry, the covariance of the pose.
 
 mod basis;
-mod belief;
+mod block;
 mod config;
+mod knock;
+mod learning;
 mod mirror;
+mod points;
+mod posterior;
 mod refit;
+mod sensitivity;
 mod smooth;
+mod state;
 mod sums;
 
 pub use basis::{BasisTerm, DisplacedPoint, Harmonic, MapBasis, NODES, TERMS_MAX, TermKind, Unit};
-pub use belief::{MapCorrection, MapCorrectionEstimate, TermEstimate, TrackedImage};
 pub use config::MapCorrectionConfig;
 pub use mirror::MirrorModel;
 pub use smooth::{height_term, smooth_terms};
+pub use state::{MapCorrection, MapCorrectionEstimate, TermEstimate, TrackedImage};

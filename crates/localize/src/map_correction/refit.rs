@@ -4,7 +4,7 @@
 //! begins with the reach of a new map's uncertainty and shrinks it, as matching does with its start error.
 
 use super::basis::TERMS_MAX;
-use super::belief::{MapCorrection, TrackedImage};
+use super::state::{MapCorrection, TrackedImage};
 use super::sums::{ImageSums, PoseMatrix, PoseVector, TermMatrix, TermVector, widen};
 use crate::frames::Pose;
 use crate::matching::distance_field::DistanceField;
@@ -43,7 +43,7 @@ impl MapCorrection {
         distances: &DistanceField,
         matching: &MatchConfig,
     ) -> Option<Refit> {
-        let map_covariance = self.covariance() + self.prior();
+        let map_covariance = self.covariance + self.prior;
         let mut candidate = Candidate {
             pose: image.predicted,
             tilt: [0.0; 2],
@@ -66,7 +66,7 @@ impl MapCorrection {
         }
         for reach in REACH {
             let (sums, _) = self.sums_at(&candidate, reach, image, distances, matching);
-            let share = f64::from(self.config().information_share);
+            let share = f64::from(self.config.information_share);
             let (step, pose_step) = joint_step(
                 &sums,
                 &pose_prior,
@@ -90,7 +90,7 @@ impl MapCorrection {
         }
         let (_, score) = self.sums_at(&candidate, 0.0, image, distances, matching);
         Some(Refit {
-            coefficients: self.coefficients()
+            coefficients: self.coefficients
                 + TermVector::from_fn(|k, _| candidate.step[k].into()),
             pose: candidate.pose,
             score,
@@ -106,14 +106,14 @@ impl MapCorrection {
         distances: &DistanceField,
         matching: &MatchConfig,
     ) -> (ImageSums, f32) {
-        let mut sums = ImageSums::new(self.basis().terms().len());
+        let mut sums = ImageSums::new(self.basis.terms().len());
         let mut score = 0.0;
         let Pose { x, y, theta, .. } = candidate.pose;
         let (sin, cos) = math::sin_cos(theta);
         let height = matching.viewpoint_height;
         let kernel_squared = matching.kernel_scale_sigmas * matching.kernel_scale_sigmas;
         let map_variance = matching.map_std * matching.map_std;
-        for (point, raw) in image.points.iter().zip(self.raw_points()) {
+        for (point, raw) in image.points.iter().zip(&self.points) {
             let mut at = [point.at.x, point.at.y];
             for (derivative, step) in raw.derivatives.iter().zip(candidate.step) {
                 at[0] += derivative[0] * step;
@@ -133,7 +133,7 @@ impl MapCorrection {
             let widening: f32 = map_row
                 .iter()
                 .enumerate()
-                .map(|(k, value)| value * value * self.prior()[(k, k)] as f32)
+                .map(|(k, value)| value * value * self.prior[(k, k)] as f32)
                 .sum();
             let squared =
                 near.signed_distance * near.signed_distance / (variance + reach * reach * widening);
