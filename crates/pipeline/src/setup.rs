@@ -68,9 +68,9 @@ impl Setup {
             colours: load_colours(robot_file, &robot)?,
             robot,
             field,
-            camera,
             viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
             traced_mirror: profile.filter(|profile| is_traced(camera.as_ref(), profile)),
+            camera,
         })
     }
 }

@@ -294,7 +294,7 @@ impl PoseFilter {
         match self {
             PoseFilter::Joint(joint) => joint.shift_pose(step),
             // The members measure the pose again with the next images.
-            PoseFilter::Decentralised(_) => {}
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {}
         }
     }
 

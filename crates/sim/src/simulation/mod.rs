@@ -389,7 +389,8 @@ impl Sim {
             body: &self.robot.body.clone().unwrap_or_default(),
             field: &self.field,
             light: &self.scenario.light,
-            blur_px: self.scenario.film.blur_px,
+            hall: &self.scenario.hall,
+            film: &self.scenario.film,
             seed: self.scenario.seed,
         });
         // Camera and mirror were checked when the simulation was set up.

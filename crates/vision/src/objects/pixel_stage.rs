@@ -2,7 +2,7 @@
 //!
 //! Candidates come from grids that know no colour, and from the detectors of the ball's colour and of the carpet's end.
 
-use localize::frames::{At, RobotFrame};
+use localize::frames::At;
 use localize::robot::CameraConfig;
 use localize::world::TeamColour;
 
