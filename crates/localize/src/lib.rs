@@ -47,6 +47,8 @@ pub mod map_correction;
 pub mod estimate;
 pub mod localizer;
 
+pub mod setup_check;
+
 pub mod team;
 pub mod world;
 

@@ -34,7 +34,8 @@ impl LocalizeConfig {
                 config.matching.tilt_std_deg = 0.0;
                 config.map_correction.enabled = false;
                 config.filter.odometry_scale_std = 0.0;
-                config.filter.noise_adaptation_rate = 0.0;
+                config.filter.noise_learning_std = 0.0;
+                config.matching.spread_learning_std = 0.0;
             }
             "nubot2013" => {
                 // 4: Monte Carlo localization until its particles converge, then matching by RPROP on e(t) with one c for
@@ -46,8 +47,10 @@ impl LocalizeConfig {
                 config.matching.tilt_std_deg = 0.0;
                 config.map_correction.enabled = false;
                 config.mode.suspect_rule = SuspectRule::Thresholds;
+                config.matching.spread_learning_std = 0.0;
+                config.filter.kind = FilterKind::Curvature;
                 config.filter.odometry_scale_std = 0.0;
-                config.filter.noise_adaptation_rate = 0.0;
+                config.filter.noise_learning_std = 0.0;
             }
             _ => return None,
         }

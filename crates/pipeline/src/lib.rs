@@ -25,6 +25,8 @@ pub mod log;
 pub mod datagram;
 pub mod multi_robot;
 
+pub mod setup_check;
+
 pub mod result_files;
 pub mod score;
 

@@ -198,7 +198,9 @@ impl MultiRobotSimulation {
                 *place = teammate;
             }
             let ball = truths[0].ball.filter(|_| index > 0);
-            player.sim.synchronise_others(&others, ball);
+            player
+                .sim
+                .synchronise_others(&others, &truths[0].people, ball);
         }
         for index in 0..self.players.len() {
             self.score_robot(index)?;

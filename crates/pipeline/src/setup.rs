@@ -5,13 +5,13 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use localize::Field;
-use localize::robot::CameraConfig;
-use localize::robot::RobotConfig;
+use localize::robot::{CameraConfig, CameraSection, RobotConfig};
 use vision::calibrate::mask::load_mask;
 use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::{GroundMap, Mount, Profile, optics};
 
 /// A robot and its field, loaded and validated.
+#[derive(Clone)]
 pub struct Setup {
     /// Contents of the robot file.
     pub robot: RobotConfig,
@@ -47,10 +47,12 @@ impl Setup {
         map: Option<&Path>,
     ) -> Result<Self> {
         let camera = match &robot.camera {
-            Some(camera) => Some((
-                camera.clone(),
-                Arc::new(load_ground_map(robot_file, &robot, camera, map)?),
-            )),
+            Some(section) => {
+                let map = load_ground_map(robot_file, &robot, section, map)?;
+                let camera = section.camera().or_else(|| axis_from_map(section, &map));
+                let camera = camera.with_context(|| no_axis(robot_file))?;
+                Some((camera, Arc::new(map)))
+            }
             None => None,
         };
         let profile = match &robot.mirror {
@@ -66,10 +68,17 @@ impl Setup {
             colours: load_colours(robot_file, &robot)?,
             robot,
             field,
-            camera,
             viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
             traced_mirror: profile.filter(|profile| is_traced(camera.as_ref(), profile)),
+            camera,
         })
+    }
+}
+
+impl Setup {
+    /// True if the ground map was calibrated, so that centre, forward direction and flip of the camera do not matter.
+    pub fn is_calibrated(&self) -> bool {
+        self.robot.map.is_some() || self.robot.mirror.is_none()
     }
 }
 
@@ -88,6 +97,25 @@ fn is_traced(camera: Option<&(CameraConfig, Arc<GroundMap>)>, profile: &Profile)
         let traced = rays.ground_map();
         bits(&traced.x) == bits(&map.x) && bits(&traced.y) == bits(&map.y)
     })
+}
+
+/// The camera with the axis of a calibrated map. None if the map shows too little ground.
+///
+/// The map's outermost pixel is no rim: a map may end at its last calibrated ground.
+fn axis_from_map(section: &CameraSection, map: &GroundMap) -> Option<CameraConfig> {
+    let found = optics::camera_from_map::camera_from_map(map)?;
+    Some(CameraConfig {
+        forward_deg: found.forward_deg,
+        flipped: found.flipped,
+        ..section.with_axis(found.centre_px, section.outer_radius_px)
+    })
+}
+
+fn no_axis(robot_file: &Path) -> String {
+    format!(
+        "{}: [camera] has no centre_px. `mirrorball calibrate rim` measures it",
+        robot_file.display()
+    )
 }
 
 /// Height of the viewpoint, metres: the mirror's height at the mean of its inner and outer radius.
@@ -119,7 +147,7 @@ fn load_colours(robot_file: &Path, robot: &RobotConfig) -> Result<Option<ColourT
 fn load_ground_map(
     robot_file: &Path,
     robot: &RobotConfig,
-    camera: &CameraConfig,
+    camera: &CameraSection,
     map: Option<&Path>,
 ) -> Result<GroundMap> {
     let calibrated = map
@@ -132,7 +160,8 @@ fn load_ground_map(
         ),
         (None, Some(mirror)) => {
             let profile = Profile::load(&mirror.profile)?;
-            let rays = optics::trace_rays(camera, &profile, &Mount::default())
+            let camera = camera.camera().with_context(|| no_axis(robot_file))?;
+            let rays = optics::trace_rays(&camera, &profile, &Mount::default())
                 .with_context(|| robot_file.display().to_string())?;
             (rays.ground_map(), mirror.profile.clone())
         }

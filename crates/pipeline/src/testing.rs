@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use std::path::{Path, PathBuf};
 
-use localize::estimate::{Estimate, Mode, Reason};
+use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::frames::At;
 use localize::global_search::branch_and_bound::Hypothesis;
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
@@ -22,7 +22,8 @@ use vision::image::Image;
 use vision::lines::detection::{LinePointDetection, RejectedCandidate, RejectionReason};
 use vision::objects::ball::BallDetection;
 use vision::objects::goals::{GoalDetection, GoalKind};
-use vision::objects::robots::RobotDetection;
+use vision::objects::rejection::{ObjectRejection, RejectedObject};
+use vision::objects::robots::{ObstacleKind, RobotDetection};
 use vision::objects::virtual_sensors::{Bumper, VirtualSensorReadings};
 use vision::process::Detections;
 
@@ -123,8 +124,14 @@ impl RandomValues {
                 ball: Some(self.at()),
                 robots: vec![self.at()],
                 robot_headings: Vec::new(),
+                people: Vec::new(),
             }),
             image: None,
+            setting: Some(CameraSetting {
+                exposure: self.value(),
+                gain: self.value(),
+            }),
+            settings: None,
         }
     }
 
@@ -162,6 +169,20 @@ impl RandomValues {
                 marker: number.is_multiple_of(2).then_some(TeamColour::Magenta),
                 score: self.value(),
                 position_px: self.values(),
+                kind: ObstacleKind::Person,
+            }],
+            rejected_objects: vec![RejectedObject {
+                position_px: self.values(),
+                reason: ObjectRejection::NotAnObstacle,
+                probability: self.value(),
+            }],
+            other_balls: vec![BallDetection {
+                at: self.at(),
+                covariance: self.values(),
+                on_ground: true,
+                score: self.value(),
+                position_px: self.values(),
+                pixels: 7,
             }],
             goals: vec![GoalDetection {
                 kind: GoalKind::Post,
@@ -272,6 +293,13 @@ impl RandomValues {
             collision: number.is_multiple_of(2),
             gyro_bias: self.value(),
             latency: self.value(),
+            fit: Fit {
+                on_markings: self.value(),
+                residual: self.value(),
+                markings_seen: self.value(),
+                wheels: (!lost).then(|| self.value()),
+                compass: lost.then(|| self.value()),
+            },
             map_correction: number.is_multiple_of(2).then(|| MapCorrectionEstimate {
                 terms: [TermKind::MirrorTiltX, TermKind::Range(3)]
                     .map(|kind| TermEstimate {

@@ -69,6 +69,9 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         config: PipelineConfig::load(&args.preset, args.config.as_deref())?,
         external_point_std: EXTERNAL_POINT_STD,
     })?;
+    for warning in &run.setup_report().warnings {
+        eprintln!("warning: {warning}");
+    }
     let mut outputs = CsvOutputs::create(Some(&out), args.points.as_deref(), args.seen.as_deref())?;
     let bar = crate::progress::bar(run.frames() as u64, "frames");
     let result = run.run(|cycle| {
@@ -86,8 +89,20 @@ pub(crate) fn run(args: &Args, json: bool) -> Result<()> {
         println!("{}", serde_json::to_string(&result)?);
     } else {
         result.summary.print();
+        if let Some(figures) = &result.setup {
+            println!("{}", figures.text());
+        }
+        if !result.warnings.is_empty() {
+            let folder = args.dir.display();
+            println!(
+                "the set-up is doubtful: `mirrorball doctor --recording {folder}` shows alternatives"
+            );
+        }
         if let Some(detections) = &result.detections {
             detections.print();
+        }
+        if let Some(labelled) = &result.labelled_objects {
+            labelled.print();
         }
         if let (Some(pixels), Some(share)) = (result.scan_pixels, result.scan_share) {
             println!(

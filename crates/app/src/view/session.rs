@@ -14,6 +14,7 @@ use super::calibration_state::CalibrationState;
 use super::device_monitor::DeviceMonitor;
 use super::layer_worker::{LayerJob, LayerSelection, RenderedLayers};
 use super::settings_state::SettingsState;
+use super::setup_job::SetupCheck;
 use super::source::decoded_cycle::DecodedCycle;
 use super::source::inbox::CycleInbox;
 use super::source::live::LiveSource;
@@ -98,6 +99,8 @@ pub(crate) struct Session {
     pub(crate) mask: Option<Arc<Vec<bool>>>,
     /// Counts changes of settings, colour table and mask.
     pub(crate) revision: u64,
+    /// Check of the log's set-up.
+    pub(crate) setup_check: SetupCheck,
     metrics_reader: Option<MetricsReader>,
 }
 
@@ -122,6 +125,7 @@ impl Default for Session {
             colour_table: None,
             mask: None,
             revision: 0,
+            setup_check: SetupCheck::default(),
             metrics_reader: None,
         }
     }
@@ -198,7 +202,8 @@ impl Session {
         let remote = remote::connect(address, inbox.clone())?;
         let mut warnings: Vec<String> = remote.header.version_mismatch().into_iter().collect();
         let recorded_config = parse_config(remote.header.files.get(PIPELINE_FILE), &mut warnings);
-        let live = LiveSource::new(inbox, None).with_guard(remote.guard, Some(remote.folder));
+        let mut live = LiveSource::new(inbox, None).with_guard(remote.guard, Some(remote.folder));
+        live.remote_settings = Some(remote.settings);
         let name = format!("{address}: {}", remote.header.source);
         Ok(Session {
             warnings,

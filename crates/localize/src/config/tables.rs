@@ -7,6 +7,7 @@ const PROBABILITY: &str = "a probability";
 const NOISE: &str = "noise is not negative; beyond it the estimate is worthless";
 const STD: &str = "a standard deviation is not negative; beyond it nothing is known";
 const ANGLE_STD: &str = "a standard deviation is not negative; beyond it small angles end";
+const LOG_STD: &str = "the logarithm of a variance is not more uncertain than a factor of e³";
 const SECONDS: &str = "a duration in seconds, at most an hour";
 const TIME_CONSTANT: &str = "a time constant is divided by";
 const CELL: &str = "smaller cells fill the memory, larger ones hold no line";
@@ -46,6 +47,7 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         "a longer step is no convergence",
     ),
     bound("matching.tilt_std_deg", 0.0, 10.0, ANGLE_STD),
+    bound("matching.spread_learning_std", 0.0, 3.0, LOG_STD),
     bound(
         "matching.viewpoint_height",
         0.05,
@@ -305,14 +307,8 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         "beyond it wheels might turn backwards",
     ),
     bound("filter.odometry_scale_drift", 0.0, 1.0, NOISE),
-    bound(
-        "filter.noise_adaptation_rate",
-        0.0,
-        1.0,
-        "a rate per image; beyond it the noise oscillates",
-    ),
-    bound("filter.systematic_position_std", 0.0, 10.0, STD),
-    bound("filter.systematic_heading_std_deg", 0.0, 90.0, ANGLE_STD),
+    bound("filter.odometry_coupling_std", 0.0, 1.0, STD),
+    bound("filter.noise_learning_std", 0.0, 3.0, LOG_STD),
     bound("filter.velocity_process_noise", 0.0, 1000.0, NOISE),
     bound("filter.yaw_rate_process_noise", 0.0, 1000.0, NOISE),
     bound("filter.gyro_noise_deg", 0.0, 180.0, NOISE),
@@ -357,6 +353,7 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
     bound("filter.decentralised.command_drift", 0.0, 10.0, NOISE),
     bound("filter.decentralised.command_drift_deg", 0.0, 180.0, NOISE),
     bound("filter.decentralised.wheel_timeout", 0.0, 3600.0, SECONDS),
+    bound("filter.decentralised.scale_std", 0.0, 1.0, STD),
     // Attitude.
     bound(
         "attitude.gravity_time_constant",

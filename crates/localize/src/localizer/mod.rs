@@ -6,6 +6,8 @@
 
 mod candidates;
 mod field_half;
+mod fit_monitor;
+mod global_check;
 mod global_localization;
 mod map_learning;
 mod match_figures;
@@ -15,6 +17,7 @@ mod output;
 mod state;
 mod tilt_bias;
 mod tilt_compensation;
+mod tilt_spread;
 mod track;
 mod transitions;
 
@@ -40,10 +43,12 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
+use fit_monitor::FitMonitor;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
-use state::State;
+use state::{GlobalCheck, State};
 use tilt_bias::TiltBias;
+use tilt_spread::TiltSpread;
 
 /// Localizes one robot on one field.
 ///
@@ -104,12 +109,16 @@ pub struct Localizer {
     /// Goals in the image of this stamp.
     pending_goals: Option<(Stamp, Vec<GoalObservation>)>,
     tilt_bias: TiltBias,
+    tilt_spread: TiltSpread,
     /// Prior of the current image's tilt.
     tilt_prior: TiltPrior,
     /// Posterior variances of the tilt in the last tracked image, rad².
     tilt_variances: Option<[f32; 2]>,
+    /// Check of the tracked pose against the whole field, a part in each image.
+    global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
     mean_inlier_share: f32,
+    fit_monitor: FitMonitor,
     /// None: the map counts as exact.
     map_correction: Option<Box<MapCorrection>>,
     /// Consecutive images that fit nowhere on the field.
@@ -182,6 +191,8 @@ impl Localizer {
             filter_stamp: Stamp(i64::MIN),
             motion_inputs: MotionInputs::default(),
             tilt_bias: TiltBias::new(&config.attitude),
+            tilt_spread: TiltSpread::new(&config),
+            global_check: None,
             tilt_prior: TiltPrior::FromState,
             tilt_variances: None,
             particles_stamp: Stamp(i64::MIN),
@@ -191,6 +202,7 @@ impl Localizer {
             coloured_goals: ColouredGoals::new(field),
             pending_goals: None,
             mean_inlier_share: 0.0,
+            fit_monitor: FitMonitor::new(field),
             out_of_order_count: 0,
             snapshot: None,
             buffered: Vec::new(),
@@ -253,6 +265,7 @@ impl Localizer {
                 return self.estimate(stamp, reason, MatchFigures::default(), Vec::new());
             }
         }
+        self.tilt_variances = None;
         let covered = self.odometry_covers(exposed);
         if covered {
             self.predict_to(exposed);
@@ -288,6 +301,7 @@ impl Localizer {
                 *value += mean;
             }
         }
+        self.measure_fit(&mut estimate, &points);
         self.take_snapshot();
         for measurement in later {
             self.receive(measurement);
@@ -298,7 +312,22 @@ impl Localizer {
             ..self.predict_estimate_to(stamp, estimate)
         };
         self.add_map_uncertainty(&mut estimate);
+        if self
+            .fit_monitor
+            .is_doubtful(self.config.mode.inlier_share_min)
+        {
+            estimate.doubt_setup(&self.uniform_covariance);
+        }
         estimate
+    }
+
+    /// Adds the image to the figures of the fit.
+    fn measure_fit(&mut self, estimate: &mut Estimate, points: &[LinePoint]) {
+        let heading = self
+            .heading_prior(estimate.stamp)
+            .map(|prior| prior.heading);
+        self.fit_monitor.add_image(estimate, points, heading);
+        estimate.fit = self.fit_monitor.fit();
     }
 
     /// Predicts an estimate from the exposure to the image's stamp.

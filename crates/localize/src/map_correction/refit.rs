@@ -90,8 +90,7 @@ impl MapCorrection {
         }
         let (_, score) = self.sums_at(&candidate, 0.0, image, distances, matching);
         Some(Refit {
-            coefficients: self.coefficients
-                + TermVector::from_fn(|k, _| candidate.step[k].into()),
+            coefficients: self.coefficients + TermVector::from_fn(|k, _| candidate.step[k].into()),
             pose: candidate.pose,
             score,
         })

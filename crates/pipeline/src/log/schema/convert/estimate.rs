@@ -2,7 +2,7 @@
 
 use anyhow::{Context as _, Result};
 use localize::Stamp;
-use localize::estimate::{Estimate, Mode, Reason};
+use localize::estimate::{Estimate, Fit, Mode, Reason};
 use localize::global_search::branch_and_bound::Hypothesis;
 use localize::map_correction::{MapCorrectionEstimate, TermEstimate, TermKind};
 use localize::omni::Twist;
@@ -22,6 +22,7 @@ names!(reason_name, reason_named: Reason {
     Ambiguous = "ambiguous",
     OutOfOrder = "out of order" | "from the past",
     Searching = "searching",
+    DoubtfulSetup = "doubtful set-up",
     CameraKnocked = "camera knocked",
 });
 pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
@@ -41,6 +42,7 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         collision,
         gyro_bias,
         latency,
+        fit,
         map_correction,
         runners_up,
     } = estimate;
@@ -61,6 +63,13 @@ pub(crate) fn estimate_to_wire(estimate: &Estimate) -> wire::Estimate {
         collision: *collision,
         gyro_bias: *gyro_bias,
         latency: *latency,
+        fit: Some(wire::Fit {
+            on_markings: fit.on_markings,
+            residual: fit.residual,
+            markings_seen: fit.markings_seen,
+            wheels: fit.wheels,
+            compass: fit.compass,
+        }),
         map_correction: map_correction.as_ref().map(map_correction_to_wire),
     }
 }
@@ -93,6 +102,13 @@ pub(crate) fn estimate_from_wire(estimate: wire::Estimate) -> Result<Estimate> {
         collision: estimate.collision,
         gyro_bias: estimate.gyro_bias,
         latency: estimate.latency,
+        fit: estimate.fit.map_or_else(Fit::default, |fit| Fit {
+            on_markings: fit.on_markings,
+            residual: fit.residual,
+            markings_seen: fit.markings_seen,
+            wheels: fit.wheels,
+            compass: fit.compass,
+        }),
         map_correction: estimate
             .map_correction
             .map(map_correction_from_wire)
@@ -163,6 +179,11 @@ fn hypothesis_from_wire(hypothesis: wire::Hypothesis) -> Result<Hypothesis> {
         residual: hypothesis.residual,
         tilt: pair(&hypothesis.lean)?,
     })
+}
+
+/// The estimate's reason as text; empty if the pose is simply tracked.
+pub fn reason_text(estimate: &Estimate) -> &'static str {
+    estimate.reason.map_or("", reason_name)
 }
 
 /// The estimate's mode and reason as text.
