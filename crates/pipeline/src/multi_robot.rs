@@ -335,6 +335,7 @@ fn scenario_for_robot(scenario: &Scenario, index: usize) -> Scenario {
     own.seed = scenario.seed.wrapping_add(index as u64);
     if index > 0 {
         own.kidnaps.clear();
+        own.knocks.clear();
         own.pushes.clear();
         own.occlusions.clear();
         own.faults.clear();

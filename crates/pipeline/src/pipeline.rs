@@ -1,12 +1,15 @@
 //! How does a sample become a pose? The stages in order, one cycle per image, live, simulated or replayed alike.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
 use localize::config::LocalizeConfig;
 use localize::field::GoalColour;
+use localize::map_correction::{MapBasis, MapCorrection};
 
 use localize::localizer::Localizer;
+use localize::robot::CameraSetting;
 use localize::sample::{GoalObservation, LinePoint};
 use localize::team::TeamModel;
 use localize::world::WorldModel;
@@ -15,10 +18,12 @@ use nalgebra::Matrix3;
 use vision::exposure::{AutoExposure, ExposureStatus};
 use vision::image_check::ImageCheck;
 use vision::objects::goals::GoalKind;
+use vision::optics::map_basis;
 use vision::process::{Detections, Vision};
 
 use crate::config::PipelineConfig;
 use crate::cycle::{Cycle, Inputs, Timings};
+use crate::observations::{correct_goals, object_observations};
 use crate::paths;
 use crate::sample::{CameraImage, ImageContent, Sample, SourceImage};
 use crate::scan_map_cache::{self, CacheStatus};
@@ -56,6 +61,8 @@ pub struct Pipeline {
     last_image: Option<Stamp>,
     last_pose: Option<StampedPose>,
     notice: Option<String>,
+    /// Covariance added to each pose, if the set-up is known to be wrong.
+    doubt: Option<Matrix3<f32>>,
 }
 
 /// The pose of the latest image, from which another pipeline can start.
@@ -114,7 +121,9 @@ impl Pipeline {
         if let (Some(detector), Some(colours)) = (&mut detector, &setup.colours) {
             detector.set_colour_table(colours.clone());
         }
-        let (localizer, notice) = build_localizer(setup, localize);
+        let basis = map_basis(setup, &localize)?;
+        let (mut localizer, notice) = build_localizer(setup, localize);
+        localizer.set_map_basis(basis);
         Ok(Pipeline {
             vision: detector,
             image_check,
@@ -126,12 +135,18 @@ impl Pipeline {
             last_image: None,
             last_pose: None,
             notice,
+            doubt: None,
         })
     }
 
     /// What a user should know about the construction: a scan map that was built, or could not be stored.
     pub fn notice(&self) -> Option<&str> {
         self.notice.as_deref()
+    }
+
+    /// Marks every pose as that of a doubtful set-up and adds this covariance to its own.
+    pub fn doubt_setup(&mut self, covariance: Matrix3<f32>) {
+        self.doubt = Some(covariance);
     }
 
     /// Number of distinct pixels that the scan lines read, and their share of the image (minho2016: 63,378, 27.5 %).
@@ -148,11 +163,28 @@ impl Pipeline {
             self.localizer
                 .set_pose(last.stamp, last.pose, &last.covariance);
         }
+        if let (Some(exposure), Some(before)) = (&mut self.exposure, &other.exposure) {
+            exposure.continue_from(before);
+        }
+    }
+
+    /// Goes on with a pipeline of other settings from the next cycle on; `settings`: all of them (TOML), for the log.
+    ///
+    /// Replay does the same at the same cycle, so its bits are equal.
+    pub fn replace_by(&mut self, mut next: Pipeline, settings: Arc<str>) {
+        next.warm_start_from(self);
+        next.inputs.settings = Some(settings);
+        *self = next;
     }
 
     /// Particles of the global search; empty if its method has none.
     pub fn particles(&self) -> &[Pose] {
         self.localizer.particles()
+    }
+
+    /// What was learned about the ground map. None if the correction is switched off.
+    pub fn map_correction(&self) -> Option<&MapCorrection> {
+        self.localizer.map_correction()
     }
 
     /// Takes a sample; an image ends a cycle.
@@ -164,6 +196,7 @@ impl Pipeline {
             Sample::Command(command) => self.inputs.commands.push(command),
             Sample::TeamReport(report) => self.inputs.reports.push(report),
             Sample::GroundTruth(truth) => self.inputs.truth = Some(truth),
+            Sample::Settings(settings) => self.inputs.settings = Some(settings),
             Sample::Image(image) => return Some(self.process_image(image)),
         }
         None
@@ -173,17 +206,22 @@ impl Pipeline {
         let stamp = image.stamp;
         let started = Instant::now();
         let mut inputs = std::mem::take(&mut self.inputs);
-        let features = self.extract_features(stamp, image.content);
+        let features = self.extract_features(stamp, image.content, image.setting);
         let see_ms = elapsed_ms(started);
         let started = Instant::now();
         inputs.image = features.image;
+        inputs.setting = image.setting;
         self.add_inputs(&inputs);
-        self.localizer.add_goals(stamp, &features.goals);
-        let estimate = self.localizer.process_points(stamp, &features.line_points);
+        let goals = correct_goals(features.goals, self.localizer.map_correction());
+        self.localizer.add_goals(stamp, &goals);
+        let mut estimate = self.localizer.process_points(stamp, &features.line_points);
+        if let Some(covariance) = &self.doubt {
+            estimate.doubt_setup(covariance);
+        }
         let observations = features
             .detections
             .as_ref()
-            .map(crate::observations::object_observations);
+            .map(|detections| object_observations(detections, self.localizer.map_correction()));
         let world = self.world.update(stamp, observations.as_ref(), &estimate);
         let team = self.team.update(stamp, &world, &estimate);
         // For the next image: this image's estimate is final already.
@@ -210,11 +248,16 @@ impl Pipeline {
         }
     }
 
-    fn extract_features(&mut self, stamp: Stamp, content: ImageContent) -> Features {
+    fn extract_features(
+        &mut self,
+        stamp: Stamp,
+        content: ImageContent,
+        setting: Option<CameraSetting>,
+    ) -> Features {
         match content {
             ImageContent::Pixels(image) => {
                 let control = self.exposure.as_mut();
-                let exposure = control.and_then(|control| control.process(&image.view()));
+                let exposure = control.and_then(|control| control.process(&image.view(), setting));
                 let light_jumped = exposure.is_some_and(|status| status.light_jumped);
                 let features = match self.run_vision(stamp, &image, light_jumped) {
                     Ok(detections) => Features::from_detections(detections),
@@ -247,7 +290,7 @@ impl Pipeline {
                 Sample::TeamReport(report) => self.team.receive(&report),
                 Sample::Imu(imu) => self.localizer.add_imu(&imu),
                 Sample::Command(command) => self.localizer.add_command(&command),
-                Sample::GroundTruth(_) | Sample::Image(_) => {}
+                Sample::GroundTruth(_) | Sample::Settings(_) | Sample::Image(_) => {}
             }
         }
     }
@@ -293,6 +336,19 @@ impl Features {
             ..Features::default()
         }
     }
+}
+
+/// The possible errors of the setup's ground map. None without a camera.
+fn map_basis(setup: &Setup, config: &LocalizeConfig) -> Result<Option<MapBasis>> {
+    let Some((camera, map)) = setup.camera.as_ref() else {
+        return Ok(None);
+    };
+    let (height, config) = (config.matching.viewpoint_height, &config.map_correction);
+    let basis = match &setup.traced_mirror {
+        Some(profile) => map_basis::basis_from_profile(camera, profile, height, config)?,
+        None => map_basis::basis_from_map(camera, map, height, config),
+    };
+    Ok(Some(basis))
 }
 
 /// A localizer on the setup's field, and a notice about its scan map, which comes from the cache folder if possible.

@@ -263,6 +263,7 @@ pub(crate) fn sample_from_sim(sample: Simulated) -> Sample {
             };
             Sample::Image(CameraImage {
                 stamp: image.stamp,
+                setting: None,
                 content: ImageContent::Pixels(pixels.into()),
             })
         }

@@ -40,7 +40,11 @@ fn game() -> (Scenario, RobotConfig, Field) {
 
 fn image(c: &mut Criterion) {
     let (scenario, robot, field) = game();
-    let camera = robot.camera.clone().expect("a camera");
+    let camera = robot
+        .camera
+        .as_ref()
+        .and_then(|camera| camera.camera())
+        .expect("a camera");
     let profile =
         Profile::load(&robot.mirror.clone().expect("a mirror").profile).expect("a profile");
     let body = robot.body.clone().unwrap_or_default();

@@ -77,6 +77,9 @@ pub struct Scenario {
     /// Instant displacements of our robot.
     #[serde(default)]
     pub kidnaps: Vec<Kidnap>,
+    /// Changes of the camera's and mirror's mounting during play.
+    #[serde(default)]
+    pub knocks: Vec<Knock>,
     /// Impulses on our robot.
     #[serde(default)]
     pub pushes: Vec<Push>,
@@ -320,6 +323,16 @@ pub struct Kidnap {
     /// New heading, degrees counter-clockwise from the field's x axis.
     #[serde(default)]
     pub theta_deg: f32,
+}
+
+/// A change of the mounting: something hits camera or mirror.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Knock {
+    /// Time, seconds.
+    pub time: f64,
+    /// True mounting from then on, in place of the scenario's.
+    pub mount: Mount,
 }
 
 /// An impulse on our robot.

@@ -51,7 +51,11 @@ fn calibrate_and_score(mirror_tilt_deg: [f64; 2], stretch: f32, seed: u64) -> (f
     table.insert("rocking".to_owned(), toml::Value::Table(even));
     let (scenario, robot) = Scenario::from_table(table, &path).expect("a scenario");
     let field = Field::load(scenario.field.as_ref().unwrap_or(&robot.field)).expect("a field");
-    let camera = robot.camera.clone().expect("a camera");
+    let camera = robot
+        .camera
+        .as_ref()
+        .and_then(|camera| camera.camera())
+        .expect("a camera");
     let profile = Profile::load(&robot.mirror.as_ref().expect("a mirror").profile);
     let profile = profile.expect("a profile");
     let map = |mount: &Mount| {

@@ -13,6 +13,7 @@
 pub mod config;
 pub mod error;
 pub mod image;
+pub mod output_file;
 
 pub mod optics;
 

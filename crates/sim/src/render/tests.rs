@@ -19,7 +19,10 @@ fn render_fixture(mount: Mount) -> RenderFixture {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config");
     let robot = RobotConfig::load(&folder.join("robots/default.toml")).expect("a robot");
     let field = Field::load(&folder.join("fields/msl_18x12.toml")).expect("a field");
-    let camera = robot.camera.expect("a camera");
+    let camera = robot
+        .camera
+        .and_then(|camera| camera.camera())
+        .expect("a camera");
     let profile = Profile::load(&robot.mirror.expect("a mirror").profile).expect("a profile");
     let sensor_config = FilmConfig::ideal();
     let renderer = Renderer::new(&RendererConfig {

@@ -9,14 +9,14 @@ use std::path::PathBuf;
 use localize::field::{Field, FieldError};
 use localize::frames::Pose;
 use localize::omni::{OmniError, Twist};
-use localize::robot::{CameraConfig, RobotConfig};
+use localize::robot::{CameraConfig, CameraSection, RobotConfig};
 use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 use localize::stamp::Stamp;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use vision::Profile;
 use vision::optics::mirror::ProfileError;
 use vision::optics::ray_tracing::OpticsError;
+use vision::{Mount, Profile};
 
 use crate::behaviour::{DECISION_PERIOD, TeamBehaviour};
 use crate::image_sensor::FilmConfig;
@@ -144,6 +144,9 @@ pub struct Sim {
     /// Last command to the motors.
     command: Twist,
     renderer: Renderer,
+    /// The real camera, with its real focal length, and the mirror.
+    camera: CameraConfig,
+    profile: Profile,
     image_sensor: FilmConfig,
     /// Scheduled settings and their first image, counted from 0 without dropped ones.
     pending_sensor_configs: VecDeque<(u64, FilmConfig)>,
@@ -162,6 +165,7 @@ pub struct Sim {
     steps: i64,
     next_kidnap: usize,
     next_push: usize,
+    next_knock: usize,
     /// Sum of accelerations since the last IMU sample, and the number of steps.
     acceleration_sum: ([f64; 2], u32),
     frozen_heading: Option<f32>,
@@ -208,7 +212,11 @@ impl Sim {
             path: scenario.robot.clone(),
             what,
         };
-        let camera = robot.camera.as_ref().ok_or_else(|| missing("[camera]"))?;
+        let camera = robot
+            .camera
+            .as_ref()
+            .and_then(CameraSection::camera)
+            .ok_or_else(|| missing("[camera] with centre_px"))?;
         let mirror = robot.mirror.as_ref().ok_or_else(|| missing("[mirror]"))?;
         let profile = Profile::load(&mirror.profile)?;
         let (base, body) = (
@@ -225,7 +233,11 @@ impl Sim {
                 .map(|rim| rim * scenario.focal_scale as f32),
             ..camera.clone()
         };
-        let renderer = Renderer::new(&RendererConfig {
+        let optics_error = |source| SimError::Optics {
+            path: scenario.robot.clone(),
+            source,
+        };
+        let renderer_config = RendererConfig {
             camera: &real_camera,
             profile: &profile,
             mount: scenario.mount,
@@ -235,11 +247,8 @@ impl Sim {
             hall: &scenario.hall,
             film: &scenario.film,
             seed: scenario.seed,
-        })
-        .map_err(|source| SimError::Optics {
-            path: scenario.robot.clone(),
-            source,
-        })?;
+        };
+        let renderer = Renderer::new(&renderer_config).map_err(optics_error)?;
         let rng_stream = |number| {
             let mut rng = ChaCha8Rng::seed_from_u64(scenario.seed);
             rng.set_stream(number);
@@ -278,6 +287,8 @@ impl Sim {
             command_override: None,
             command: Twist::default(),
             renderer,
+            camera: real_camera,
+            profile,
             image_sensor: scenario.film,
             pending_sensor_configs: VecDeque::new(),
             images: 0,
@@ -292,6 +303,7 @@ impl Sim {
             steps: 0,
             next_kidnap: 0,
             next_push: 0,
+            next_knock: 0,
             acceleration_sum: ([0.0; 2], 0),
             frozen_heading: None,
             frozen_image: None,
@@ -368,6 +380,25 @@ impl Sim {
         self.scenario.faults.iter().find(fails)
     }
 
+    /// Renders images with another mounting from now on.
+    fn remount(&mut self, mount: Mount) {
+        let renderer = Renderer::new(&RendererConfig {
+            camera: &self.camera,
+            profile: &self.profile,
+            mount,
+            body: &self.robot.body.clone().unwrap_or_default(),
+            field: &self.field,
+            light: &self.scenario.light,
+            hall: &self.scenario.hall,
+            film: &self.scenario.film,
+            seed: self.scenario.seed,
+        });
+        // Camera and mirror were checked when the simulation was set up.
+        if let Ok(renderer) = renderer {
+            self.renderer = renderer;
+        }
+    }
+
     fn step(&mut self) {
         let time = self.time();
         while let Some(kidnap) = self.scenario.kidnaps.get(self.next_kidnap) {
@@ -384,6 +415,13 @@ impl Sim {
             }
             self.next_push += 1;
             self.world.apply_impulse(push.impulse);
+        }
+        while let Some(knock) = self.scenario.knocks.get(self.next_knock) {
+            if knock.time > time {
+                break;
+            }
+            self.next_knock += 1;
+            self.remount(knock.mount);
         }
         if self.behaviour_timer.take_due(time) {
             self.behaviour
@@ -435,10 +473,11 @@ impl Sim {
     }
 }
 
-/// The scenario with its kidnaps and pushes in order of time.
+/// The scenario with its kidnaps, pushes and knocks in order of time.
 fn sorted(mut scenario: Scenario) -> Scenario {
     scenario.kidnaps.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario.pushes.sort_by(|a, b| a.time.total_cmp(&b.time));
+    scenario.knocks.sort_by(|a, b| a.time.total_cmp(&b.time));
     scenario
 }
 

@@ -132,6 +132,13 @@ pub const VISION_BOUNDS: &[Bound] = &[
     bound("objects.ball_visible_share_min", 0.0, 1.0, SHARE),
     bound("objects.ball_pixels_min", 0.0, 1.0e6, PIXELS),
     bound("objects.ball_range_max", 0.01, 100.0, RANGE),
+    bound("objects.ball_probability_min", 0.0, 1.0, "a probability"),
+    bound(
+        "objects.obstacle_probability_min",
+        0.0,
+        1.0,
+        "a probability",
+    ),
     bound(
         "objects.robot_radius",
         0.0,

@@ -53,7 +53,10 @@ impl DemoScene {
         let (scenario, robot) =
             Scenario::load(&paths::find_resource("config/scenarios/demo.toml")?)?;
         let field = Field::load(&robot.field)?;
-        let own = robot.camera.context("the demo's robot has no camera")?;
+        let own = robot
+            .camera
+            .and_then(|camera| camera.camera())
+            .context("the demo's robot has no camera")?;
         let scale = side_px as f32 / own.width_px as f32;
         let camera = CameraConfig {
             width_px: side_px,
