@@ -60,11 +60,13 @@ def test_brightness_recovers_and_nobody_is_lost_when_the_light_changes(tmp_path:
     with truth_path.open() as file:
         # One for each simulated image.
         stamps = [float(row["stamp_s"]) for row in csv.DictReader(file)]
+    first_change = stamps[round(CHANGES_S[0][0] * FRAME_RATE_HZ)]
+    before = [file for stamp, file in images if stamp < first_change][-1]
+    # Of the light before all changes: each one may leave a rest, but the rests must not add up.
+    reference = brightness(tmp_path / "recording" / before)
     for begin, end, until in CHANGES_S:
         at = [stamps[round(time * FRAME_RATE_HZ)] for time in (begin, end, until)]
-        before = [file for stamp, file in images if stamp < at[0]][-1]
         after = [file for stamp, file in images if at[1] <= stamp < at[2]][RECOVERY_IMAGES:]
-        reference = brightness(tmp_path / "recording" / before)
         changes = [brightness(tmp_path / "recording" / file) / reference for file in after[::4]]
         assert len(changes) > 5
         assert all(abs(math.log(change)) < math.log(RECOVERY_FACTOR) for change in changes), (begin, changes)
