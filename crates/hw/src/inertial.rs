@@ -2,6 +2,7 @@
 
 use localize::Stamp;
 use localize::frames::wrap_angle;
+use localize::math;
 use localize::sample::{Compass, Imu};
 
 use crate::clock;
@@ -300,8 +301,8 @@ fn rvc_reading(message: Rvc, before: Option<Rvc>) -> SensorReading {
     let yaw_rate = rate(yaw, before.yaw_cdeg);
     let pitch_rate = rate(pitch, before.pitch_cdeg);
     let roll_rate = rate(roll, before.roll_cdeg);
-    let (sin_pitch, cos_pitch) = radians(pitch).sin_cos();
-    let (sin_roll, cos_roll) = radians(roll).sin_cos();
+    let (sin_pitch, cos_pitch) = math::sin_cos(radians(pitch));
+    let (sin_roll, cos_roll) = math::sin_cos(radians(roll));
     let acceleration = message
         .acceleration_mg
         .map(|mg| f32::from(mg) * 1e-3 * STANDARD_GRAVITY);
@@ -352,9 +353,9 @@ fn wit_reading(message: Wit, acceleration: &mut [i16; 3]) -> SensorReading {
 
 /// Rz(yaw)·Ry(pitch)·Rx(roll), rows.
 fn rotation_from_rpy([roll, pitch, yaw]: [f32; 3]) -> [[f32; 3]; 3] {
-    let (sr, cr) = roll.sin_cos();
-    let (sp, cp) = pitch.sin_cos();
-    let (sy, cy) = yaw.sin_cos();
+    let (sr, cr) = math::sin_cos(roll);
+    let (sp, cp) = math::sin_cos(pitch);
+    let (sy, cy) = math::sin_cos(yaw);
     [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],

@@ -26,6 +26,8 @@ pub struct GroundTruth {
     pub robots: Vec<At<FieldFrame>>,
     /// Headings of `robots` on the field, radians, in the same order. Empty if unknown, as in a log.
     pub robot_headings: Vec<f32>,
+    /// People, if the source knows them. Empty in a log.
+    pub people: Vec<At<FieldFrame>>,
 }
 
 /// One stamped input of the pipeline.

@@ -1,4 +1,4 @@
-//! Fuzzes the filter of remote commands with datagrams. Run: `tools/fuzz 60 commands`
+//! Fuzzes the filter of remote commands with datagrams. Run: `tools/fuzz_coverage 60 commands`
 #![no_main]
 
 use app::{CommandConfig, CommandFilter, RobotIdentity};

@@ -1,6 +1,6 @@
 //! What happens between start and stop? Samples of devices go through the pipeline; the wheels stop before anything else ends.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -26,11 +26,13 @@ use super::tuning::Tuning;
 use crate::memory::{self, RUN_RETAINED_BYTES};
 use crate::stream::{StreamConfig, StreamPreamble};
 use pipeline::config::PIPELINE_FILE;
+use pipeline::corrected_map;
 use pipeline::datagram::TeamClock;
 use pipeline::feed::Feed;
 use pipeline::log::{Header, LogConfig};
 use pipeline::result_files::CsvOutputs;
 use pipeline::sample::{CameraImage, ImageContent, Sample, SourceImage};
+use pipeline::setup_check::{self, Effort, KeyframeCollector};
 use pipeline::{Cycle, Pipeline, PipelineConfig};
 use vision::exposure::ExposureCommand;
 
@@ -53,6 +55,7 @@ const POSE_QUEUE_CAPACITY: usize = 300;
 /// A run with everything that it needs.
 pub(super) struct RunLoop {
     robot: RobotFolder,
+    config: PipelineConfig,
     pipeline: Pipeline,
     log: Option<LogRotation>,
     pose_writer: Option<PoseWriter>,
@@ -64,6 +67,7 @@ pub(super) struct RunLoop {
     teleop: bool,
     realtime: Option<i32>,
     duration: f64,
+    save_map: Option<PathBuf>,
 }
 
 impl RunLoop {
@@ -108,6 +112,7 @@ impl RunLoop {
         let pose_writer = args.out.as_deref().map(PoseWriter::start).transpose()?;
         Ok(RunLoop {
             robot,
+            config,
             pipeline,
             log,
             pose_writer,
@@ -119,6 +124,7 @@ impl RunLoop {
             teleop: args.teleop,
             realtime: args.realtime,
             duration: args.duration.unwrap_or(f64::INFINITY),
+            save_map: args.save_map.clone(),
         })
     }
 
@@ -180,6 +186,13 @@ impl RunLoop {
             // A panic has been reported, and the wheels have stopped.
             let _ended = thread.join();
         }
+        if let Some(path) = &self.save_map {
+            let saved = corrected_map::save(&self.robot.setup, &self.pipeline, path);
+            status.print_line(&match saved {
+                Ok(()) => format!("corrected map: {}", path.display()),
+                Err(error) => format!("cannot write {}: {error:#}", path.display()),
+            });
+        }
         if let Some(error) = self.pose_writer.and_then(PoseWriter::finish) {
             status.report_log_change(&error);
         }
@@ -190,7 +203,16 @@ impl RunLoop {
             }
             finished.summary
         });
+        // The wheels have stopped: the trials of other set-ups take seconds.
+        let setup = setup_check::check(
+            &self.robot.setup,
+            &self.config,
+            &state.keyframes.keyframes(),
+            Vec::new(),
+            Effort::Brief,
+        );
         Ok(status.into_report(RunOutcome {
+            warnings: setup.warnings,
             dropped: events.drop_counts(),
             samples_refused: state.samples_refused,
             wheels_stopped,
@@ -260,6 +282,7 @@ impl RunLoop {
         state.camera_command = cycle.camera_command().or(state.camera_command.take());
         let published = hw::now();
         status.count_cycle(&cycle, received, published);
+        state.keyframes.add_cycle(&cycle);
         let cycle = Arc::new(cycle);
         self.feed.publish(&cycle);
         if let Some(poses) = &self.pose_writer {
@@ -348,6 +371,8 @@ struct RunState {
     next_clock_note: Stamp,
     /// Samples with values that are not finite.
     samples_refused: u64,
+    /// For the check of the set-up at the end.
+    keyframes: KeyframeCollector,
 }
 
 impl RunState {
@@ -360,6 +385,7 @@ impl RunState {
             clock_offset_ns: hw::realtime_offset_ns(),
             next_clock_note: hw::now() + CLOCK_NOTE_PERIOD,
             samples_refused: 0,
+            keyframes: KeyframeCollector::default(),
         }
     }
 

@@ -71,6 +71,8 @@ pub(crate) struct RunReport {
     pub changes: Vec<StateChange>,
     /// The log, if there was one.
     pub log: Option<LogSummary>,
+    /// Sentences about a doubtful set-up; empty when all is well.
+    pub warnings: Vec<String>,
 }
 
 /// A change of a device or the log.
@@ -102,6 +104,8 @@ pub(crate) struct RunOutcome {
     pub devices: Vec<HealthReport>,
     /// The log, if there was one.
     pub log: Option<LogSummary>,
+    /// Sentences about a doubtful set-up.
+    pub warnings: Vec<String>,
 }
 
 /// Numbers of cycles by mode.
@@ -325,6 +329,7 @@ impl RunStatus {
             devices: outcome.devices,
             changes: self.changes,
             log: outcome.log,
+            warnings: outcome.warnings,
         }
     }
 }
@@ -353,6 +358,9 @@ impl RunReport {
         times("  vision", self.see_ms);
         times("  localization", self.localize_ms);
         println!("{:.1} MB of memory", self.memory_mb);
+        for warning in &self.warnings {
+            eprintln!("warning: {warning}");
+        }
         for health in &self.devices {
             println!(
                 "{}: {}, {} messages, {} damaged, {} faults, reopened {} times",

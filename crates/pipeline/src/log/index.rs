@@ -18,6 +18,7 @@ use prost::Message;
 use super::encoded_image::EncodedImage;
 use super::fallback::FallbackReader;
 use super::header::{Header, translate_files};
+use super::limits::{FieldBudget, check_message};
 use super::mcap_records::{
     LogEnd, MAX_RECORD_BYTES, RECORD_HEADER_BYTES, RecordReader, decode_chunk,
 };
@@ -119,7 +120,7 @@ impl LogIndex {
         let records = self.read_chunk_messages(part).unwrap_or_default();
         records
             .iter()
-            .any(|(topic, _, data)| topic == CYCLE_TOPIC && wire::Cycle::decode(&data[..]).is_ok())
+            .any(|(topic, _, data)| topic == CYCLE_TOPIC && is_readable_cycle(data))
     }
 
     fn with_topic_warnings(mut self) -> Self {
@@ -182,7 +183,11 @@ impl LogIndex {
         let mut images: HashMap<u64, EncodedImage> = HashMap::new();
         let mut cycles = Vec::new();
         let mut fallback = FallbackReader::default();
+        let mut budget = FieldBudget::default();
         for (topic, time, data) in self.read_chunk_messages(part)? {
+            budget
+                .add_message(&data)
+                .with_context(|| self.path.display().to_string())?;
             match topic.as_str() {
                 IMAGE_TOPIC => drop(images.insert(time, decode_compressed_image(&data)?)),
                 CYCLE_TOPIC => match wire::Cycle::decode(&data[..]) {
@@ -284,6 +289,10 @@ impl LogIndex {
         }
         Ok(messages)
     }
+}
+
+fn is_readable_cycle(message: &[u8]) -> bool {
+    check_message(message).is_ok() && wire::Cycle::decode(message).is_ok()
 }
 
 fn stamp_from_log_time(log_time: u64) -> Stamp {

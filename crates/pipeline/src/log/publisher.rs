@@ -164,6 +164,11 @@ impl CyclePublisher {
                 .transforms
                 .log_at(&scene::robot_transform(pose, stamp), stamp);
         }
+        if let Some(map) = &estimate.map_correction {
+            topics
+                .map_correction
+                .log_at(&convert::map_correction_to_wire(map), stamp);
+        }
         if !estimate.runners_up.is_empty() {
             let poses = estimate.runners_up.iter().map(|other| other.pose);
             topics

@@ -10,6 +10,7 @@ use prost::Message;
 
 use super::encoded_image::{EncodedImage, ImageCompression};
 use super::header::{Header, translate_files};
+use super::limits::check_message;
 use super::mcap_records::{LogEnd, RecordReader};
 use super::schema::{
     CYCLE_TOPIC, IMAGE_TOPIC, PROJECT_NAME, convert, decode_compressed_image, wire,
@@ -105,6 +106,7 @@ impl CycleAssembler {
     }
 
     fn assemble_cycle(&mut self, log_time: u64, data: &[u8]) -> Result<LoggedCycle> {
+        check_message(data)?;
         let message = wire::Cycle::decode(data)?;
         let index = message.index;
         // A recovered log may lack the image's chunk, and a slow viewer the image.

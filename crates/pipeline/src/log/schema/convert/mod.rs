@@ -17,8 +17,8 @@ use localize::sample::{Compass, Imu, Odometry, VelocityCommand};
 pub(crate) use detections::{
     ball_to_wire, detections_from_wire, detections_to_wire, robot_to_wire,
 };
-pub use estimate::mode_and_reason;
-pub(crate) use estimate::{estimate_from_wire, estimate_to_wire};
+pub(crate) use estimate::{estimate_from_wire, estimate_to_wire, map_correction_to_wire};
+pub use estimate::{mode_and_reason, reason_text};
 use geometry::{
     line_points_from_wire, line_points_to_wire, pose_from_wire, pose_to_wire, same_length,
 };
@@ -210,6 +210,7 @@ fn ground_truth_to_wire(truth: &GroundTruth) -> wire::GroundTruth {
         ball,
         robots,
         robot_headings: _,
+        people: _,
     } = truth;
     wire::GroundTruth {
         stamp_ns: stamp.0,
@@ -240,5 +241,6 @@ fn ground_truth_from_wire(truth: wire::GroundTruth) -> Result<GroundTruth> {
             .map(|(&x, &y)| At::new(x, y))
             .collect(),
         robot_headings: Vec::new(),
+        people: Vec::new(),
     })
 }
