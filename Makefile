@@ -5,7 +5,7 @@ PYTHON ?= python3
 VENV := .venv
 export PYO3_PYTHON := $(CURDIR)/$(VENV)/bin/python
 
-.PHONY: announce run test check fmt lint genicam doc deny bench dist setup system clean
+.PHONY: announce run test check fmt lint genicam doc deny bench figures dist setup system clean
 
 run: announce setup
 	cargo run --release --locked -- demo
@@ -49,6 +49,11 @@ deny:
 
 bench: setup
 	cargo bench --workspace
+
+# Every measurement of docs/figures.md, and the page: an hour and more.
+figures: setup
+	cargo build --release --locked -p app
+	tools/figures
 
 # Tarballs for the robot in dist/out, each started once in an empty folder.
 dist: setup

@@ -24,5 +24,5 @@ mod progress;
 mod python;
 
 pub use cli::run;
-pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand};
-pub use stream::{StreamEvent, StreamMessages};
+pub use net::commands::{CommandConfig, CommandFilter, RemoteCommand, RobotIdentity};
+pub use stream::{StreamEvent, StreamMessages, TextAnswer};

@@ -15,7 +15,7 @@ use crate::serial::SerialPort;
 use crate::wire::bno085::{self, Rvc};
 use crate::wire::wit::{self, DataType, Wit};
 use crate::wire::{DecoderStats, STANDARD_GRAVITY, StreamDecoder};
-use crate::worker::{POLL_PERIOD, StallDetector, Waker, Worker};
+use crate::worker::{POLL_PERIOD, PauseDetector, StallDetector, Waker, Worker, pause_reason};
 
 /// Time between messages of a BNO085, seconds (its data sheet: 100 Hz).
 const RVC_PERIOD: f32 = 0.01;
@@ -68,12 +68,21 @@ fn run(
 ) -> Result<(), HwError> {
     let mut stall_detector = StallDetector::new(&device.port, device.stall);
     let mut decoder = InertialDecoder::new(device);
+    let mut pause_detector = PauseDetector::new(clock::now());
     let mut buffer = [0; 1024];
     while !waker.stop_requested() {
-        if waker.wait(
+        let readable = waker.wait(
             Some(std::os::fd::AsFd::as_fd(serial)),
             clock::now() + POLL_PERIOD,
-        ) {
+        );
+        if let Some(pause) = pause_detector.check(clock::now()) {
+            serial.discard_input()?;
+            decoder.reset();
+            monitor.report_event(pause_reason(pause));
+            stall_detector.on_message(clock::now(), decoder.stats().garbage_bytes);
+            continue;
+        }
+        if readable {
             let arrival = clock::now();
             let bytes = serial.read(&mut buffer, arrival)?;
             let readings = decoder.decode(&buffer[..bytes], arrival);
@@ -179,6 +188,17 @@ impl InertialDecoder {
             }
         }
         readings
+    }
+
+    /// Discards an incomplete message, after a gap in the input.
+    fn reset(&mut self) {
+        match &mut self.decoder {
+            SensorStream::Bno085(stream, before) => {
+                stream.reset();
+                *before = None;
+            }
+            SensorStream::Wit(stream, _) => stream.reset(),
+        }
     }
 
     /// Counts of the decoder so far.

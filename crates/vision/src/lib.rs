@@ -17,6 +17,8 @@ pub mod output_file;
 
 pub mod optics;
 
+pub mod image_check;
+
 pub mod scan;
 
 pub mod colour;

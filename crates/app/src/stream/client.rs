@@ -1,6 +1,6 @@
 //! How is another robot's live stream read? Messages of the stream become cycles.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::ErrorKind;
 use std::net::{TcpStream, ToSocketAddrs};
 use std::path::Path;
@@ -14,6 +14,7 @@ use tungstenite::handshake::HandshakeError;
 use tungstenite::http::HeaderValue;
 use tungstenite::{Message, WebSocket};
 
+use super::parameters::{MESSAGE, NONCE, OVERLAY, SEAL};
 use pipeline::log::read::{CycleAssembler, TopicKind};
 use pipeline::log::schema::{ABOUT_TOPIC, CYCLE_TOPIC, IMAGE_TOPIC, wire};
 use pipeline::log::{Header, LoggedCycle};
@@ -45,6 +46,17 @@ pub enum StreamEvent {
     Header(Box<Header>),
     /// A cycle, with its encoded image if the stream carries images.
     Cycle(Box<LoggedCycle>),
+    /// Texts about the settings by their names ([`NONCE`], [`MESSAGE`]).
+    Settings(BTreeMap<String, String>),
+}
+
+/// What a text message of the server leads to.
+#[derive(Debug)]
+pub enum TextAnswer {
+    /// A request to send.
+    Request(String),
+    /// A received event.
+    Event(StreamEvent),
 }
 
 #[derive(Clone, Copy)]
@@ -59,6 +71,15 @@ struct ServerMessage {
     op: String,
     #[serde(default)]
     channels: Vec<AdvertisedChannel>,
+    #[serde(default)]
+    parameters: Vec<ParameterUpdate>,
+}
+
+#[derive(Deserialize)]
+struct ParameterUpdate {
+    name: String,
+    #[serde(default)]
+    value: serde_json::Value,
 }
 
 #[derive(Deserialize)]
@@ -104,7 +125,7 @@ impl StreamClient {
             let left = left.max(Duration::from_millis(1));
             self.socket.get_ref().set_read_timeout(Some(left))?;
             let event = match self.socket.read() {
-                Ok(Message::Text(text)) => self.subscribe(&text).map(|()| None),
+                Ok(Message::Text(text)) => self.handle_text(&text),
                 Ok(Message::Binary(bytes)) => self.messages.read_binary(&bytes, &self.address),
                 Ok(Message::Close(_)) => Err(anyhow!("the stream has ended")),
                 Ok(_) => Ok(None),
@@ -124,19 +145,60 @@ impl StreamClient {
         }
     }
 
-    fn subscribe(&mut self, text: &str) -> Result<()> {
-        if let Some(request) = self.messages.read_text(text)? {
-            self.socket.send(Message::text(request))?;
+    /// Asks for the texts about the settings now, and whenever they change. A robot without tuning does not answer.
+    pub(crate) fn request_settings(&mut self) -> Result<()> {
+        for op in ["subscribeParameterUpdates", "getParameters"] {
+            self.send_json(&serde_json::json!({
+                "op": op,
+                "parameterNames": [NONCE, MESSAGE],
+                "id": "settings",
+            }))?;
         }
         Ok(())
+    }
+
+    /// Requests changed settings (an overlay in TOML) with their seal, if the robot has a key.
+    pub(crate) fn change_settings(&mut self, overlay: &str, seal: Option<&str>) -> Result<()> {
+        let mut parameters = vec![serde_json::json!({ "name": OVERLAY, "value": overlay })];
+        parameters.extend(seal.map(|seal| serde_json::json!({ "name": SEAL, "value": seal })));
+        self.send_json(&serde_json::json!({
+            "op": "setParameters",
+            "parameters": parameters,
+            "id": "settings",
+        }))
+    }
+
+    fn send_json(&mut self, message: &serde_json::Value) -> Result<()> {
+        Ok(self.socket.send(Message::text(message.to_string()))?)
+    }
+
+    fn handle_text(&mut self, text: &str) -> Result<Option<StreamEvent>> {
+        match self.messages.read_text(text)? {
+            Some(TextAnswer::Request(request)) => {
+                self.socket.send(Message::text(request))?;
+                Ok(None)
+            }
+            Some(TextAnswer::Event(event)) => Ok(Some(event)),
+            None => Ok(None),
+        }
     }
 }
 
 impl StreamMessages {
-    /// The request that subscribes to the topics of a cycle, when the server advertises its channels.
-    pub fn read_text(&mut self, text: &str) -> Result<Option<String>> {
+    /// The request that subscribes to the topics of a cycle when the server advertises its channels, or texts about the
+    /// settings.
+    pub fn read_text(&mut self, text: &str) -> Result<Option<TextAnswer>> {
         let message: ServerMessage =
             serde_json::from_str(text).context("not a message of Foxglove's protocol")?;
+        if message.op == "parameterValues" {
+            let texts = message.parameters.into_iter().filter_map(|parameter| {
+                let known = [NONCE, MESSAGE].contains(&parameter.name.as_str());
+                let text = parameter.value.as_str().filter(|_| known)?.to_owned();
+                Some((parameter.name, text))
+            });
+            let event = StreamEvent::Settings(texts.collect());
+            return Ok(Some(TextAnswer::Event(event)));
+        }
         if message.op != "advertise" {
             return Ok(None);
         }
@@ -154,7 +216,9 @@ impl StreamMessages {
             op: "subscribe",
             subscriptions,
         };
-        Ok(Some(serde_json::to_string(&subscribe)?))
+        Ok(Some(TextAnswer::Request(serde_json::to_string(
+            &subscribe,
+        )?)))
     }
 
     /// The event of a binary message, if it completes one. `address` names the sender in errors.

@@ -48,6 +48,7 @@ mod tests {
             encoding,
             stride: encoding.row_bytes(width_px),
             repeated: false,
+            setting: None,
             data: filled.expect("filled"),
         }
     }

@@ -24,7 +24,27 @@ pub(super) fn translate_files(mut files: BTreeMap<String, Vec<u8>>) -> BTreeMap<
             .entry(PIPELINE_FILE.to_owned())
             .or_insert(settings.into_bytes());
     }
+    if let Some(settings) = files.get_mut(PIPELINE_FILE) {
+        let text = String::from_utf8_lossy(settings).into_owned();
+        *settings = without_later_stages(&text).into_bytes();
+    }
     files
+}
+
+/// Settings of a log, with the stages off that the version which wrote it did not have: its images were all processed.
+fn without_later_stages(settings: &str) -> String {
+    let Ok(mut table) = toml::from_str::<toml::Table>(settings) else {
+        return settings.to_owned();
+    };
+    let Some(toml::Value::Table(vision)) = table.get_mut("vision") else {
+        return settings.to_owned();
+    };
+    if vision.contains_key("image_check") {
+        return settings.to_owned();
+    }
+    let off = toml::Table::from_iter([("enabled".to_owned(), toml::Value::Boolean(false))]);
+    vision.insert("image_check".to_owned(), toml::Value::Table(off));
+    table.to_string()
 }
 
 /// Metadata and files at the start of a log.
@@ -40,6 +60,10 @@ pub struct Header {
     pub images: ImageCompression,
     /// Name of the log that this one continues after a full disk. Its first cycle needs the state at the end of that log.
     pub continues: Option<String>,
+    /// Wall-clock time since 1970 at the zero of the stamps, nanoseconds: added to a stamp it gives its log time.
+    ///
+    /// 0 in simulations and in logs of versions up to 0.2.0.
+    pub clock_offset_ns: i64,
     /// Files of the run by their names in a recording folder: robot.toml, field.toml, map.npz, mirror.csv, …
     ///
     /// robot.toml refers to the others by these names, so that they work in any folder.
@@ -55,6 +79,7 @@ impl Header {
             seed,
             images: ImageCompression::Png,
             continues: None,
+            clock_offset_ns: 0,
             files: BTreeMap::new(),
         }
     }
@@ -65,6 +90,12 @@ impl Header {
             continues: Some(previous.to_owned()),
             ..self
         }
+    }
+
+    /// Sets the wall-clock time at the zero of the stamps.
+    pub fn with_clock_offset_ns(mut self, clock_offset_ns: i64) -> Self {
+        self.clock_offset_ns = clock_offset_ns;
+        self
     }
 
     /// Adds a file.
@@ -254,6 +285,7 @@ impl Header {
             ("source", self.source.clone()),
             ("seed", seed),
             ("images", self.images.name().to_owned()),
+            ("clock_offset_ns", self.clock_offset_ns.to_string()),
         ]
         .into_iter()
         .chain(continues)
@@ -279,6 +311,7 @@ impl Header {
         }
         let seed = value("seed")?;
         let images = value("images")?;
+        let clock_offset = values.get("clock_offset_ns").map_or("0", String::as_str);
         Ok(Header {
             version: version.clone(),
             source: value("source")?.clone(),
@@ -298,6 +331,12 @@ impl Header {
                 )
             })?,
             continues: values.get("continues").cloned(),
+            clock_offset_ns: clock_offset.parse().with_context(|| {
+                format!(
+                    "{}: invalid clock_offset_ns: {clock_offset:?} (expected a whole number)",
+                    path.display()
+                )
+            })?,
             files: BTreeMap::new(),
         })
     }

@@ -64,7 +64,7 @@ impl LogIndex {
         let mut missing = Vec::new();
         let header = read_header(path, &mut missing)?;
         let mut topics = HashMap::new();
-        let (parts, end) = match read_summary(path) {
+        let (mut parts, end) = match read_summary(path) {
             Ok(Some(summary)) => {
                 let channels = summary.channels.iter();
                 topics.extend(channels.map(|(id, channel)| (*id, channel.topic.clone())));
@@ -91,6 +91,12 @@ impl LogIndex {
             "{} holds no whole chunk of messages",
             path.display()
         );
+        // Chunks have the times of their messages, cycles have stamps.
+        for part in &mut parts {
+            for time in [&mut part.start, &mut part.end] {
+                *time = Stamp(time.0.saturating_sub(header.clock_offset_ns));
+            }
+        }
         let index = LogIndex {
             path: path.to_owned(),
             header,

@@ -30,7 +30,7 @@ pub use mcap_records::LogEnd;
 pub use read::{LogReader, LoggedCycle};
 pub use record::Recorder;
 pub use recover::recover;
-pub use schema::convert::mode_and_reason;
+pub use schema::convert::{mode_and_reason, reason_text};
 pub use start::start_log;
 pub use verify::{Difference, VerificationReport, verify};
 pub use writer::LogStats;

@@ -247,11 +247,13 @@ impl Iterator for LogReader {
 }
 
 impl LoggedCycle {
-    /// The samples of the cycle, the image last.
+    /// The samples of the cycle: first changed settings, last the image.
     ///
     /// With `pixels`, the image holds its pixels if the log stored them losslessly. Otherwise it holds the detections.
     pub fn samples(&self, pixels: bool) -> Result<Vec<Sample>> {
-        let mut samples = self.cycle.inputs.sorted_samples();
+        let settings = self.cycle.inputs.settings.clone();
+        let mut samples: Vec<Sample> = settings.map(Sample::Settings).into_iter().collect();
+        samples.extend(self.cycle.inputs.sorted_samples());
         let exact = self
             .image
             .as_ref()
@@ -269,6 +271,7 @@ impl LoggedCycle {
         };
         samples.push(Sample::Image(CameraImage {
             stamp: self.cycle.stamp,
+            setting: self.cycle.inputs.setting,
             content,
         }));
         Ok(samples)

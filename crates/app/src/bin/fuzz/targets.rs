@@ -5,7 +5,7 @@ use std::io::{Cursor, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use app::{CommandConfig, CommandFilter, StreamMessages};
+use app::{CommandConfig, CommandFilter, RobotIdentity, StreamMessages};
 use localize::global_search::scan_map::{ScanMap, ScanMapConfig};
 use localize::robot::RobotConfig;
 use localize::team::{TeamConfig, TeamModel};
@@ -277,15 +277,16 @@ fn accept_command(bytes: &[u8], _: &Path) -> String {
             key: key.map(str::to_owned),
             ..CommandConfig::default()
         };
-        let mut filter = CommandFilter::new(&config).expect("a filter");
+        let mut filter =
+            CommandFilter::new(&config, RobotIdentity { robot: 1, boot: 1 }).expect("a filter");
         let datagram = seal(bytes, key);
-        match filter.accept(&datagram, 0.0) {
+        match filter.accept(&datagram, Stamp(0)) {
             Ok(command) => {
                 assert!(command.valid_for.as_millis() <= 100);
                 let drive = command.drive;
                 assert!(drive.is_none_or(|drive| drive.x.abs() <= config.speed_max));
                 // The same datagram again is a replay.
-                assert!(filter.accept(&datagram, 0.0).is_err());
+                assert!(filter.accept(&datagram, Stamp(0)).is_err());
                 outcomes += "accepted ";
             }
             Err(reason) => outcomes += &format!("{reason:?}"),
