@@ -11,6 +11,7 @@ use vision::colour::colour_table::{ColourTable, TableKind, load_labels};
 use vision::{GroundMap, Mount, Profile, optics};
 
 /// A robot and its field, loaded and validated.
+#[derive(Clone)]
 pub struct Setup {
     /// Contents of the robot file.
     pub robot: RobotConfig,
@@ -24,6 +25,8 @@ pub struct Setup {
     pub mask: Option<Vec<bool>>,
     /// Height of the mirror above the ground, metres, if its profile is known.
     pub viewpoint_height: Option<f32>,
+    /// The mirror whose ideal mount gave the ground map. None for a calibrated map.
+    pub traced_mirror: Option<Profile>,
 }
 
 impl Setup {
@@ -52,8 +55,8 @@ impl Setup {
             }
             None => None,
         };
-        let viewpoint_height = match &robot.mirror {
-            Some(mirror) => Some(profile_viewpoint_height(&Profile::load(&mirror.profile)?)),
+        let profile = match &robot.mirror {
+            Some(mirror) => Some(Profile::load(&mirror.profile)?),
             None => None,
         };
         let mask = match (&robot.mask, &robot.camera) {
@@ -65,10 +68,35 @@ impl Setup {
             colours: load_colours(robot_file, &robot)?,
             robot,
             field,
+            viewpoint_height: profile.as_ref().map(profile_viewpoint_height),
+            traced_mirror: profile.filter(|profile| is_traced(camera.as_ref(), profile)),
             camera,
-            viewpoint_height,
         })
     }
+}
+
+impl Setup {
+    /// True if the ground map was calibrated, so that centre, forward direction and flip of the camera do not matter.
+    pub fn is_calibrated(&self) -> bool {
+        self.robot.map.is_some() || self.robot.mirror.is_none()
+    }
+}
+
+/// Is the ground map that of the mirror as designed? Logs store such a map beside the profile.
+fn is_traced(camera: Option<&(CameraConfig, Arc<GroundMap>)>, profile: &Profile) -> bool {
+    let Some((camera, map)) = camera else {
+        return false;
+    };
+    let bits = |values: &[f32]| {
+        values
+            .iter()
+            .map(|value| value.to_bits())
+            .collect::<Vec<_>>()
+    };
+    optics::trace_rays(camera, profile, &Mount::default()).is_ok_and(|rays| {
+        let traced = rays.ground_map();
+        bits(&traced.x) == bits(&map.x) && bits(&traced.y) == bits(&map.y)
+    })
 }
 
 /// The camera with the axis of a calibrated map. None if the map shows too little ground.
@@ -126,7 +154,10 @@ fn load_ground_map(
         .map(PathBuf::from)
         .or_else(|| robot.map.as_ref().map(|map| map.file.clone()));
     let (map, source) = match (calibrated, &robot.mirror) {
-        (Some(file), _) => (GroundMap::load(&file)?, file),
+        (Some(file), _) => (
+            GroundMap::load_for_camera(&file, [camera.width_px, camera.height_px])?,
+            file,
+        ),
         (None, Some(mirror)) => {
             let profile = Profile::load(&mirror.profile)?;
             let camera = camera.camera().with_context(|| no_axis(robot_file))?;
