@@ -20,7 +20,6 @@ use crate::calibrate::radial_model::{PixelPoint, RadialModel};
 use crate::calibrate::rim::{Rim, find_rim};
 use crate::config::VisionConfig;
 use crate::image::Image;
-use crate::optics::ground_map::GroundMap;
 
 /// A camera and its map, found without prior knowledge.
 #[derive(Debug, Clone)]
