@@ -42,8 +42,8 @@ class Detections:
 
     `points`: x_m, y_m, std_radial_m, std_tangential_m, u_px, v_px, width_m, contrast.
     `refused`: u_px, v_px, reason: rejected line candidates.
-    `ball` (no or one row), `robots`, `goals`: x_m, y_m, cov_xx_m2, cov_xy_m2, cov_yy_m2, u_px, v_px, score, and
-    on_ground, pixels (ball), edge_x_m, edge_y_m, width_m, marker (robots), width_m, kind (goals).
+    `ball` (all balls, most certain first), `robots`, `goals`: x_m, y_m, cov_xx_m2, cov_xy_m2, cov_yy_m2, u_px, v_px, score, and
+    on_ground, pixels (ball), edge_x_m, edge_y_m, width_m, marker, kind (robots), width_m, kind (goals).
     """
 
     points: Table

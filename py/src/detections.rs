@@ -11,6 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use vision::image::{Image, ImageView, PixelFormat, rgb_to_yuv};
 use vision::lines::detection::RejectionReason;
+use vision::objects::robots::ObstacleKind;
 use vision::{Detections, VisionConfig};
 
 use crate::camera::{Camera, camera_or_from_map};
@@ -193,7 +194,12 @@ fn detection_columns<'py>(
     refused.set_item("reason", reasons)?;
     all.set_item("refused", refused)?;
     let ball = PyDict::new(py);
-    let rows = detections.ball.as_slice();
+    let balls: Vec<_> = detections
+        .ball
+        .into_iter()
+        .chain(detections.other_balls.iter().copied())
+        .collect();
+    let rows = &balls;
     set_object_columns(&ball, py, rows, |row| {
         (
             [row.at.x, row.at.y],
@@ -227,6 +233,14 @@ fn detection_columns<'py>(
         })
         .collect();
     robots.set_item("marker", markers)?;
+    let kinds: Vec<&str> = rows
+        .iter()
+        .map(|row| match row.kind {
+            ObstacleKind::Robot => "robot",
+            ObstacleKind::Person => "person",
+        })
+        .collect();
+    robots.set_item("kind", kinds)?;
     all.set_item("robots", robots)?;
     let goals = PyDict::new(py);
     let rows = &detections.goals;

@@ -83,21 +83,31 @@ fn main() -> Result<(), Box<dyn Error>> {
             },
             score.as_ref().map_or(String::new(), Score::summary),
         );
-        if let Some(ball) = &detections.ball {
+        for ball in detections.ball.iter().chain(&detections.other_balls) {
+            let [u, v] = ball.position_px;
             println!(
-                "   ball {:.2} {:.2} score {:.2} {} px {} ground",
+                "   ball {:.2} {:.2} score {:.2} {} px {} ground at {u:.0} {v:.0}",
                 ball.at.x, ball.at.y, ball.score, ball.pixels, ball.on_ground
             );
         }
         for robot in &detections.robots {
+            let [u, v] = robot.position_px;
             println!(
-                "   robot {:.2} {:.2} edge {:.2} width {:.2} {:?} score {:.2}",
+                "   {:?} {:.2} {:.2} edge {:.2} width {:.2} {:?} score {:.2} at {u:.0} {v:.0}",
+                robot.kind,
                 robot.at.x,
                 robot.at.y,
                 robot.edge.distance(),
                 robot.width,
                 robot.marker,
                 robot.score
+            );
+        }
+        for rejected in &detections.rejected_objects {
+            let [u, v] = rejected.position_px;
+            println!(
+                "   {:?} {:.2} at {u:.0} {v:.0}",
+                rejected.reason, rejected.probability
             );
         }
         for goal in &detections.goals {

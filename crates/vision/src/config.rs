@@ -24,6 +24,37 @@ pub struct VisionConfig {
     pub exposure: AutoExposureConfig,
     /// Windows and thresholds of the virtual sensors.
     pub virtual_sensors: VirtualSensorConfig,
+    /// Images from which nothing is claimed.
+    pub image_check: ImageCheckConfig,
+}
+
+/// Which images are dark, blank, incomplete, torn, repeated or turned. Nothing is claimed from those.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImageCheckConfig {
+    /// False processes every image.
+    pub enabled: bool,
+    /// An image is dark if 99 % of its samples are below this brightness, 0 to 255.
+    pub dark_level: f32,
+    /// An image is blank if the brightness of 90 % of the floor's parts differs by less than this, 0 to 255, or by less
+    /// than the noise explains.
+    pub contrast_min: f32,
+    /// Share of the rows that must be empty or repeated until an image counts as incomplete or torn.
+    pub bad_rows_min: f32,
+    /// Difference between two rows over that of the rows next to them, at which an image counts as torn.
+    pub seam_ratio_min: f32,
+}
+
+impl Default for ImageCheckConfig {
+    fn default() -> Self {
+        ImageCheckConfig {
+            enabled: true,
+            dark_level: 14.0,
+            contrast_min: 4.0,
+            bad_rows_min: 0.03,
+            seam_ratio_min: 4.0,
+        }
+    }
 }
 
 /// The scan pattern (minho2016 section III: 72 radial lines every 5°, 36 spirals each way every 10°).
@@ -209,6 +240,10 @@ pub struct ObjectConfig {
     pub ball_pixels_min: usize,
     /// Largest distance of a detected ball, metres.
     pub ball_range_max: f32,
+    /// Smallest probability of a ball by the network that judges its pixels. A larger value accepts fewer false balls.
+    pub ball_probability_min: f32,
+    /// Smallest probability of a robot or person by the network that judges its pixels.
+    pub obstacle_probability_min: f32,
     /// Radius of a robot, metres: distance of its centre behind its nearest edge.
     pub robot_radius: f32,
     /// Smallest width of a robot, metres. Narrower obstacles are rods and cables.
@@ -238,6 +273,8 @@ impl Default for ObjectConfig {
             ball_visible_share_min: 0.2,
             ball_pixels_min: 6,
             ball_range_max: 9.0,
+            ball_probability_min: 0.8,
+            obstacle_probability_min: 0.8,
             robot_radius: 0.25,
             robot_width_min: 0.15,
             robot_width_max: 1.1,

@@ -54,6 +54,23 @@ pub const LOCALIZE_BOUNDS: &[Bound] = &[
         5.0,
         "height of a mirror above the ground, metres",
     ),
+    // Map correction.
+    bound("map_correction.mirror_tilt_std_deg", 0.0, 5.0, ANGLE_STD),
+    bound("map_correction.mirror_offset_std", 0.0, 0.05, STD),
+    bound("map_correction.focal_std", 0.0, 0.2, STD),
+    bound("map_correction.height_std", 0.0, 0.2, STD),
+    bound("map_correction.smooth_std", 0.0, 0.2, STD),
+    bound(
+        "map_correction.drift_time",
+        1.0,
+        1e6,
+        "a time constant is divided by",
+    ),
+    bound("map_correction.information_share", 0.0, 1.0, SHARE),
+    bound("map_correction.step_distance", 0.0, 10.0, LIMIT),
+    bound("map_correction.step_turn_deg", 0.0, 360.0, LIMIT),
+    bound("map_correction.knock_log_odds", 0.0, 1000.0, LIMIT),
+    bound("map_correction.knock_check_period", 0.0, 3600.0, SECONDS),
     // Global search.
     bound("global_search.hough.pixel_size", 0.001, 0.1, CELL),
     bound("global_search.hough.range_max", 0.5, 40.0, RANGE),

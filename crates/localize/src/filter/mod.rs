@@ -18,7 +18,7 @@ pub use inputs::{ImuInterval, PredictionInput, TiltEstimate, TiltPrior, WheelInc
 use nalgebra::Matrix3;
 
 use crate::frames::Pose;
-use crate::matching::{Match, Matrix5, PosePrior, UNINFORMATIVE_PRIOR};
+use crate::matching::{Match, Matrix5, PARAMETERS, PosePrior, UNINFORMATIVE_PRIOR};
 use crate::math;
 use crate::omni::Twist;
 
@@ -287,6 +287,15 @@ impl PoseFilter {
     /// Multiplies the pose's covariance by `factor` after an unreported motion. Scales and biases keep theirs.
     pub fn inflate_covariance(&mut self, factor: f32) {
         either!(self, filter => filter.inflate_covariance(factor.max(1.0)));
+    }
+
+    /// Moves pose (x, y, θ) and camera tilt (a, b) by a step that a correction of the map implies. Covariances stay.
+    pub fn shift_pose(&mut self, step: [f32; PARAMETERS]) {
+        match self {
+            PoseFilter::Joint(joint) => joint.shift_pose(step),
+            // The members measure the pose again with the next images.
+            PoseFilter::Decentralised(_) | PoseFilter::Curvature(_) => {}
+        }
     }
 
     /// The same estimate in the other field half.

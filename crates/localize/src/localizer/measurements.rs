@@ -49,12 +49,14 @@ impl Localizer {
             twist: Twist { x, y, theta },
         });
         if interval > gap_max {
+            self.fit_monitor.restart_wheels();
             self.odometry_continuous &= self
                 .motion_inputs
                 .imu_active(sample.stamp, &self.config.attitude);
             self.receive(MotionMeasurement::WheelsRestarted(*sample));
             return;
         }
+        self.fit_monitor.add_wheels(motion);
         // `predict_to` has already moved the particles over a part of the interval if an image lies within it.
         let remaining = self
             .particles_stamp

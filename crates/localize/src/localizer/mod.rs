@@ -6,8 +6,10 @@
 
 mod candidates;
 mod field_half;
+mod fit_monitor;
 mod global_check;
 mod global_localization;
+mod map_learning;
 mod match_figures;
 mod measurements;
 mod motion_inputs;
@@ -32,6 +34,7 @@ use crate::frames::Pose;
 use crate::global_search::branch_and_bound::BranchAndBound;
 use crate::global_search::scan_map::ScanMap;
 use crate::global_search::{GlobalSearch, GlobalSearchMethod};
+use crate::map_correction::MapCorrection;
 use crate::matching::Matcher;
 use crate::matching::distance_field::DistanceField;
 use crate::omni::Twist;
@@ -40,6 +43,7 @@ use crate::stamp::Stamp;
 
 use candidates::Candidates;
 use field_half::HalfEvidence;
+use fit_monitor::FitMonitor;
 use match_figures::MatchFigures;
 use motion_inputs::{MotionInputs, MotionMeasurement};
 use state::{GlobalCheck, State};
@@ -114,6 +118,11 @@ pub struct Localizer {
     global_check: Option<GlobalCheck>,
     /// Smoothed over about a second of tracked images.
     mean_inlier_share: f32,
+    fit_monitor: FitMonitor,
+    /// None: the map counts as exact.
+    map_correction: Option<Box<MapCorrection>>,
+    /// Consecutive images that fit nowhere on the field.
+    lost_images: u32,
 }
 
 /// What odometry changes, at the time of one image.
@@ -165,7 +174,9 @@ impl Localizer {
         );
         let (half_x, half_y) = field.carpet_half_extent();
         let heading_variance = std::f32::consts::PI * std::f32::consts::PI / 3.0;
-        Localizer {
+        let mut localizer = Localizer {
+            map_correction: None,
+            lost_images: 0,
             matcher: Matcher::new(config.matching.clone()),
             distance_field: distances,
             search,
@@ -191,11 +202,14 @@ impl Localizer {
             coloured_goals: ColouredGoals::new(field),
             pending_goals: None,
             mean_inlier_share: 0.0,
+            fit_monitor: FitMonitor::new(field),
             out_of_order_count: 0,
             snapshot: None,
             buffered: Vec::new(),
             config,
-        }
+        };
+        localizer.set_map_basis(None);
+        localizer
     }
 
     /// The scan map, if the configuration needs one.
@@ -263,10 +277,19 @@ impl Localizer {
         let elapsed = self.filter_stamp.seconds_until(exposed);
         self.filter_stamp = exposed;
         self.particles_stamp = self.particles_stamp.max(exposed);
+        self.correct_map(&mut points);
         let imu_tilt = self.compensate_tilt(exposed, &mut points);
         let mut estimate = match std::mem::take(&mut self.state) {
-            State::Lost => self.localize_globally(exposed, &points, Candidates::default()),
-            State::Ambiguous(candidates) => self.localize_globally(exposed, &points, candidates),
+            State::Lost => {
+                let estimate = self.localize_globally(exposed, &points, Candidates::default());
+                self.restart_map(exposed, &points, &estimate);
+                estimate
+            }
+            State::Ambiguous(candidates) => {
+                let estimate = self.localize_globally(exposed, &points, candidates);
+                self.restart_map(exposed, &points, &estimate);
+                estimate
+            }
             State::Tracking(track) => self.track(exposed, &points, track, None),
             State::Suspect(track, suspicion) => {
                 self.track(exposed, &points, track, Some(suspicion))
@@ -278,15 +301,33 @@ impl Localizer {
                 *value += mean;
             }
         }
+        self.measure_fit(&mut estimate, &points);
         self.take_snapshot();
         for measurement in later {
             self.receive(measurement);
         }
-        Estimate {
+        let mut estimate = Estimate {
             stamp,
             line_points: points.len(),
             ..self.predict_estimate_to(stamp, estimate)
+        };
+        self.add_map_uncertainty(&mut estimate);
+        if self
+            .fit_monitor
+            .is_doubtful(self.config.mode.inlier_share_min)
+        {
+            estimate.doubt_setup(&self.uniform_covariance);
         }
+        estimate
+    }
+
+    /// Adds the image to the figures of the fit.
+    fn measure_fit(&mut self, estimate: &mut Estimate, points: &[LinePoint]) {
+        let heading = self
+            .heading_prior(estimate.stamp)
+            .map(|prior| prior.heading);
+        self.fit_monitor.add_image(estimate, points, heading);
+        estimate.fit = self.fit_monitor.fit();
     }
 
     /// Predicts an estimate from the exposure to the image's stamp.

@@ -6,7 +6,7 @@ use super::Localizer;
 use super::candidates::Candidates;
 use super::match_figures::MatchFigures;
 use super::state::Track;
-use crate::estimate::{Estimate, Mode, Reason};
+use crate::estimate::{Estimate, Fit, Mode, Reason};
 use crate::filter::PoseFilter;
 use crate::global_search::branch_and_bound::Hypothesis;
 use crate::math;
@@ -25,7 +25,7 @@ struct EstimateParts<'a> {
 }
 
 impl EstimateParts<'_> {
-    /// The only place that constructs an estimate. `process_points` fills in `line_points`.
+    /// The only place that constructs an estimate. `process_points` fills in `line_points` and `fit`.
     fn into_estimate(self, stamp: Stamp) -> Estimate {
         let filter = self.filter;
         Estimate {
@@ -44,6 +44,9 @@ impl EstimateParts<'_> {
             collision: filter.is_some_and(PoseFilter::in_collision),
             gyro_bias: filter.map_or(0.0, PoseFilter::gyro_bias),
             latency: filter.map_or(0.0, PoseFilter::latency),
+            fit: Fit::default(),
+            // `process_points` fills it in.
+            map_correction: None,
             runners_up: self.runners_up,
         }
     }

@@ -77,6 +77,7 @@ impl Localizer {
         if wrong_half {
             track.filter = track.filter.half_turned();
             track.half_evidence.apply_half_turn();
+            self.half_turn_map();
         }
         if self.config.tracker == Tracker::ScanMap {
             return self.track_by_scan_map(stamp, points, track, suspicion);
@@ -93,6 +94,11 @@ impl Localizer {
             self.learn_spread(stamp, &matched);
         }
         let poor = agreement != Agreement::Consistent || few_inliers;
+        if self.detect_knock(stamp, points, &matched, poor, &mut track.filter) {
+            self.confirm_pose(track);
+            let reason = Some(Reason::CameraKnocked);
+            return self.estimate(stamp, reason, MatchFigures::from(&matched), Vec::new());
+        }
         let mut alternatives = Vec::new();
         let mut contradicted = false;
         if let Some(checked) = self.check_gradually(stamp, points, &matched, &mut track) {
@@ -110,9 +116,12 @@ impl Localizer {
         if agreement == Agreement::Contradicts || self.explains_nothing(&matched, points.len()) {
             return self.dead_reckon(stamp, track, suspicion, Reason::PoorMatch);
         }
+        let predicted =
+            (agreement == Agreement::Consistent).then(|| track.filter.pose_prior(self.tilt_prior));
         track
             .filter
             .update(&matched, self.tilt_prior, &self.config.filter);
+        self.learn_map(stamp, points, &matched, predicted, &mut track.filter);
         self.tilt_variances = Some([3, 4].map(|k| matched.pose_tilt_covariance[(k, k)]));
         self.mean_inlier_share += 0.05 * (matched.inlier_share - self.mean_inlier_share);
         self.confirm_pose(track);
@@ -285,7 +294,7 @@ impl Localizer {
     }
 
     /// Number of points that a better pose must explain beyond those of the tracked one.
-    fn score_margin(&self, count: usize) -> f32 {
+    pub(super) fn score_margin(&self, count: usize) -> f32 {
         let mode = &self.config.mode;
         (mode.alternative_margin_share * count as f32).max(mode.alternative_margin_points)
     }

@@ -98,6 +98,8 @@ pub struct Match {
     pub determined_parameters: f32,
     /// Variance of the residuals over that of the points, from this image alone (docs/methods.md 5.6).
     pub observed_scale: f32,
+    /// Variance of the residuals over the one that the points state (docs/methods.md 5.6).
+    pub variance_scale: f32,
     /// Root mean square distance of the inliers from the markings, metres.
     pub residual: f32,
     /// Mean distance of all points from the markings, metres (nubot2013 4: "average deviation").
@@ -512,6 +514,7 @@ impl Matcher {
             pose_tilt_covariance: pose_tilt,
             determined_parameters: PARAMETERS as f32 - (pose_tilt * self.prior.information).trace(),
             observed_scale,
+            variance_scale: scale,
             residual: (sums.weighted_squares / weight).sqrt(),
             mean_distance: sums.distance_sum / count,
             inlier_share: sums.inliers / count,

@@ -1,6 +1,7 @@
 //! How large are the errors of estimated poses? Errors against ground truth, and their statistics.
 
 pub mod detections;
+pub mod object_labels;
 pub mod summary;
 pub mod visibility;
 
@@ -116,6 +117,7 @@ mod tests {
             ball: None,
             robots: Vec::new(),
             robot_headings: Vec::new(),
+            people: Vec::new(),
         }
     }
 

@@ -1,10 +1,20 @@
 //! Object detection: radial scan of the carpet's boundary, robots, ball, goals, virtual sensors.
 
 pub mod ball;
+pub(crate) mod ball_candidates;
+mod ball_edges;
 mod covariance;
 pub mod goals;
 pub(crate) mod ground_contact;
+mod network;
+pub(crate) mod obstacle_candidates;
+mod obstacle_edges;
+mod own_parts;
+mod patch;
+pub(crate) mod pixel_stage;
 pub(crate) mod radial_scan;
 pub(crate) mod ray_obstacles;
+pub mod rejection;
 pub mod robots;
+pub(crate) mod view_angles;
 pub mod virtual_sensors;

@@ -14,7 +14,17 @@ use crate::objects::ray_obstacles::{
     BASE_SAMPLES, RayObstacle, find_ray_obstacles, range_step_max,
 };
 
-/// A robot, or a person's legs.
+/// What stands on the field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ObstacleKind {
+    /// A robot.
+    #[default]
+    Robot,
+    /// A person, or one leg.
+    Person,
+}
+
+/// A robot or a person.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RobotDetection {
     /// Its centre, metres: `robot_radius` behind its nearest edge.
@@ -27,10 +37,13 @@ pub struct RobotDetection {
     pub width: f32,
     /// Team colour, if a marker is visible.
     pub marker: Option<TeamColour>,
-    /// Confidence: one third per cue (depth step to its neighbours, team marker, dark base); at least two thirds.
+    /// Confidence: one third per cue (depth step to its neighbours, team marker, dark base), at least two thirds; of an
+    /// obstacle found by its pixels, its probability.
     pub score: f32,
     /// Image position of its nearest edge: column, row, pixels.
     pub position_px: [f32; 2],
+    /// Robot or person.
+    pub kind: ObstacleKind,
 }
 
 /// Groups the rays' obstacles into robots.
@@ -205,5 +218,6 @@ fn build_robot(
         marker,
         score: cues as f32 / 3.0,
         position_px: contact.position_px,
+        kind: ObstacleKind::Robot,
     })
 }

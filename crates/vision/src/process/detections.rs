@@ -3,6 +3,7 @@
 use crate::lines::detection::{LinePointDetection, RejectedCandidate};
 use crate::objects::ball::BallDetection;
 use crate::objects::goals::GoalDetection;
+use crate::objects::rejection::RejectedObject;
 use crate::objects::robots::RobotDetection;
 use crate::objects::virtual_sensors::VirtualSensorReadings;
 
@@ -13,10 +14,14 @@ pub struct Detections {
     pub line_points: Vec<LinePointDetection>,
     /// Peaks that failed line validation.
     pub rejected_candidates: Vec<RejectedCandidate>,
-    /// The ball.
+    /// The most certain ball.
     pub ball: Option<BallDetection>,
-    /// Robots; people's legs can look alike.
+    /// Further balls, most certain first.
+    pub other_balls: Vec<BallDetection>,
+    /// Robots and people.
     pub robots: Vec<RobotDetection>,
+    /// Objects that were refused, with reasons.
+    pub rejected_objects: Vec<RejectedObject>,
     /// Goals and posts.
     pub goals: Vec<GoalDetection>,
     /// Readings of the virtual sensors.

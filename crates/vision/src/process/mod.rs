@@ -19,6 +19,7 @@ use crate::lines::wall_bases::detect_wall_bases;
 use crate::objects::ball::{BallDetector, VisitedMask};
 use crate::objects::goals::detect_goals;
 use crate::objects::ground_contact::GroundContactSearch;
+use crate::objects::pixel_stage::{PixelStage, PixelStageInput};
 use crate::objects::radial_scan::{CarpetEnd, RadialScan};
 use crate::objects::robots::detect_robots;
 use crate::objects::virtual_sensors::VirtualSensors;
@@ -66,6 +67,7 @@ pub struct Vision {
     subsample_classifier: PixelClassifier,
     subsample_classes: Vec<ColourClass>,
     radial_scan: RadialScan,
+    pixel_stage: PixelStage,
     visited_mask: VisitedMask,
     virtual_sensors: VirtualSensors,
     centre_px: [f32; 2],
@@ -138,6 +140,7 @@ impl Vision {
             subsample_classifier: PixelClassifier::new(&subsample, map.height_px),
             sample_pixels: pixels,
             radial_scan,
+            pixel_stage: PixelStage::new(map, camera, mask, &config.objects),
             visited_mask: VisitedMask::default(),
             virtual_sensors: VirtualSensors::new(map, camera, &config.virtual_sensors)?,
             centre_px: camera.centre_px,
@@ -310,12 +313,22 @@ impl Vision {
             lookup_table: &colour_model.lookup_table,
             centre_px: self.centre_px,
         };
-        detections.robots = detect_robots(
+        let robots = detect_robots(
             &self.radial_scan,
             carpet_ends,
             &contact_search,
             &self.config.objects,
         );
+        let stage_input = PixelStageInput {
+            image,
+            map: &self.map,
+            lookup_table: &colour_model.lookup_table,
+            config: &self.config.objects,
+        };
+        let rejected = &mut detections.rejected_objects;
+        detections.robots = self
+            .pixel_stage
+            .detect_obstacles(stage_input, robots, rejected);
         detections.goals = detect_goals(&self.radial_scan, carpet_ends, &self.config.objects);
         let ball_detector = BallDetector {
             image,
@@ -330,7 +343,14 @@ impl Vision {
             // A ball's upper pixels map to ground up to 1.5 times as far as the ball.
             .filter(|(turns, sample)| !ball_detector.is_beyond_carpet(*turns, sample.range / 1.5))
             .map(|(_, sample)| [sample.u, sample.v]);
-        detections.ball = ball_detector.detect(seeds, &mut self.visited_mask);
+        let by_colour = ball_detector.detect(seeds, &mut self.visited_mask);
+        let rejected = &mut detections.rejected_objects;
+        let mut balls = self
+            .pixel_stage
+            .detect_balls(stage_input, by_colour, rejected)
+            .into_iter();
+        detections.ball = balls.next();
+        detections.other_balls = balls.collect();
         let ball_px = detections.ball.map(|ball| ball.position_px);
         detections.virtual_sensors =
             self.virtual_sensors

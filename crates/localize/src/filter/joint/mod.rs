@@ -191,6 +191,19 @@ impl JointFilter {
         }
     }
 
+    /// Moves pose (x, y, θ) and camera tilt (a, b). The mount of the inertial unit takes the tilt's part.
+    pub(super) fn shift_pose(&mut self, step: [f32; 5]) {
+        for k in 0..3 {
+            self.state[POSE + k] += step[k];
+        }
+        self.state[POSE + 2] = wrap_angle(self.state[POSE + 2]);
+        if self.imu_active {
+            for k in 0..2 {
+                self.state[IMU_MOUNT + k] -= step[3 + k];
+            }
+        }
+    }
+
     /// The same estimate in the other field half.
     pub(super) fn half_turned(&self) -> Self {
         let mut turned = self.clone();

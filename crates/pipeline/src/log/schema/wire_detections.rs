@@ -48,6 +48,9 @@ pub(crate) struct Robot {
     pub(crate) u_px: f32,
     #[prost(float, required)]
     pub(crate) v_px: f32,
+    /// Empty for a robot, `person`.
+    #[prost(string)]
+    pub(crate) kind: String,
 }
 
 /// All robots of an image.
@@ -157,6 +160,23 @@ pub(crate) struct Detections {
     pub(crate) learned: bool,
     #[prost(message, required)]
     pub(crate) windows: Windows,
+    #[prost(message, repeated)]
+    pub(crate) other_balls: Vec<Ball>,
+    #[prost(message, repeated)]
+    pub(crate) rejected_objects: Vec<RejectedObject>,
+}
+
+/// `vision::objects::rejection::RejectedObject`.
+#[derive(Clone, PartialEq, prost::Message, Encode)]
+pub(crate) struct RejectedObject {
+    #[prost(string)]
+    pub(crate) reason: String,
+    #[prost(float, required)]
+    pub(crate) u_px: f32,
+    #[prost(float, required)]
+    pub(crate) v_px: f32,
+    #[prost(float, required)]
+    pub(crate) probability: f32,
 }
 
 /// Measurements on a whole image, for plotting.

@@ -7,7 +7,8 @@ use localize::world::TeamColour;
 use vision::lines::detection::{LinePointDetection, RejectedCandidate, RejectionReason};
 use vision::objects::ball::BallDetection;
 use vision::objects::goals::{GoalDetection, GoalKind};
-use vision::objects::robots::RobotDetection;
+use vision::objects::rejection::{ObjectRejection, RejectedObject};
+use vision::objects::robots::{ObstacleKind, RobotDetection};
 use vision::process::Detections;
 
 use super::super::wire;
@@ -24,6 +25,14 @@ names!(refusal_name, refusal_named: RejectionReason {
     BeyondCarpet = "beyond carpet",
 });
 
+names!(object_refusal_name, object_refusal_named: ObjectRejection {
+    NotABall = "not a ball",
+    NotAnObstacle = "not an obstacle",
+    OwnBody = "own body",
+});
+
+// Logs of earlier versions have no kind: their obstacles are robots.
+names!(obstacle_name, obstacle_named: ObstacleKind { Robot = "" | "robot", Person = "person" });
 names!(marker_name, marker_named: TeamColour { Cyan = "cyan", Magenta = "magenta" });
 names!(goal_name, goal_named: GoalKind { Blue = "blue", Yellow = "yellow", Post = "post" });
 
@@ -32,7 +41,9 @@ pub(crate) fn detections_to_wire(detections: &Detections) -> wire::Detections {
         line_points,
         rejected_candidates: refused,
         ball,
+        other_balls,
         robots,
+        rejected_objects,
         goals,
         virtual_sensors: windows,
         carpet_end,
@@ -67,6 +78,8 @@ pub(crate) fn detections_to_wire(detections: &Detections) -> wire::Detections {
         carpet_share: *carpet_share,
         learned: *learned,
         windows: windows_to_wire(windows),
+        other_balls: other_balls.iter().map(ball_to_wire).collect(),
+        rejected_objects: rejected_objects.iter().map(rejection_to_wire).collect(),
         ..points
     }
 }
@@ -114,6 +127,16 @@ pub(crate) fn detections_from_wire(detections: wire::Detections) -> Result<Detec
             .iter()
             .map(goal_from_wire)
             .collect::<Result<_>>()?,
+        other_balls: detections
+            .other_balls
+            .iter()
+            .map(ball_from_wire)
+            .collect::<Result<_>>()?,
+        rejected_objects: detections
+            .rejected_objects
+            .iter()
+            .map(rejection_from_wire)
+            .collect::<Result<_>>()?,
         virtual_sensors: windows_from_wire(detections.windows)?,
         carpet_end: detections.carpet_end,
         carpet_share: detections.carpet_share,
@@ -153,6 +176,28 @@ fn ball_from_wire(ball: &wire::Ball) -> Result<BallDetection> {
     })
 }
 
+fn rejection_to_wire(rejected: &RejectedObject) -> wire::RejectedObject {
+    let &RejectedObject {
+        position_px: [u_px, v_px],
+        reason,
+        probability,
+    } = rejected;
+    wire::RejectedObject {
+        reason: object_refusal_name(reason).to_owned(),
+        u_px,
+        v_px,
+        probability,
+    }
+}
+
+fn rejection_from_wire(rejected: &wire::RejectedObject) -> Result<RejectedObject> {
+    Ok(RejectedObject {
+        position_px: [rejected.u_px, rejected.v_px],
+        reason: object_refusal_named(&rejected.reason)?,
+        probability: rejected.probability,
+    })
+}
+
 pub(crate) fn robot_to_wire(robot: &RobotDetection) -> wire::Robot {
     let &RobotDetection {
         at,
@@ -162,6 +207,7 @@ pub(crate) fn robot_to_wire(robot: &RobotDetection) -> wire::Robot {
         marker,
         score,
         position_px: [u_px, v_px],
+        kind,
     } = robot;
     wire::Robot {
         x: at.x,
@@ -174,6 +220,7 @@ pub(crate) fn robot_to_wire(robot: &RobotDetection) -> wire::Robot {
         score,
         u_px,
         v_px,
+        kind: obstacle_name(kind).to_owned(),
     }
 }
 
@@ -189,6 +236,7 @@ fn robot_from_wire(robot: &wire::Robot) -> Result<RobotDetection> {
         },
         score: robot.score,
         position_px: [robot.u_px, robot.v_px],
+        kind: obstacle_named(&robot.kind)?,
     })
 }
 

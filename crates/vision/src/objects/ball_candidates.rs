@@ -1,0 +1,216 @@
+//! Where could a ball lie? A grid of places in steps of two thirds of a ball's radius, judged in three steps: something
+//! else than carpet with carpet around it, the coarse network, the convolution network.
+//!
+//! The ball's colour plays no part.
+
+use std::f32::consts::TAU;
+
+use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
+use crate::config::ObjectConfig;
+use crate::image::ImageView;
+use crate::objects::network::{NETWORKS, logistic};
+use crate::objects::patch::{
+    BallAngles, PatchFrame, PatchKind, normalize_coarse_patch, normalize_patch, read_coarse_patch,
+    read_patch,
+};
+use crate::objects::view_angles::ViewAngles;
+use crate::optics::image_polar::azimuth;
+
+/// Step of the grid, ball radii.
+const GRID_STEP: f32 = 0.7;
+/// Smallest distance of a ball, metres: nearer ones touch the robot.
+const RANGE_MIN: f32 = 0.3;
+/// Places around a ball that must show carpet, on an ellipse of this many radii.
+const SURROUND: usize = 8;
+const SURROUND_RADII: f32 = 1.9;
+/// Fewest of them that are carpet; a robot, a line or the carpet's edge may take the others.
+const SURROUND_CARPET_MIN: usize = 2;
+/// Candidates whose pixels the convolution network judges.
+const CANDIDATES_MAX: usize = 20;
+/// Two candidates nearer than this are one, ball radii.
+const SEPARATION: f32 = 1.5;
+
+/// A place of the grid.
+#[derive(Debug, Clone, Copy)]
+struct GridPlace {
+    view_angle: f32,
+    azimuth: f32,
+    ball: BallAngles,
+    /// Index of the pixel, and those around it.
+    pixel: [u16; 2],
+    surround: [[u16; 2]; SURROUND],
+}
+
+/// The places at which balls are sought.
+#[derive(Debug, Clone)]
+pub(crate) struct BallGrid {
+    places: Vec<GridPlace>,
+    angles: ViewAngles,
+    ball_radius: f32,
+}
+
+/// A ball as the networks see it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct BallCandidate {
+    pub(crate) view_angle: f32,
+    pub(crate) azimuth: f32,
+    pub(crate) ball: BallAngles,
+    /// Probability by the convolution network.
+    pub(crate) probability: f32,
+}
+
+impl BallGrid {
+    /// Places with `is_visible` false (own body, outside the mirror) are left out.
+    pub(crate) fn new(
+        angles: &ViewAngles,
+        config: &ObjectConfig,
+        size_px: [usize; 2],
+        is_visible: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let centre_height = config.viewpoint_height - config.ball_radius;
+        let inside = |[u, v]: [f32; 2]| {
+            let (u, v) = (u.round(), v.round());
+            let inside = u >= 0.0 && v >= 0.0 && u < size_px[0] as f32 && v < size_px[1] as f32;
+            inside.then_some([u as u16, v as u16])
+        };
+        let mut places = Vec::new();
+        let mut view_angle = RANGE_MIN.atan2(centre_height);
+        let last = config.ball_range_max.min(6.5).atan2(centre_height);
+        while view_angle <= last {
+            let range = centre_height * view_angle.tan();
+            let ball = BallAngles::at(range, config.ball_radius, config.viewpoint_height);
+            let count = (TAU / (GRID_STEP * ball.half_width)).ceil() as usize;
+            for number in 0..count {
+                let azimuth = TAU * number as f32 / count as f32;
+                let Some(pixel) = inside(angles.position_px(view_angle, azimuth)) else {
+                    continue;
+                };
+                if !is_visible(usize::from(pixel[0]), usize::from(pixel[1])) {
+                    continue;
+                }
+                let surround = std::array::from_fn(|index| {
+                    let (sin, cos) = (TAU * index as f32 / SURROUND as f32).sin_cos();
+                    let away = SURROUND_RADII * ball.half_height * sin;
+                    let aside = SURROUND_RADII * ball.half_width * cos;
+                    // Outside the image the place itself stands in: it is not carpet.
+                    inside(angles.position_px(view_angle + away, azimuth + aside)).unwrap_or(pixel)
+                });
+                places.push(GridPlace {
+                    view_angle,
+                    azimuth,
+                    ball,
+                    pixel,
+                    surround,
+                });
+            }
+            view_angle += GRID_STEP * ball.half_height;
+        }
+        BallGrid {
+            places,
+            angles: angles.clone(),
+            ball_radius: config.ball_radius,
+        }
+    }
+
+    /// Places that may show a ball, best first by the coarse network, at most [`CANDIDATES_MAX`].
+    pub(crate) fn find_candidates(
+        &self,
+        image: &ImageView<'_>,
+        table: &ColourLookupTable,
+    ) -> Vec<BallCandidate> {
+        let is_carpet = |[u, v]: [u16; 2]| {
+            let native = image.native_channels(usize::from(u), usize::from(v));
+            table.class(native) == ColourClass::CARPET
+        };
+        let mut ranked: Vec<(f32, BallCandidate)> = Vec::new();
+        for place in &self.places {
+            if is_carpet(place.pixel) {
+                continue;
+            }
+            let carpet = place.surround.iter().filter(|&&pixel| is_carpet(pixel));
+            if carpet.count() < SURROUND_CARPET_MIN {
+                continue;
+            }
+            let frame = PatchFrame::ball(place.view_angle, place.azimuth, place.ball);
+            let colours = read_coarse_patch(image, &self.angles, &frame);
+            let log_odds = NETWORKS
+                .ball_coarse
+                .log_odds(&normalize_coarse_patch(PatchKind::Ball, &colours));
+            let candidate = BallCandidate {
+                view_angle: place.view_angle,
+                azimuth: place.azimuth,
+                ball: place.ball,
+                probability: 0.0,
+            };
+            ranked.push((log_odds, candidate));
+        }
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut best: Vec<BallCandidate> = Vec::new();
+        for (_, candidate) in ranked {
+            if best.len() == CANDIDATES_MAX {
+                break;
+            }
+            if best.iter().all(|other| separation(other, &candidate) > 1.0) {
+                best.push(candidate);
+            }
+        }
+        best
+    }
+
+    /// Judges candidates by their pixels; the best of each group remain, best first.
+    pub(crate) fn judge(
+        &self,
+        image: &ImageView<'_>,
+        mut candidates: Vec<BallCandidate>,
+        probability_min: f32,
+    ) -> Vec<BallCandidate> {
+        for candidate in &mut candidates {
+            candidate.probability = self.probability(image, candidate);
+        }
+        candidates.retain(|candidate| candidate.probability >= probability_min);
+        candidates.sort_by(|a, b| b.probability.total_cmp(&a.probability));
+        let mut best: Vec<BallCandidate> = Vec::new();
+        for candidate in candidates {
+            if best
+                .iter()
+                .all(|other| separation(other, &candidate) > SEPARATION)
+            {
+                best.push(candidate);
+            }
+        }
+        best
+    }
+
+    /// Probability of a ball at a place by the convolution network.
+    pub(crate) fn probability(&self, image: &ImageView<'_>, candidate: &BallCandidate) -> f32 {
+        let frame = PatchFrame::ball(candidate.view_angle, candidate.azimuth, candidate.ball);
+        let colours = read_patch(image, &self.angles, &frame);
+        let [log_odds] = NETWORKS
+            .ball
+            .evaluate(&normalize_patch(PatchKind::Ball, &colours));
+        logistic(log_odds)
+    }
+
+    /// The candidate of a ball detected otherwise, by its contact point's distance and its image position.
+    pub(crate) fn candidate_at(&self, range: f32, position_px: [f32; 2]) -> BallCandidate {
+        let height = self.angles.height;
+        BallCandidate {
+            view_angle: range.atan2(height - self.ball_radius),
+            azimuth: azimuth(self.angles.centre_px, position_px),
+            ball: BallAngles::at(range, self.ball_radius, height),
+            probability: 0.0,
+        }
+    }
+
+    /// Directions and image radii of the grid's map.
+    pub(crate) fn angles(&self) -> &ViewAngles {
+        &self.angles
+    }
+}
+
+/// Distance of two candidates, ball radii.
+pub(crate) fn separation(a: &BallCandidate, b: &BallCandidate) -> f32 {
+    let across = localize::frames::wrap_angle(a.azimuth - b.azimuth) / a.ball.half_width;
+    let along = (a.view_angle - b.view_angle) / a.ball.half_height;
+    across.hypot(along)
+}

@@ -1,0 +1,208 @@
+//! Two small networks per kind of object, trained by `py/training/train_objects.py` (docs/methods.md 4.8).
+//!
+//! The coarse network ranks the many places that the candidate search leaves. The convolution network judges the best of
+//! them by their pixels. Plain loops of fixed size let the compiler use vector instructions, and sums run in one order,
+//! so results are the same on every run.
+
+use std::sync::LazyLock;
+
+use crate::objects::patch::{CHANNELS, COARSE_SAMPLES, SAMPLES, SIDE};
+
+/// Units of the coarse network.
+const COARSE_UNITS: usize = 8;
+/// Channels of the first and second convolution, units of the dense layer.
+const CONV1: usize = 8;
+const CONV2: usize = 16;
+const DENSE: usize = 24;
+/// Sides of the layers: each convolution halves them.
+const SIDE1: usize = SIDE / 2;
+const SIDE2: usize = SIDE / 4;
+/// Pixels below a convolution's kernel.
+const KERNEL: usize = 9;
+/// Inputs of the dense layer.
+const FLAT: usize = SIDE2 * SIDE2 * CONV2;
+
+/// Weights as little-endian float32: ball coarse, ball, obstacle coarse, obstacle.
+static WEIGHTS: &[u8] = include_bytes!("objects.weights");
+
+/// The trained networks.
+pub(crate) struct ObjectNetworks {
+    pub(crate) ball_coarse: CoarseNetwork,
+    pub(crate) ball: PatchNetwork<1>,
+    pub(crate) obstacle_coarse: CoarseNetwork,
+    pub(crate) obstacle: PatchNetwork<3>,
+}
+
+/// The networks, decoded at first use.
+pub(crate) static NETWORKS: LazyLock<ObjectNetworks> = LazyLock::new(|| {
+    let mut weights = Weights { bytes: WEIGHTS };
+    let networks = ObjectNetworks {
+        ball_coarse: CoarseNetwork::read(&mut weights),
+        ball: PatchNetwork::read(&mut weights),
+        obstacle_coarse: CoarseNetwork::read(&mut weights),
+        obstacle: PatchNetwork::read(&mut weights),
+    };
+    assert!(weights.bytes.is_empty(), "objects.weights has a wrong size");
+    networks
+});
+
+/// Reads weights in their order. The file is part of the executable, so a wrong size is a mistake of the build.
+struct Weights {
+    bytes: &'static [u8],
+}
+
+impl Weights {
+    fn row<const N: usize>(&mut self) -> [f32; N] {
+        std::array::from_fn(|_| {
+            let (value, rest) = self
+                .bytes
+                .split_first_chunk()
+                .expect("objects.weights is too short");
+            self.bytes = rest;
+            f32::from_le_bytes(*value)
+        })
+    }
+
+    fn rows<const N: usize>(&mut self, count: usize) -> Vec<[f32; N]> {
+        (0..count).map(|_| self.row()).collect()
+    }
+}
+
+/// Adds inputs times weights to the sums.
+#[inline(always)]
+fn accumulate<const N: usize>(sums: &mut [f32; N], input: f32, weights: &[f32; N]) {
+    for (sum, weight) in sums.iter_mut().zip(weights) {
+        *sum += input * weight;
+    }
+}
+
+fn rectify<const N: usize>(values: [f32; N]) -> [f32; N] {
+    values.map(|value| value.max(0.0))
+}
+
+/// One hidden layer over a coarse patch.
+pub(crate) struct CoarseNetwork {
+    hidden: Vec<[f32; COARSE_UNITS]>,
+    hidden_bias: [f32; COARSE_UNITS],
+    output: [f32; COARSE_UNITS],
+    output_bias: f32,
+}
+
+impl CoarseNetwork {
+    fn read(weights: &mut Weights) -> Self {
+        CoarseNetwork {
+            hidden: weights.rows(CHANNELS * COARSE_SAMPLES),
+            hidden_bias: weights.row(),
+            output: weights.row(),
+            output_bias: weights.row::<1>()[0],
+        }
+    }
+
+    /// Log odds of the object.
+    pub(crate) fn log_odds(&self, patch: &[f32; CHANNELS * COARSE_SAMPLES]) -> f32 {
+        let mut hidden = self.hidden_bias;
+        for (&input, weights) in patch.iter().zip(&self.hidden) {
+            accumulate(&mut hidden, input, weights);
+        }
+        let products = rectify(hidden).into_iter().zip(self.output);
+        products.fold(self.output_bias, |sum, (value, weight)| {
+            sum + value * weight
+        })
+    }
+}
+
+/// Two convolutions (3 × 3, stride 2, one pixel of padding) and two dense layers.
+pub(crate) struct PatchNetwork<const OUT: usize> {
+    conv1: Vec<[f32; CONV1]>,
+    conv1_bias: [f32; CONV1],
+    conv2: Vec<[f32; CONV2]>,
+    conv2_bias: [f32; CONV2],
+    dense: Vec<[f32; DENSE]>,
+    dense_bias: [f32; DENSE],
+    output: Vec<[f32; OUT]>,
+    output_bias: [f32; OUT],
+}
+
+impl<const OUT: usize> PatchNetwork<OUT> {
+    fn read(weights: &mut Weights) -> Self {
+        PatchNetwork {
+            conv1: weights.rows(CHANNELS * KERNEL),
+            conv1_bias: weights.row(),
+            conv2: weights.rows(CONV1 * KERNEL),
+            conv2_bias: weights.row(),
+            dense: weights.rows(FLAT),
+            dense_bias: weights.row(),
+            output: weights.rows(DENSE),
+            output_bias: weights.row(),
+        }
+    }
+
+    /// Outputs before the logistic function.
+    pub(crate) fn evaluate(&self, patch: &[f32; CHANNELS * SAMPLES]) -> [f32; OUT] {
+        let mut first = [[0.0; CONV1]; SIDE1 * SIDE1];
+        for (place, sums) in first.iter_mut().enumerate() {
+            let (row, column) = (2 * (place / SIDE1), 2 * (place % SIDE1));
+            let mut values = self.conv1_bias;
+            for channel in 0..CHANNELS {
+                let plane = &patch[channel * SAMPLES..(channel + 1) * SAMPLES];
+                kernel_places::<SIDE>(row, column, |kernel, at| {
+                    accumulate(
+                        &mut values,
+                        plane[at],
+                        &self.conv1[channel * KERNEL + kernel],
+                    );
+                });
+            }
+            *sums = rectify(values);
+        }
+        let mut flat = [[0.0; CONV2]; SIDE2 * SIDE2];
+        for (place, sums) in flat.iter_mut().enumerate() {
+            let (row, column) = (2 * (place / SIDE2), 2 * (place % SIDE2));
+            let mut values = self.conv2_bias;
+            kernel_places::<SIDE1>(row, column, |kernel, at| {
+                for (channel, &input) in first[at].iter().enumerate() {
+                    accumulate(&mut values, input, &self.conv2[channel * KERNEL + kernel]);
+                }
+            });
+            *sums = rectify(values);
+        }
+        let mut dense = self.dense_bias;
+        for (&input, weights) in flat.as_flattened().iter().zip(&self.dense) {
+            accumulate(&mut dense, input, weights);
+        }
+        let mut output = self.output_bias;
+        for (input, weights) in rectify(dense).into_iter().zip(&self.output) {
+            accumulate(&mut output, input, weights);
+        }
+        output
+    }
+}
+
+/// Kernel positions inside a square image of this side around a centre: number in the kernel, index in the image.
+#[inline(always)]
+fn kernel_places<const EXTENT: usize>(
+    row: usize,
+    column: usize,
+    mut visit: impl FnMut(usize, usize),
+) {
+    for kernel in 0..KERNEL {
+        // One is subtracted after the check, since positions are unsigned.
+        let (row, column) = (row + kernel / 3, column + kernel % 3);
+        if (1..=EXTENT).contains(&row) && (1..=EXTENT).contains(&column) {
+            visit(kernel, (row - 1) * EXTENT + column - 1);
+        }
+    }
+}
+
+/// Probability of log odds.
+pub(crate) fn logistic(log_odds: f32) -> f32 {
+    1.0 / (1.0 + (-log_odds).exp())
+}
+
+/// Probabilities of exclusive classes.
+pub(crate) fn softmax<const N: usize>(outputs: [f32; N]) -> [f32; N] {
+    let largest = outputs.into_iter().fold(f32::NEG_INFINITY, f32::max);
+    let shares = outputs.map(|output| (output - largest).exp());
+    let sum: f32 = shares.iter().sum();
+    shares.map(|share| share / sum)
+}

@@ -1,0 +1,311 @@
+//! Where could a robot or a person stand? A grid of foot points, judged in three steps: an edge above carpet that is no
+//! line, the coarse network, the convolution network.
+//!
+//! An edge is a step of the logarithmic colours, so a dark robot on a dim carpet counts as much as on a bright one.
+
+use std::f32::consts::TAU;
+
+use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
+use crate::config::ObjectConfig;
+use crate::image::ImageView;
+use crate::objects::network::{NETWORKS, softmax};
+use crate::objects::own_parts::OwnParts;
+use crate::objects::patch::{
+    PatchFrame, PatchKind, logarithm, normalize_coarse_patch, normalize_patch, obstacle_row_step,
+    read_coarse_patch, read_patch,
+};
+use crate::objects::view_angles::ViewAngles;
+use crate::optics::image_polar::azimuth;
+
+/// Spacing of the foot points across and along the view, metres seen from the viewpoint.
+const STEP_ACROSS: f32 = 0.12;
+const STEP_ALONG: f32 = 0.08;
+/// Smallest distance of a foot point, metres.
+const RANGE_MIN: f32 = 0.35;
+/// Rows below and above the foot that an edge separates.
+const EDGE_ROWS: [f32; 2] = [1.0, 2.2];
+/// Row above the foot at which a line has ended.
+const BEYOND_LINE_ROW: f32 = 4.0;
+/// Smallest step of the mean logarithm across an edge, and that which remains beyond a line.
+const EDGE_STEP_MIN: f32 = 0.2;
+const BEYOND_LINE_STEP_MIN: f32 = 0.12;
+/// Candidates whose pixels the convolution network judges.
+const CANDIDATES_MAX: usize = 24;
+/// Candidates nearer than this are one: metres across, and across where they stand at one distance.
+const SEPARATION_IN_LINE: f32 = 0.18;
+const SEPARATION_ABREAST: f32 = 0.3;
+/// Difference of distances up to which two candidates stand abreast, metres.
+const ABREAST_RANGE: f32 = 0.35;
+
+/// A foot point of the grid.
+#[derive(Debug, Clone, Copy)]
+struct FootPlace {
+    range: f32,
+    azimuth: f32,
+    below: [[u16; 2]; 2],
+    above: [[u16; 2]; 2],
+    beyond_line: [u16; 2],
+}
+
+/// Places of one distance.
+#[derive(Debug, Clone, Copy)]
+struct GridRow {
+    first: usize,
+    count: usize,
+}
+
+/// The foot points at which obstacles are sought.
+#[derive(Debug, Clone)]
+pub(crate) struct ObstacleGrid {
+    /// Row by row outward, evenly around the axis; None outside the image.
+    places: Vec<Option<FootPlace>>,
+    rows: Vec<GridRow>,
+    angles: ViewAngles,
+    own_parts: OwnParts,
+}
+
+/// An obstacle as the networks see it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct ObstacleCandidate {
+    /// Distance of its foot, metres.
+    pub(crate) range: f32,
+    pub(crate) azimuth: f32,
+    /// Probabilities of a robot and of a person by the convolution network.
+    pub(crate) robot: f32,
+    pub(crate) person: f32,
+}
+
+impl ObstacleCandidate {
+    /// Probability of an obstacle.
+    pub(crate) fn probability(&self) -> f32 {
+        self.robot + self.person
+    }
+}
+
+impl ObstacleGrid {
+    /// Places with `is_visible` false (own body, outside the mirror) are left out.
+    pub(crate) fn new(
+        angles: &ViewAngles,
+        config: &ObjectConfig,
+        size_px: [usize; 2],
+        is_visible: impl Fn(usize, usize) -> bool,
+    ) -> Self {
+        let inside = |[u, v]: [f32; 2]| {
+            let (u, v) = (u.round(), v.round());
+            let inside = u >= 0.0 && v >= 0.0 && u < size_px[0] as f32 && v < size_px[1] as f32;
+            inside.then_some([u as u16, v as u16])
+        };
+        let (mut places, mut rows) = (Vec::new(), Vec::new());
+        let mut view_angle = angles.ground_angle(RANGE_MIN);
+        let last = angles.ground_angle(config.robot_range_max.min(6.0));
+        while view_angle <= last {
+            let range = angles.ground_range(view_angle);
+            let count = (TAU * range / STEP_ACROSS).ceil() as usize;
+            rows.push(GridRow {
+                first: places.len(),
+                count,
+            });
+            let step = obstacle_row_step(range, angles.height);
+            places.extend((0..count).map(|number| {
+                let azimuth = TAU * number as f32 / count as f32;
+                let at = |row: f32| inside(angles.position_px(view_angle + row * step, azimuth));
+                let foot = at(0.0)?;
+                if !is_visible(usize::from(foot[0]), usize::from(foot[1])) {
+                    return None;
+                }
+                let above = [at(EDGE_ROWS[0])?, at(EDGE_ROWS[1])?];
+                Some(FootPlace {
+                    range,
+                    azimuth,
+                    below: [at(-EDGE_ROWS[0])?, at(-EDGE_ROWS[1])?],
+                    above,
+                    // Outside the image nothing contradicts.
+                    beyond_line: at(BEYOND_LINE_ROW).unwrap_or(above[1]),
+                })
+            }));
+            view_angle += STEP_ALONG / range.hypot(angles.height);
+        }
+        ObstacleGrid {
+            own_parts: OwnParts::new(places.len()),
+            places,
+            rows,
+            angles: angles.clone(),
+        }
+    }
+
+    /// Foot points that may show an obstacle, best first by the coarse network, at most [`CANDIDATES_MAX`].
+    pub(crate) fn find_candidates(
+        &mut self,
+        image: &ImageView<'_>,
+        table: &ColourLookupTable,
+    ) -> Vec<ObstacleCandidate> {
+        let mut edges: Vec<f32> = self
+            .places
+            .iter()
+            .map(|place| place.map_or(0.0, |place| edge_step(image, table, &place)))
+            .collect();
+        self.own_parts
+            .add_image(edges.iter().map(|&edge| edge > 0.0));
+        for (place, edge) in edges.iter_mut().enumerate() {
+            if self.own_parts.is_own(place) {
+                *edge = 0.0;
+            }
+        }
+        let mut ranked: Vec<(f32, ObstacleCandidate)> = Vec::new();
+        for (row, grid_row) in self.rows.iter().enumerate() {
+            for number in 0..grid_row.count {
+                let index = grid_row.first + number;
+                let Some(place) = self.places[index].filter(|_| edges[index] > 0.0) else {
+                    continue;
+                };
+                // Only the steepest place of an edge.
+                let turns = number as f32 / grid_row.count as f32;
+                let steeper = |row: Option<usize>| {
+                    let neighbour = row.and_then(|row| self.rows.get(row));
+                    neighbour.is_some_and(|row| {
+                        let nearest = (turns * row.count as f32).round() as usize % row.count;
+                        edges[row.first + nearest] > edges[index]
+                    })
+                };
+                if steeper(row.checked_sub(1)) || steeper(Some(row + 1)) {
+                    continue;
+                }
+                let frame = PatchFrame::obstacle(place.range, place.azimuth, self.angles.height);
+                let colours = read_coarse_patch(image, &self.angles, &frame);
+                let log_odds = NETWORKS
+                    .obstacle_coarse
+                    .log_odds(&normalize_coarse_patch(PatchKind::Obstacle, &colours));
+                let candidate = ObstacleCandidate {
+                    range: place.range,
+                    azimuth: place.azimuth,
+                    robot: 0.0,
+                    person: 0.0,
+                };
+                ranked.push((log_odds, candidate));
+            }
+        }
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut best: Vec<ObstacleCandidate> = Vec::new();
+        for (_, candidate) in ranked {
+            if best.len() == CANDIDATES_MAX {
+                break;
+            }
+            if best.iter().all(|other| {
+                across(other, &candidate) > 0.7 * SEPARATION_IN_LINE
+                    || (other.range - candidate.range).abs() > 0.15 * candidate.range
+            }) {
+                best.push(candidate);
+            }
+        }
+        best
+    }
+
+    /// Judges candidates by their pixels; the best of each group remain, best first.
+    pub(crate) fn judge(
+        &self,
+        image: &ImageView<'_>,
+        mut candidates: Vec<ObstacleCandidate>,
+        probability_min: f32,
+    ) -> Vec<ObstacleCandidate> {
+        for candidate in &mut candidates {
+            *candidate = self.judge_at(image, candidate.range, candidate.azimuth);
+        }
+        candidates.retain(|candidate| candidate.probability() >= probability_min);
+        candidates.sort_by(|a, b| b.probability().total_cmp(&a.probability()));
+        let mut best: Vec<ObstacleCandidate> = Vec::new();
+        for candidate in candidates {
+            if best.iter().all(|other| !is_same(other, &candidate)) {
+                best.push(candidate);
+            }
+        }
+        best
+    }
+
+    /// Judges an obstacle whose foot is at a distance (metres) and azimuth.
+    pub(crate) fn judge_at(
+        &self,
+        image: &ImageView<'_>,
+        range: f32,
+        azimuth: f32,
+    ) -> ObstacleCandidate {
+        let frame = PatchFrame::obstacle(range, azimuth, self.angles.height);
+        let colours = read_patch(image, &self.angles, &frame);
+        let outputs = NETWORKS
+            .obstacle
+            .evaluate(&normalize_patch(PatchKind::Obstacle, &colours));
+        let [_, robot, person] = softmax(outputs);
+        ObstacleCandidate {
+            range,
+            azimuth,
+            robot,
+            person,
+        }
+    }
+
+    /// True if the grid's place at a foot belongs to the robot itself.
+    pub(crate) fn is_own_part(&self, candidate: &ObstacleCandidate) -> bool {
+        let turns = (candidate.azimuth / TAU).rem_euclid(1.0);
+        let nearest = self.rows.iter().min_by(|a, b| {
+            let off = |row: &GridRow| {
+                let place = self.places[row.first..row.first + row.count]
+                    .iter()
+                    .flatten();
+                let range = place.map(|place| place.range).next();
+                range.map_or(f32::INFINITY, |range| (range - candidate.range).abs())
+            };
+            off(a).total_cmp(&off(b))
+        });
+        nearest.is_some_and(|row| {
+            let number = (turns * row.count as f32).round() as usize % row.count;
+            self.own_parts.is_own(row.first + number)
+        })
+    }
+
+    /// The place of an obstacle detected otherwise, by its foot's distance and image position.
+    pub(crate) fn azimuth_of(&self, position_px: [f32; 2]) -> f32 {
+        azimuth(self.angles.centre_px, position_px)
+    }
+
+    /// Image position of a candidate's foot, pixels.
+    pub(crate) fn foot_px(&self, candidate: &ObstacleCandidate) -> [f32; 2] {
+        let view_angle = self.angles.ground_angle(candidate.range);
+        self.angles.position_px(view_angle, candidate.azimuth)
+    }
+}
+
+/// Step of the logarithmic colours across an edge above carpet; 0 if there is none or it is a line's.
+fn edge_step(image: &ImageView<'_>, table: &ColourLookupTable, place: &FootPlace) -> f32 {
+    let is_carpet = |[u, v]: [u16; 2]| {
+        let native = image.native_channels(usize::from(u), usize::from(v));
+        table.class(native) == ColourClass::CARPET
+    };
+    if !place.below.iter().any(|&pixel| is_carpet(pixel)) {
+        return 0.0;
+    }
+    let logs = |[u, v]: [u16; 2]| image.rgb(usize::from(u), usize::from(v)).map(logarithm);
+    let mean = |[a, b]: [[u16; 2]; 2]| {
+        let (a, b) = (logs(a), logs(b));
+        std::array::from_fn(|channel| (a[channel] + b[channel]) / 2.0)
+    };
+    let step = |a: [f32; 3], b: [f32; 3]| {
+        ((a[0] - b[0]).abs() + (a[1] - b[1]).abs() + (a[2] - b[2]).abs()) / 3.0
+    };
+    let below = mean(place.below);
+    let edge = step(mean(place.above), below);
+    if edge < EDGE_STEP_MIN || step(logs(place.beyond_line), below) < BEYOND_LINE_STEP_MIN {
+        return 0.0;
+    }
+    edge
+}
+
+/// Distance across the view between two candidates, metres at the nearer one.
+fn across(a: &ObstacleCandidate, b: &ObstacleCandidate) -> f32 {
+    localize::frames::wrap_angle(a.azimuth - b.azimuth).abs() * a.range.min(b.range)
+}
+
+/// True if two candidates are one obstacle, or one stands behind the other.
+pub(crate) fn is_same(a: &ObstacleCandidate, b: &ObstacleCandidate) -> bool {
+    let across = across(a, b);
+    across < SEPARATION_IN_LINE
+        || across < SEPARATION_ABREAST && (a.range - b.range).abs() < ABREAST_RANGE
+}

@@ -1,0 +1,268 @@
+//! Pixels around a candidate, in a frame that is the same for every camera, distance and light.
+//!
+//! Rows lead away from the robot and columns lie across. A step is a fraction of the ball, or a fixed length at an
+//! obstacle's foot. Colours are logarithmic and relative to the floor before the candidate, so exposure, colour cast and
+//! the carpet's colour cancel (docs/methods.md 4.8). `py/training/patches.py` samples the same patches for training.
+
+use std::sync::LazyLock;
+
+use crate::image::ImageView;
+use crate::objects::view_angles::ViewAngles;
+
+/// Samples of a patch's side.
+pub(crate) const SIDE: usize = 12;
+/// Samples of a patch.
+pub(crate) const SAMPLES: usize = SIDE * SIDE;
+/// Channels: brightness, colour difference, saturation; all relative to the floor.
+pub(crate) const CHANNELS: usize = 3;
+/// Rows and columns of the coarse patch.
+pub(crate) const COARSE: [usize; 6] = [0, 2, 4, 7, 9, 11];
+/// Samples of a coarse patch.
+pub(crate) const COARSE_SAMPLES: usize = COARSE.len() * COARSE.len();
+
+/// Step of a ball's patch, ball radii: the patch spans 4.4 radii.
+const BALL_STEP: f32 = 0.4;
+/// Step of an obstacle's patch at its foot, metres: the patch is a metre wide.
+const OBSTACLE_STEP: f32 = 1.0 / 11.0;
+/// Row of an obstacle's foot.
+const FOOT_ROW: f32 = 3.0;
+/// Added before the logarithm, levels: noise of dark pixels has little effect.
+const LOG_OFFSET: f32 = 8.0;
+/// Limit of each channel.
+const CHANNEL_MAX: f32 = 2.0;
+
+/// Logarithm of each level.
+static LOGARITHMS: LazyLock<[f32; 256]> =
+    LazyLock::new(|| std::array::from_fn(|level| (level as f32 + LOG_OFFSET).ln()));
+
+/// Logarithm of a level, see `LOG_OFFSET`.
+pub(crate) fn logarithm(level: u8) -> f32 {
+    LOGARITHMS[usize::from(level)]
+}
+
+/// Where a patch lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PatchFrame {
+    /// View angle and azimuth of its origin, radians.
+    pub(crate) view_angle: f32,
+    pub(crate) azimuth: f32,
+    /// View angle per row, radians.
+    row_step: f32,
+    /// Row of the origin.
+    origin_row: f32,
+    /// How columns are spaced.
+    columns: Columns,
+}
+
+/// Spacing of a patch's columns.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Columns {
+    /// In azimuth, radians.
+    Angular(f32),
+    /// In metres across, at a distance in metres.
+    Metric(f32, f32),
+}
+
+impl PatchFrame {
+    /// The patch of a ball whose centre appears at a view angle.
+    pub(crate) fn ball(view_angle: f32, azimuth: f32, ball: BallAngles) -> Self {
+        PatchFrame {
+            view_angle,
+            azimuth,
+            row_step: BALL_STEP * ball.half_height,
+            origin_row: (SIDE - 1) as f32 / 2.0,
+            columns: Columns::Angular(BALL_STEP * ball.half_width),
+        }
+    }
+
+    /// The patch of an obstacle whose foot is at a ground distance, metres.
+    pub(crate) fn obstacle(range: f32, azimuth: f32, height: f32) -> Self {
+        PatchFrame {
+            view_angle: range.atan2(height),
+            azimuth,
+            row_step: obstacle_row_step(range, height),
+            origin_row: FOOT_ROW,
+            columns: Columns::Metric(OBSTACLE_STEP, range),
+        }
+    }
+
+    /// View angle of a row.
+    fn row_angle(&self, row: usize) -> f32 {
+        self.view_angle + (row as f32 - self.origin_row) * self.row_step
+    }
+
+    /// Azimuth of a column.
+    fn column_azimuth(&self, column: usize) -> f32 {
+        let place = column as f32 - (SIDE - 1) as f32 / 2.0;
+        self.azimuth
+            + match self.columns {
+                Columns::Angular(step) => place * step,
+                Columns::Metric(step, range) => (place * step).atan2(range),
+            }
+    }
+}
+
+/// View angle per row of an obstacle's patch at a ground distance, radians: as long as a column is wide.
+pub(crate) fn obstacle_row_step(range: f32, height: f32) -> f32 {
+    OBSTACLE_STEP / range.hypot(height)
+}
+
+/// Half the angles that a ball on the ground covers, radians.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct BallAngles {
+    /// In view angle.
+    pub(crate) half_height: f32,
+    /// In azimuth.
+    pub(crate) half_width: f32,
+}
+
+impl BallAngles {
+    /// Of a ball at a distance, metres.
+    pub(crate) fn at(range: f32, ball_radius: f32, viewpoint_height: f32) -> Self {
+        let slant = range.hypot(viewpoint_height - ball_radius);
+        BallAngles {
+            half_height: (ball_radius / slant).min(0.95).asin(),
+            half_width: (ball_radius / range).min(0.95).asin(),
+        }
+    }
+}
+
+/// Red, green and blue of a patch's samples, row by row; None outside the image.
+pub(crate) type PatchColours = [Option<[u8; 3]>; SAMPLES];
+
+/// Reads a full patch.
+pub(crate) fn read_patch(
+    image: &ImageView<'_>,
+    angles: &ViewAngles,
+    frame: &PatchFrame,
+) -> PatchColours {
+    let directions: [(f32, f32); SIDE] =
+        std::array::from_fn(|column| frame.column_azimuth(column).sin_cos());
+    let mut colours = [None; SAMPLES];
+    for row in 0..SIDE {
+        let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
+        for (column, &direction) in directions.iter().enumerate() {
+            colours[row * SIDE + column] = pixel(image, angles, radius, direction);
+        }
+    }
+    colours
+}
+
+/// Reads a coarse patch: every second sample.
+pub(crate) fn read_coarse_patch(
+    image: &ImageView<'_>,
+    angles: &ViewAngles,
+    frame: &PatchFrame,
+) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
+    let directions: [(f32, f32); COARSE.len()] =
+        std::array::from_fn(|column| frame.column_azimuth(COARSE[column]).sin_cos());
+    let mut colours = [None; COARSE_SAMPLES];
+    for (number, &row) in COARSE.iter().enumerate() {
+        let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
+        for (column, &direction) in directions.iter().enumerate() {
+            colours[number * COARSE.len() + column] = pixel(image, angles, radius, direction);
+        }
+    }
+    colours
+}
+
+/// Colour at a radius and direction (sine, cosine of the azimuth).
+fn pixel(
+    image: &ImageView<'_>,
+    angles: &ViewAngles,
+    radius: f32,
+    (sin, cos): (f32, f32),
+) -> Option<[u8; 3]> {
+    let (u, v) = (
+        (angles.centre_px[0] + radius * cos + 0.5).floor(),
+        (angles.centre_px[1] - radius * sin + 0.5).floor(),
+    );
+    // Not a number fails as well.
+    let inside = u >= 0.0 && v >= 0.0 && u < image.width_px as f32 && v < image.height_px as f32;
+    inside.then(|| image.rgb(u as usize, v as usize))
+}
+
+/// What a patch shows; decides which samples are floor before it and what samples outside the image mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum PatchKind {
+    /// The ball.
+    Ball,
+    /// A robot or a person.
+    Obstacle,
+}
+
+impl PatchKind {
+    /// True if a sample belongs to the floor before the candidate.
+    fn is_floor(self, row: usize, column: usize) -> bool {
+        match self {
+            PatchKind::Ball => row < 2 || row < SIDE / 2 && (column == 0 || column == SIDE - 1),
+            PatchKind::Obstacle => row < FOOT_ROW as usize,
+        }
+    }
+}
+
+/// Input of a network: channel by channel, row by row.
+pub(crate) fn normalize_patch(
+    kind: PatchKind,
+    colours: &PatchColours,
+) -> [f32; CHANNELS * SAMPLES] {
+    let floor = |index: usize| kind.is_floor(index / SIDE, index % SIDE);
+    normalize(kind, colours, floor)
+}
+
+/// As [`normalize_patch`], for a coarse patch.
+pub(crate) fn normalize_coarse_patch(
+    kind: PatchKind,
+    colours: &[Option<[u8; 3]>; COARSE_SAMPLES],
+) -> [f32; CHANNELS * COARSE_SAMPLES] {
+    let side = COARSE.len();
+    let floor = |index: usize| kind.is_floor(COARSE[index / side], COARSE[index % side]);
+    normalize(kind, colours, floor)
+}
+
+fn normalize<const N: usize, const M: usize>(
+    kind: PatchKind,
+    colours: &[Option<[u8; 3]>; N],
+    is_floor: impl Fn(usize) -> bool,
+) -> [f32; M] {
+    let mut floor = [[0u8; N]; 3];
+    let mut count = 0;
+    for (index, colour) in colours.iter().enumerate() {
+        if is_floor(index) {
+            let rgb = colour.unwrap_or([0; 3]);
+            for channel in 0..3 {
+                floor[channel][count] = rgb[channel];
+            }
+            count += 1;
+        }
+    }
+    let reference = floor.map(|mut levels| median_logarithm(&mut levels[..count]));
+    let reference_range = range(reference);
+    let mut input = [0.0; M];
+    for (index, colour) in colours.iter().enumerate() {
+        if kind == PatchKind::Obstacle && colour.is_none() {
+            continue;
+        }
+        let logs = colour.unwrap_or([0; 3]).map(logarithm);
+        let relative: [f32; 3] = std::array::from_fn(|channel| logs[channel] - reference[channel]);
+        let brightness = (relative[0] + relative[1] + relative[2]) / 3.0;
+        let channels = [brightness, range(relative), range(logs) - reference_range];
+        for (channel, value) in channels.into_iter().enumerate() {
+            input[channel * N + index] = value.clamp(-CHANNEL_MAX, CHANNEL_MAX);
+        }
+    }
+    input
+}
+
+/// Largest minus smallest channel.
+fn range([a, b, c]: [f32; 3]) -> f32 {
+    a.max(b).max(c) - a.min(b).min(c)
+}
+
+/// Median of the levels' logarithms; the mean of the middle two of an even number.
+fn median_logarithm(levels: &mut [u8]) -> f32 {
+    levels.sort_unstable();
+    let upper = levels.len() / 2;
+    let lower = (levels.len() - 1) / 2;
+    (logarithm(levels[lower]) + logarithm(levels[upper])) / 2.0
+}

@@ -1,0 +1,318 @@
+//! The second stage: which candidates are balls, robots and people, judged by their pixels (docs/methods.md 4.8).
+//!
+//! Candidates come from grids that know no colour, and from the detectors of the ball's colour and of the carpet's end.
+
+use localize::frames::At;
+use localize::robot::CameraConfig;
+use localize::world::TeamColour;
+
+use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
+use crate::config::ObjectConfig;
+use crate::image::ImageView;
+use crate::objects::ball::BallDetection;
+use crate::objects::ball_candidates::{BallCandidate, BallGrid, separation};
+use crate::objects::ball_edges::find_ball_edges;
+use crate::objects::covariance::covariance_from_polar;
+use crate::objects::obstacle_candidates::{ObstacleCandidate, ObstacleGrid, is_same};
+use crate::objects::obstacle_edges::{measure_width, refine_foot};
+use crate::objects::patch::obstacle_row_step;
+use crate::objects::rejection::{ObjectRejection, RejectedObject};
+use crate::objects::robots::{ObstacleKind, RobotDetection};
+use crate::objects::view_angles::ViewAngles;
+use crate::optics::ground_map::GroundMap;
+
+/// A detection by colour or by the carpet's end is dropped if its pixels contradict: below this probability.
+const CONTRADICTION: f32 = 0.1;
+/// Nearer than this the robot itself takes the floor before an object, and the networks do not judge, metres.
+const JUDGED_RANGE_MIN: f32 = 0.4;
+/// Detections nearer than this are one ball, ball radii.
+const BALL_SEPARATION: f32 = 1.5;
+/// Distance of a person's centre behind the nearest foot, metres.
+const PERSON_RADIUS: f32 = 0.15;
+/// Rows above the foot and columns (metres) in which a team marker is sought, and its fewest samples.
+const MARKER_ROWS: usize = 14;
+const MARKER_COLUMNS: [f32; 5] = [-0.14, -0.07, 0.0, 0.07, 0.14];
+const MARKER_SAMPLES_MIN: usize = 6;
+
+/// Tables of the second stage for one camera.
+#[derive(Debug, Clone)]
+pub(crate) struct PixelStage {
+    angles: ViewAngles,
+    balls: BallGrid,
+    obstacles: ObstacleGrid,
+}
+
+/// One image and what is known about its colours.
+#[derive(Clone, Copy)]
+pub(crate) struct PixelStageInput<'a> {
+    pub(crate) image: &'a ImageView<'a>,
+    pub(crate) map: &'a GroundMap,
+    pub(crate) lookup_table: &'a ColourLookupTable,
+    pub(crate) config: &'a ObjectConfig,
+}
+
+impl PixelStage {
+    pub(crate) fn new(
+        map: &GroundMap,
+        camera: &CameraConfig,
+        mask: Option<&[bool]>,
+        config: &ObjectConfig,
+    ) -> Self {
+        let angles = ViewAngles::new(map, camera.centre_px, config.viewpoint_height);
+        let size = [map.width_px, map.height_px];
+        let is_visible = |u: usize, v: usize| {
+            camera.is_inside_mirror(u as f32, v as f32)
+                && mask.is_none_or(|mask| mask[v * map.width_px + u])
+        };
+        PixelStage {
+            balls: BallGrid::new(&angles, config, size, is_visible),
+            obstacles: ObstacleGrid::new(&angles, config, size, is_visible),
+            angles,
+        }
+    }
+
+    /// All balls, best first. `by_colour`: the ball that its colour gave.
+    pub(crate) fn detect_balls(
+        &self,
+        input: PixelStageInput<'_>,
+        by_colour: Option<BallDetection>,
+        rejected: &mut Vec<RejectedObject>,
+    ) -> Vec<BallDetection> {
+        let PixelStageInput { image, config, .. } = input;
+        let candidates = self.balls.find_candidates(image, input.lookup_table);
+        let candidates = self
+            .balls
+            .judge(image, candidates, config.ball_probability_min);
+        let mut balls: Vec<(BallCandidate, BallDetection)> = Vec::new();
+        if let Some(ball) = by_colour {
+            let mut candidate = self
+                .balls
+                .candidate_at(ball.at.distance(), ball.position_px);
+            candidate.probability = self.balls.probability(image, &candidate);
+            let beside = candidates
+                .iter()
+                .any(|other| separation(&candidate, other) < BALL_SEPARATION);
+            let judged = ball.on_ground && ball.at.distance() >= JUDGED_RANGE_MIN;
+            if judged && !beside && candidate.probability < CONTRADICTION {
+                rejected.push(RejectedObject {
+                    position_px: ball.position_px,
+                    reason: ObjectRejection::NotABall,
+                    probability: candidate.probability,
+                });
+            } else {
+                balls.push((candidate, ball));
+            }
+        }
+        for candidate in candidates {
+            let known = |(other, _): &(BallCandidate, BallDetection)| {
+                separation(&candidate, other) < BALL_SEPARATION
+            };
+            if let Some((_, ball)) = balls.iter_mut().find(|ball| known(ball)) {
+                ball.score = ball.score.max(candidate.probability);
+                continue;
+            }
+            if let Some(ball) = self.ball_detection(input, &candidate) {
+                balls.push((candidate, ball));
+            }
+        }
+        let mut balls: Vec<BallDetection> = balls.into_iter().map(|(_, ball)| ball).collect();
+        balls.sort_by(|a, b| b.score.total_cmp(&a.score));
+        balls
+    }
+
+    fn ball_detection(
+        &self,
+        input: PixelStageInput<'_>,
+        candidate: &BallCandidate,
+    ) -> Option<BallDetection> {
+        let config = input.config;
+        let edges = find_ball_edges(input.image, &self.angles, candidate);
+        let view_angle = candidate.view_angle + edges.away * candidate.ball.half_height;
+        let azimuth = candidate.azimuth + edges.aside * candidate.ball.half_width;
+        let centre_height = config.viewpoint_height - config.ball_radius;
+        let range = centre_height * view_angle.tan();
+        if !(range > 0.0 && range <= config.ball_range_max) {
+            return None;
+        }
+        let position_px = self.angles.position_px(view_angle, azimuth);
+        let contact_px = self
+            .angles
+            .position_px(self.angles.ground_angle(range), azimuth);
+        let [ex, ey] = ground_direction(input.map, contact_px)?;
+        // Ground that half a ball covers along the view.
+        let footprint =
+            config.viewpoint_height / view_angle.cos().powi(2) * candidate.ball.half_height;
+        let (along, across) = (0.02 + 0.15 * footprint, 0.01 + 0.02 * range);
+        let row_px = self
+            .angles
+            .radius_px(view_angle + candidate.ball.half_height, azimuth)
+            - self
+                .angles
+                .radius_px(view_angle - candidate.ball.half_height, azimuth);
+        let width_px = 2.0 * candidate.ball.half_width * self.angles.radius_px(view_angle, azimuth);
+        let quarter = std::f32::consts::FRAC_PI_4;
+        let pixels = quarter * row_px * width_px * edges.extent[0] * edges.extent[1] / 4.0;
+        Some(BallDetection {
+            at: At::new(range * ex, range * ey),
+            covariance: covariance_from_polar([ex, ey], along, across),
+            on_ground: true,
+            score: candidate.probability,
+            position_px,
+            pixels: pixels.max(1.0) as usize,
+        })
+    }
+
+    /// Robots and people. `by_carpet`: obstacles at the carpet's end.
+    pub(crate) fn detect_obstacles(
+        &mut self,
+        input: PixelStageInput<'_>,
+        by_carpet: Vec<RobotDetection>,
+        rejected: &mut Vec<RejectedObject>,
+    ) -> Vec<RobotDetection> {
+        let PixelStageInput { image, config, .. } = input;
+        let candidates = self.obstacles.find_candidates(image, input.lookup_table);
+        let candidates = self
+            .obstacles
+            .judge(image, candidates, config.obstacle_probability_min);
+        let mut known: Vec<ObstacleCandidate> = Vec::new();
+        let mut obstacles = Vec::new();
+        for mut robot in by_carpet {
+            let candidate = self.judge_robot(image, &robot);
+            let beside = candidates.iter().any(|other| is_same(&candidate, other));
+            let judged = robot.edge.distance() >= JUDGED_RANGE_MIN;
+            let reason = if self.obstacles.is_own_part(&candidate) {
+                Some(ObjectRejection::OwnBody)
+            } else if judged && !beside && candidate.probability() < CONTRADICTION {
+                Some(ObjectRejection::NotAnObstacle)
+            } else {
+                None
+            };
+            if let Some(reason) = reason {
+                rejected.push(RejectedObject {
+                    position_px: robot.position_px,
+                    reason,
+                    probability: candidate.probability(),
+                });
+                continue;
+            }
+            if robot.marker.is_none() && candidate.person > candidate.robot.max(0.5) {
+                robot.kind = ObstacleKind::Person;
+            }
+            known.push(candidate);
+            obstacles.push(robot);
+        }
+        for candidate in candidates {
+            if known.iter().any(|other| is_same(&candidate, other)) {
+                continue;
+            }
+            if let Some(robot) = self.obstacle_detection(input, &candidate) {
+                known.push(candidate);
+                obstacles.push(robot);
+            }
+        }
+        obstacles
+    }
+
+    /// The networks' judgement of an obstacle at the carpet's end: the best of three rows around its foot.
+    fn judge_robot(&self, image: &ImageView<'_>, robot: &RobotDetection) -> ObstacleCandidate {
+        let azimuth = self.obstacles.azimuth_of(robot.position_px);
+        let range = robot.edge.distance();
+        let foot = self.angles.ground_angle(range);
+        let step = obstacle_row_step(range, self.angles.height);
+        let judged = [-1.0, 0.0, 1.0].map(|row| {
+            let range = self.angles.ground_range(foot + row * step);
+            self.obstacles.judge_at(image, range, azimuth)
+        });
+        let mut best = judged[1];
+        for candidate in judged {
+            if candidate.probability() > best.probability() {
+                best = candidate;
+            }
+        }
+        best
+    }
+
+    fn obstacle_detection(
+        &self,
+        input: PixelStageInput<'_>,
+        candidate: &ObstacleCandidate,
+    ) -> Option<RobotDetection> {
+        let config = input.config;
+        let range = refine_foot(input.image, &self.angles, candidate);
+        if !(range > 0.0 && range <= config.robot_range_max) {
+            return None;
+        }
+        let foot = ObstacleCandidate {
+            range,
+            ..*candidate
+        };
+        let position_px = self.obstacles.foot_px(&foot);
+        let [ex, ey] = ground_direction(input.map, position_px)?;
+        let marker = self.team_marker(input, &foot);
+        let (kind, radius) = match marker.is_none() && candidate.person > candidate.robot {
+            true => (ObstacleKind::Person, PERSON_RADIUS),
+            false => (ObstacleKind::Robot, config.robot_radius),
+        };
+        let middle = range + radius;
+        let row = self.angles.ground_angle(range) + obstacle_row_step(range, self.angles.height);
+        let along = 0.05 + 0.3 * (self.angles.ground_range(row) - range).min(1.0);
+        let across = 0.08 + 0.02 * range;
+        Some(RobotDetection {
+            at: At::new(middle * ex, middle * ey),
+            edge: At::new(range * ex, range * ey),
+            covariance: covariance_from_polar([ex, ey], along, across),
+            width: measure_width(input.image, &self.angles, &foot),
+            marker,
+            score: candidate.probability(),
+            position_px,
+            kind,
+        })
+    }
+
+    /// Team colour above an obstacle's foot.
+    fn team_marker(
+        &self,
+        input: PixelStageInput<'_>,
+        foot: &ObstacleCandidate,
+    ) -> Option<TeamColour> {
+        let (mut cyan, mut magenta) = (0, 0);
+        let view_angle = self.angles.ground_angle(foot.range);
+        let step = obstacle_row_step(foot.range, self.angles.height);
+        for row in 1..=MARKER_ROWS {
+            for aside in MARKER_COLUMNS {
+                let azimuth = foot.azimuth + aside.atan2(foot.range);
+                let [u, v] = self
+                    .angles
+                    .position_px(view_angle + row as f32 * step, azimuth)
+                    .map(|at| at.round());
+                let size = [input.image.width_px as f32, input.image.height_px as f32];
+                if !(u >= 0.0 && v >= 0.0 && u < size[0] && v < size[1]) {
+                    continue;
+                }
+                let native = input.image.native_channels(u as usize, v as usize);
+                match input.lookup_table.class(native) {
+                    ColourClass::CYAN => cyan += 1,
+                    ColourClass::MAGENTA => magenta += 1,
+                    _ => {}
+                }
+            }
+        }
+        match (cyan, magenta) {
+            (c, m) if c.max(m) < MARKER_SAMPLES_MIN => None,
+            (c, m) if c > 2 * m => Some(TeamColour::Cyan),
+            (c, m) if m > 2 * c => Some(TeamColour::Magenta),
+            _ => None,
+        }
+    }
+}
+
+/// Unit vector of the ground at an image position, robot frame. None if the map shows no ground there.
+fn ground_direction(map: &GroundMap, [u, v]: [f32; 2]) -> Option<[f32; 2]> {
+    let (u, v) = (u.round(), v.round());
+    if !(u >= 0.0 && v >= 0.0) {
+        return None;
+    }
+    let ground = map.at(u as usize, v as usize)?;
+    let range = ground.distance();
+    (range > 0.0).then(|| [ground.x / range, ground.y / range])
+}
