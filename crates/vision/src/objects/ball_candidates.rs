@@ -5,6 +5,8 @@
 
 use std::f32::consts::TAU;
 
+use localize::math;
+
 use crate::colour::lookup_table::{ColourClass, ColourLookupTable};
 use crate::config::ObjectConfig;
 use crate::image::ImageView;
@@ -18,8 +20,9 @@ use crate::optics::image_polar::azimuth;
 
 /// Step of the grid, ball radii.
 const GRID_STEP: f32 = 0.7;
-/// Smallest distance of a ball, metres: nearer ones touch the robot.
+/// Distances of a ball, metres: nearer ones touch the robot, farther ones are a few pixels wide.
 const RANGE_MIN: f32 = 0.3;
+const RANGE_MAX: f32 = 6.5;
 /// Places around a ball that must show carpet, on an ellipse of this many radii.
 const SURROUND: usize = 8;
 const SURROUND_RADII: f32 = 1.9;
@@ -74,10 +77,10 @@ impl BallGrid {
             inside.then_some([u as u16, v as u16])
         };
         let mut places = Vec::new();
-        let mut view_angle = RANGE_MIN.atan2(centre_height);
-        let last = config.ball_range_max.min(6.5).atan2(centre_height);
+        let mut view_angle = math::atan2(RANGE_MIN, centre_height);
+        let last = math::atan2(config.ball_range_max.min(RANGE_MAX), centre_height);
         while view_angle <= last {
-            let range = centre_height * view_angle.tan();
+            let range = centre_height * math::tan(view_angle);
             let ball = BallAngles::at(range, config.ball_radius, config.viewpoint_height);
             let count = (TAU / (GRID_STEP * ball.half_width)).ceil() as usize;
             for number in 0..count {
@@ -89,7 +92,7 @@ impl BallGrid {
                     continue;
                 }
                 let surround = std::array::from_fn(|index| {
-                    let (sin, cos) = (TAU * index as f32 / SURROUND as f32).sin_cos();
+                    let (sin, cos) = math::sin_cos(TAU * index as f32 / SURROUND as f32);
                     let away = SURROUND_RADII * ball.half_height * sin;
                     let aside = SURROUND_RADII * ball.half_width * cos;
                     // Outside the image the place itself stands in: it is not carpet.
@@ -195,16 +198,11 @@ impl BallGrid {
     pub(crate) fn candidate_at(&self, range: f32, position_px: [f32; 2]) -> BallCandidate {
         let height = self.angles.height;
         BallCandidate {
-            view_angle: range.atan2(height - self.ball_radius),
+            view_angle: math::atan2(range, height - self.ball_radius),
             azimuth: azimuth(self.angles.centre_px, position_px),
             ball: BallAngles::at(range, self.ball_radius, height),
             probability: 0.0,
         }
-    }
-
-    /// Directions and image radii of the grid's map.
-    pub(crate) fn angles(&self) -> &ViewAngles {
-        &self.angles
     }
 }
 
@@ -212,5 +210,5 @@ impl BallGrid {
 pub(crate) fn separation(a: &BallCandidate, b: &BallCandidate) -> f32 {
     let across = localize::frames::wrap_angle(a.azimuth - b.azimuth) / a.ball.half_width;
     let along = (a.view_angle - b.view_angle) / a.ball.half_height;
-    across.hypot(along)
+    math::hypot(across, along)
 }

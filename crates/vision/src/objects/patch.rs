@@ -6,6 +6,8 @@
 
 use std::sync::LazyLock;
 
+use localize::math;
+
 use crate::image::ImageView;
 use crate::objects::view_angles::ViewAngles;
 
@@ -33,7 +35,7 @@ const CHANNEL_MAX: f32 = 2.0;
 
 /// Logarithm of each level.
 static LOGARITHMS: LazyLock<[f32; 256]> =
-    LazyLock::new(|| std::array::from_fn(|level| (level as f32 + LOG_OFFSET).ln()));
+    LazyLock::new(|| std::array::from_fn(|level| math::ln(level as f32 + LOG_OFFSET)));
 
 /// Logarithm of a level, see `LOG_OFFSET`.
 pub(crate) fn logarithm(level: u8) -> f32 {
@@ -78,7 +80,7 @@ impl PatchFrame {
     /// The patch of an obstacle whose foot is at a ground distance, metres.
     pub(crate) fn obstacle(range: f32, azimuth: f32, height: f32) -> Self {
         PatchFrame {
-            view_angle: range.atan2(height),
+            view_angle: math::atan2(range, height),
             azimuth,
             row_step: obstacle_row_step(range, height),
             origin_row: FOOT_ROW,
@@ -97,14 +99,14 @@ impl PatchFrame {
         self.azimuth
             + match self.columns {
                 Columns::Angular(step) => place * step,
-                Columns::Metric(step, range) => (place * step).atan2(range),
+                Columns::Metric(step, range) => math::atan2(place * step, range),
             }
     }
 }
 
 /// View angle per row of an obstacle's patch at a ground distance, radians: as long as a column is wide.
 pub(crate) fn obstacle_row_step(range: f32, height: f32) -> f32 {
-    OBSTACLE_STEP / range.hypot(height)
+    OBSTACLE_STEP / math::hypot(range, height)
 }
 
 /// Half the angles that a ball on the ground covers, radians.
@@ -119,10 +121,10 @@ pub(crate) struct BallAngles {
 impl BallAngles {
     /// Of a ball at a distance, metres.
     pub(crate) fn at(range: f32, ball_radius: f32, viewpoint_height: f32) -> Self {
-        let slant = range.hypot(viewpoint_height - ball_radius);
+        let slant = math::hypot(range, viewpoint_height - ball_radius);
         BallAngles {
-            half_height: (ball_radius / slant).min(0.95).asin(),
-            half_width: (ball_radius / range).min(0.95).asin(),
+            half_height: math::asin((ball_radius / slant).min(0.95)),
+            half_width: math::asin((ball_radius / range).min(0.95)),
         }
     }
 }
@@ -137,7 +139,7 @@ pub(crate) fn read_patch(
     frame: &PatchFrame,
 ) -> PatchColours {
     let directions: [(f32, f32); SIDE] =
-        std::array::from_fn(|column| frame.column_azimuth(column).sin_cos());
+        std::array::from_fn(|column| math::sin_cos(frame.column_azimuth(column)));
     let mut colours = [None; SAMPLES];
     for row in 0..SIDE {
         let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
@@ -155,7 +157,7 @@ pub(crate) fn read_coarse_patch(
     frame: &PatchFrame,
 ) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
     let directions: [(f32, f32); COARSE.len()] =
-        std::array::from_fn(|column| frame.column_azimuth(COARSE[column]).sin_cos());
+        std::array::from_fn(|column| math::sin_cos(frame.column_azimuth(COARSE[column])));
     let mut colours = [None; COARSE_SAMPLES];
     for (number, &row) in COARSE.iter().enumerate() {
         let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
