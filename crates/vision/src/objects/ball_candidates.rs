@@ -12,8 +12,8 @@ use crate::config::ObjectConfig;
 use crate::image::ImageView;
 use crate::objects::network::{NETWORKS, logistic};
 use crate::objects::patch::{
-    BallAngles, PatchFrame, PatchKind, normalize_coarse_patch, normalize_patch, read_coarse_patch,
-    read_patch,
+    BallAngles, CoarsePixels, PatchFrame, PatchKind, coarse_pixels, normalize_coarse_patch,
+    normalize_patch, read_coarse_patch, read_patch,
 };
 use crate::objects::view_angles::ViewAngles;
 use crate::optics::image_polar::azimuth;
@@ -29,7 +29,7 @@ const SURROUND_RADII: f32 = 1.9;
 /// Fewest of them that are carpet; a robot, a line or the carpet's edge may take the others.
 const SURROUND_CARPET_MIN: usize = 2;
 /// Candidates whose pixels the convolution network judges.
-const CANDIDATES_MAX: usize = 20;
+const CANDIDATES_MAX: usize = 12;
 /// Two candidates nearer than this are one, ball radii.
 const SEPARATION: f32 = 1.5;
 
@@ -42,6 +42,7 @@ struct GridPlace {
     /// Index of the pixel, and those around it.
     pixel: [u16; 2],
     surround: [[u16; 2]; SURROUND],
+    coarse: CoarsePixels,
 }
 
 /// The places at which balls are sought.
@@ -98,12 +99,14 @@ impl BallGrid {
                     // Outside the image the place itself stands in: it is not carpet.
                     inside(angles.position_px(view_angle + away, azimuth + aside)).unwrap_or(pixel)
                 });
+                let frame = PatchFrame::ball(view_angle, azimuth, ball);
                 places.push(GridPlace {
                     view_angle,
                     azimuth,
                     ball,
                     pixel,
                     surround,
+                    coarse: coarse_pixels(angles, &frame, size_px),
                 });
             }
             view_angle += GRID_STEP * ball.half_height;
@@ -134,8 +137,7 @@ impl BallGrid {
             if carpet.count() < SURROUND_CARPET_MIN {
                 continue;
             }
-            let frame = PatchFrame::ball(place.view_angle, place.azimuth, place.ball);
-            let colours = read_coarse_patch(image, &self.angles, &frame);
+            let colours = read_coarse_patch(image, &place.coarse);
             let log_odds = NETWORKS
                 .ball_coarse
                 .log_odds(&normalize_coarse_patch(PatchKind::Ball, &colours));

@@ -93,14 +93,24 @@ impl PatchFrame {
         self.view_angle + (row as f32 - self.origin_row) * self.row_step
     }
 
-    /// Azimuth of a column.
-    fn column_azimuth(&self, column: usize) -> f32 {
-        let place = column as f32 - (SIDE - 1) as f32 / 2.0;
-        self.azimuth
-            + match self.columns {
-                Columns::Angular(step) => place * step,
-                Columns::Metric(step, range) => math::atan2(place * step, range),
+    /// Sine and cosine of each column's azimuth.
+    fn directions(&self) -> [(f32, f32); SIDE] {
+        let (sin, cos) = math::sin_cos(self.azimuth);
+        std::array::from_fn(|column| {
+            let place = column as f32 - (SIDE - 1) as f32 / 2.0;
+            match self.columns {
+                Columns::Angular(step) => math::sin_cos(self.azimuth + place * step),
+                // The direction to a point beside the foot: no arc tangent is needed.
+                Columns::Metric(step, range) => {
+                    let aside = place * step;
+                    let length = (range * range + aside * aside).sqrt();
+                    (
+                        (sin * range + cos * aside) / length,
+                        (cos * range - sin * aside) / length,
+                    )
+                }
             }
+        })
     }
 }
 
@@ -138,50 +148,70 @@ pub(crate) fn read_patch(
     angles: &ViewAngles,
     frame: &PatchFrame,
 ) -> PatchColours {
-    let directions: [(f32, f32); SIDE] =
-        std::array::from_fn(|column| math::sin_cos(frame.column_azimuth(column)));
+    let directions = frame.directions();
+    let ray = angles.ray(frame.azimuth);
+    let size_px = [image.width_px, image.height_px];
     let mut colours = [None; SAMPLES];
-    for row in 0..SIDE {
-        let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
-        for (column, &direction) in directions.iter().enumerate() {
-            colours[row * SIDE + column] = pixel(image, angles, radius, direction);
+    for (row, colours) in colours.chunks_exact_mut(SIDE).enumerate() {
+        let radius = ray.radius_px(frame.row_angle(row));
+        for (colour, &direction) in colours.iter_mut().zip(&directions) {
+            *colour = pixel(angles.centre_px, size_px, radius, direction)
+                .map(|[u, v]| image.rgb(usize::from(u), usize::from(v)));
         }
     }
     colours
 }
 
-/// Reads a coarse patch: every second sample.
-pub(crate) fn read_coarse_patch(
-    image: &ImageView<'_>,
+/// Pixels of a coarse patch, column and row; [`OUTSIDE`] outside the image.
+pub(crate) type CoarsePixels = [[u16; 2]; COARSE_SAMPLES];
+
+/// Marks a sample outside the image.
+const OUTSIDE: [u16; 2] = [u16::MAX; 2];
+
+/// Pixels of a coarse patch: every second sample of the patch.
+pub(crate) fn coarse_pixels(
     angles: &ViewAngles,
     frame: &PatchFrame,
-) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
-    let directions: [(f32, f32); COARSE.len()] =
-        std::array::from_fn(|column| math::sin_cos(frame.column_azimuth(COARSE[column])));
-    let mut colours = [None; COARSE_SAMPLES];
+    size_px: [usize; 2],
+) -> CoarsePixels {
+    let directions = frame.directions();
+    let ray = angles.ray(frame.azimuth);
+    let mut pixels = [OUTSIDE; COARSE_SAMPLES];
     for (number, &row) in COARSE.iter().enumerate() {
-        let radius = angles.radius_px(frame.row_angle(row), frame.azimuth);
-        for (column, &direction) in directions.iter().enumerate() {
-            colours[number * COARSE.len() + column] = pixel(image, angles, radius, direction);
+        let radius = ray.radius_px(frame.row_angle(row));
+        for (place, &column) in COARSE.iter().enumerate() {
+            let found = pixel(angles.centre_px, size_px, radius, directions[column]);
+            pixels[number * COARSE.len() + place] = found.unwrap_or(OUTSIDE);
         }
     }
-    colours
+    pixels
 }
 
-/// Colour at a radius and direction (sine, cosine of the azimuth).
-fn pixel(
+/// Reads a coarse patch.
+pub(crate) fn read_coarse_patch(
     image: &ImageView<'_>,
-    angles: &ViewAngles,
+    pixels: &CoarsePixels,
+) -> [Option<[u8; 3]>; COARSE_SAMPLES] {
+    pixels.map(|pixel| {
+        let [u, v] = pixel.map(usize::from);
+        (pixel != OUTSIDE).then(|| image.rgb(u, v))
+    })
+}
+
+/// Pixel at a radius and direction (sine, cosine of the azimuth).
+fn pixel(
+    centre_px: [f32; 2],
+    [width, height]: [usize; 2],
     radius: f32,
     (sin, cos): (f32, f32),
-) -> Option<[u8; 3]> {
+) -> Option<[u16; 2]> {
     let (u, v) = (
-        (angles.centre_px[0] + radius * cos + 0.5).floor(),
-        (angles.centre_px[1] - radius * sin + 0.5).floor(),
+        (centre_px[0] + radius * cos + 0.5).floor(),
+        (centre_px[1] - radius * sin + 0.5).floor(),
     );
     // Not a number fails as well.
-    let inside = u >= 0.0 && v >= 0.0 && u < image.width_px as f32 && v < image.height_px as f32;
-    inside.then(|| image.rgb(u as usize, v as usize))
+    let inside = u >= 0.0 && v >= 0.0 && u < width as f32 && v < height as f32;
+    inside.then_some([u as u16, v as u16])
 }
 
 /// What a patch shows; decides which samples are floor before it and what samples outside the image mean.
@@ -227,6 +257,7 @@ fn normalize<const N: usize, const M: usize>(
     colours: &[Option<[u8; 3]>; N],
     is_floor: impl Fn(usize) -> bool,
 ) -> [f32; M] {
+    let logarithms = &*LOGARITHMS;
     let mut floor = [[0u8; N]; 3];
     let mut count = 0;
     for (index, colour) in colours.iter().enumerate() {
@@ -245,7 +276,9 @@ fn normalize<const N: usize, const M: usize>(
         if kind == PatchKind::Obstacle && colour.is_none() {
             continue;
         }
-        let logs = colour.unwrap_or([0; 3]).map(logarithm);
+        let logs = colour
+            .unwrap_or([0; 3])
+            .map(|level| logarithms[usize::from(level)]);
         let relative: [f32; 3] = std::array::from_fn(|channel| logs[channel] - reference[channel]);
         let brightness = (relative[0] + relative[1] + relative[2]) / 3.0;
         let channels = [brightness, range(relative), range(logs) - reference_range];
@@ -263,8 +296,11 @@ fn range([a, b, c]: [f32; 3]) -> f32 {
 
 /// Median of the levels' logarithms; the mean of the middle two of an even number.
 fn median_logarithm(levels: &mut [u8]) -> f32 {
-    levels.sort_unstable();
-    let upper = levels.len() / 2;
-    let lower = (levels.len() - 1) / 2;
-    (logarithm(levels[lower]) + logarithm(levels[upper])) / 2.0
+    let is_odd = levels.len() % 2 == 1;
+    let (before, &mut upper, _) = levels.select_nth_unstable(levels.len() / 2);
+    let lower = match before.iter().max() {
+        Some(&lower) if !is_odd => lower,
+        _ => upper,
+    };
+    (logarithm(lower) + logarithm(upper)) / 2.0
 }
